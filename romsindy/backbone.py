@@ -56,6 +56,19 @@ class Backbone:
     def __len__(self) -> int:
         return len(self.t)
 
+    def linear_frequency(self) -> float:
+        """Angular frequency at vanishing amplitude, rad/s.
+
+        Intercept of frequency^2 against amplitude^2 over the quietest third of the cycles (four at
+        least), weighted by their standard errors.
+        """
+        quiet = np.argsort(self.amplitude)[: max(len(self) // 3, min(4, len(self)))]
+        squared = self.frequency[quiet] ** 2
+        std = 2 * self.frequency[quiet] * self.frequency_std[quiet]
+        std = np.maximum(std, 1e-6 * squared)  # clean records have no scatter to weigh by
+        line = np.polynomial.Polynomial.fit(self.amplitude[quiet] ** 2, squared, 1, w=1 / std)
+        return float(np.sqrt(line(0.0)))
+
     def __repr__(self) -> str:
         a, f = self.amplitude, self.frequency / (2 * np.pi)
         return (

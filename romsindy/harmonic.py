@@ -71,17 +71,10 @@ class HarmonicProjection(BaseEstimator):
         kept, and needs no acceleration. The strong form projects the terms as they stand.
     amplitude : (float, float), optional
         Keep the cycles whose half peak-to-peak amplitude lies in this range, unit of q.
-    equal_noise : bool
-        Divide the rows of harmonic h by h^2. The second derivative multiplies the noise of
-        harmonic h by (h omega)^2; so divided, all rows carry about the same noise. The method's
-        paper does not divide.
 
     Notes
     -----
-    Measured (``benchmarks/identification.py --forms``), worst of 10 seeds at 35 dB, Butterworth at
-    ten times the fundamental: see the table in ``docs/method.md``. Dividing by h^2 is what counts;
-    weak and strong form differ little, since both get their derivatives from one smoothed signal,
-    and weak is the default because it never uses the acceleration.
+    FORMS_NOTE
     """
 
     def __init__(
@@ -89,12 +82,10 @@ class HarmonicProjection(BaseEstimator):
         harmonics: Sequence[int] = (0, 1, 2, 3),
         form: Literal["weak", "strong"] = "weak",
         amplitude: tuple[float, float] | None = None,
-        equal_noise: bool = True,
     ):
         self.harmonics = harmonics
         self.form = form
         self.amplitude = amplitude
-        self.equal_noise = equal_noise
 
     def rows(self, terms: Sequence[Term], decay: Decay) -> Rows:
         """Rows of all cycles of one decay with derivatives.
@@ -181,8 +172,6 @@ class HarmonicProjection(BaseEstimator):
 
     def _stack(self, values: NDArray[np.complex128], amplitude: Array) -> Rows:
         h = np.asarray(self.harmonics)
-        if self.equal_noise:
-            values = values / np.maximum(1, h)[None, :, None] ** 2
         n_cycles = len(values)
         # The mean has no imaginary part: 2 H + 1 rows a cycle.
         parts = np.concatenate([values.real, values.imag[:, h > 0]], axis=1)

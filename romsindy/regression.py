@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pysindy as ps
 from numpy.typing import NDArray
 from pysindy.optimizers.base import BaseOptimizer
+from scipy.ndimage import uniform_filter1d
 from sklearn.base import BaseEstimator, clone
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 
 # A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
 _ABSURD = 10.0
+# Cycles whose residuals are averaged into one variance: enough to know it within a third.
+_NEARBY = 15
 
 
 class ScaledOptimizer(BaseOptimizer):
@@ -102,6 +106,11 @@ class HarmonicSINDy(BaseEstimator):
         Known coefficients by name, such as ``{"omega^2": 1482.2}``, in SI units of q.
     differentiation : Filter, optional
         How derivatives are made where a decay has none; `Butterworth()` by default.
+    reweight : int
+        How often the regression is repeated with each row weighted by the scatter that the
+        residual has in its harmonic and around its amplitude. Otherwise the high harmonics, whose
+        noise the second derivative multiplies by h^2, and the large amplitudes, where a model
+        misses the most, decide the linear frequency. 0 is the paper's plain regression.
 
     Attributes
     ----------
@@ -129,11 +138,13 @@ class HarmonicSINDy(BaseEstimator):
         projection: HarmonicProjection | None = None,
         fixed: Mapping[str, float] | None = None,
         differentiation: Filter | None = None,
+        reweight: int = 2,
     ):
         self.library = library
         self.optimizer = optimizer
         self.projection = projection
         self.fixed = fixed
+        self.reweight = reweight
         self.differentiation = differentiation
 
     # t is the second argument of fit and score, where scikit-learn hands over y: so
@@ -167,7 +178,8 @@ class HarmonicSINDy(BaseEstimator):
             raise ValueError("the library has no terms: ask for at least one stiffness term")
         decays = as_decays(x, t)
         unit = _common_unit(decays)
-        fixed = _fixed_columns(self.fixed or {}, terms, decays)
+        fixed = _fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
+        _hint_scale(decays)
         rows = self._rows(terms, decays)
         if rows.theta.shape[0] < len(terms):
             raise ValueError(
@@ -175,8 +187,12 @@ class HarmonicSINDy(BaseEstimator):
                 " use fewer terms, more harmonics or a longer record"
             )
         _refuse_absurd(fixed, terms, rows)
-        self.optimizer_ = ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
-        self.coef_ = self.optimizer_.coef_[0]
+        optimizer = ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
+        for _ in range(self.reweight):
+            weights = _row_weights(rows, rows.target - rows.theta @ optimizer.coef_[0])
+            optimizer = clone(optimizer).fit(rows.theta, rows.target, sample_weight=weights)
+        self.optimizer_ = optimizer
+        self.coef_ = optimizer.coef_[0]
         self.rows_ = rows
         self.model_ = ReducedModel(
             terms, tuple(self.coef_), unit, (float(rows.amplitude.min()), float(rows.amplitude.max()))
@@ -232,6 +248,20 @@ class HarmonicSINDy(BaseEstimator):
         print(*self.equations(precision), sep="\n")
 
 
+def _row_weights(rows: Rows, residual: Array) -> Array:
+    """One over the variance of the residual, averaged over the cycles of nearby amplitude."""
+    order = np.argsort(rows.amplitude)
+    floor = (1e-12 * np.std(rows.target)) ** 2 + np.finfo(float).tiny
+    weights = np.empty_like(residual)
+    for harmonic in np.unique(rows.harmonic):
+        mine = rows.harmonic == harmonic
+        power = np.bincount(rows.cycle[mine], residual[mine] ** 2) / np.bincount(rows.cycle[mine])
+        smooth = np.empty_like(power)
+        smooth[order] = uniform_filter1d(power[order], _NEARBY, mode="nearest")
+        weights[mine] = 1 / (smooth[rows.cycle[mine]] + floor)
+    return weights / weights.mean()
+
+
 def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     """Decays from what `HarmonicSINDy.fit` takes: decays, arrays with times, or lists of either.
 
@@ -277,19 +307,34 @@ def _common_unit(decays: Sequence[Decay]) -> str | None:
 
 
 def _fixed_columns(
-    fixed: Mapping[str, float], terms: Sequence[Term], decays: Sequence[Decay]
+    fixed: Mapping[str, float], terms: Sequence[Term], unit_known: bool
 ) -> dict[int, float]:
-    """Column number to value, after checks of names."""
+    """Column number to value, after checks of the names."""
     keys = [term.key for term in terms]
     columns = {}
     for key, value in fixed.items():
-        term_from_key(key)
+        term = term_from_key(key)
         if key not in keys:
             raise ValueError(f"fixed names {key!r}, but the library has only {keys}: add the term")
         if not np.isfinite(value):
             raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
+        if term.dimension[0] != 1 and not unit_known:
+            raise ValueError(
+                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of q"
+                " is not known: load the decay with unit=, such as unit='mm'"
+            )
         columns[keys.index(key)] = float(value)
     return columns
+
+
+def _hint_scale(decays: Sequence[Decay]) -> None:
+    peak = max(float(np.abs(d.q).max()) for d in decays)
+    if decays[0].unit == "m" and peak > 10:
+        warnings.warn(
+            f"q reaches {peak:.4g} m: if it is in millimetres, load it with unit='mm'; a fixed"
+            " omega^2 holds in any unit of q, gamma_m and Upsilon_k do not",
+            stacklevel=3,
+        )
 
 
 def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows) -> None:

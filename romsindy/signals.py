@@ -195,6 +195,9 @@ def free_part(x: Array, dt: float) -> tuple[int, int]:
     amplitude = np.sqrt(2 * np.clip(power - noise**2, 0, None))
     loud = np.flatnonzero(amplitude >= 3 * noise)
     end = int(loud[-1]) + 1 if len(loud) else 0
+    # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
+    start = start if start > period / 4 else 0
+    end = end if len(x) - end > period else len(x)
     if end - start < 3 * period:
         before = start / period
         raise ValueError(
