@@ -60,7 +60,6 @@ def other_recipes(seeds: Sequence[int] = range(10)) -> dict[str, float]:
         | {"projection": rs.HarmonicProjection(range(6))},
         "IC-ROM, harmonics 0-3, unweighted": plain,
         "IC-ROM, low-pass at six times the fundamental": {"differentiation": rs.Butterworth(5.7)},
-        "IC-ROM, smoothing spline": {"differentiation": rs.SmoothingSpline()},
         "IC-ROM, Savitzky-Golay 31/5": {"differentiation": rs.SavitzkyGolay()},
     }
     return {
@@ -77,7 +76,10 @@ def forms(seeds: Sequence[int] = range(10)) -> dict[tuple[float, str, str], floa
         noisy = [rs.example_decay(snr, seed) for seed in seeds]
         for label, method in filters.items():
             for form in ("weak", "strong"):
-                settings = {"projection": rs.HarmonicProjection(form=form), "differentiation": method}
+                settings = {
+                    "projection": rs.HarmonicProjection(form=form),
+                    "differentiation": method,
+                }
                 errors = [backbone_error(identified(d, **settings)) for d in noisy]
                 table[snr, form, label] = float(np.median(errors))
     return table
@@ -147,7 +149,8 @@ def clamped_beam(folder: Path) -> dict[str, tuple[float, str]]:
 def pendulum_decays(folder: Path) -> list[rs.Decay]:
     file = folder / "pendulum_free_swing.npz"
     return [
-        rs.load_decay(file, "deg", column=f"release_{a}deg_theta_deg", rate=1000.0) for a in (45, 90, 135)
+        rs.load_decay(file, "deg", column=f"release_{a}deg_theta_deg", rate=1000.0)
+        for a in (45, 90, 135)
     ]
 
 
@@ -185,7 +188,9 @@ def speed() -> dict[str, tuple[float, str]]:
 
     def plain() -> None:
         optimizer = ps.STLSQ(threshold=1e-4, alpha=1e-12)
-        ps.SINDy(feature_library=library, optimizer=optimizer).fit(t=decay.t, **rs.implicit_data(decay))
+        ps.SINDy(feature_library=library, optimizer=optimizer).fit(
+            t=decay.t, **rs.implicit_data(decay)
+        )
 
     estimator = rs.HarmonicSINDy(library)
     ours, theirs = fastest(lambda: estimator.fit(x, decay.t)), fastest(plain)

@@ -3,7 +3,7 @@
 from romsindy.backbone import Backbone, extract_backbone
 from romsindy.decay import Decay
 from romsindy.files import load_decay, save_decay
-from romsindy.filters import Butterworth, SavitzkyGolay, SmoothingSpline
+from romsindy.filters import Butterworth, SavitzkyGolay
 from romsindy.harmonic import HarmonicLibrary, HarmonicProjection
 from romsindy.library import (
     BeamTheoryLibrary,
@@ -34,7 +34,6 @@ __all__ = [
     "SavitzkyGolay",
     "ScaledOptimizer",
     "SingularInertiaError",
-    "SmoothingSpline",
     "StiffnessLibrary",
     "add_noise",
     "example_decay",

@@ -35,7 +35,7 @@ class _Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _show_warning  # type: ignore[assignment]
             try:
                 return super().invoke(ctx)
             except (ValueError, TypeError, OSError, RuntimeError) as error:
@@ -54,14 +54,18 @@ def main() -> None:
     """Equations of motion, with nonlinear inertia, from measured free decays."""
 
 
-def _coefficients(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, float]:
+def _coefficients(
+    _: click.Context, __: click.Parameter, values: tuple[str, ...]
+) -> dict[str, float]:
     fixed = {}
     for value in values:
         name, _sep, number = value.partition("=")
         try:
             fixed[name.strip()] = float(number)
         except ValueError:
-            raise click.BadParameter(f"{value!r} is not NAME=NUMBER, such as omega^2=1482.2") from None
+            raise click.BadParameter(
+                f"{value!r} is not NAME=NUMBER, such as omega^2=1482.2"
+            ) from None
     return fixed
 
 
@@ -72,7 +76,9 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
             return tuple(range(int(low), int(high) + 1))
         return tuple(int(v) for v in value.split(","))
     except ValueError:
-        raise click.BadParameter(f"{value!r} is neither a range such as 0-3 nor a list such as 1,2,3") from None
+        raise click.BadParameter(
+            f"{value!r} is neither a range such as 0-3 nor a list such as 1,2,3"
+        ) from None
 
 
 @main.command()
@@ -80,34 +86,76 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the example's noise (35 dB).")
 @click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...')
-@click.option("--quantity", type=click.Choice(["displacement", "velocity", "acceleration"]),
-              help="What was measured.  [default: what unit or header say]")
+@click.option(
+    "--quantity",
+    type=click.Choice(["displacement", "velocity", "acceleration"]),
+    help="What was measured.  [default: what unit or header say]",
+)
 @click.option("--column", help="Name of the measured column.")
 @click.option("--time", help="Name of the time column.")
 @click.option("--rate", type=float, help="Samples per second, for files without times.")
 @click.option("--start", type=float, help="Use the record from this time on, s.")
 @click.option("--end", type=float, help="Use the record up to this time, s.")
-@click.option("--order", default=5, show_default=True, help="Highest order of stiffness and inertia.")
-@click.option("--damping", multiple=True, default=("linear",), show_default=True,
-              type=click.Choice(DAMPING_KINDS), help="Kind of damping; may be repeated.")
-@click.option("--fix", multiple=True, callback=_coefficients, metavar="NAME=VALUE",
-              help="Known coefficient in SI units; may be repeated. The models with fixed linear"
-                   " frequency take omega^2 from here, or else from the measured backbone.")
-@click.option("--harmonics", default="0-3", show_default=True, callback=_harmonics,
-              help="Harmonics of each cycle.")
+@click.option(
+    "--order", default=5, show_default=True, help="Highest order of stiffness and inertia."
+)
+@click.option(
+    "--damping",
+    multiple=True,
+    default=("linear",),
+    show_default=True,
+    type=click.Choice(DAMPING_KINDS),
+    help="Kind of damping; may be repeated.",
+)
+@click.option(
+    "--fix",
+    multiple=True,
+    callback=_coefficients,
+    metavar="NAME=VALUE",
+    help="Known coefficient in SI units; may be repeated. The models with fixed linear"
+    " frequency take omega^2 from here, or else from the measured backbone.",
+)
+@click.option(
+    "--harmonics",
+    default="0-3",
+    show_default=True,
+    callback=_harmonics,
+    help="Harmonics of each cycle.",
+)
 @click.option("--amplitude", nargs=2, type=float, help="Least and largest amplitude to learn from.")
-@click.option("--cutoff", type=float,
-              help="Cut-off of the low-pass filter, Hz.  [default: ten times the fundamental]")
+@click.option(
+    "--cutoff",
+    type=float,
+    help="Cut-off of the low-pass filter, Hz.  [default: ten times the fundamental]",
+)
 @click.option("--report", type=click.Path(path_type=Path), help="Name of the HTML report.")
-@click.option("--model", type=click.Path(path_type=Path), help="Write the IC-ROM as JSON to this file.")
-@click.option("--figure", type=click.Path(path_type=Path), help="Write the backbone figure to this file.")
+@click.option(
+    "--model", type=click.Path(path_type=Path), help="Write the IC-ROM as JSON to this file."
+)
+@click.option(
+    "--figure", type=click.Path(path_type=Path), help="Write the backbone figure to this file."
+)
 def identify(
-    file: Path | None, example: bool, seed: int, unit: str | None, quantity: Any, column: str | None,
-    time: str | None, rate: float | None, start: float | None, end: float | None, order: int,
-    damping: tuple[str, ...], fix: dict[str, float], harmonics: tuple[int, ...],
-    amplitude: tuple[float, float] | None, cutoff: float | None, report: Path | None,
-    model: Path | None, figure: Path | None,
-) -> None:  # fmt: skip
+    file: Path | None,
+    example: bool,
+    seed: int,
+    unit: str | None,
+    quantity: Any,
+    column: str | None,
+    time: str | None,
+    rate: float | None,
+    start: float | None,
+    end: float | None,
+    order: int,
+    damping: tuple[str, ...],
+    fix: dict[str, float],
+    harmonics: tuple[int, ...],
+    amplitude: tuple[float, float] | None,
+    cutoff: float | None,
+    report: Path | None,
+    model: Path | None,
+    figure: Path | None,
+) -> None:
     """Identify an equation of motion from the free decay in FILE.
 
     Prints the equation, compares the IC-ROM with a stiffness polynomial, and writes one HTML page.
@@ -115,7 +163,9 @@ def identify(
     if example == (file is not None):
         raise click.UsageError("name one FILE, or ask for --example")
     if file is not None:
-        record = load_decay(file, unit, quantity, column=column, time=time, rate=rate, start=start, end=end)
+        record = load_decay(
+            file, unit, quantity, column=column, time=time, rate=rate, start=start, end=end
+        )
         title, report = f"Free decay {file.name}", report or Path(f"{file.stem}_report.html")
     else:
         record = example_decay(35.0, seed)
@@ -140,14 +190,18 @@ def identify(
 
 
 def _identified(
-    title: str, record: Decay, order: int, damping: tuple[str, ...], fixed: dict[str, float],
-    projection: HarmonicProjection, method: Butterworth,
-) -> Identification:  # fmt: skip
+    title: str,
+    record: Decay,
+    order: int,
+    damping: tuple[str, ...],
+    fixed: dict[str, float],
+    projection: HarmonicProjection,
+    method: Butterworth,
+) -> Identification:
     free = record.single().free()
     backbone = extract_backbone(free)
     decay = free.conditioned(method)
-    settings = {"projection": projection}
-    fits = compare_models(decay, backbone, order, damping, fixed, settings)
+    fits = compare_models(decay, backbone, order, damping, fixed, projection)
     candidates = list(_bar(fits, "identifying", 4))
     return Identification(title, record, decay, backbone, candidates)
 

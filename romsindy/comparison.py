@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from romsindy.backbone import Backbone
 from romsindy.decay import Decay
+from romsindy.harmonic import HarmonicProjection
 from romsindy.library import ROMLibrary
 from romsindy.model import ReducedModel
 from romsindy.regression import HarmonicSINDy
@@ -59,7 +60,7 @@ def compare_models(
     order: int = 5,
     damping: Sequence[str] = ("linear",),
     fixed: Mapping[str, float] | None = None,
-    settings: Mapping[str, object] | None = None,
+    projection: HarmonicProjection | None = None,
 ) -> Iterator[Candidate]:
     """Identify a stiffness polynomial and an IC-ROM, linear frequency estimated and fixed.
 
@@ -76,8 +77,8 @@ def compare_models(
     fixed : mapping, optional
         Known coefficients. The fixed linear frequency is its "omega^2", or else the one that
         the backbone tends to at small amplitude.
-    settings : mapping, optional
-        Further arguments of `HarmonicSINDy`.
+    projection : HarmonicProjection, optional
+        Harmonics and amplitudes to learn from.
 
     Yields
     ------
@@ -97,7 +98,7 @@ def compare_models(
         library = ROMLibrary(inertia, tuple(range(1, order + 1)), tuple(damping))
         known = {k: v for k, v in fixed.items() if inertia or not k.startswith("Upsilon")}
         for suffix, values in (("", known), (", omega fixed", known | {"omega^2": omega2})):
-            estimator = HarmonicSINDy(library, fixed=values, **(settings or {})).fit(decay)
+            estimator = HarmonicSINDy(library, projection=projection, fixed=values).fit(decay)
             yield _judged(name + suffix, estimator, backbone)
 
 

@@ -14,9 +14,8 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from romsindy.decay import Decay, Quantity
+from romsindy.typing import Array
 from romsindy.units import UNITS, parse_unit, time_factor
-
-Array = NDArray[np.float64]
 
 _TIME_NAMES = {"t", "time", "times", "zeit", "temps", "seconds", "timestamp"}
 _RATE_NAMES: dict[Quantity, set[str]] = {
@@ -132,7 +131,9 @@ def save_decay(decay: Decay, path: str | Path) -> None:
         return
     if path.suffix != ".csv":
         raise ValueError(f"{path}: name a .csv or an .npz file")
-    table = np.stack([decay.t, *(decay.single().q if n == "q" else x for n, x in signals.items())], axis=1)
+    table = np.stack(
+        [decay.t, *(decay.single().q if n == "q" else x for n, x in signals.items())], axis=1
+    )
     rates = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}
     units = [f" [{decay.unit}{rates[n]}]" if decay.unit else "" for n in signals]
     header = ",".join(["t [s]", *(n + u for n, u in zip(signals, units, strict=True))])
@@ -160,7 +161,9 @@ def _read_mat(path: Path) -> dict[str, NDArray]:
     try:
         return {k: v for k, v in loadmat(path, squeeze_me=True).items() if not k.startswith("__")}
     except NotImplementedError:
-        raise ValueError(f"{path}: MATLAB v7.3 files are not read; save with the option -v7") from None
+        raise ValueError(
+            f"{path}: MATLAB v7.3 files are not read; save with the option -v7"
+        ) from None
     except (MatReadError, ValueError) as error:
         raise ValueError(f"{path}: not a MATLAB v5 file ({error})") from None
 
@@ -183,7 +186,9 @@ def _array_columns(content: dict[str, NDArray]) -> list[_Column]:
 def _read_text(path: Path) -> list[_Column]:
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     numbered = [
-        (i, line) for i, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] not in "#%"
+        (i, line)
+        for i, line in enumerate(lines, 1)
+        if line.strip() and line.lstrip()[0] not in "#%"
     ]
     if not numbered:
         raise ValueError(f"{path}: the file has no lines of data")
@@ -203,7 +208,11 @@ def _read_text(path: Path) -> list[_Column]:
             values[k] = row
         except ValueError:
             _refuse_row(path, numbered[first + k][0], row, width, header)
-    names = [_name_and_unit(h) for h in header] if header else [(str(i + 1), None) for i in range(width)]
+    names = (
+        [_name_and_unit(h) for h in header]
+        if header
+        else [(str(i + 1), None) for i in range(width)]
+    )
     return [_Column(n, v, u) for (n, u), v in zip(names, values.T, strict=True)]
 
 
@@ -232,7 +241,9 @@ def _name_and_unit(header: str) -> tuple[str, str | None]:
     return header.strip(), None
 
 
-def _refuse_row(path: Path, line: int, row: list[str], width: int, header: list[str] | None) -> None:
+def _refuse_row(
+    path: Path, line: int, row: list[str], width: int, header: list[str] | None
+) -> None:
     if len(row) != width:
         raise ValueError(f"{path}, line {line}: {len(row)} columns where {width} are usual")
     for i, cell in enumerate(row):
@@ -257,7 +268,9 @@ def _split_time(
         if not rate > 0:
             raise ValueError(f"rate = {rate!r} must be a positive number of samples per second")
         longest = max((len(c.values) for c in columns), default=0)
-        return _Column("t", np.arange(longest) / rate), [c for c in columns if len(c.values) == longest]
+        return _Column("t", np.arange(longest) / rate), [
+            c for c in columns if len(c.values) == longest
+        ]
     if len(columns) < 2:
         raise ValueError(
             f"{path}: a time column and a measured column are needed, but the file has"

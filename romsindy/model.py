@@ -15,8 +15,7 @@ from scipy.optimize import elementwise
 
 from romsindy.decay import Decay
 from romsindy.terms import Term, term_from_key
-
-Array = NDArray[np.float64]
+from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
 _N_GAUSS = 80
@@ -140,7 +139,8 @@ class ReducedModel:
     def _refuse(self, q: float) -> None:
         raise SingularInertiaError(
             f"1 + h(q) = {float(self.inertia(q)):.3g} is not positive at q = {q:.6g}"
-            f" {self.unit or '[q]'}: the model has no motion there; stay at smaller amplitudes, or identify with fewer inertia terms"
+            f" {self.unit or '[q]'}: the model has no motion there; stay at smaller"
+            " amplitudes, or identify with fewer inertia terms"
         )
 
     # -- motion -------------------------------------------------------------------------------
@@ -245,11 +245,19 @@ class ReducedModel:
 
             reversal.terminal, reversal.direction = True, -direction  # type: ignore[attr-defined]
             stroke = solve_ivp(
-                rates, (start, t[-1]), state, "DOP853", dense_output=True, events=reversal,
-                rtol=max(rtol, 1e-12), atol=[rtol * scale, rtol * scale],
+                rates,
+                (start, t[-1]),
+                state,
+                "DOP853",
+                dense_output=True,
+                events=reversal,
+                rtol=max(rtol, 1e-12),
+                atol=[rtol * scale, rtol * scale],
             )
             if stroke.status < 0:
-                raise RuntimeError(f"simulate stopped at t = {stroke.t[-1]:.6g} s: {stroke.message}")
+                raise RuntimeError(
+                    f"simulate stopped at t = {stroke.t[-1]:.6g} s: {stroke.message}"
+                )
             inside = (t >= start) & (t <= stroke.t[-1])
             y[inside] = stroke.sol(t[inside]).T
             resting[inside] = False
@@ -395,7 +403,9 @@ class ReducedModel:
         """The equation as LaTeX, without dollar signs."""
 
         def expression(term: Term) -> str:
-            return term.expression("q", r"\dot{q}", r"\ddot{q}").replace("sign", r"\operatorname{sign}")
+            return term.expression("q", r"\dot{q}", r"\ddot{q}").replace(
+                "sign", r"\operatorname{sign}"
+            )
 
         text = r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
         return text
@@ -418,7 +428,9 @@ class ReducedModel:
             if term.key == "omega^2" and value > 0:
                 omega = np.sqrt(value)
                 note = f"omega = {omega:.5g} rad/s, {omega / (2 * np.pi):.5g} Hz"
-            lines.append(f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip())
+            lines.append(
+                f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip()
+            )
         if self.amplitude_range is not None:
             low, high = self.amplitude_range
             lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")

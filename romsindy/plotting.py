@@ -22,7 +22,11 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def plot_decay(
-    decay: Decay, backbone: Backbone | None = None, *, record: Decay | None = None, ax: Axes | None = None
+    decay: Decay,
+    backbone: Backbone | None = None,
+    *,
+    record: Decay | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
     """Displacement against time, with the peaks of its backbone.
 
@@ -65,14 +69,24 @@ def plot_backbone(
     """
     ax = _axes(ax)
     ax.errorbar(
-        backbone.frequency / (2 * np.pi), backbone.amplitude,
-        xerr=backbone.frequency_std / (2 * np.pi), yerr=backbone.amplitude_std,
-        fmt="o", ms=3, lw=0.7, color=_MEASURED, mfc="white", label="cycles of the decay", zorder=1,
-    )  # fmt: skip
+        backbone.frequency / (2 * np.pi),
+        backbone.amplitude,
+        xerr=backbone.frequency_std / (2 * np.pi),
+        yerr=backbone.amplitude_std,
+        fmt="o",
+        ms=3,
+        lw=0.7,
+        color=_MEASURED,
+        mfc="white",
+        label="cycles of the decay",
+        zorder=1,
+    )
     amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
     for i, (label, model) in enumerate((models or {}).items()):
         style = "--" if "stiffness" in label else "-"
-        ax.plot(model.backbone(amplitudes) / (2 * np.pi), amplitudes, style, color=f"C{i}", label=label)
+        ax.plot(
+            model.backbone(amplitudes) / (2 * np.pi), amplitudes, style, color=f"C{i}", label=label
+        )
     unit = backbone.unit or "unit of q"
     ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
     # Single uncertain cycles must not squeeze the picture.
@@ -90,13 +104,23 @@ def plot_damping(
     """Damping ratio against amplitude, with the curves of models over it."""
     ax = _axes(ax)
     ax.errorbar(
-        backbone.amplitude, 100 * backbone.damping_ratio, yerr=100 * backbone.damping_ratio_std,
-        fmt="o", ms=3, lw=0.7, color=_MEASURED, mfc="white", label="cycles of the decay", zorder=1,
-    )  # fmt: skip
+        backbone.amplitude,
+        100 * backbone.damping_ratio,
+        yerr=100 * backbone.damping_ratio_std,
+        fmt="o",
+        ms=3,
+        lw=0.7,
+        color=_MEASURED,
+        mfc="white",
+        label="cycles of the decay",
+        zorder=1,
+    )
     amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
     for i, (label, model) in enumerate((models or {}).items()):
         style = "--" if "stiffness" in label else "-"
-        ax.plot(amplitudes, 100 * model.damping_ratio(amplitudes), style, color=f"C{i}", label=label)
+        ax.plot(
+            amplitudes, 100 * model.damping_ratio(amplitudes), style, color=f"C{i}", label=label
+        )
     spread = np.quantile(backbone.damping_ratio, [0.05, 0.95]) * 100
     ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
     ax.set(xlabel=f"amplitude ({backbone.unit or 'unit of q'})", ylabel="damping ratio (%)")
@@ -112,11 +136,15 @@ def plot_relative_magnitude(
     amplitudes = np.asarray(amplitudes, float)
     shares = model.relative_magnitude(amplitudes)
     for i, (key, share) in enumerate(shares.items()):
-        ax.plot(amplitudes, share, color=f"C{i % 10}", ls="-" if i < 10 else "--", label=_symbol(key))
+        ax.plot(
+            amplitudes, share, color=f"C{i % 10}", ls="-" if i < 10 else "--", label=_symbol(key)
+        )
     ax.set(
-        xlabel=f"amplitude ({model.unit or 'unit of q'})", ylabel="rms of term / rms of acceleration",
-        yscale="log", ylim=(1e-5, 3),
-    )  # fmt: skip
+        xlabel=f"amplitude ({model.unit or 'unit of q'})",
+        ylabel="rms of term / rms of acceleration",
+        yscale="log",
+        ylim=(1e-5, 3),
+    )
     ax.legend(loc="lower right", frameon=False, ncols=3, fontsize="small")
     return ax
 

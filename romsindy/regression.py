@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pysindy as ps
-from numpy.typing import NDArray
 from pysindy.optimizers.base import BaseOptimizer
 from scipy.ndimage import uniform_filter1d
 from sklearn.base import BaseEstimator, clone
@@ -21,8 +21,7 @@ from romsindy.harmonic import HarmonicProjection, Rows
 from romsindy.library import ROMLibrary, library_terms
 from romsindy.model import ReducedModel
 from romsindy.terms import Term, term_from_key
-
-Array = NDArray[np.float64]
+from romsindy.typing import Array
 
 # A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
 _ABSURD = 10.0
@@ -187,15 +186,23 @@ class HarmonicSINDy(BaseEstimator):
                 " use fewer terms, more harmonics or a longer record"
             )
         _refuse_absurd(fixed, terms, rows)
-        optimizer = ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
+        # White noise in q is what the weights start from: the second derivative makes it h^2 q.
+        weights: Array | None = None
+        if self.reweight:
+            weights = 1 / np.maximum(1.0, rows.harmonic) ** 4
+        optimizer = ScaledOptimizer(self.optimizer, fixed)
+        optimizer.fit(rows.theta, rows.target, sample_weight=weights)
         for _ in range(self.reweight):
             weights = _row_weights(rows, rows.target - rows.theta @ optimizer.coef_[0])
-            optimizer = clone(optimizer).fit(rows.theta, rows.target, sample_weight=weights)
+            optimizer.fit(rows.theta, rows.target, sample_weight=weights)
         self.optimizer_ = optimizer
         self.coef_ = optimizer.coef_[0]
         self.rows_ = rows
         self.model_ = ReducedModel(
-            terms, tuple(self.coef_), unit, (float(rows.amplitude.min()), float(rows.amplitude.max()))
+            terms,
+            tuple(self.coef_),
+            unit,
+            (float(rows.amplitude.min()), float(rows.amplitude.max())),
         )
         return self
 
@@ -225,7 +232,7 @@ class HarmonicSINDy(BaseEstimator):
         for decay in as_decays(x, t, split=False):
             d = decay.single()
             d = d if d.q_dot is not None else d.differentiated(self.differentiation)
-            results.append(self.model_.acceleration(d.q, d.q_dot))
+            results.append(self.model_.acceleration(d.q, np.asarray(d.q_dot)))
         return results if several else results[0]
 
     def score(self, x: Any, t: Any = None) -> float:
@@ -272,11 +279,15 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     """
     if isinstance(x, Decay):
         return [x]
-    if isinstance(x, (list, tuple)) and len(x) and isinstance(x[0], (Decay, np.ndarray, list, tuple)):
-        times = [None] * len(x) if t is None else list(t)
-        if len(times) != len(x):
-            raise ValueError(f"x holds {len(x)} records, but t holds {len(times)}")
-        return [d for xi, ti in zip(x, times, strict=True) for d in as_decays(xi, ti, split=split)]
+    if (
+        isinstance(x, (list, tuple))
+        and len(x)
+        and isinstance(x[0], (Decay, np.ndarray, list, tuple))
+    ):
+        clocks = [None] * len(x) if t is None else list(t)
+        if len(clocks) != len(x):
+            raise ValueError(f"x holds {len(x)} records, but t holds {len(clocks)}")
+        return [d for xi, ti in zip(x, clocks, strict=True) for d in as_decays(xi, ti, split=split)]
     if t is None:
         raise ValueError("t is missing: give the times in s that go with the array x, or a Decay")
     columns = np.asarray(x, float)
@@ -288,7 +299,7 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
             f" got {np.shape(x)} and {times.shape}"
         )
     pieces = _pieces(times) if split else [slice(None)]
-    return [Decay(times[p], *columns[p].T, unit=None) for p in pieces]
+    return [Decay(times[p], *columns[p].T) for p in pieces]
 
 
 def _pieces(t: Array) -> list[slice]:
@@ -296,13 +307,15 @@ def _pieces(t: Array) -> list[slice]:
     steps = np.diff(t)
     gaps = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if len(t) > 1 else np.array([], int)
     bounds = [0, *gaps.tolist(), len(t)]
-    return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [slice(a, b) for a, b in itertools.pairwise(bounds)]
 
 
 def _common_unit(decays: Sequence[Decay]) -> str | None:
     units = {d.unit for d in decays}
     if len(units) > 1:
-        raise ValueError(f"the decays have different units {sorted(map(str, units))}: load all alike")
+        raise ValueError(
+            f"the decays have different units {sorted(map(str, units))}: load all alike"
+        )
     return units.pop()
 
 
@@ -320,8 +333,8 @@ def _fixed_columns(
             raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
         if term.dimension[0] != 1 and not unit_known:
             raise ValueError(
-                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of q"
-                " is not known: load the decay with unit=, such as unit='mm'"
+                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of"
+                " q is not known: load the decay with unit=, such as unit='mm'"
             )
         columns[keys.index(key)] = float(value)
     return columns
@@ -346,7 +359,7 @@ def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows
         if term.key == "omega^2" and (share < 1 / _ABSURD or share > _ABSURD):
             raise ValueError(
                 f"fixed['omega^2'] = {value:.6g} 1/s^2 contradicts the data, which oscillate near"
-                f" omega^2 = {value / share:.4g}: omega^2 is in (rad/s)^2 (4 pi^2 = 39.5 times Hz^2),"
+                f" omega^2 = {value / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
                 " and t must be in s (a factor of 1e6 means milliseconds)"
             )
         if share > _ABSURD:

@@ -45,9 +45,9 @@ class Identification:
         unsure = int(np.sum(self.backbone.frequency_std >= CERTAIN * self.backbone.frequency))
         left_out = f"; cycles known to less than 1 % are left out ({unsure})" if unsure else ""
         return (
-            "Backbone error: frequency of the model's undamped motion against that of each cycle, at"
-            f" its amplitude{left_out}. Coefficients have no error bars here: least squares would"
-            " give wrong ones."
+            "Backbone error: frequency of the model's undamped motion against that of each cycle,"
+            f" at its amplitude{left_out}. Coefficients have no error bars here: least squares"
+            " would give wrong ones."
         )
 
 
@@ -76,28 +76,32 @@ def pictures(result: Identification) -> list[_Picture]:
     amplitudes = np.linspace(b.amplitude.min(), b.amplitude.max(), 150)
     return [
         _Picture(
-            "Decay", "The free decay that was analysed, with the peaks of its cycles.",
+            "Decay",
+            "The free decay that was analysed, with the peaks of its cycles.",
             lambda ax: plotting.plot_decay(result.decay, b, record=result.record, ax=ax),
         ),
         _Picture(
-            "Backbone", "Each circle is a cycle with its standard error; curves are the undamped models.",
+            "Backbone",
+            "Each circle is a cycle with its standard error; curves are the undamped models.",
             lambda ax: plotting.plot_backbone(b, models, ax=ax),
         ),
         _Picture(
-            "Damping", "Damping ratio of each cycle, and what the models dissipate.",
+            "Damping",
+            "Damping ratio of each cycle, and what the models dissipate.",
             lambda ax: plotting.plot_damping(b, models, ax=ax),
         ),
         _Picture(
-            "Relative magnitude of the terms", "Terms of the IC-ROM over a cycle: which of them matter.",
+            "Relative magnitude of the terms",
+            "Terms of the IC-ROM over a cycle: which of them matter.",
             lambda ax: plotting.plot_relative_magnitude(icrom, amplitudes, ax=ax),
         ),
         _Picture(
             "Residual by harmonic",
-            "What the regression leaves. Noise grows with the harmonic squared; what stands out from"
-            " that is a missing term.",
+            "What the regression leaves. Noise grows with the harmonic squared; what stands out"
+            " from that is a missing term.",
             lambda ax: plotting.plot_residual({c.name: c.estimator for c in both}, ax=ax),
         ),
-    ]  # fmt: skip
+    ]
 
 
 def write_report(
@@ -107,9 +111,12 @@ def write_report(
     from romsindy import __version__
 
     figures = [
-        {"title": p.title, "caption": p.caption, "png": _png(p.draw)} for p in progress(pictures(result))
+        {"title": p.title, "caption": p.caption, "png": _png(p.draw)}
+        for p in progress(pictures(result))
     ]
-    environment = Environment(loader=PackageLoader("romsindy", "."), autoescape=select_autoescape(["j2"]))
+    environment = Environment(
+        loader=PackageLoader("romsindy", "."), autoescape=select_autoescape(["j2"])
+    )
     page = environment.get_template("report.html.j2").render(
         title=result.title,
         verdict=result.verdict(),

@@ -5,14 +5,14 @@ Arrays have time on axis 0. Nothing here knows what was measured.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline, make_lsq_spline
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt, welch
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from romsindy.typing import Array, Indices
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -122,17 +122,26 @@ def integrate(x: Array, dt: float) -> Array:
         Sampling interval in s.
     """
     t = dt * np.arange(len(x))
-    q = make_interp_spline(t, x, k=5).antiderivative()(t)
-    spacing = 1 / fundamental_frequency(x, dt)
-    rough = q - _smooth_curve(t, q, t, 5 * spacing)
-    up, down = crossings(rough, dt)
-    bounds = np.sort(np.concatenate([up, down]))
-    turning = np.array([
-        i + np.argmax(np.abs(rough[i:j])) for i, j in zip(bounds[:-1], bounds[1:], strict=True)
-    ])
+    spline = make_interp_spline(t, x, k=5).antiderivative()
+    q = spline(t)
+    cycle = 1 / fundamental_frequency(x, dt)
+    rough = q - _smooth_curve(t, q, t, 3 * cycle)
+    turning = _turning_points(t, rough, dt)
+    levels = spline(turning)
     # (previous + 2 this + next)/4 cancels the vibration and its linear decay.
-    midline = (q[turning[:-2]] + 2 * q[turning[1:-1]] + q[turning[2:]]) / 4
-    return q - _smooth_curve(t[turning[1:-1]], midline, t, 3 * spacing)
+    midline = (levels[:-2] + 2 * levels[1:-1] + levels[2:]) / 4
+    return q - _smooth_curve(turning[1:-1], midline, t, 2 * cycle)
+
+
+def _turning_points(t: Array, q: Array, dt: float) -> Array:
+    """Times of the largest deflections between the zero crossings, by parabolas."""
+    bounds = np.sort(np.concatenate(crossings(q, dt)))
+    largest = np.array([i + np.argmax(np.abs(q[i:j])) for i, j in itertools.pairwise(bounds)])
+    largest = np.clip(largest, 1, len(q) - 2)
+    before, at, after = q[largest - 1], q[largest], q[largest + 1]
+    bend = before - 2 * at + after
+    offset = np.where(bend != 0, (before - after) / (2 * np.where(bend != 0, bend, 1.0)), 0.0)
+    return t[largest] + dt * np.clip(offset, -0.5, 0.5)
 
 
 def _smooth_curve(t: Array, x: Array, at: Array, spacing: float) -> Array:
@@ -183,14 +192,16 @@ def free_part(x: Array, dt: float) -> tuple[int, int]:
     ValueError
         If fewer than three cycles follow the start, or the amplitude grows.
     """
-    period = int(round(1 / (fundamental_frequency(x, dt) * dt)))
+    period = round(1 / (fundamental_frequency(x, dt) * dt))
     noise = noise_std(x)
     size = np.abs(x)
     high = int(np.argmax(size >= 0.9 * size.max()))
     change = np.flatnonzero(np.signbit(x[high:]) != np.signbit(x[high]))
     stroke = size[high : high + int(change[0])] if len(change) else size[high:]
     # The last of the largest samples: where a hold at the release position ends.
-    start = high + int(np.flatnonzero(stroke >= stroke.max() - max(1e-3 * stroke.max(), 3 * noise))[-1])
+    start = high + int(
+        np.flatnonzero(stroke >= stroke.max() - max(1e-3 * stroke.max(), 3 * noise))[-1]
+    )
     power = uniform_filter1d(np.square(x), min(period, len(x)))
     amplitude = np.sqrt(2 * np.clip(power - noise**2, 0, None))
     loud = np.flatnonzero(amplitude >= 3 * noise)

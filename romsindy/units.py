@@ -47,7 +47,9 @@ def parse_unit(text: str) -> Unit:
     """
     if text not in UNITS:
         lengths = ", ".join([*_LENGTHS, *_ANGLES, "kg^0.5 m"])
-        raise ValueError(f"unit {text!r} is not known: use {lengths}, each alone, with /s or /s^2, or g")
+        raise ValueError(
+            f"unit {text!r} is not known: use {lengths}, each alone, with /s or /s^2, or g"
+        )
     return UNITS[text]
 
 
