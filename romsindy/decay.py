@@ -68,13 +68,14 @@ class Decay:
             shapes = {name: x.shape for name, x in signals.items()}
             raise ValueError(f"q, q_dot and q_ddot must have the same shape, got {shapes}")
         uniform = np.linspace(t[0], t[-1], len(t))
-        jitter = np.abs(t - uniform) / (uniform[1] - uniform[0])
+        jitter = (t - uniform) / (uniform[1] - uniform[0])
         notes = self.notes
-        if jitter.max() > _ROUNDING:
+        worst, rms = np.abs(jitter).max(), np.sqrt(np.mean(jitter**2))
+        if worst > _ROUNDING:
             signals = {n: make_interp_spline(t, x, k=3)(uniform) for n, x in signals.items()}
             note = (
-                f"t is not uniform: it jitters by {jitter.std():.2g} of the sampling interval in"
-                f" the rms, at most {jitter.max():.2g}; resampled uniformly"
+                f"t is not uniform: it jitters by {rms:.2g} of the sampling interval in the rms,"
+                f" at most {worst:.2g}; resampled uniformly"
             )
             warnings.warn(note, stacklevel=3)
             notes = (*notes, note)
@@ -304,6 +305,8 @@ def _checked_signal(name: str, x: ArrayLike, n: int) -> Array:
 
 def _as_floats(name: str, x: ArrayLike) -> Array:
     try:
+        if np.iscomplexobj(x):
+            raise TypeError("it is complex")
         return np.array(x, dtype=float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of real numbers: {error}") from None
