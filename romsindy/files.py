@@ -172,7 +172,8 @@ def _array_columns(content: dict[str, NDArray]) -> list[_Column]:
     unit = str(content["unit"]) if "unit" in content and content["unit"].ndim == 0 else None
     rates = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}
     columns = []
-    for name, array in content.items():
+    for name, value in content.items():
+        array = np.asarray(value)
         if array.dtype.kind not in "iuf" or array.ndim not in (1, 2) or len(array) < 2:
             continue
         named = unit + rates[name] if unit and name in rates else None
@@ -204,10 +205,9 @@ def _read_text(path: Path) -> list[_Column]:
     header = rows[first - 1] if first > 0 and len(rows[first - 1]) == width else None
     values = np.empty((len(rows) - first, width))
     for k, row in enumerate(rows[first:]):
-        try:
-            values[k] = row
-        except ValueError:
+        if len(row) != width or not all(map(_is_number, row)):
             _refuse_row(path, numbered[first + k][0], row, width, header)
+        values[k] = row
     names = (
         [_name_and_unit(h) for h in header]
         if header

@@ -69,7 +69,8 @@ class ScaledOptimizer(BaseOptimizer):
             if "fit_intercept" in inner.get_params():
                 inner.set_params(fit_intercept=False)
             rest = (y - np.reshape(known, (-1, 1))) / target_scale if fixed else y / target_scale
-            inner.fit(x[:, free] / column_scale, rest)
+            # Some models of scikit-learn warn about, or refuse, a single target as a column.
+            inner.fit(x[:, free] / column_scale, rest[:, 0] if rest.shape[1] == 1 else rest)
             scaled = np.reshape(inner.coef_, (y.shape[1], len(free)))
             coefficients[:, free] = scaled * target_scale[:, None] / column_scale
         self.coef_ = coefficients
