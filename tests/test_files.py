@@ -139,7 +139,7 @@ def test_gap_in_a_file(tmp_path):
 
 
 def test_missing_and_foreign_files(tmp_path):
-    with pytest.raises(FileNotFoundError, match="nothing.csv: no such file"):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.csv: no such file"):
         load_decay(tmp_path / "nothing.csv")
     with pytest.raises(ValueError, match=r"unknown kind of file '.xlsx'"):
         load_decay(write(tmp_path / "d.xlsx", "x"))

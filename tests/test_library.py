@@ -162,7 +162,7 @@ def test_bad_use_is_refused(clean):
         StiffnessLibrary((1, 1)).fit(x)
     with pytest.raises(TypeError, match="PolynomialLibrary is not a library of terms"):
         library_terms(ps.PolynomialLibrary())
-    with pytest.raises(ValueError, match="no q_dot and q_ddot: call decay.differentiated"):
+    with pytest.raises(ValueError, match=r"no q_dot and q_ddot: call decay.differentiated"):
         implicit_data(type(clean)(clean.t, clean.q))
     with pytest.raises(ValueError, match=r"needs \[q, q_dot, q_ddot\]"):
         ps.SINDy(feature_library=HarmonicLibrary(ROMLibrary())).fit(x[:, :2], clean.t)

@@ -286,6 +286,6 @@ def test_millimetres_for_metres_are_noticed(clean):
         HarmonicSINDy(fixed={"omega^2": 36.0}).fit(wrong)
     with (
         pytest.warns(UserWarning, match="millimetres"),
-        pytest.raises(ValueError, match="q seems .* times too large .1000 means millimetres"),
+        pytest.raises(ValueError, match=r"q seems .* times too large .1000 means millimetres"),
     ):
         HarmonicSINDy(fixed={"gamma_3": 9.0}).fit(wrong)
