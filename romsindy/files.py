@@ -95,10 +95,11 @@ def load_decay(
         raise FileNotFoundError(f"{path}: no such file")
     columns = _read(path)
     clock, others = _split_time(path, columns, time, rate)
+    quantity = quantity or (parse_unit(unit).quantity if unit else None)
     chosen = _choose(path, others, column, quantity)
     for used in [clock, *chosen]:
         _refuse_missing(path, used)
-    quantity = quantity or (parse_unit(unit).quantity if unit else chosen[0].quantity)
+    quantity = quantity or chosen[0].quantity
     text = unit or chosen[0].unit
     base, factor = _conversion(text, quantity)
     t = clock.values * (time_factor(clock.unit or "s") or 1.0)

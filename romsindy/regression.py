@@ -156,8 +156,8 @@ class HarmonicSINDy(BaseEstimator):
         Parameters
         ----------
         x : Decay, array, or a list of either
-            Decays without derivatives are cut to their free part, smoothed and differentiated;
-            those with derivatives are taken as they are. An array holds the columns q or
+            Decays that lack velocity or acceleration are cut to their free part, smoothed and
+            differentiated; those with both are taken as they are. An array holds the columns q or
             [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units.
         t : array or list of arrays, optional
             Times (n,) in s that go with arrays. A gap splits a record in two.

@@ -63,6 +63,15 @@ def test_velocity_and_acceleration_by_unit_header_or_argument(tmp_path):
     np.testing.assert_allclose(acceleration.q[50:-50], Q[50:-50], atol=1e-3)
 
 
+def test_unit_says_which_column_was_measured(tmp_path):
+    velocity = np.gradient(Q, T)
+    np.savez(tmp_path / "both.npz", t=T, x=Q, v=velocity)
+    assert load_decay(tmp_path / "both.npz", "m").measured == "displacement"
+    decay = load_decay(tmp_path / "both.npz", "m/s")
+    assert decay.measured == "velocity"
+    np.testing.assert_array_equal(decay.q_dot, velocity)
+
+
 def test_matlab_and_npz(tmp_path):
     savemat(tmp_path / "d.mat", {"t": T[:, None], "x": Q[:, None], "info": "a beam"})
     np.testing.assert_array_equal(load_decay(tmp_path / "d.mat", "m").q, Q)
