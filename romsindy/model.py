@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -105,6 +105,40 @@ class ReducedModel:
         """D(q, q_dot), damping force per unit mass, shape of q."""
         return self._total("damping", q, q_dot)
 
+    def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
+        """Left side of the equation, shape of q: zero along a free motion."""
+        q_dot = np.asarray(q_dot, float)
+        return (
+            self.inertia(q) * q_ddot
+            + self.convection(q) * q_dot**2
+            + self.stiffness(q)
+            + self.damping(q, q_dot)
+        )
+
+    def residual_derivatives(
+        self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike
+    ) -> tuple[Array, Array, Array]:
+        """Derivatives of `residual` with respect to q, q_dot and q_ddot, shape of q each."""
+        q_dot = np.asarray(q_dot, float)
+        by_q = (
+            self._total("inertia_dq", q) * q_ddot
+            + self._total("convection_dq", q) * q_dot**2
+            + self._total("stiffness_dq", q)
+            + self._total("damping_dq", q, q_dot)
+        )
+        by_q_dot = 2 * self.convection(q) * q_dot + self._total("damping_dq_dot", q, q_dot)
+        return by_q, by_q_dot, self.inertia(q)
+
+    def undamped(self) -> ReducedModel:
+        """Model of the terms that do no work alone."""
+        pairs = zip(self.terms, self.values, strict=True)
+        kept = {term: value for term, value in pairs if not term.has("damping")}
+        return replace(self, terms=tuple(kept), values=tuple(kept.values()))
+
+    def regularised(self, velocity_scale: float) -> ReducedModel:
+        """Model whose forces do not jump (see `Term.regularised`); unit of q per second."""
+        return replace(self, terms=tuple(t.regularised(velocity_scale) for t in self.terms))
+
     def _total(self, part: str, *arguments: ArrayLike) -> Array:
         arrays = np.broadcast_arrays(*(np.asarray(a, float) for a in arguments))
         total = np.zeros_like(arrays[0])
@@ -113,11 +147,10 @@ class ReducedModel:
         return total
 
     def _parts(self, part: str) -> list[tuple[float, Callable]]:
-        # Only the terms that contribute: most add to one of the four functions alone.
         return [
             (value, getattr(term, part))
             for term, value in zip(self.terms, self.values, strict=True)
-            if getattr(type(term), part) is not getattr(Term, part)
+            if term.has(part)
         ]
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike) -> Array:

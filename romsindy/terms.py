@@ -46,7 +46,8 @@ class Term(ABC):
     """One candidate term. Subclass it, state what it adds, and every library can use it.
 
     A subclass overrides those of `inertia`, `convection`, `stiffness` (with `potential`) and
-    `damping` that are not zero. All take floats or arrays, in the unit of q and seconds.
+    `damping` that are not zero, and their derivatives ``*_dq`` and ``*_dq_dot``. All take floats
+    or arrays, in the unit of q and seconds.
     """
 
     @property
@@ -83,6 +84,26 @@ class Term(ABC):
         """Force that depends on the velocity and does work."""
         return 0.0
 
+    def inertia_dq(self, q: Scalars) -> Scalars:
+        """Derivative of `inertia`."""
+        return 0.0
+
+    def convection_dq(self, q: Scalars) -> Scalars:
+        """Derivative of `convection`."""
+        return 0.0
+
+    def stiffness_dq(self, q: Scalars) -> Scalars:
+        """Derivative of `stiffness`."""
+        return 0.0
+
+    def damping_dq(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        """Derivative of `damping` with respect to q."""
+        return 0.0
+
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        """Derivative of `damping` with respect to q_dot."""
+        return 0.0
+
     def strong(self, q: Scalars, q_dot: Scalars, q_ddot: Scalars) -> Scalars:
         """Value of the term, shape of q."""
         return (
@@ -105,6 +126,14 @@ class Term(ABC):
     def smooth(self) -> bool:
         """False where the force jumps, as dry friction does when the motion reverses."""
         return True
+
+    def has(self, part: str) -> bool:
+        """Whether the term adds to a part, such as ``"damping"``: most add to one or two."""
+        return getattr(type(self), part) is not getattr(Term, part)
+
+    def regularised(self, velocity_scale: float) -> Term:
+        """Smooth term in place of one that jumps, equal to it well above ``velocity_scale``."""
+        return self
 
     def unit(self, unit: str | None) -> str:
         """Unit of the coefficient when q is measured in ``unit`` (None: not known)."""
@@ -165,6 +194,9 @@ class Stiffness(Term):
     def potential(self, q: Scalars) -> Scalars:
         return _integer_power(q, self.degree + 1) / (self.degree + 1)
 
+    def stiffness_dq(self, q: Scalars) -> Scalars:
+        return _power_slope(q, self.degree)
+
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(zeroth=self.stiffness(q))
 
@@ -214,6 +246,12 @@ class Inertia(Term):
     def convection(self, q: Scalars) -> Scalars:
         return self._scale * (self.order - 1) / 2 * _integer_power(q, self.order - 2)
 
+    def inertia_dq(self, q: Scalars) -> Scalars:
+        return self._scale * _power_slope(q, self.order - 1)
+
+    def convection_dq(self, q: Scalars) -> Scalars:
+        return self._scale * (self.order - 1) / 2 * _power_slope(q, self.order - 2)
+
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         inertia = self.inertia(q)
         return WeakForm(
@@ -237,6 +275,9 @@ class QuadraticInertia(Term):
     def inertia(self, q: Scalars) -> Scalars:
         return q * q
 
+    def inertia_dq(self, q: Scalars) -> Scalars:
+        return 2 * q
+
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(
             second=q * q * q / 3, second_rate=q * q * q_dot, zeroth=-2 * q * q_dot * q_dot
@@ -257,6 +298,9 @@ class LinearConvection(Term):
     def convection(self, q: Scalars) -> Scalars:
         return q
 
+    def convection_dq(self, q: Scalars) -> Scalars:
+        return _power_slope(q, 1)
+
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(zeroth=q * q_dot * q_dot)
 
@@ -274,6 +318,9 @@ class LinearDamping(Term):
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return q_dot
 
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return _power_slope(q_dot, 1)
+
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(first=q)
 
@@ -290,6 +337,9 @@ class QuadraticDamping(Term):
 
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return abs(q_dot) * q_dot
+
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return 2 * abs(q_dot)
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(zeroth=self.damping(q, q_dot))
@@ -312,6 +362,41 @@ class CoulombDamping(Term):
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(zeroth=self.damping(q, q_dot))
 
+    def regularised(self, velocity_scale: float) -> RegularisedCoulomb:
+        return RegularisedCoulomb(velocity_scale)
+
+
+@dataclass(frozen=True)
+class RegularisedCoulomb(Term):
+    """Dry friction without its jump, tanh(q_dot / velocity_scale): viscous creep where it sticks.
+
+    Raises
+    ------
+    ValueError
+        If the velocity scale (unit of q per second) is not positive.
+    """
+
+    velocity_scale: float
+
+    key = "c_coulomb"
+    dimension = (0, 0)
+
+    def __post_init__(self) -> None:
+        if not self.velocity_scale > 0:
+            raise ValueError(f"velocity_scale = {self.velocity_scale!r} must be positive")
+
+    def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
+        return f"tanh({q_dot}/{self.velocity_scale:g})"
+
+    def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return np.tanh(q_dot / self.velocity_scale)
+
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return (1 - np.tanh(q_dot / self.velocity_scale) ** 2) / self.velocity_scale
+
+    def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
+        return WeakForm(zeroth=self.damping(q, q_dot))
+
 
 @dataclass(frozen=True)
 class CubicDamping(Term):
@@ -325,6 +410,9 @@ class CubicDamping(Term):
 
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return q_dot * q_dot * q_dot
+
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return 3 * q_dot * q_dot
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(zeroth=self.damping(q, q_dot))
@@ -342,6 +430,12 @@ class AmplitudeDamping(Term):
 
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return q * q * q_dot
+
+    def damping_dq(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return 2 * q * q_dot
+
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return q * q
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         return WeakForm(first=q * q * q / 3)
@@ -403,6 +497,11 @@ def _integer_power(q: Scalars, power: int) -> Scalars:
     for _ in range(power - 1):
         result = result * q
     return result
+
+
+def _power_slope(q: Scalars, power: int) -> Scalars:
+    """Derivative of q^power."""
+    return power * _integer_power(q, max(power - 1, 0))
 
 
 def _check_order(name: str, value: int, least: int) -> None:
