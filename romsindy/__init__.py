@@ -1,6 +1,7 @@
 """romsindy: equations of motion, with nonlinear inertia, from measured free decays."""
 
 from romsindy.backbone import Backbone, extract_backbone
+from romsindy.continuation import Branch, ContinuationError, Steps, continue_branch
 from romsindy.decay import Decay
 from romsindy.files import load_decay, save_decay
 from romsindy.filters import Butterworth, SavitzkyGolay
@@ -14,6 +15,13 @@ from romsindy.library import (
     implicit_data,
 )
 from romsindy.model import ReducedModel, SingularInertiaError
+from romsindy.orbits import (
+    BackboneCurve,
+    Bifurcation,
+    ForcedResponse,
+    backbone_curve,
+    forced_response,
+)
 from romsindy.regression import HarmonicSINDy, ScaledOptimizer
 from romsindy.synthetic import add_noise, example_decay
 
@@ -21,10 +29,15 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Backbone",
+    "BackboneCurve",
     "BeamTheoryLibrary",
+    "Bifurcation",
+    "Branch",
     "Butterworth",
+    "ContinuationError",
     "DampingLibrary",
     "Decay",
+    "ForcedResponse",
     "HarmonicLibrary",
     "HarmonicProjection",
     "HarmonicSINDy",
@@ -34,10 +47,14 @@ __all__ = [
     "SavitzkyGolay",
     "ScaledOptimizer",
     "SingularInertiaError",
+    "Steps",
     "StiffnessLibrary",
     "add_noise",
+    "backbone_curve",
+    "continue_branch",
     "example_decay",
     "extract_backbone",
+    "forced_response",
     "implicit_data",
     "load_decay",
     "save_decay",

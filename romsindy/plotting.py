@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from romsindy.backbone import Backbone
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
+from romsindy.orbits import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.regression import HarmonicSINDy
 
 _MEASURED = "0.25"
@@ -169,6 +170,81 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
     ax.set(xlabel="harmonic", ylabel="rms residual / rms target", yscale="log")
     ax.legend(loc="best", frameon=False)
     return ax
+
+
+def plot_branch(
+    branch: BackboneCurve, *, label: str = "backbone curve", ax: Axes | None = None
+) -> Axes:
+    """Amplitude of free periodic orbits against their frequency; folds marked."""
+    ax = _orbit_axes(branch, ax)
+    ax.plot(branch.frequency / (2 * np.pi), branch.amplitude, color=_MEASURED, lw=1, label=label)
+    _mark(ax, branch, branch.folds, "fold")
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def plot_forced_response(
+    response: ForcedResponse,
+    *,
+    label: str = "",
+    color: str = "C0",
+    ax: Axes | None = None,
+) -> Axes:
+    """Amplitude of forced orbits against frequency: stable solid, unstable dashed.
+
+    Bifurcations are marked by kind.
+
+    Parameters
+    ----------
+    response : ForcedResponse
+    label : str
+        Goes before "stable" and "unstable" in the legend.
+    color : str
+        Of the curve.
+    """
+    ax = _orbit_axes(response, ax)
+    hz = response.frequency / (2 * np.pi)
+    # A stretch ends on the first point of the next one, so that the curve has no gaps.
+    changes = np.flatnonzero(np.diff(response.stable)) + 1
+    named: set[str] = set()
+    for low, high in zip([0, *changes], [*(changes + 1), len(hz)], strict=True):
+        name = "stable" if response.stable[low] else "unstable"
+        ax.plot(
+            hz[low:high],
+            response.amplitude[low:high],
+            "-" if response.stable[low] else "--",
+            color=color,
+            lw=1.2,
+            label=None if name in named else f"{label} {name}".strip(),
+        )
+        named.add(name)
+    for kind in dict.fromkeys(b.kind for b in response.bifurcations):
+        _mark(ax, response, [b.index for b in response.bifurcations if b.kind == kind], kind)
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+_MARKERS = {"fold": "o", "branch point": "s", "period doubling": "^", "Neimark-Sacker": "D"}
+
+
+def _orbit_axes(orbits: PeriodicOrbits, ax: Axes | None) -> Axes:
+    ax = _axes(ax)
+    ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({orbits.unit or 'unit of q'})")
+    return ax
+
+
+def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> None:
+    points = np.asarray(points, int)
+    if len(points):
+        ax.plot(
+            orbits.frequency[points] / (2 * np.pi),
+            orbits.amplitude[points],
+            _MARKERS[kind],
+            color="C3",
+            mfc="white",
+            ms=5,
+            label=kind,
+        )
 
 
 def _symbol(key: str) -> str:

@@ -18,13 +18,15 @@ MODULES = [m.name for m in pkgutil.iter_modules(romsindy.__path__) if m.name != 
 
 # Each layer may import from itself, upwards in this list, and nothing below.
 LAYERS = [
-    {"typing", "terms"},
+    {"typing", "terms", "continuation"},
     {"signals"},
     {"filters"},
     {"decay"},
     {"units", "integration"},
     {"files", "model", "backbone"},
-    {"synthetic", "library"},
+    {"synthetic", "library", "harmonic_balance"},
+    {"stability", "families"},
+    {"orbits"},
     {"harmonic"},
     {"regression"},
     {"comparison"},
