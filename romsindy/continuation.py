@@ -28,8 +28,6 @@ Inspect = Callable[[Array, float], str]
 _MOST_ITERATIONS = 8
 _FEW_ITERATIONS = 3  # of Newton from a good prediction: the step may grow
 
-_ON_LIMIT = "p reached"
-
 
 class ContinuationError(RuntimeError):
     """No solution was found near the guess."""
@@ -101,11 +99,6 @@ class Branch:
 
     def __len__(self) -> int:
         return len(self.p)
-
-    @property
-    def complete(self) -> bool:
-        """Whether the branch ends on a limit of p."""
-        return self.stop_reason.startswith(_ON_LIMIT)
 
     def __repr__(self) -> str:
         return (
@@ -278,7 +271,7 @@ def _walk(system: _System, points: list[_Point], p_range: tuple[float, float], s
             limit = float(np.clip(there.z[-1], *p_range))
             if limit != there.z[-1]:
                 points.append(_on_limit(system, here, there, limit))
-                return f"{_ON_LIMIT} {limit:.6g}"
+                return f"p reached {limit:.6g}"
             passed = _fold(system, here, there, step)
         except ContinuationError as error:
             if step <= steps.least:

@@ -131,7 +131,7 @@ class Path(NamedTuple):
 
 
 class ForcedFamily(Family):
-    """Orbits under force cos(omega t); u = q / size, and the parameter runs along a path, 0 to 1."""
+    """Orbits under force cos(omega t); u = q / size, and p runs along a path from 0 to 1."""
 
     n_other = 0
 
@@ -158,7 +158,7 @@ class ForcedFamily(Family):
 
     @property
     def _unit(self) -> float:
-        return self.size * np.mean(self.path.omega) ** 2
+        return self.size * sum(self.path.omega) ** 2 / 4
 
 
 class Start(NamedTuple):
@@ -182,7 +182,6 @@ class OrbitBranch:
     leftover: Array
     folds: Indices
     stop_reason: str
-    complete: bool
     end: Start
 
 
@@ -239,25 +238,23 @@ def _padded(u: Array, n_harmonics: int, n_other: int) -> Array:
 
 
 def _joined(pieces: list[tuple[Family, Branch]], end: Start) -> OrbitBranch:
+    """Orbits of all pieces, and folds with the numbers that they have among them."""
     last_family, last = pieces[-1]
-    c, omega, other, leftover, folds = [], [], [], [], []
+    orbits: list[tuple[Array, float, Array, float]] = []
+    folds: list[int] = []
     for family, branch in pieces:
         # Where harmonics were added, the next piece starts with the same orbit, better resolved.
         n = len(branch) - (branch is not last)
-        folds += [k + len(c) for k in branch.folds if k < n]
+        folds += [len(orbits) + k for k in branch.folds if k < n]
         for u, p in zip(branch.u[:n], branch.p[:n], strict=True):
             orbit = family.orbit(u, p)
-            c.append(_padded(orbit[0], last_family.balance.n_harmonics, 0))
-            omega.append(orbit[1])
-            other.append(u[len(u) - family.n_other :])
-            leftover.append(family.balance.leftover(*orbit))
-    return OrbitBranch(
-        np.array(c),
-        np.array(omega),
-        np.array(other),
-        np.array(leftover),
-        np.array(folds, int),
-        last.stop_reason,
-        last.complete,
-        end,
-    )
+            orbits.append(
+                (
+                    _padded(orbit[0], last_family.balance.n_harmonics, 0),
+                    orbit[1],
+                    u[len(u) - family.n_other :],
+                    family.balance.leftover(*orbit),
+                )
+            )
+    c, omega, other, leftover = (np.array(column) for column in zip(*orbits, strict=True))
+    return OrbitBranch(c, omega, other, leftover, np.array(folds, int), last.stop_reason, end)

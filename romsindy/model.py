@@ -107,7 +107,7 @@ class ReducedModel:
 
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
         """Left side of the equation, shape of q: zero along a free motion."""
-        q_dot = np.asarray(q_dot, float)
+        q_dot, q_ddot = np.asarray(q_dot, float), np.asarray(q_ddot, float)
         return (
             self.inertia(q) * q_ddot
             + self.convection(q) * q_dot**2
@@ -119,7 +119,7 @@ class ReducedModel:
         self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike
     ) -> tuple[Array, Array, Array]:
         """Derivatives of `residual` with respect to q, q_dot and q_ddot, shape of q each."""
-        q_dot = np.asarray(q_dot, float)
+        q_dot, q_ddot = np.asarray(q_dot, float), np.asarray(q_ddot, float)
         by_q = (
             self._total("inertia_dq", q) * q_ddot
             + self._total("convection_dq", q) * q_dot**2

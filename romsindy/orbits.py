@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,8 @@ class BackboneCurve(PeriodicOrbits):
     negative_damping: Array
 
 
-class Bifurcation(NamedTuple):
+@dataclass(frozen=True)
+class Bifurcation:
     """Where stability changes: its kind, and the first point of the branch past it."""
 
     kind: str
@@ -174,8 +175,10 @@ def backbone_curve(
     --------
     >>> model = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0}, unit="m")
     >>> curve = backbone_curve(model, amplitude=(0.01, 2.9))
-    >>> print(f"{curve.frequency[-1]:.9f} {curve.stop_reason}")
-    2.634752493 amplitude reached 2.9 m
+    >>> bool(np.allclose(curve.frequency, model.backbone(curve.amplitude), rtol=1e-9))
+    True
+    >>> curve.stop_reason
+    'amplitude reached 2.9 m'
     """
     low, high = amplitude
     if not 0 < low < high < np.inf:
@@ -192,9 +195,9 @@ def backbone_curve(
     first = low / high
     linear_mode = Start(np.array([0.0, 1.0, 0.0, 1.0, 0.0]), 1e-3 * first)
     reached = follow(family, ladder, linear_mode, (0.0, first), _steps(n_points))
-    _require(reached, f"no orbit of amplitude {low:g} is reached from the linear mode")
+    _require(reached, first, f"no orbit of amplitude {low:g} is reached from the linear mode")
     branch = follow(family, ladder, reached.end, (first, 1.0), _steps(n_points))
-    end = f"amplitude reached {high:.6g} {model.unit or '[q]'}"
+    end = f"amplitude reached {branch.end.p * high:.6g} {model.unit or '[q]'}"
     mu = omega_0 * branch.other[:, 1]
     return BackboneCurve(**_orbits(branch, end, model.unit), negative_damping=mu)
 
@@ -227,7 +230,8 @@ def forced_response(
     Returns
     -------
     ForcedResponse
-        Folds are passed, and located; unstable parts are marked.
+        Folds are passed, and located; unstable parts are marked. A branch that folds may come back
+        to the first frequency, and end there.
 
     Raises
     ------
@@ -259,13 +263,13 @@ def forced_response(
 
     raising = partial(family, Path((first, first), (0.0, force)))
     raised = follow(raising, ladder, Start(np.zeros(3), 0.0), (0.0, 1.0), _steps(n_points))
-    _require(raised, f"the force cannot be raised to {force:g} at {first:g} rad/s")
+    _require(raised, 1.0, f"the force cannot be raised to {force:g} at {first:g} rad/s")
     sweeping = partial(family, Path((first, last), (force, force)))
     branch = follow(sweeping, ladder, Start(raised.end.u, 0.0), (0.0, 1.0), _steps(n_points))
     multipliers = floquet_multipliers(smooth, branch.c, branch.omega)
     stable = np.abs(multipliers[:, 0]) <= 1 + _NEUTRAL
     return ForcedResponse(
-        **_orbits(branch, f"frequency reached {last:.6g} rad/s", model.unit),
+        **_orbits(branch, f"frequency reached {branch.omega[-1]:.6g} rad/s", model.unit),
         force=force,
         multipliers=multipliers,
         stable=stable,
@@ -310,13 +314,13 @@ def _linear_frequency(model: ReducedModel) -> float:
     return float(np.sqrt(squared))
 
 
-def _require(branch: OrbitBranch, failure: str) -> None:
-    if not branch.complete:
+def _require(branch: OrbitBranch, p: float, failure: str) -> None:
+    if branch.end.p != p:
         raise ContinuationError(f"{failure}: {branch.stop_reason}")
 
 
 def _orbits(branch: OrbitBranch, end: str, unit: str | None) -> dict[str, Any]:
-    """Fields of `PeriodicOrbits`; ``end`` says which limit a complete branch has reached."""
+    """Fields of `PeriodicOrbits`; ``end`` says in physical terms that p has reached a limit."""
     coefficients = np.zeros((len(branch.omega), branch.c.shape[1] // 2 + 1), complex)
     coefficients[:, 0] = branch.c[:, 0]
     coefficients[:, 1:] = branch.c[:, 1::2] - 1j * branch.c[:, 2::2]
@@ -326,7 +330,7 @@ def _orbits(branch: OrbitBranch, end: str, unit: str | None) -> dict[str, Any]:
         "coefficients": coefficients,
         "residual": branch.leftover,
         "folds": branch.folds,
-        "stop_reason": end if branch.complete else branch.stop_reason,
+        "stop_reason": end if branch.stop_reason.startswith("p reached") else branch.stop_reason,
         "unit": unit,
     }
 

@@ -236,6 +236,7 @@ def _orbit_axes(orbits: PeriodicOrbits, ax: Axes | None) -> Axes:
 def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> None:
     points = np.asarray(points, int)
     if len(points):
+        named = kind in ax.get_legend_handles_labels()[1]
         ax.plot(
             orbits.frequency[points] / (2 * np.pi),
             orbits.amplitude[points],
@@ -243,7 +244,7 @@ def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> Non
             color="C3",
             mfc="white",
             ms=5,
-            label=kind,
+            label=None if named else kind,
         )
 
 

@@ -8,6 +8,7 @@ from romsindy.terms import (
     Inertia,
     LinearConvection,
     QuadraticInertia,
+    RegularisedCoulomb,
     Stiffness,
     damping_term,
     term_from_key,
@@ -20,6 +21,7 @@ ALL = [
     QuadraticInertia(),
     LinearConvection(),
 ]
+SMOOTH = [term for term in ALL if term.smooth] + [RegularisedCoulomb(0.3)]
 T = np.linspace(0.3, 1.9, 4001)
 Q, Q_DOT, Q_DDOT = np.cos(T) + 0.2, -np.sin(T), -np.cos(T)
 
@@ -61,6 +63,36 @@ def test_potential_integrates_stiffness(degree):
     q = np.linspace(0, 1.3, 20001)
     work = np.sum((term.stiffness(q)[1:] + term.stiffness(q)[:-1]) / 2 * np.diff(q))
     np.testing.assert_allclose(term.potential(1.3), work, rtol=1e-7)
+
+
+@pytest.mark.parametrize("term", SMOOTH, ids=lambda t: t.key)
+def test_derivatives_are_differences(term):
+    h = 1e-5
+
+    def difference(part, *steps):
+        above, below = [(Q + sign * steps[0], Q_DOT + sign * steps[1]) for sign in (h, -h)]
+        arguments = 2 if part == "damping" else 1
+        function = getattr(term, part)
+        return (function(*above[:arguments]) - function(*below[:arguments])) / (2 * h)
+
+    # Central differences: h^2 times third derivatives below 1e3, and rounding of 1e-11.
+    for part in ("inertia", "convection", "stiffness"):
+        stated = getattr(term, f"{part}_dq")(Q)
+        np.testing.assert_allclose(stated + 0 * Q, difference(part, 1, 0), atol=1e-7)
+    by_q, by_q_dot = term.damping_dq(Q, Q_DOT), term.damping_dq_dot(Q, Q_DOT)
+    np.testing.assert_allclose(by_q + 0 * Q, difference("damping", 1, 0), atol=1e-7)
+    np.testing.assert_allclose(by_q_dot + 0 * Q, difference("damping", 0, 1), atol=1e-7)
+
+
+def test_regularised_friction_is_friction_above_its_velocity_scale():
+    friction = damping_term("coulomb")
+    smooth = friction.regularised(0.01)
+    fast = np.array([-2.0, -0.2, 0.2, 2.0])
+    # 1 - tanh(20) is 1e-17.
+    np.testing.assert_allclose(smooth.damping(0.0, fast), friction.damping(0.0, fast), rtol=1e-15)
+    assert smooth.smooth and Stiffness(3).regularised(0.01) == Stiffness(3)
+    with pytest.raises(ValueError, match="velocity_scale = 0 must be positive"):
+        friction.regularised(0)
 
 
 @pytest.mark.parametrize("term", ALL, ids=lambda t: t.key)
