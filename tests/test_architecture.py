@@ -109,13 +109,28 @@ def test_python_example_in_the_readme_runs(capsys):
     assert "omega^2" in capsys.readouterr().out
 
 
-def test_small_benchmark():
-    """The benchmark's own functions, on fewer seeds: every number asked for is reached."""
+@pytest.fixture
+def benchmark(request):
+    """A benchmark as a module."""
     sys.path.insert(0, str(ROOT / "benchmarks"))
     try:
-        benchmark = importlib.import_module("identification")
+        return importlib.import_module(request.param)
     finally:
         sys.path.pop(0)
+
+
+@pytest.mark.parametrize("benchmark", ["continuation"], indirect=True)
+def test_small_benchmark_of_continuation(benchmark):
+    rows = benchmark.duffing(repeats=1) | benchmark.icrom(repeats=1)
+    for name, row in rows.items():
+        assert row.error <= 1e-9 or not name.endswith(("by themselves", "21", "41")), name
+    for peer in (benchmark.auto_07p(20, repeats=1), benchmark.pycont_lite(repeats=1)):
+        assert peer is None or peer.error < 1e-3
+
+
+@pytest.mark.parametrize("benchmark", ["identification"], indirect=True)
+def test_small_benchmark(benchmark):
+    """The benchmark's own functions, on fewer seeds: every number asked for is reached."""
     tables = benchmark.oscillator([5]) | benchmark.extracted([0]) | benchmark.plain_sindy()
     for name, (number, asked) in tables.items():
         assert number <= asked, name

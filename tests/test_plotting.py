@@ -4,7 +4,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from romsindy import HarmonicSINDy, example_decay, extract_backbone, plotting
+from romsindy import (
+    HarmonicSINDy,
+    ReducedModel,
+    backbone_curve,
+    example_decay,
+    extract_backbone,
+    forced_response,
+    plotting,
+)
 from romsindy.synthetic import EXAMPLE_MODEL
 
 
@@ -42,6 +50,25 @@ def test_decay_damping_magnitudes_and_residuals(backbone):
     ax = plotting.plot_residual({"IC-ROM": estimator})
     assert len(ax.patches) == 4 and ax.get_xlabel() == "harmonic"
     assert all(bar.get_height() > 0 for bar in ax.patches)
+
+
+def test_forced_response_with_backbone_curve():
+    damped = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0, "c_linear": 0.02})
+    response = forced_response(damped, 0.05, (0.5, 2.0))
+    curve = backbone_curve(damped, (0.01, 1.5))
+    ax = plotting.plot_forced_response(response)
+    low, unstable, high, folds = ax.lines
+    assert [line.get_linestyle() for line in ax.lines[:3]] == ["-", "--", "-"]
+    np.testing.assert_array_equal(folds.get_ydata(), response.amplitude[response.folds])
+    # The three stretches are the whole curve, joined.
+    assert low.get_xydata()[-1].tolist() == unstable.get_xydata()[0].tolist()
+    assert unstable.get_xydata()[-1].tolist() == high.get_xydata()[0].tolist()
+    assert plotting.plot_branch(curve, ax=ax) is ax
+    np.testing.assert_array_equal(2 * np.pi * ax.lines[-1].get_xdata(), curve.frequency)
+    plotting.plot_forced_response(response, label="again", ax=ax)
+    texts = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert texts.count("fold") == 1 and "again unstable" in texts
+    assert ax.get_xlabel() == "frequency (Hz)" and ax.get_ylabel() == "amplitude (unit of q)"
 
 
 def test_given_axes_are_used(backbone):
