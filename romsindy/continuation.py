@@ -23,7 +23,7 @@ from romsindy.typing import Array, Indices
 
 Residual = Callable[[Array, float], Array]
 Jacobian = Callable[[Array, float], Array]
-Inspect = Callable[[Array, float], str]
+Verdict = Callable[[Array, float], str]
 
 _MOST_ITERATIONS = 8
 _FEW_ITERATIONS = 3  # of Newton from a good prediction: the step may grow
@@ -115,7 +115,8 @@ def continue_branch(
     p_range: tuple[float, float],
     jacobian: Jacobian | None = None,
     direction: ArrayLike = 1.0,
-    inspect: Inspect | None = None,
+    objection: Verdict | None = None,
+    until: Verdict | None = None,
     steps: Steps | None = None,
 ) -> Branch:
     """Follow the solutions of F(u, p) = 0 from a first guess.
@@ -134,15 +135,18 @@ def continue_branch(
         if it is not given.
     direction : float or (m + 1,) array
         Sign of the first change of p, or a vector (u, p) towards which to set out.
-    inspect : callable, optional
+    objection : callable, optional
         Says of a solution (u, p) why the branch must not go there; an empty text lets it pass.
+    until : callable, optional
+        Says of a solution (u, p) why the branch may end there; an empty text lets it go on.
     steps : Steps, optional
 
     Returns
     -------
     Branch
-        It ends at a limit of p, where it closes, at ``max_points``, where no further step is
-        possible, or at an interruption from the keyboard, which keeps what was computed.
+        It ends at a limit of p, where it closes, as ``until`` says, at ``max_points``, where no
+        further step is possible, or at an interruption from the keyboard, which keeps what was
+        computed.
 
     Raises
     ------
@@ -164,7 +168,7 @@ def continue_branch(
     if not low <= p <= high:
         raise ValueError(f"p = {p!r} lies outside p_range = {p_range!r}: start within it")
     steps = steps or Steps()
-    system = _System(residual, jacobian, inspect, steps.tolerance)
+    system = _System(residual, jacobian, objection, until, steps.tolerance)
     with np.errstate(all="ignore"):  # steps that lead out of F's domain are taken back
         points = [_first_point(system, np.append(u, p), direction)]
         try:
@@ -187,7 +191,8 @@ class _System:
 
     F: Residual
     derivatives: Jacobian | None
-    inspect: Inspect | None
+    forbids: Verdict | None
+    until: Verdict | None
     tolerance: float
 
     def residual(self, z: Array) -> Array:
@@ -205,7 +210,10 @@ class _System:
         return np.stack(columns, axis=1)
 
     def objection(self, z: Array) -> str:
-        return self.inspect(z[:-1], float(z[-1])) if self.inspect else ""
+        return self.forbids(z[:-1], float(z[-1])) if self.forbids else ""
+
+    def end(self, z: Array) -> str:
+        return self.until(z[:-1], float(z[-1])) if self.until else ""
 
 
 def predict(point: _Point, step: float) -> Array:
@@ -266,12 +274,15 @@ def _walk(system: _System, points: list[_Point], p_range: tuple[float, float], s
     step = steps.first
     while len(points) < steps.max_points:
         here = points[-1]
+        end = system.end(here.z) or _leaving(here, p_range)
+        if end:
+            return end
         try:
             there = _accepted(system, here, step, steps)
             limit = float(np.clip(there.z[-1], *p_range))
             if limit != there.z[-1]:
                 points.append(_on_limit(system, here, there, limit))
-                return f"p reached {limit:.6g}"
+                continue
             passed = _fold(system, here, there, step)
         except ContinuationError as error:
             if step <= steps.least:
@@ -284,6 +295,11 @@ def _walk(system: _System, points: list[_Point], p_range: tuple[float, float], s
         points += [*passed, there]
         step = next_step(step, _angle(here, there), there.iterations, steps)
     return f"max_points = {steps.max_points} reached"
+
+
+def _leaving(here: _Point, p_range: tuple[float, float]) -> str:
+    limit = p_range[1] if here.tangent[-1] > 0 else p_range[0]
+    return f"p reached {limit:.6g}" if here.z[-1] == limit else ""
 
 
 def _accepted(system: _System, here: _Point, step: float, steps: Steps) -> _Point:

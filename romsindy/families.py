@@ -31,15 +31,12 @@ class Family(ABC):
     Parameters
     ----------
     balance : HarmonicBalance
-    strict : bool
-        Whether orbits whose forces the harmonics do not resolve are objected to.
     """
 
     n_other: int  # unknowns beyond the Fourier series
 
-    def __init__(self, balance: HarmonicBalance, strict: bool) -> None:
+    def __init__(self, balance: HarmonicBalance) -> None:
         self.balance = balance
-        self.strict = strict
 
     @abstractmethod
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
@@ -55,15 +52,16 @@ class Family(ABC):
 
     def objection(self, u: Array, p: float) -> str:
         """Why there is no such orbit; empty if there is."""
-        c, omega = self.orbit(u, p)
-        q = self.balance.basis.values @ c
+        q = self.balance.basis.values @ self.orbit(u, p)[0]
         inertia = self.balance.model.inertia(q)
         if np.min(inertia) <= _SINGULAR:
             at = q[np.argmin(inertia)]
             return f"1 + h(q) = {np.min(inertia):.3g} is not positive at q = {at:.6g}"
-        if self.strict and self.balance.leftover(c, omega) > _RESOLVED:
-            return _UNRESOLVED
         return ""
+
+    def unresolved(self, u: Array, p: float) -> str:
+        """Whether the forces of the orbit need more harmonics; empty if they do not."""
+        return _UNRESOLVED if self.balance.leftover(*self.orbit(u, p)) > _RESOLVED else ""
 
 
 class FreeFamily(Family):
@@ -76,10 +74,8 @@ class FreeFamily(Family):
 
     n_other = 2
 
-    def __init__(
-        self, balance: HarmonicBalance, strict: bool, omega_0: float, amplitude_top: float
-    ) -> None:
-        super().__init__(balance, strict)
+    def __init__(self, balance: HarmonicBalance, omega_0: float, amplitude_top: float) -> None:
+        super().__init__(balance)
         self.omega_0 = omega_0
         self.amplitude_top = amplitude_top
         n = balance.n_harmonics
@@ -135,8 +131,8 @@ class ForcedFamily(Family):
 
     n_other = 0
 
-    def __init__(self, balance: HarmonicBalance, strict: bool, path: Path, size: float) -> None:
-        super().__init__(balance, strict)
+    def __init__(self, balance: HarmonicBalance, path: Path, size: float) -> None:
+        super().__init__(balance)
         self.path = path
         self.size = size
 
@@ -186,7 +182,7 @@ class OrbitBranch:
 
 
 def follow(
-    family: Callable[[int, bool], Family],
+    family: Callable[[int], Family],
     ladder: Sequence[int],
     start: Start,
     p_range: tuple[float, float],
@@ -197,7 +193,7 @@ def follow(
     Parameters
     ----------
     family : callable
-        The family with a number of harmonics, strict or not about resolving the orbits.
+        The family with a number of harmonics.
     ladder : sequence of int
         Numbers of harmonics to try in turn; the last one must do.
     start : Start
@@ -207,7 +203,7 @@ def follow(
     """
     pieces = []
     for n_harmonics in ladder:
-        member = family(n_harmonics, n_harmonics < ladder[-1])
+        member = family(n_harmonics)
         u = _padded(start.u, n_harmonics, member.n_other)
         if len(u) > 2 * n_harmonics + 1 + member.n_other:
             continue
@@ -221,7 +217,8 @@ def follow(
             p_range=p_range,
             jacobian=member.jacobian,
             direction=direction,
-            inspect=member.objection,
+            objection=member.objection,
+            until=member.unresolved if n_harmonics < ladder[-1] else None,
             steps=steps,
         )
         pieces.append((member, branch))
@@ -243,7 +240,7 @@ def _joined(pieces: list[tuple[Family, Branch]], end: Start) -> OrbitBranch:
     orbits: list[tuple[Array, float, Array, float]] = []
     folds: list[int] = []
     for family, branch in pieces:
-        # Where harmonics were added, the next piece starts with the same orbit, better resolved.
+        # Where harmonics are added, the next piece starts with the same orbit, better resolved.
         n = len(branch) - (branch is not last)
         folds += [len(orbits) + k for k in branch.folds if k < n]
         for u, p in zip(branch.u[:n], branch.p[:n], strict=True):

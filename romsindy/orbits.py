@@ -189,8 +189,8 @@ def backbone_curve(
     smooth = model.undamped() if method == "conservative" else _smooth(model, velocity_scale)
     omega_0 = _linear_frequency(smooth)
 
-    def family(n: int, strict: bool) -> Family:
-        return FreeFamily(HarmonicBalance(smooth, n), strict, omega_0, high)
+    def family(n: int) -> Family:
+        return FreeFamily(HarmonicBalance(smooth, n), omega_0, high)
 
     first = low / high
     linear_mode = Start(np.array([0.0, 1.0, 0.0, 1.0, 0.0]), 1e-3 * first)
@@ -258,8 +258,8 @@ def forced_response(
     zeta = smooth.residual_derivatives(0.0, 0.0, 0.0)[1] / (2 * omega)
     size = force / (2 * omega**2 * float(np.clip(zeta, 0.01, 0.5)))  # of a linear resonance
 
-    def family(path: Path, n: int, strict: bool) -> Family:
-        return ForcedFamily(HarmonicBalance(smooth, n), strict, path, size)
+    def family(path: Path, n: int) -> Family:
+        return ForcedFamily(HarmonicBalance(smooth, n), path, size)
 
     raising = partial(family, Path((first, first), (0.0, force)))
     raised = follow(raising, ladder, Start(np.zeros(3), 0.0), (0.0, 1.0), _steps(n_points))

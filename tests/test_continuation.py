@@ -66,13 +66,25 @@ def test_branch_stops_where_the_equation_ends():
     np.testing.assert_allclose(branch.p[-1], 0, atol=1e-4)
 
 
-def test_branch_stops_where_inspection_objects():
+def test_branch_stops_before_what_is_objected_to():
     branch = continue_branch(
-        circle, [1.0], 0.0, p_range=(-2, 2), inspect=lambda u, p: "too far" if p > 0.5 else ""
+        circle, [1.0], 0.0, p_range=(-2, 2), objection=lambda u, p: "too far" if p > 0.5 else ""
     )
     assert branch.stop_reason == "too far"
     # Steps are halved down to 1e-6 before the end is admitted.
     assert 0.5 - 1e-5 < branch.p[-1] <= 0.5
+
+
+def test_branch_stops_at_the_first_point_that_is_enough():
+    branch = continue_branch(
+        circle, [1.0], 0.0, p_range=(-2, 2), until=lambda u, p: "enough" if p > 0.5 else ""
+    )
+    assert branch.stop_reason == "enough" and branch.p[-2] <= 0.5 < branch.p[-1]
+
+
+def test_branch_that_sets_out_over_the_limit_is_one_point():
+    branch = continue_branch(two_folds, [-3.0], -18.0, p_range=(-18, 18), direction=-1)
+    assert len(branch) == 1 and branch.stop_reason == "p reached -18"
 
 
 def test_branch_point_is_passed_straight_on():
@@ -85,7 +97,7 @@ def test_branch_point_is_passed_straight_on():
 
 
 def test_predictor_misses_by_half_the_curvature():
-    system = _System(circle, circle_jacobian, None, 1e-8)
+    system = _System(circle, circle_jacobian, None, None, 1e-8)
     start = _first_point(system, np.array([0.6, 0.8]), 1.0)
     steps = np.array([0.04, 0.02, 0.01])
     missed = [np.linalg.norm(predict(start, s)) - 1 for s in steps]
@@ -94,10 +106,12 @@ def test_predictor_misses_by_half_the_curvature():
 
 def test_corrector_converges_quadratically():
     """Halving the step quarters the first error and, after one update, takes 1/16 of it."""
-    start = _first_point(_System(circle, circle_jacobian, None, 1e-8), np.array([0.6, 0.8]), 1.0)
+    start = _first_point(
+        _System(circle, circle_jacobian, None, None, 1e-8), np.array([0.6, 0.8]), 1.0
+    )
     errors = []
     for step in (0.2, 0.1, 0.05):
-        once = _System(circle, circle_jacobian, None, 1.0)  # any first update will do
+        once = _System(circle, circle_jacobian, None, None, 1.0)  # any first update will do
         point = correct(once, predict(start, step), start.tangent)
         assert point.iterations == 1
         errors.append(abs(np.linalg.norm(point.z) - 1))

@@ -249,29 +249,26 @@ def test_response_is_what_integration_finds(hardening):
 
 def settled_amplitude(omega, q0, v0, periods=300):
     """Half of peak to peak of the last period, by LSODA; the equation is written out by hand."""
-    t = 2 * np.pi / omega * np.append(np.arange(periods), periods + np.linspace(0, 1, 65))
+    t = 2 * np.pi / omega * np.append(np.arange(periods), periods + np.linspace(0, 1, 257))
 
     def rates(y, s):
         q, v = y.tolist()
         return v, -0.02 * v - q - q * q * q + FORCE * math.cos(omega * s)
 
-    q = odeint(rates, [q0, v0], t, rtol=1e-9, atol=1e-10, mxstep=10000)[-65:, 0]
+    q = odeint(rates, [q0, v0], t, rtol=1e-9, atol=1e-10, mxstep=10000)[-257:, 0]
     return (q.max() - q.min()) / 2
 
 
 @pytest.mark.parametrize("fold", [0, 1])
 def test_integration_jumps_beyond_the_folds_and_not_before(hardening, fold):
     index = hardening.folds[fold]
-    stable = slice(None, index) if fold == 0 else slice(index + 1, None)
-    omega, amplitude = hardening.frequency[stable], hardening.amplitude[stable]
     inside = hardening.frequency[index] * (0.998 if fold == 0 else 1.002)
-    nearest = np.arange(len(hardening))[stable][np.argmin(np.abs(omega - inside))]
-    stays = settled_amplitude(inside, *state(hardening, nearest))
-    # What is left of the transient after 300 periods, exp(-0.01 * 300 * 3.8), and sampling.
-    rising = np.argsort(omega)
-    np.testing.assert_allclose(
-        stays, np.interp(inside, omega[rising], amplitude[rising]), rtol=2e-3
-    )
+    stable = np.arange(index) if fold == 0 else np.arange(index + 1, len(hardening))
+    near = stable[np.argmin(np.abs(hardening.frequency[stable] - inside))]
+    q0, v0 = state(hardening, near)
+    stays = settled_amplitude(hardening.frequency[near], 1.001 * q0, v0)
+    # 256 samples find the peak to (pi / 256)^2 / 2; transients have gone, exp(-0.01 * 300 * 3.8).
+    np.testing.assert_allclose(stays, hardening.amplitude[near], rtol=1e-4)
     outside = hardening.frequency[index] * (1.002 if fold == 0 else 0.998)
     jumped = settled_amplitude(outside, *state(hardening, index))
     assert abs(jumped / hardening.amplitude[index] - 1) > 0.3
@@ -287,8 +284,8 @@ def test_unstable_orbits_are_left_and_stable_ones_are_kept(hardening):
         np.interp(omega, hardening.frequency[part], hardening.amplitude[part])
         for part in (slice(None, upper), slice(lower + 1, None))
     ]
-    # The two kicks lead to the two stable orbits at this frequency.
-    np.testing.assert_allclose(sorted(ends), sorted(stable), rtol=2e-3)
+    # The two kicks lead to the two stable orbits at this frequency, here interpolated linearly.
+    np.testing.assert_allclose(sorted(ends), sorted(stable), rtol=5e-3)
 
 
 def test_falling_frequency_gives_the_same_response(hardening):
@@ -337,11 +334,11 @@ def test_jacobians_are_differences(kind):
     balance = HarmonicBalance(damped, 4)
     random = np.random.default_rng(0)
     if kind == "free":
-        family = FreeFamily(balance, False, 6.0, 1.5)
+        family = FreeFamily(balance, 6.0, 1.5)
         u = np.append(0.1 * random.normal(size=9), [1.1, 0.02])
         u[1] = 1.0
     else:
-        family = ForcedFamily(balance, False, Path((5.0, 7.0), (0.5, 0.9)), 0.4)
+        family = ForcedFamily(balance, Path((5.0, 7.0), (0.5, 0.9)), 0.4)
         u = random.normal(size=9)
     z, h = np.append(u, 0.7), 1e-6
     columns = [

@@ -64,7 +64,7 @@ def test_forced_response_with_backbone_curve():
     assert low.get_xydata()[-1].tolist() == unstable.get_xydata()[0].tolist()
     assert unstable.get_xydata()[-1].tolist() == high.get_xydata()[0].tolist()
     assert plotting.plot_branch(curve, ax=ax) is ax
-    np.testing.assert_array_equal(2 * np.pi * ax.lines[-1].get_xdata(), curve.frequency)
+    np.testing.assert_allclose(2 * np.pi * ax.lines[-1].get_xdata(), curve.frequency)
     plotting.plot_forced_response(response, label="again", ax=ax)
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     assert texts.count("fold") == 1 and "again unstable" in texts
