@@ -331,7 +331,12 @@ def _fold(system: _System, here: _Point, there: _Point, step: float) -> list[_Po
     if here.tangent[-1] * there.tangent[-1] >= 0:
         return []
 
+    # The ends are as found: next to a fold, rounding may give them another sign.
+    known = {0.0: float(here.tangent[-1]), step: float(there.tangent[-1])}
+
     def turning(part: float) -> float:
+        if part in known:
+            return known[part]
         return float(correct(system, predict(here, part), here.tangent).tangent[-1])
 
     part = brentq(turning, 0.0, step, xtol=1e-10 * step)

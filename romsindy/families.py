@@ -24,6 +24,10 @@ _RESOLVED = 1e-8
 _UNRESOLVED = "the orbit needs more harmonics"
 _SINGULAR = 1e-3  # of 1 + h(q), as in `ReducedModel.acceleration`
 
+# Of the linear frequency. A frequency falls with the logarithm of the distance to a position of
+# rest: no orbit is so slow, but truncated series go on into that position.
+_CREEP = 0.02
+
 
 class Family(ABC):
     """Equations of a family with one number of harmonics.
@@ -110,7 +114,9 @@ class FreeFamily(Family):
         return matrix
 
     def objection(self, u: Array, p: float) -> str:
-        c, _ = self.orbit(u, p)
+        c, omega = self.orbit(u, p)
+        if omega <= _CREEP * self.omega_0:
+            return "the frequency falls to zero: the orbit comes upon another position of rest"
         turning = self.balance.basis.values[[0, len(self.balance.basis.values) // 2]] @ c
         restoring = self.balance.model.stiffness(turning) * [1, -1]
         if np.min(restoring) <= 0:

@@ -6,6 +6,7 @@ branches (`continuation`): nothing is integrated in time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -192,11 +193,13 @@ def backbone_curve(
     def family(n: int) -> Family:
         return FreeFamily(HarmonicBalance(smooth, n), omega_0, high)
 
+    # The branch is one unit long in p, and as much in shape and frequency.
+    steps = _steps(n_points, 2.0)
     first = low / high
     linear_mode = Start(np.array([0.0, 1.0, 0.0, 1.0, 0.0]), 1e-3 * first)
-    reached = follow(family, ladder, linear_mode, (0.0, first), _steps(n_points))
-    _require(reached, first, f"no orbit of amplitude {low:g} is reached from the linear mode")
-    branch = follow(family, ladder, reached.end, (first, 1.0), _steps(n_points))
+    failure = f"no orbit of amplitude {low:g} is reached from the linear mode"
+    start = _led(family, ladder, linear_mode, first, steps, failure)
+    branch = follow(family, ladder, start, (first, 1.0), steps)
     end = f"amplitude reached {branch.end.p * high:.6g} {model.unit or '[q]'}"
     mu = omega_0 * branch.other[:, 1]
     return BackboneCurve(**_orbits(branch, end, model.unit), negative_damping=mu)
@@ -238,7 +241,8 @@ def forced_response(
     ValueError
         If an argument is out of its range.
     ContinuationError
-        If the force cannot be raised to its value at the first frequency.
+        If the force cannot be raised to its value at the first frequency, as where an undamped
+        model is in resonance with a multiple of it.
 
     Examples
     --------
@@ -261,11 +265,13 @@ def forced_response(
     def family(path: Path, n: int) -> Family:
         return ForcedFamily(HarmonicBalance(smooth, n), path, size)
 
+    # One unit in p, and twice up and down the resonance in two components.
+    steps = _steps(n_points, 5.0)
     raising = partial(family, Path((first, first), (0.0, force)))
-    raised = follow(raising, ladder, Start(np.zeros(3), 0.0), (0.0, 1.0), _steps(n_points))
-    _require(raised, 1.0, f"the force cannot be raised to {force:g} at {first:g} rad/s")
+    failure = f"the force cannot be raised to {force:g} at {first:g} rad/s, start elsewhere"
+    raised = _led(raising, ladder, Start(np.zeros(3), 0.0), 1.0, steps, failure)
     sweeping = partial(family, Path((first, last), (force, force)))
-    branch = follow(sweeping, ladder, Start(raised.end.u, 0.0), (0.0, 1.0), _steps(n_points))
+    branch = follow(sweeping, ladder, Start(raised.u, 0.0), (0.0, 1.0), steps)
     multipliers = floquet_multipliers(smooth, branch.c, branch.omega)
     stable = np.abs(multipliers[:, 0]) <= 1 + _NEUTRAL
     return ForcedResponse(
@@ -285,10 +291,11 @@ def _ladder(n_harmonics: int | None) -> tuple[int, ...]:
     return (int(n_harmonics),)
 
 
-def _steps(n_points: int) -> Steps:
+def _steps(n_points: int, length: float) -> Steps:
+    """Steps for a branch of some length in its scaled unknowns."""
     if n_points < 2:
         raise ValueError(f"n_points = {n_points!r} must be at least 2")
-    most = 3 / n_points  # the branch is one unit long in p, and two or three with its orbits
+    most = length / n_points
     return Steps(first=most / 10, least=1e-4 * most, most=most, max_points=100 * n_points)
 
 
@@ -314,9 +321,22 @@ def _linear_frequency(model: ReducedModel) -> float:
     return float(np.sqrt(squared))
 
 
-def _require(branch: OrbitBranch, p: float, failure: str) -> None:
+def _led(
+    family: Callable[[int], Family],
+    ladder: tuple[int, ...],
+    start: Start,
+    p: float,
+    steps: Steps,
+    failure: str,
+) -> Start:
+    """Where a family that sets out from a known orbit arrives at p."""
+    try:
+        branch = follow(family, ladder, start, (0.0, p), steps)
+    except ContinuationError as error:
+        raise ContinuationError(f"{failure}: {error}") from None
     if branch.end.p != p:
         raise ContinuationError(f"{failure}: {branch.stop_reason}")
+    return branch.end
 
 
 def _orbits(branch: OrbitBranch, end: str, unit: str | None) -> dict[str, Any]:

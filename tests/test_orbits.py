@@ -135,6 +135,19 @@ def test_backbone_curve_ends_with_the_well_and_with_the_inertia():
         backbone_curve(softening, (1.2, 1.5))
 
 
+def test_backbone_curve_ends_at_the_orbit_through_another_position_of_rest():
+    """K = q (q + 1) (q + 2) / 2: the potential (q^2 + 2 q)^2 / 8 is 1/8 at q = -1, sqrt(2) - 1."""
+    double_well = model({"omega^2": 1.0, "gamma_2": 1.5, "gamma_3": 0.5})
+    curve = backbone_curve(double_well, (0.01, 3.0))
+    assert "restoring force" in curve.stop_reason or "position of rest" in curve.stop_reason
+    # Fifty harmonics end short of the orbit of infinite period, or overshoot it.
+    np.testing.assert_allclose(curve.amplitude[-1], np.sqrt(0.5), rtol=1e-3)
+    resolved = curve.residual <= 1e-8
+    np.testing.assert_allclose(
+        curve.frequency[resolved], double_well.backbone(curve.amplitude[resolved]), rtol=1e-8
+    )
+
+
 def test_phase_resonance_with_viscous_damping_is_the_conservative_backbone():
     damped = model(DUFFING | {"c_linear": 0.05})
     curve = backbone_curve(damped, (0.1, 2.0), method="phase resonance")
@@ -309,6 +322,11 @@ def test_asymmetric_response_is_what_integration_finds():
 def test_branch_that_folds_back_to_its_first_frequency_says_so():
     response = forced_response(EXAMPLE_MODEL, 1.0, (5.0, 7.0))
     assert response.stop_reason == "frequency reached 5 rad/s" and len(response.folds) % 2 == 1
+
+
+def test_start_in_an_undamped_resonance_is_refused():
+    with pytest.raises(ContinuationError, match=r"cannot be raised to 0\.05 at 0\.5 rad/s, start"):
+        forced_response(model(DUFFING), 0.05, (0.5, 1.5))  # 2 * 0.5 is the linear frequency
 
 
 def test_period_doubling_of_the_escape_equation():
