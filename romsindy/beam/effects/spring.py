@@ -1,0 +1,57 @@
+"""A straight spring to a fixed anchor: pre-stretch is geometry."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from romsindy.beam.effects.base import ZERO, Matrix, Point, PointEffect, Vector
+from romsindy.beam.validation import require_finite, require_positive
+
+
+@dataclass(frozen=True)
+class Spring(PointEffect):
+    """A spring from a point of the beam to a fixed anchor, force k (l - l0) along itself.
+
+    Args:
+        at: position on the undeformed axis [m]; None is the right end.
+        stiffness: stiffness k [N/m].
+        anchor: (x, y) of the fixed end [m]; x runs along the undeformed beam from its left end.
+        natural_length: length l0 [m] at which the spring is free of force.
+
+    Raises:
+        ValueError: for a negative stiffness or natural length, or an anchor that is not finite.
+    """
+
+    stiffness: float = 1.0
+    anchor: tuple[float, float] = (0.0, 0.0)
+    natural_length: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("stiffness", self.stiffness, zero_allowed=True)
+        require_positive("natural_length", self.natural_length, zero_allowed=True)
+        for value in self.anchor:
+            require_finite("anchor", value)
+
+    def span(self, x: float, y: float) -> float:
+        """Return the length [m] of the spring when its beam end is at (x, y)."""
+        return math.hypot(self.anchor[0] - x, self.anchor[1] - y)
+
+    def force(self, point: Point) -> Vector:
+        dx, dy = self.anchor[0] - point.x, self.anchor[1] - point.y
+        pull = self.stiffness * (1.0 - self.natural_length / math.hypot(dx, dy))
+        return pull * dx, pull * dy, 0.0
+
+    def tangent(self, point: Point) -> Matrix:
+        span = self.span(point.x, point.y)
+        ex, ey = (self.anchor[0] - point.x) / span, (self.anchor[1] - point.y) / span
+        along, across = self.stiffness, self.stiffness * (1.0 - self.natural_length / span)
+        xy = (along - across) * ex * ey
+        return (
+            (along * ex * ex + across * ey * ey, xy, 0.0),
+            (xy, along * ey * ey + across * ex * ex, 0.0),
+            ZERO,
+        )
+
+    def potential(self, point: Point) -> float:
+        return 0.5 * self.stiffness * (self.span(point.x, point.y) - self.natural_length) ** 2
