@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from romsindy.beam import element, kernel
-from romsindy.beam.effects.base import ForceEffect, LineEffect, Point, PointEffect
+from romsindy.beam.effects.base import ForceEffect, LineEffect, Point, PointEffect, Vector
 from romsindy.beam.effects.mass import AddedMass
 
 if TYPE_CHECKING:
@@ -28,14 +28,27 @@ class Place:
         self.nodes = slice(2 * self.element, 2 * self.element + 3)
         self.weights = element.shape_functions(xi)
         self.spread = np.kron(self.weights, np.eye(3))  # (3, 9): point <- element
+        nearest = int(np.argmax(self.weights))
+        # most points sit on a node; reading that alone is what keeps effects cheap
+        on_node = abs(self.weights[nearest] - 1.0) < 1e-9
+        self._node = 2 * self.element + nearest if on_node else None
 
     def of(self, field: np.ndarray) -> np.ndarray:
         """Return the value at the point of a nodal field (..., n_nodes, 3)."""
+        if self._node is not None:
+            return field[..., self._node, :]
         return self.weights @ field[..., self.nodes, :]
 
     def point(self, x: np.ndarray, v: np.ndarray) -> Point:
         u, w, theta = self.of(x).tolist()
         return Point(self.s, self.s + u, w, theta, *self.of(v).tolist())
+
+    def subtract(self, force: Vector, out: np.ndarray) -> None:
+        """Subtract a force at the point from a nodal field."""
+        if self._node is not None:
+            out[self._node] -= force
+        else:
+            out[self.nodes] -= np.multiply.outer(self.weights, force)
 
 
 class Assembly:
@@ -60,7 +73,9 @@ class Assembly:
             (self.place(e.at), e) for e in beam.effects if isinstance(e, PointEffect)
         ]
         self._line_effects = [e for e in beam.effects if isinstance(e, LineEffect)]
-        self.has_effects = bool(self._point_effects or self._line_effects)
+        forces = [*(e for _, e in self._point_effects), *self._line_effects]
+        self.has_effects = bool(forces)
+        self._dissipates = not all(stores_energy(e) for e in forces)
         self.mass = self._mass_matrices()
         self.fixed, self._ground = self._supports()
         self.weight = self.mass_times(np.broadcast_to([*beam.gravity, 0.0], self._rest.shape))
@@ -100,16 +115,16 @@ class Assembly:
         power = 0.0
         for place, effect in self._point_effects:
             point = place.point(x, v)
-            fx, fy, moment = effect.force(point)
-            out[place.nodes] -= np.multiply.outer(place.weights, (fx, fy, moment))
+            fx, fy, moment = force = effect.force(point)
+            place.subtract(force, out)
             if not stores_energy(effect):
                 power -= fx * point.x_dot + fy * point.y_dot + moment * point.theta_dot
         for line in self._line_effects:
-            force = np.column_stack(np.broadcast_arrays(*line.force(self._points(x, v)), self.s))
-            force = force[:, :3] * self.tributary[:, None]
-            out -= force
+            density = np.broadcast_arrays(*line.force(self._points(x, v)), self.s)[:3]
+            nodal = np.column_stack(density) * self.tributary[:, None]
+            out -= nodal
             if not stores_energy(line):
-                power -= float(np.vdot(force, v))
+                power -= float(np.vdot(nodal, v))
         return power
 
     def residual(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, float]:
@@ -130,6 +145,41 @@ class Assembly:
             power += self._add_effects(x, rate, out)
         out[self.fixed] = 0.0
         return out, power
+
+    def stage_residuals(self, X: np.ndarray, V: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a_i + r(x_i, v_i) of several states at once, (n_states, n_nodes, 3)."""
+        R = kernel.stage_residuals(
+            X, V, a, self.mass, self.alpha, self.weight, *self._stiffness, self.eta
+        )
+        R[:, 0, 2] += self._ground[0] * X[:, 0, 2]
+        R[:, -1, 2] += self._ground[1] * X[:, -1, 2]
+        if self.has_effects:
+            for x, v, out in zip(X, V, R, strict=True):
+                self._add_effects(x, v, out)
+        R[:, self.fixed] = 0.0
+        return R
+
+    def stage_powers(self, X: np.ndarray, V: np.ndarray) -> np.ndarray:
+        """Return the power dissipated [W] in several states."""
+        powers = kernel.stage_powers(X, V, self.mass, self.alpha, *self._stiffness, self.eta)
+        if self._dissipates:
+            scratch = np.zeros_like(self._rest)
+            powers += [self._add_effects(x, v, scratch) for x, v in zip(X, V, strict=True)]
+        return powers
+
+    def thin_acceleration(self, x: np.ndarray, stiffening: float) -> np.ndarray:
+        """Return the acceleration at rest in x if the beam could neither stretch nor shear.
+
+        Solve (M + stiffening^2 D) a = -r, where D is the axial and shear stiffness alone and
+        `stiffening` [s] is long against the axial periods.  A force that is suddenly taken away
+        starts axial waves; they die within a millisecond, and the motion that remains starts
+        with this acceleration.
+        """
+        length, EA, GA, _ = self._stiffness
+        _, D = kernel.tangent(x, length, EA, GA, 0.0)
+        factors = factorise(self.mass + stiffening**2 * D, self.fixed)
+        residual, _ = self.residual(x)
+        return solve(factors, -residual)
 
     def tangents(
         self, x: np.ndarray, v: np.ndarray | None = None

@@ -21,7 +21,7 @@ from romsindy.beam.validation import require_finite, require_position, require_p
 if TYPE_CHECKING:
     from romsindy.beam.motion import Motion
     from romsindy.beam.sensors import Sensor, SensorArray
-    from romsindy.beam.transient import Collocation
+    from romsindy.beam.collocation import RadauIIA
     from romsindy.model import ReducedModel
 
 
@@ -291,10 +291,11 @@ class Beam:
         duration: float,
         step: float = 1e-3,
         *,
+        energy_tolerance: float = 1e-4,
         modes: ModalBasis | None = None,
         sensors: SensorArray | None = None,
         keep_field: bool = False,
-        method: Collocation | None = None,
+        method: RadauIIA | None = None,
         progress: bool = True,
     ) -> Motion:
         """Let the beam go from rest in `shape` and follow its motion; see `transient.simulate`."""
@@ -305,6 +306,7 @@ class Beam:
             shape,
             duration,
             step,
+            energy_tolerance=energy_tolerance,
             modes=modes,
             sensors=sensors,
             keep_field=keep_field,
