@@ -28,12 +28,10 @@ DEFAULT_STEP = 1e-3
 DEFAULT_ENERGY_TOLERANCE = 1e-4
 _DEFAULT_MODES = 10
 _FINEST = 10  # a sample is cut into at most 2^10 steps
-_FIRST = 5  # the release is met with 2^5 steps, then as few as will do
 _MAX_ITERATIONS = 10
 # of the largest acceleration: far below the 1e-3 to which accelerations are promised
 _NEWTON_TOLERANCE = 1e-8
-# Half of the energy tolerance may go in the release, where modes ring that soon have died.
-_RELEASE_TIME = 0.1
+_RELEASE_TIME = 0.1  # [s], see Budget
 
 
 @dataclass(frozen=True)
@@ -58,10 +56,13 @@ class Integrator:
         self._peak = 0.0
         self.iterations = 0
 
-    def start(self, x: np.ndarray, acceleration: np.ndarray) -> _State:
-        """Return the state at rest in x."""
-        stages = np.repeat(acceleration[None], self._method.stages, axis=0)
-        return _State(x, np.zeros_like(x), stages, 0.0)
+    def start(self, x: np.ndarray) -> _State:
+        """Return the state at rest in x.
+
+        The first step is guessed without acceleration: Newton converges from the unmoved shape,
+        but not from one that a full step of a guessed acceleration has stretched.
+        """
+        return _State(x, np.zeros_like(x), np.zeros((self._method.stages, *x.shape)), 0.0)
 
     def step(self, state: _State, h: float) -> tuple[_State, float] | None:
         """Return the state after a step of h [s] and the energy dissipated [J]; None if it fails."""
@@ -139,33 +140,45 @@ def _mix(weights: np.ndarray, stages: np.ndarray) -> np.ndarray:
     return (weights @ stages.reshape(len(stages), -1)).reshape(-1, *stages.shape[1:])
 
 
-@dataclass(frozen=True)
 class Budget:
-    """How much the energy balance may drift in a step: half of it early, half evenly."""
+    """Shares out how much the energy balance may drift over a motion.
 
-    tolerance: float
-    duration: float
-    floor: float
+    Half goes evenly by time, a quarter to the moments after the release, where modes ring that
+    soon have died, and a quarter to single steps (half of what is left of it each): a step across
+    an impact, or the first, which loses the axial waves of the release.
+    """
+
+    def __init__(self, tolerance: float, duration: float, floor: float) -> None:
+        self._even = 0.5 * tolerance / duration
+        self._early = 0.25 * tolerance / _RELEASE_TIME
+        self._reserve = 0.25 * tolerance
+        self._floor = floor
+
+    def _rate(self, t: float) -> float:
+        return self._even + self._early * float(np.exp(-t / _RELEASE_TIME))
 
     def allowance(self, t: float, h: float) -> float:
         """Return the allowed drift [J] of the step from t to t + h."""
-        even = 0.5 / self.duration
-        early = 0.5 / _RELEASE_TIME * np.exp(-t / _RELEASE_TIME)
-        return max(self.tolerance * h * (even + early), self.floor)
+        return max(self._rate(t) * h + 0.5 * self._reserve, self._floor)
+
+    def spend(self, t: float, h: float, drift: float) -> None:
+        """Book the drift [J] of a step that was taken."""
+        excess = drift - max(self._rate(t) * h, self._floor)
+        self._reserve = max(self._reserve - max(excess, 0.0), 0.0)
 
 
 class Stepper:
     """Goes from sample to sample in 1, 2, 4, ... steps, as many as the energy balance asks for."""
 
     def __init__(
-        self, integrator: Integrator, assembly: Assembly, state: _State, budget: Budget
+        self, integrator: Integrator, assembly: Assembly, state: _State, budget: Budget, order: int
     ) -> None:
         self._integrator = integrator
         self._assembly = assembly
         self._budget = budget
-        self._level = _FIRST
-        # one step halved loses 2^-(order + 1) of its error: coarsen only with that in hand
-        self._margin = 0.5 * 2.0**-(integrator._method.order + 1)
+        self._level = 0
+        # Drift per time goes with h^order: coarsen only with that, and some more, in hand.
+        self._margin = 0.5**(order + 1)
         self.state = state
         self.dissipated = 0.0
         self.energies = self._energies_of(state)
@@ -203,6 +216,7 @@ class Stepper:
         share = drift / self._budget.allowance(t, h)
         if share > 1.0 and self._level < _FINEST:
             return None
+        self._budget.spend(t, h, drift)
         self.state, self.energies = state, energies
         self.dissipated += dissipated
         self.steps += 1
@@ -262,18 +276,19 @@ def simulate(
     if progress and not kernel.is_compiled():
         print("compiling the beam kernel (first run only, about 20 s)", file=sys.stderr)
     equilibrium = beam.equilibrium()
-    integrator = Integrator(assembly, method or RadauIIA())
+    method = method or RadauIIA()
+    integrator = Integrator(assembly, method)
     start = shape.displacement
     acceleration = assembly.thin_acceleration(start, stiffening=0.01)
     rest_energy = (0.0, assembly.strain(equilibrium.displacement), assembly.potential(equilibrium.displacement))
     stored = assembly.strain(start) + assembly.potential(start)
     released = abs(stored - sum(rest_energy))
     budget = Budget(
-        tolerance=0.5 * energy_tolerance * released,
+        tolerance=energy_tolerance * released,
         duration=duration,
         floor=1e-14 * (abs(stored) + abs(sum(rest_energy))),  # rounding
     )
-    stepper = Stepper(integrator, assembly, integrator.start(start, acceleration), budget)
+    stepper = Stepper(integrator, assembly, integrator.start(start), budget, method.order)
     basis = modes or beam.modes(equilibrium, _count_modes(assembly))
     n_samples = int(np.floor(duration / step * (1 + 1e-12))) + 1
     recorder = Recorder(basis, sensors, n_samples, keep_field)
