@@ -77,6 +77,7 @@ class Assembly:
         self.has_effects = bool(forces)
         self._dissipates = not all(stores_energy(e) for e in forces)
         self.mass = self._mass_matrices()
+        self._alpha_mass = beam.alpha * self.mass
         self.fixed, self._ground = self._supports()
         self.weight = self.mass_times(np.broadcast_to([*beam.gravity, 0.0], self._rest.shape))
 
@@ -189,10 +190,10 @@ class Assembly:
         K leaves out how the material damping force turns with the section: a term of size
         eta * strain rate that a Newton iteration does not miss.
         """
-        K, D = kernel.tangent(x, *self._stiffness)
-        C = D
+        K, C = kernel.tangent(x, *self._stiffness)
         C *= self.eta
-        C += self.alpha * self.mass
+        if self.alpha:
+            C += self._alpha_mass
         K[0, 2, 2] += self._ground[0]
         K[-1, 8, 8] += self._ground[1]
         if self.has_effects:

@@ -21,6 +21,9 @@ import numpy as np
 from numpy.polynomial import Polynomial, legendre
 
 
+Part = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
 @dataclass(frozen=True, eq=False)
 class RadauIIA:
     """The method with `stages` stages, of order 2 * stages - 1.
@@ -28,17 +31,11 @@ class RadauIIA:
     Attributes:
         c: times of the stages as parts of the step; the last is 1.
         A: the Butcher matrix, shape (stages, stages); its last row holds the weights b.
-        eigenvalues, vectors, inverse: A = T diag(eigenvalues) T^-1, real ones first, one of each
-            complex pair.  They split the Newton system of all stages into one real and a few
-            complex systems of the size of the beam.
     """
 
     stages: int = 3
     c: np.ndarray = field(init=False, repr=False)
     A: np.ndarray = field(init=False, repr=False)
-    eigenvalues: np.ndarray = field(init=False, repr=False)
-    vectors: np.ndarray = field(init=False, repr=False)
-    inverse: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.stages < 2:
@@ -46,18 +43,23 @@ class RadauIIA:
         c = _nodes(self.stages)
         integrals = [p.integ() for p in lagrange(c)]
         A = np.array([[p(ci) for p in integrals] for ci in c])
-        values, vectors = np.linalg.eig(A)
-        inverse = np.linalg.inv(vectors)
-        real = [k for k, value in enumerate(values) if value.imag == 0.0]
-        kept = real + [k for k, value in enumerate(values) if value.imag > 0.0]
-        for name, value in {
-            "c": c,
-            "A": A,
-            "eigenvalues": values[kept],
-            "vectors": np.ascontiguousarray(vectors[:, kept]),
-            "inverse": np.ascontiguousarray(inverse[kept]),
-        }.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "c", c)
+        object.__setattr__(self, "A", A)
+
+    def parts(self) -> tuple[Part, Part]:
+        """Return A = T diag(eigenvalues) T^-1 as (eigenvalues, columns of T, rows of T^-1).
+
+        The real eigenvalues come first, then one of each complex pair.  They split the Newton
+        system of all stages into one real and a few complex systems of the size of the beam.
+        """
+        values, T = np.linalg.eig(self.A)
+        inverse = np.linalg.inv(T)
+        real, upper = values.imag == 0.0, values.imag > 0.0
+        columns = np.ascontiguousarray
+        return (
+            (values[real].real, columns(T[:, real].real), inverse[real].real.copy()),
+            (values[upper], columns(T[:, upper]), inverse[upper]),
+        )
 
     @property
     def order(self) -> int:

@@ -53,8 +53,14 @@ class Integrator:
         self._A2 = method.A @ method.A
         self._to_acceleration = np.linalg.inv(self._A2)
         self._extrapolations: dict[float, np.ndarray] = {}
+        self._real, self._complex = (self._split(part) for part in method.parts())
         self._peak = 0.0
         self.iterations = 0
+
+    def _split(self, part: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+        """Return eigenvalues, columns, rows and room for the factors of each eigenvalue."""
+        room = np.zeros((len(part[0]), *self._assembly.mass.shape), dtype=part[0].dtype)
+        return *part, room
 
     def start(self, x: np.ndarray) -> _State:
         """Return the state at rest in x.
@@ -67,13 +73,16 @@ class Integrator:
     def step(self, state: _State, h: float) -> tuple[_State, float] | None:
         """Return the state after a step of h [s] and the energy dissipated [J]; None if it fails."""
         X, V, a = self._predict(state, h)
-        factors, theta = self._factors(X, V, h)
+        theta = self._factorise(X, V, h)
         rate, change = 1.0, 0.0
         for iteration in range(_MAX_ITERATIONS):
             self.iterations += 1
             R = self._assembly.stage_residuals(X, V, a)
             last = change
-            change, largest = self._update(R, X, V, a, theta, h, factors)
+            change, largest = kernel.newton_update(
+                R, X, V, a, theta, h, self._method.A, self._to_acceleration,
+                self._real, self._complex,
+            )  # fmt: skip
             if not change < 1e15:  # also catches what is not a number
                 return None
             if iteration > 0:
@@ -100,39 +109,15 @@ class Integrator:
         V = state.v + _mix(h * self._method.A, a)
         return X, V, a.copy()
 
-    def _factors(
-        self, X: np.ndarray, V: np.ndarray, h: float
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """Return factors of M + z C + z^2 K for z = h * eigenvalue, and the angles they hold for."""
+    def _factorise(self, X: np.ndarray, V: np.ndarray, h: float) -> np.ndarray:
+        """Factorise M + z C + z^2 K for z = h * eigenvalue; return the angles these hold for."""
         middle = len(X) // 2
         K, C = self._assembly.tangents(X[middle], V[middle])
-        mass, fixed = self._assembly.mass, self._assembly.fixed
-        z = h * self._method.eigenvalues
-        systems = [kernel.shifted(mass, C, K, k.real if k.imag == 0.0 else k) for k in z]
-        for system in systems:
-            factorise(system, fixed)
-        real = [s for s in systems if s.dtype == float]
-        empty = np.empty((0, *mass.shape))
-        return (
-            np.array(real) if real else empty,
-            np.array(systems[len(real) :]),
-        ), X[middle, :, 2].copy()
-
-    def _update(
-        self,
-        R: np.ndarray,
-        X: np.ndarray,
-        V: np.ndarray,
-        a: np.ndarray,
-        theta: np.ndarray,
-        h: float,
-        factors: tuple[np.ndarray, np.ndarray],
-    ) -> tuple[float, float]:
-        method = self._method
-        return kernel.newton_update(
-            R, X, V, a, theta, h, method.A, self._to_acceleration,
-            method.eigenvalues, method.vectors, method.inverse, *factors,
-        )  # fmt: skip
+        for values, _, _, factors in (self._real, self._complex):
+            kernel.factorise_shifted(
+                self._assembly.mass, C, K, h * values, self._assembly.fixed, factors
+            )
+        return X[middle, :, 2].copy()
 
 
 def _mix(weights: np.ndarray, stages: np.ndarray) -> np.ndarray:
