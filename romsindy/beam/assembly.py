@@ -62,7 +62,7 @@ class Assembly:
         self._length = beam.length / beam.elements
         section = beam.section
         self._stiffness = (self._length, section.EA, section.GA, section.EI)
-        self.alpha, self.eta = beam.alpha, beam.eta
+        self.alpha, self.eta = float(beam.alpha), float(beam.eta)  # an int would compile again
         self._rest = np.zeros((self.n_nodes, 3))
         # Simpson weights: exact for the consistent load of a quadratic element
         self.tributary = np.zeros(self.n_nodes)
