@@ -1,0 +1,221 @@
+"""Signal conditioning on plain arrays: fundamental, noise, cycles, integration, upsampling.
+
+Arrays have time on axis 0. Nothing here knows what was measured.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline, make_lsq_spline
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt, welch
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+def fundamental_frequency(x: Array, dt: float) -> float:
+    """Frequency of the spectral peak of one channel, in Hz.
+
+    Parameters
+    ----------
+    x : (n,) array
+    dt : float
+        Sampling interval in s.
+
+    Raises
+    ------
+    ValueError
+        If the signal is constant, or holds fewer than three cycles.
+    """
+    if not np.ptp(x) > 0:
+        raise ValueError(f"the signal is constant ({x[0]:.6g}): nothing vibrates in this record")
+    frequencies, power = periodogram(detrend(x), 1 / dt, window="hann")
+    # The Hann window spreads a slow drift over the first three bins.
+    peak = float(frequencies[3:][np.argmax(power[3:])]) if len(power) > 3 else 0.0
+    if peak * dt * len(x) < 3 or np.all(power[3:] == 0):
+        raise ValueError(
+            f"the record of {len(x) * dt:.4g} s holds fewer than three cycles:"
+            " identification needs at least three; record longer or check the time unit"
+        )
+    return peak
+
+
+def noise_std(x: Array) -> float:
+    """Standard deviation of white noise in one channel, from the median of its spectrum.
+
+    Vibration fills few lines of the spectrum, white noise all of them; the median sees the noise.
+    Coloured or low-passed noise is underestimated.
+    """
+    _, power = welch(x, 1.0, nperseg=min(len(x), 1024), average="median")
+    return float(np.sqrt(np.median(power) / 2))
+
+
+def lowpass(x: Array, dt: float, cutoff: float, order: int = 4) -> Array:
+    """Zero-phase Butterworth low-pass; the signal itself where the cut-off is beyond Nyquist.
+
+    Parameters
+    ----------
+    x : (n,) or (n, n_channels) array
+    dt : float
+        Sampling interval in s.
+    cutoff : float
+        Hz.
+    order : int
+        Order of one pass; forward and backward double it.
+    """
+    if cutoff >= 0.45 / dt:
+        return np.array(x, float)
+    sos = butter(order, cutoff, fs=1 / dt, output="sos")
+    return sosfiltfilt(sos, x, axis=0, padlen=min(len(x) - 1, int(3 / (cutoff * dt))))
+
+
+def crossings(x: Array, dt: float) -> tuple[Indices, Indices]:
+    """Last samples before the up- and the down-crossings of zero, one each a cycle.
+
+    They are found on the signal below three times its fundamental, so that noise and higher modes
+    add none; the frequency may change by a factor of three along the decay.
+
+    Parameters
+    ----------
+    x : (n,) array
+    dt : float
+        Sampling interval in s.
+
+    Returns
+    -------
+    up, down : integer arrays
+        ``down[k]`` lies between ``up[k]`` and ``up[k + 1]``.
+
+    Raises
+    ------
+    ValueError
+        If the record holds fewer than three cycles.
+    """
+    smooth = lowpass(x, dt, 3 * fundamental_frequency(x, dt))
+    below = smooth < 0
+    up = np.flatnonzero(below[:-1] & ~below[1:])
+    down = np.flatnonzero(~below[:-1] & below[1:])
+    down = down[down > up[0]] if len(up) else down
+    if len(up) < 4:
+        raise ValueError(
+            f"the record of {len(x) * dt:.4g} s crosses zero upwards {len(up)} times, so it holds"
+            " fewer than three full cycles: record longer, or remove the offset of the signal"
+        )
+    return up, down[: len(up)]
+
+
+def integrate(x: Array, dt: float) -> Array:
+    """Integrate one channel over time and remove the drift.
+
+    The integration constant, an offset and slow noise of the sensor leave a wandering midline.
+    The midline between the turning points is drawn through the record and subtracted: at the
+    ends this is far better than a high-pass filter. The cost: the mean of an asymmetric
+    vibration, which a velocity cannot show, is set to zero too.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Rate of the wanted quantity.
+    dt : float
+        Sampling interval in s.
+    """
+    t = dt * np.arange(len(x))
+    q = make_interp_spline(t, x, k=5).antiderivative()(t)
+    spacing = 1 / fundamental_frequency(x, dt)
+    rough = q - _smooth_curve(t, q, t, 5 * spacing)
+    up, down = crossings(rough, dt)
+    bounds = np.sort(np.concatenate([up, down]))
+    turning = np.array([
+        i + np.argmax(np.abs(rough[i:j])) for i, j in zip(bounds[:-1], bounds[1:], strict=True)
+    ])
+    # (previous + 2 this + next)/4 cancels the vibration and its linear decay.
+    midline = (q[turning[:-2]] + 2 * q[turning[1:-1]] + q[turning[2:]]) / 4
+    return q - _smooth_curve(t[turning[1:-1]], midline, t, 3 * spacing)
+
+
+def _smooth_curve(t: Array, x: Array, at: Array, spacing: float) -> Array:
+    """Least-squares cubic spline with knots ``spacing`` apart, constant beyond its ends."""
+    n_inner = int((t[-1] - t[0]) / spacing)
+    inner = np.quantile(t, np.linspace(0, 1, min(n_inner, len(t) // 4) + 2)[1:-1])
+    degree = min(3, len(t) - 1)
+    knots = np.concatenate([[t[0]] * (degree + 1), inner, [t[-1]] * (degree + 1)])
+    return make_lsq_spline(t, x, knots, k=degree)(np.clip(at, t[0], t[-1]))
+
+
+def upsample(x: Array, factor: int) -> Array:
+    """Band-limited interpolation to ``factor`` times the rate.
+
+    Parameters
+    ----------
+    x : (n,) or (n, n_channels) array
+
+    Returns
+    -------
+    (factor (n - 1) + 1, ...) array
+        Every ``factor``-th sample is a sample of x.
+    """
+    # Odd reflection continues value and slope beyond the ends, which would ring otherwise.
+    margin = min(len(x) - 1, 20)
+    widths = [(margin, margin)] + [(0, 0)] * (x.ndim - 1)
+    padded = np.pad(x, widths, mode="reflect", reflect_type="odd")
+    fine = resample_poly(padded, factor, 1, axis=0, window=("kaiser", 8.0))
+    return fine[factor * margin : factor * (margin + len(x) - 1) + 1]
+
+
+def free_part(x: Array, dt: float) -> tuple[int, int]:
+    """Samples [start, end) of the free decay within a record.
+
+    The start is the first turning point that comes within 10 % of the largest one: a hold before
+    the release, or a blow from rest, is left out. The end is where the amplitude falls for good
+    below three times the noise.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Deviation from rest.
+    dt : float
+        Sampling interval in s.
+
+    Raises
+    ------
+    ValueError
+        If fewer than three cycles follow the start, or the amplitude grows.
+    """
+    period = int(round(1 / (fundamental_frequency(x, dt) * dt)))
+    noise = noise_std(x)
+    size = np.abs(x)
+    high = int(np.argmax(size >= 0.9 * size.max()))
+    change = np.flatnonzero(np.signbit(x[high:]) != np.signbit(x[high]))
+    stroke = size[high : high + int(change[0])] if len(change) else size[high:]
+    # The last of the largest samples: where a hold at the release position ends.
+    start = high + int(np.flatnonzero(stroke >= stroke.max() - max(1e-3 * stroke.max(), 3 * noise))[-1])
+    power = uniform_filter1d(np.square(x), min(period, len(x)))
+    amplitude = np.sqrt(2 * np.clip(power - noise**2, 0, None))
+    loud = np.flatnonzero(amplitude >= 3 * noise)
+    end = int(loud[-1]) + 1 if len(loud) else 0
+    if end - start < 3 * period:
+        before = start / period
+        raise ValueError(
+            f"only {max(end - start, 0) / period:.1f} cycles follow the largest amplitude (at"
+            f" {start * dt:.4g} s of the record)"
+            + (
+                f", {before:.0f} cycles come before it: the record grows, so it is forced or not"
+                " a free decay; cut it with start= and end="
+                if before > 3
+                else ": at least three cycles above the noise are needed; record longer"
+            )
+        )
+    _refuse_growth(amplitude[start:end], period)
+    return start, end
+
+
+def _refuse_growth(amplitude: Array, period: int) -> None:
+    ends = slice(period, -period) if len(amplitude) > 4 * period else slice(None)
+    growth = np.polyfit(np.linspace(0, 1, len(amplitude[ends])), np.log(amplitude[ends]), 1)[0]
+    if growth > 0.05:
+        raise ValueError(
+            f"the amplitude grows by {np.expm1(growth):.0%} over the record: it is forced or not a"
+            " free decay; cut it with start= and end="
+        )
