@@ -191,14 +191,35 @@ class Assembly:
         eta * strain rate that a Newton iteration does not miss.
         """
         K, C = kernel.tangent(x, *self._stiffness)
+        K += C
         C *= self.eta
         if self.alpha:
             C += self._alpha_mass
+        self._add_supports_and_effects(x, self._rest if v is None else v, K, C)
+        return K, C
+
+    def _add_supports_and_effects(
+        self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray
+    ) -> None:
         K[0, 2, 2] += self._ground[0]
         K[-1, 8, 8] += self._ground[1]
         if self.has_effects:
-            self._add_effect_tangents(x, self._rest if v is None else v, K, C)
-        return K, C
+            self._add_effect_tangents(x, v, K, C)
+
+    def modal_stiffness(self, x: np.ndarray, phi: np.ndarray) -> float:
+        """Return phi^T K phi at x, summed from squared strains.
+
+        K itself holds EA beside EI; in a product with it the bending of a very thin beam would
+        drown in rounding.
+        """
+        scratch = np.zeros_like(self._rest)
+        # with eta = 1 the damping power of the velocity phi is phi^T D phi
+        material = kernel.add_internal_force(x, phi, *self._stiffness, 1.0, scratch)
+        rest, _ = kernel.tangent(x, *self._stiffness)
+        self._add_supports_and_effects(x, self._rest, rest, np.zeros_like(rest))
+        scratch[:] = 0.0
+        kernel.add_product(rest, phi, scratch)
+        return float(material + np.vdot(phi, scratch))
 
     def _add_effect_tangents(
         self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray

@@ -82,9 +82,9 @@ def strain_energy(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def tangent(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
-    """Return (K, D), (n_elements, 9, 9): tangent stiffness and its material part B^T C B."""
+    """Return (G, D), (n_elements, 9, 9): geometric and material part of the tangent stiffness."""
     n_elements = (x.shape[0] - 1) // 2
-    K = np.zeros((n_elements, 9, 9))
+    G = np.zeros((n_elements, 9, 9))
     D = np.zeros((n_elements, 9, 9))
     scale, weight = 2.0 / length, 0.5 * length
     for e in range(n_elements):
@@ -106,7 +106,6 @@ def tangent(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
             ut = wA * c * gamma + wG * s * stretch
             wt = wA * s * gamma - wG * c * stretch
             tt = wA * gamma * gamma + wG * stretch * stretch
-            # geometric part
             gut, gwt = -N * s - Q * c, N * c - Q * s
             gtt = -N * stretch - Q * gamma
             for i in range(3):
@@ -123,13 +122,12 @@ def tangent(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
                     D[e, p + 1, q + 2] += di * nj * wt
                     D[e, p + 2, q + 1] += ni * dj * wt
                     D[e, p + 2, q + 2] += ni * nj * tt + di * dj * wI
-                    K[e, p, q + 2] += di * nj * gut
-                    K[e, p + 2, q] += ni * dj * gut
-                    K[e, p + 1, q + 2] += di * nj * gwt
-                    K[e, p + 2, q + 1] += ni * dj * gwt
-                    K[e, p + 2, q + 2] += ni * nj * gtt
-    K += D
-    return K, D
+                    G[e, p, q + 2] += di * nj * gut
+                    G[e, p + 2, q] += ni * dj * gut
+                    G[e, p + 1, q + 2] += di * nj * gwt
+                    G[e, p + 2, q + 1] += ni * dj * gwt
+                    G[e, p + 2, q + 2] += ni * nj * gtt
+    return G, D
 
 
 @njit(cache=True, error_model="numpy")

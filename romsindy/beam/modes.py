@@ -10,6 +10,8 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import eigsh
 
 from romsindy.beam.assembly import Assembly
+from romsindy.beam.errors import NoEquilibriumError
+from romsindy.decay import Decay
 
 if TYPE_CHECKING:
     from romsindy.beam.beam import Shape
@@ -72,8 +74,6 @@ class ModalBasis:
             ValueError: for a mode that does not exist, or a motion that was recorded in other
                 modes and without its full field.
         """
-        from romsindy.decay import Decay
-
         column = self.index(mode)
         q, q_dot, q_ddot = motion.modal(self)
         return Decay(motion.t, q[:, column], q_dot[:, column], q_ddot[:, column], unit="kg^1/2 m")
@@ -95,6 +95,7 @@ def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasi
 
     Raises:
         ValueError: if `count` is not between 1 and what the mesh can carry.
+        NoEquilibriumError: if the equilibrium is unstable.
     """
     stiffness, _ = assembly.tangents(equilibrium.displacement)
     K, free = assembled(assembly, stiffness)
@@ -106,16 +107,22 @@ def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasi
         )
     start = np.ones(len(free))  # a fixed start vector makes the result repeatable
     values, vectors = eigsh(K, k=count, M=M, sigma=0.0, which="LM", v0=start)
-    order = np.argsort(values)
     shapes = np.zeros((count, assembly.n_nodes * 3))
-    shapes[:, free] = vectors.T[order]
+    shapes[:, free] = vectors.T[np.argsort(values)]
     shapes = shapes.reshape(count, assembly.n_nodes, 3)
     momenta = np.array([assembly.mass_times(phi) for phi in shapes])
     scale = np.array([_sign(phi) for phi in shapes])
     scale /= np.sqrt(np.sum(shapes * momenta, axis=(1, 2)))
     shapes, momenta = shapes * scale[:, None, None], momenta * scale[:, None, None]
     axial = np.sum(shapes[..., 0] * momenta[..., 0], axis=1)
-    return ModalBasis(np.sqrt(values[order]), shapes, momenta, equilibrium, axial)
+    # Rayleigh quotients: their error is the square of the shape's
+    squares = [assembly.modal_stiffness(equilibrium.displacement, phi) for phi in shapes]
+    if min(squares) <= 0.0:
+        raise NoEquilibriumError(
+            f"the equilibrium is not stable: omega^2 = {min(squares):.4g} 1/s^2 of its lowest "
+            "mode; support the beam, or find another equilibrium"
+        )
+    return ModalBasis(np.sqrt(squares), shapes, momenta, equilibrium, axial)
 
 
 def _sign(phi: np.ndarray) -> float:
