@@ -54,7 +54,7 @@ PINNED = Support((True, True, False))
 CLAMPED = Support((True, True, True))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """A static state: nodal displacements and the load that holds them.
 

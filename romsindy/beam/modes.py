@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from romsindy.beam.motion import Motion
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ModalBasis:
     """Mass-normalised modes about an equilibrium; the tip (right end) moves up in each.
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from romsindy.beam.modes import ModalBasis
+
+if TYPE_CHECKING:
+    from romsindy.beam.sensors import SensorArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +69,8 @@ class Motion:
         energy: the energy balance.
         cost: time steps, iterations, seconds.
         stop_reason: "completed", or why it ended early.
-        sensors: histories of the sensors [m], or None where none were given.
+        sensors: histories of the sensors [m], from equilibrium; None where none were given.
+        sensor_array: these sensors.
         field: all nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or
             None unless asked for.
     """
@@ -77,6 +82,7 @@ class Motion:
     cost: Cost
     stop_reason: str
     sensors: History | None = None
+    sensor_array: SensorArray | None = None
     field: History | None = None
 
     def __repr__(self) -> str:

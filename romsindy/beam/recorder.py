@@ -28,7 +28,6 @@ class Recorder:
             rows.append(sensors.rows)
         self._rows = np.concatenate(rows)
         self._offset = self._rows @ basis.equilibrium.displacement.ravel()
-        self._offset[self._n_modes :] = 0.0
         self._readings = np.empty((3, n_samples, len(self._rows)))
         self._field = np.empty((3, n_samples, size)) if keep_field else None
         self._energies = np.empty((4, n_samples))
@@ -71,5 +70,6 @@ class Recorder:
             cost=cost,
             stop_reason=stop_reason,
             sensors=sensors,
+            sensor_array=self._sensors,
             field=field,
         )

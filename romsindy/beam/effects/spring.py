@@ -1,12 +1,16 @@
-"""A straight spring to a fixed anchor: pre-stretch is geometry."""
+"""A straight spring to a fixed anchor, whose pre-stretch is geometry; more tension in it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from romsindy.beam.effects.base import ZERO, Matrix, Point, PointEffect, Vector
+from romsindy.beam.effects.base import ZERO, Effect, Matrix, Point, PointEffect, Vector
 from romsindy.beam.validation import require_finite, require_positive
+
+if TYPE_CHECKING:
+    from romsindy.beam.beam import Beam
 
 
 @dataclass(frozen=True)
@@ -55,3 +59,49 @@ class Spring(PointEffect):
 
     def potential(self, point: Point) -> float:
         return 0.5 * self.stiffness * (self.span(point.x, point.y) - self.natural_length) ** 2
+
+
+@dataclass(frozen=True)
+class ExtraTension(Effect):
+    """More (or less) tension in the beam's spring, by a shorter natural length.
+
+    Args:
+        tension: added tension [N] at the spring's present length.
+    """
+
+    tension: float
+
+    def __post_init__(self) -> None:
+        require_finite("tension", self.tension)
+
+    def applied_to(self, beam: Beam) -> Beam:
+        """Return `beam` with its spring tightened.
+
+        Raises:
+            ValueError: if the beam has not exactly one spring, or it would have to be shorter
+                than nothing.
+        """
+        spring = find_spring(beam)
+        natural = spring.natural_length - self.tension / spring.stiffness
+        if natural < 0.0:
+            most = spring.natural_length * spring.stiffness
+            raise ValueError(
+                f"tension = {self.tension} N would need a negative natural length; at most "
+                f"{most:.4g} N can be added"
+            )
+        tightened = replace(spring, natural_length=natural)
+        return replace(
+            beam, effects=tuple(tightened if e is spring else e for e in beam.effects)
+        )
+
+
+def find_spring(beam: Beam) -> Spring:
+    """Return the one spring of a beam.
+
+    Raises:
+        ValueError: if there is none, or more than one.
+    """
+    springs = [e for e in beam.effects if isinstance(e, Spring)]
+    if len(springs) != 1:
+        raise ValueError(f"the beam has {len(springs)} springs, this effect needs exactly one")
+    return springs[0]
