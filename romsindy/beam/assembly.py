@@ -182,9 +182,7 @@ class Assembly:
         residual, _ = self.residual(x)
         return solve(factors, -residual)
 
-    def tangents(
-        self, x: np.ndarray, v: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def tangents(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return (K, C), (n_elements, 9, 9): derivatives of the residual to x and to v.
 
         K leaves out how the material damping force turns with the section: a term of size

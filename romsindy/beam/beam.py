@@ -19,9 +19,9 @@ from romsindy.beam.statics import Control, find_displaced, find_equilibrium
 from romsindy.beam.validation import require_finite, require_position, require_positive
 
 if TYPE_CHECKING:
+    from romsindy.beam.collocation import RadauIIA
     from romsindy.beam.motion import Motion
     from romsindy.beam.sensors import Sensor, SensorArray
-    from romsindy.beam.collocation import RadauIIA
     from romsindy.model import ReducedModel
 
 
@@ -29,12 +29,17 @@ if TYPE_CHECKING:
 class Support:
     """What holds one end of the beam.
 
-    Args:
-        fixed: whether u, w and theta are held.
-        rotational_stiffness: spring [N m/rad] between the section and the ground.
+    Parameters
+    ----------
+    fixed
+        Whether u, w and theta are held.
+    rotational_stiffness
+        Spring [N m/rad] between the section and the ground.
 
-    Raises:
-        ValueError: for a negative stiffness.
+    Raises
+    ------
+    ValueError
+        For a negative stiffness.
     """
 
     fixed: tuple[bool, bool, bool] = (False, False, False)
@@ -58,10 +63,14 @@ CLAMPED = Support((True, True, True))
 class Shape:
     """A static state: nodal displacements and the load that holds them.
 
-    Attributes:
-        s: positions of the nodes on the undeformed axis [m], shape (n_nodes,).
-        displacement: (u, w, theta) [m, m, rad] from the straight rest, shape (n_nodes, 3).
-        load: the dead nodal load (fx, fy, moment) [N, N, N m] beside weight and effects.
+    Attributes
+    ----------
+    s
+        Positions of the nodes on the undeformed axis [m], shape (n_nodes,).
+    displacement
+        (u, w, theta) [m, m, rad] from the straight rest, shape (n_nodes, 3).
+    load
+        The dead nodal load (fx, fy, moment) [N, N, N m] beside weight and effects.
     """
 
     s: np.ndarray
@@ -85,19 +94,30 @@ class Shape:
 class Beam:
     """A planar, geometrically exact beam, straight at rest along x, with gravity and effects.
 
-    Args:
-        length: length [m].
-        section: stiffness and inertia of the cross-section.
-        elements: number of quadratic elements (two nodes each).
-        left, right: the supports.
-        gravity: acceleration (gx, gy) [m/s^2].
-        alpha: mass-proportional damping [1/s].
-        eta: stiffness-proportional damping [s]; acts on strain rates.
-        effects: point masses, springs and whatever `with_effect` has added.
+    Parameters
+    ----------
+    length
+        Length [m].
+    section
+        Stiffness and inertia of the cross-section.
+    elements
+        Number of quadratic elements (two nodes each).
+    left, right
+        The supports.
+    gravity
+        Acceleration (gx, gy) [m/s^2].
+    alpha
+        Mass-proportional damping [1/s].
+    eta
+        Stiffness-proportional damping [s]; acts on strain rates.
+    effects
+        Point masses, springs and whatever `with_effect` has added.
 
-    Raises:
-        ValueError: for a length that is not positive, fewer than one element, negative damping,
-            an effect off the beam, or a spring whose anchor is on its own point of the beam.
+    Raises
+    ------
+    ValueError
+        For a length that is not positive, fewer than one element, negative damping,
+        an effect off the beam, or a spring whose anchor is on its own point of the beam.
     """
 
     length: float
@@ -153,18 +173,28 @@ class Beam:
         spring_length; installed there it pulls with spring_pretension.  Zero `tip_mass` and
         `spring_stiffness` leave the bare cantilever.
 
-        Args:
-            length, width, thickness: dimensions [m]; the beam bends in the thickness direction.
-            young, poisson, density: material [Pa, -, kg/m^3].
-            tip_mass: mass [kg] at the tip.
-            spring_stiffness, spring_length, spring_pretension: [N/m], [m], [N]; the natural
-                length is spring_length - spring_pretension / spring_stiffness.
-            gravity: acceleration [m/s^2], downwards.
-            alpha, eta: Rayleigh damping [1/s], [s].
-            elements: number of quadratic elements.
+        Parameters
+        ----------
+        length, width, thickness
+            Dimensions [m]; the beam bends in the thickness direction.
+        young, poisson, density
+            Material [Pa, -, kg/m^3].
+        tip_mass
+            Mass [kg] at the tip.
+        spring_stiffness, spring_length, spring_pretension
+            [N/m], [m], [N]; the natural
+            length is spring_length - spring_pretension / spring_stiffness.
+        gravity
+            Acceleration [m/s^2], downwards.
+        alpha, eta
+            Rayleigh damping [1/s], [s].
+        elements
+            Number of quadratic elements.
 
-        Raises:
-            ValueError: for a value without physical meaning.
+        Raises
+        ------
+        ValueError
+            For a value without physical meaning.
 
         Source: the paper's parameters as reconstructed from the numbers that it prints
         (doi 10.1007/s11071-023-08813-z).
@@ -232,8 +262,10 @@ class Beam:
     def equilibrium(self, load: np.ndarray | None = None) -> Shape:
         """Return the equilibrium under weight, effects and an optional dead nodal load.
 
-        Raises:
-            NoEquilibriumError: if none is found, however small the load step.
+        Raises
+        ------
+        NoEquilibriumError
+            If none is found, however small the load step.
         """
         if load is None:
             return self._rest_equilibrium
@@ -246,22 +278,30 @@ class Beam:
     def modes(self, equilibrium: Shape | None = None, count: int = 10) -> ModalBasis:
         """Return the lowest `count` mass-normalised modes about an equilibrium (default: own).
 
-        Raises:
-            ValueError: if the mesh has fewer modes than asked for.
+        Raises
+        ------
+        ValueError
+            If the mesh has fewer modes than asked for.
         """
         return solve_modes(self.assembly, equilibrium or self.equilibrium(), count)
 
     def release_shape(self, tip_displacement: float, mode: int | None = None) -> Shape:
         """Return the static shape from which the beam is let go.
 
-        Args:
-            tip_displacement: transverse displacement [m] of the right end from its equilibrium.
-            mode: hold by the modal force f M phi of this mode (1, 2, ...), which leaves the other
-                modes almost at rest; None holds by a transverse force at the tip.
+        Parameters
+        ----------
+        tip_displacement
+            Transverse displacement [m] of the right end from its equilibrium.
+        mode
+            Hold by the modal force f M phi of this mode (1, 2, ...), which leaves the other
+            modes almost at rest; None holds by a transverse force at the tip.
 
-        Raises:
-            ValueError: for a mode that does not exist, or a displacement longer than the beam.
-            NoEquilibriumError: if the beam cannot be held there.
+        Raises
+        ------
+        ValueError
+            For a mode that does not exist, or a displacement longer than the beam.
+        NoEquilibriumError
+            If the beam cannot be held there.
         """
         require_finite("tip_displacement", tip_displacement)
         if abs(tip_displacement) >= self.length:
@@ -273,9 +313,7 @@ class Beam:
         tip = self.point_load((0.0, 1.0))
         pattern = tip if mode is None else self._modal_load(mode)
         goal = rest.tip[1] + tip_displacement
-        x, factor = find_displaced(
-            self.assembly, rest.displacement, pattern, Control(tip), goal
-        )
+        x, factor = find_displaced(self.assembly, rest.displacement, pattern, Control(tip), goal)
         return self.shape(x, factor * pattern)
 
     def _modal_load(self, mode: int) -> np.ndarray:

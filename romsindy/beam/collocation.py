@@ -10,7 +10,7 @@ with its displacement, and what the step cannot resolve (the axial vibration of 
 within it, as it does in reality.  Symplectic Gauss methods were tried and left: the axial
 vibration that they keep spoils both Newton's convergence and the acceleration.
 
-Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (2nd ed., 1996), IV.5, IV.8.
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II (2nd ed., 1996), IV.8.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.polynomial import Polynomial, legendre
 
-
 Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -28,9 +27,12 @@ Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 class RadauIIA:
     """The method with `stages` stages, of order 2 * stages - 1.
 
-    Attributes:
-        c: times of the stages as parts of the step; the last is 1.
-        A: the Butcher matrix, shape (stages, stages); its last row holds the weights b.
+    Attributes
+    ----------
+    c
+        Times of the stages as parts of the step; the last is 1.
+    A
+        The Butcher matrix, shape (stages, stages); its last row holds the weights b.
     """
 
     stages: int = 3
@@ -67,7 +69,7 @@ class RadauIIA:
         return 2 * self.stages - 1
 
     def extrapolation(self, ratio: float) -> np.ndarray:
-        """Return E: stages of the next step, `ratio` times as long, are about E @ stages of this."""
+        """Return E: stages of a next step, `ratio` times as long, are about E @ stages."""
         return np.array([[p(1.0 + ratio * c) for p in lagrange(self.c)] for c in self.c])
 
 

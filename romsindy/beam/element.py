@@ -82,11 +82,16 @@ def internal_force(
 
     Damping acts on the strain rate, seen in the rotating section, so a rigid rotation is free.
 
-    Args:
-        x, v: nodal displacements [m, m, rad] and velocities, shape (3, 3).
-        length: element length [m].
-        section: the cross-section's stiffness.
-        eta: stiffness-proportional damping [s].
+    Parameters
+    ----------
+    x, v
+        Nodal displacements [m, m, rad] and velocities, shape (3, 3).
+    length
+        Element length [m].
+    section
+        The cross-section's stiffness.
+    eta
+        Stiffness-proportional damping [s].
     """
     C = np.array([section.EA, section.GA, section.EI])
     force = np.zeros(DOFS)
@@ -97,9 +102,7 @@ def internal_force(
     return force.reshape(NODES, 3)
 
 
-def tangent(
-    x: np.ndarray, length: float, section: Section
-) -> tuple[np.ndarray, np.ndarray]:
+def tangent(x: np.ndarray, length: float, section: Section) -> tuple[np.ndarray, np.ndarray]:
     """Return (K, D), shape (9, 9) each: the tangent stiffness and its material part B^T C B.
 
     K is the exact derivative of the undamped internal force; eta * D that of the damping force

@@ -15,9 +15,12 @@ class NoEquilibriumError(RuntimeError):
 class StepTooLongError(RuntimeError):
     """Newton did not converge within a time step.
 
-    Attributes:
-        motion: the motion up to there.
-        step_to_try: a shorter step [s].
+    Attributes
+    ----------
+    motion
+        The motion up to there.
+    step_to_try
+        A shorter step [s].
     """
 
     def __init__(self, message: str, motion: Motion, step_to_try: float) -> None:

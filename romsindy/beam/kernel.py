@@ -266,7 +266,7 @@ def newton_update(  # type: ignore[no-untyped-def]
     for k in range(len(values)):
         b = np.zeros(size)
         for i in range(stages):
-            weight = -(h * values[k]) ** 2 * rows[k, i]
+            weight = -((h * values[k]) ** 2) * rows[k, i]
             for n in range(size):
                 b[n] += weight * flat[i, n]
         solve(factors[k], b)
@@ -277,7 +277,7 @@ def newton_update(  # type: ignore[no-untyped-def]
     for k in range(len(cvalues)):
         cb = np.zeros(size, dtype=np.complex128)
         for i in range(stages):
-            cweight = -(h * cvalues[k]) ** 2 * crows[k, i]
+            cweight = -((h * cvalues[k]) ** 2) * crows[k, i]
             for n in range(size):
                 cb[n] += cweight * flat[i, n]
         solve(cfactors[k], cb)
@@ -292,7 +292,7 @@ def newton_update(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def apply_increments(dX, X, V, a, h, A, to_acceleration):  # type: ignore[no-untyped-def]
-    """Add displacement increments to the stages, with the velocities and accelerations they mean."""
+    """Add displacement increments to the stages, and the velocities and accelerations of these."""
     stages, n_nodes = X.shape[0], X.shape[1]
     change = largest = 0.0
     da = np.zeros(stages)
@@ -318,5 +318,5 @@ def apply_increments(dX, X, V, a, h, A, to_acceleration):  # type: ignore[no-unt
 
 def is_compiled() -> bool:
     """Tell whether the compiled code is in memory or in numba's cache on disk."""
-    cache = Path(newton_update.stats.cache_path)
+    cache = Path(newton_update.stats.cache_path or ".")
     return bool(newton_update.signatures) or any(cache.glob("kernel.newton_update*.nbi"))

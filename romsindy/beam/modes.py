@@ -22,13 +22,19 @@ if TYPE_CHECKING:
 class ModalBasis:
     """Mass-normalised modes about an equilibrium; the tip (right end) moves up in each.
 
-    Attributes:
-        omega: angular frequencies [rad/s], shape (n_modes,).
-        shapes: mode shapes (u, w, theta) [kg^-1/2, kg^-1/2, rad m^-1 kg^-1/2], shape
-            (n_modes, n_nodes, 3).
-        momenta: M phi, same shape; q = sum(momenta * (x - x_equilibrium)) [kg^1/2 m].
-        equilibrium: the static state about which they are taken.
-        axial: share of the modal kinetic energy that is axial, shape (n_modes,).
+    Attributes
+    ----------
+    omega
+        Angular frequencies [rad/s], shape (n_modes,).
+    shapes
+        Mode shapes (u, w, theta) [kg^-1/2, kg^-1/2, rad m^-1 kg^-1/2], shape
+        (n_modes, n_nodes, 3).
+    momenta
+        M phi, same shape; q = sum(momenta * (x - x_equilibrium)) [kg^1/2 m].
+    equilibrium
+        The static state about which they are taken.
+    axial
+        Share of the modal kinetic energy that is axial, shape (n_modes,).
     """
 
     omega: np.ndarray
@@ -45,8 +51,10 @@ class ModalBasis:
     def index(self, mode: int) -> int:
         """Return the row of mode 1, 2, ...
 
-        Raises:
-            ValueError: for a mode that is not in the basis.
+        Raises
+        ------
+        ValueError
+            For a mode that is not in the basis.
         """
         if not 1 <= mode <= len(self.omega):
             raise ValueError(
@@ -70,9 +78,11 @@ class ModalBasis:
     def project(self, motion: Motion, mode: int = 1) -> Decay:
         """Return q, q_dot, q_ddot of one mode of a motion.
 
-        Raises:
-            ValueError: for a mode that does not exist, or a motion that was recorded in other
-                modes and without its full field.
+        Raises
+        ------
+        ValueError
+            For a mode that does not exist, or a motion that was recorded in other
+            modes and without its full field.
         """
         column = self.index(mode)
         q, q_dot, q_ddot = motion.modal(self)
@@ -93,9 +103,12 @@ def assembled(assembly: Assembly, matrices: np.ndarray) -> tuple[csc_array, np.n
 def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasis:
     """Return the lowest `count` modes about an equilibrium: K phi = omega^2 M phi.
 
-    Raises:
-        ValueError: if `count` is not between 1 and what the mesh can carry.
-        NoEquilibriumError: if the equilibrium is unstable.
+    Raises
+    ------
+    ValueError
+        If `count` is not between 1 and what the mesh can carry.
+    NoEquilibriumError
+        If the equilibrium is unstable.
     """
     stiffness, _ = assembly.tangents(equilibrium.displacement)
     K, free = assembled(assembly, stiffness)
@@ -107,9 +120,9 @@ def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasi
         )
     start = np.ones(len(free))  # a fixed start vector makes the result repeatable
     values, vectors = eigsh(K, k=count, M=M, sigma=0.0, which="LM", v0=start)
-    shapes = np.zeros((count, assembly.n_nodes * 3))
-    shapes[:, free] = vectors.T[np.argsort(values)]
-    shapes = shapes.reshape(count, assembly.n_nodes, 3)
+    flat = np.zeros((count, assembly.n_nodes * 3))
+    flat[:, free] = vectors.T[np.argsort(values)]
+    shapes = flat.reshape(count, assembly.n_nodes, 3)
     momenta = np.array([assembly.mass_times(phi) for phi in shapes])
     scale = np.array([_sign(phi) for phi in shapes])
     scale /= np.sqrt(np.sum(shapes * momenta, axis=(1, 2)))

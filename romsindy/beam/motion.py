@@ -17,11 +17,16 @@ if TYPE_CHECKING:
 class EnergyBalance:
     """Energies over time [J], relative to the equilibrium; each of shape (n_samples,).
 
-    Attributes:
-        kinetic: of beam and masses.
-        strain: stored in the beam and in elastic clamps.
-        potential: of gravity and of the effects that store energy (springs, magnets, stops).
-        dissipated: what damping and dissipative effects have taken since the release.
+    Attributes
+    ----------
+    kinetic
+        Of beam and masses.
+    strain
+        Stored in the beam and in elastic clamps.
+    potential
+        Of gravity and of the effects that store energy (springs, magnets, stops).
+    dissipated
+        What damping and dissipative effects have taken since the release.
     """
 
     kinetic: np.ndarray
@@ -62,17 +67,27 @@ class History:
 class Motion:
     """A simulated motion, sampled uniformly.
 
-    Attributes:
-        t: time [s], shape (n_samples,).
-        basis: the modes in which it was recorded.
-        coordinates: q, q_dot, q_ddot of these modes, (n_samples, n_modes) [kg^1/2 m, per s, s^2].
-        energy: the energy balance.
-        cost: time steps, iterations, seconds.
-        stop_reason: "completed", or why it ended early.
-        sensors: histories of the sensors [m], from equilibrium; None where none were given.
-        sensor_array: these sensors.
-        field: all nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or
-            None unless asked for.
+    Attributes
+    ----------
+    t
+        Time [s], shape (n_samples,).
+    basis
+        The modes in which it was recorded.
+    coordinates
+        Q, q_dot, q_ddot of these modes, (n_samples, n_modes) [kg^1/2 m, per s, s^2].
+    energy
+        The energy balance.
+    cost
+        Time steps, iterations, seconds.
+    stop_reason
+        "completed", or why it ended early.
+    sensors
+        Histories of the sensors [m], from equilibrium; None where none were given.
+    sensor_array
+        These sensors.
+    field
+        All nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or
+        None unless asked for.
     """
 
     t: np.ndarray
@@ -88,17 +103,19 @@ class Motion:
     def __repr__(self) -> str:
         dt = self.t[1] - self.t[0] if len(self.t) > 1 else 0.0
         return (
-            f"Motion({self.t[-1]:.6g} s in {len(self.t)} samples of {dt:.6g} s, {self.stop_reason}; "
-            f"energy drift {self.energy.drift:.1e},\n       {self.cost.steps} steps, "
+            f"Motion({self.t[-1]:.6g} s in {len(self.t)} samples of {dt:.6g} s, "
+            f"{self.stop_reason}; energy drift {self.energy.drift:.1e},\n       {self.cost.steps} steps, "
             f"{self.cost.iterations} iterations, {self.cost.seconds:.3g} s)"
         )
 
     def modal(self, basis: ModalBasis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return q, q_dot, q_ddot, (n_samples, n_modes) each, in the modes of `basis`.
 
-        Raises:
-            ValueError: if the motion was recorded in other modes, or fewer, and its full field was
-                not kept.
+        Raises
+        ------
+        ValueError
+            If the motion was recorded in other modes, or fewer, and its full field was
+            not kept.
         """
         if self.field is not None:
             shape = (len(self.t), *basis.shapes.shape[1:])

@@ -36,12 +36,18 @@ if TYPE_CHECKING:
 class StaticCases:
     """Static shapes under a modal force.
 
-    Attributes:
-        mode: number of the mode that is forced.
-        basis: the modes about the equilibrium.
-        q: modal displacement of each case [kg^1/2 m], shape (n_cases,).
-        force: f, so that f M phi is the load [kg^1/2 m/s^2], shape (n_cases,).
-        displacement: from the straight rest, shape (n_cases, n_nodes, 3).
+    Attributes
+    ----------
+    mode
+        Number of the mode that is forced.
+    basis
+        The modes about the equilibrium.
+    q
+        Modal displacement of each case [kg^1/2 m], shape (n_cases,).
+    force
+        F, so that f M phi is the load [kg^1/2 m/s^2], shape (n_cases,).
+    displacement
+        From the straight rest, shape (n_cases, n_nodes, 3).
     """
 
     mode: int
@@ -63,9 +69,12 @@ def solve_static_cases(beam: Beam, mode: int, amplitude: float, cases: int) -> S
 
     The values are evenly spaced; each direction is walked outwards from the equilibrium.
 
-    Raises:
-        ValueError: for an amplitude that is not positive, or a mode that does not exist.
-        NoEquilibriumError: if the beam cannot be held that far.
+    Raises
+    ------
+    ValueError
+        For an amplitude that is not positive, or a mode that does not exist.
+    NoEquilibriumError
+        If the beam cannot be held that far.
     """
     require_positive("amplitude", amplitude)
     if mode < 1:
@@ -98,17 +107,26 @@ def reduce(
     amplitude range.  On a wide range they are the best polynomial, not the Taylor series: an
     order well above the one of interest comes close to that.
 
-    Args:
-        beam: the beam; damping is left out.
-        mode: the mode, counted from 1.
-        order: highest power of q in the force; the inertia goes to q^(order - 1).
-        amplitude: largest |q| [kg^1/2 m].
-        cases: number of static cases, both directions together.
+    Parameters
+    ----------
+    beam
+        The beam; damping is left out.
+    mode
+        The mode, counted from 1.
+    order
+        Highest power of q in the force; the inertia goes to q^(order - 1).
+    amplitude
+        Largest |q| [kg^1/2 m].
+    cases
+        Number of static cases, both directions together.
 
-    Raises:
-        ValueError: for an order below 3, too few cases, an amplitude that is not positive, or a
-            mode that does not exist.
-        NoEquilibriumError: if the beam cannot be held that far.
+    Raises
+    ------
+    ValueError
+        For an order below 3, too few cases, an amplitude that is not positive, or a
+        mode that does not exist.
+    NoEquilibriumError
+        If the beam cannot be held that far.
     """
     if order < 3:
         raise ValueError(f"order = {order} leaves no inertia term; give 3 or more")
@@ -168,9 +186,10 @@ def relative_error(
     A coefficient that was not identified counts as zero, so its error is one; one that is truly
     zero has no relative error (nan).
 
-    Example:
-        >>> relative_error({"omega^2": 36.9}, {"omega^2": 36.0})
-        {'omega^2': 0.025}
+    Examples
+    --------
+    >>> relative_error({"omega^2": 36.9}, {"omega^2": 36.0})
+    {'omega^2': 0.025}
     """
     found, true = (
         m.coefficients if isinstance(m, ReducedModel) else m for m in (identified, truth)

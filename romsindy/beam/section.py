@@ -11,15 +11,23 @@ from romsindy.beam.validation import require_positive
 class Section:
     """Stiffness and inertia of a cross-section about its centroid.
 
-    Args:
-        EA: axial stiffness [N].
-        GA: shear stiffness, correction factor included [N].
-        EI: bending stiffness [N m^2].
-        mass: mass per unit length [kg/m].
-        rotary_inertia: rotary inertia per unit length [kg m].
+    Parameters
+    ----------
+    EA
+        Axial stiffness [N].
+    GA
+        Shear stiffness, correction factor included [N].
+    EI
+        Bending stiffness [N m^2].
+    mass
+        Mass per unit length [kg/m].
+    rotary_inertia
+        Rotary inertia per unit length [kg m].
 
-    Raises:
-        ValueError: for a value that is not positive (rotary_inertia may be zero).
+    Raises
+    ------
+    ValueError
+        For a value that is not positive (rotary_inertia may be zero).
     """
 
     EA: float
@@ -45,13 +53,16 @@ class Section:
     ) -> Section:
         """Make a solid rectangle that bends about its `width` axis (SI units).
 
-        Raises:
-            ValueError: for a dimension, modulus or density that is not positive, or a Poisson
-                ratio outside (-1, 0.5].
+        Raises
+        ------
+        ValueError
+            For a dimension, modulus or density that is not positive, or a Poisson
+            ratio outside (-1, 0.5].
 
-        Example:
-            >>> Section.rectangle(0.025, 0.001, young=210e9, density=7800).EI
-            0.4375
+        Examples
+        --------
+        >>> Section.rectangle(0.025, 0.001, young=210e9, density=7800).EI
+        0.4375
         """
         for name, value in {
             "width": width,

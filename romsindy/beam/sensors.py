@@ -25,12 +25,17 @@ AXIAL = (1.0, 0.0)
 class Sensor:
     """A displacement sensor.
 
-    Args:
-        at: position on the undeformed axis [m].
-        direction: (x, y), of any length; (0, 1) is transverse, (1, 0) axial.
+    Parameters
+    ----------
+    at
+        Position on the undeformed axis [m].
+    direction
+        (x, y), of any length; (0, 1) is transverse, (1, 0) axial.
 
-    Raises:
-        ValueError: for a direction of length zero.
+    Raises
+    ------
+    ValueError
+        For a direction of length zero.
     """
 
     at: float
@@ -47,9 +52,12 @@ class Sensor:
 class SensorArray:
     """Sensors on a beam.
 
-    Attributes:
-        sensors: the sensors, one channel each.
-        rows: what each reads of the nodal displacements, shape (n_channels, n_nodes * 3).
+    Attributes
+    ----------
+    sensors
+        The sensors, one channel each.
+    rows
+        What each reads of the nodal displacements, shape (n_channels, n_nodes * 3).
     """
 
     sensors: tuple[Sensor, ...]
@@ -57,25 +65,28 @@ class SensorArray:
 
     @property
     def labels(self) -> list[str]:
-        """A name for each channel, such as "s=0.45,y"."""
+        """A name for each channel, such as "y(0.45)": direction and position [m]."""
         axes = {TRANSVERSE: "y", AXIAL: "x"}
-        return [
-            f"s={s.at:g},{axes.get(s.direction, '({:g} {:g})'.format(*s.direction))}"
-            for s in self.sensors
-        ]
+        return [f"{axes.get(s.direction, 'd')}({s.at:g})" for s in self.sensors]
 
     def measure(
         self, motion: Motion, snr_db: float | None = None, seed: int | None = 0
     ) -> np.ndarray:
         """Return displacements [m] from equilibrium, (n_samples, n_channels), noisy if asked.
 
-        Args:
-            motion: simulated with these sensors, or with its full field kept.
-            snr_db: signal-to-noise ratio [dB] of each channel, rms over the record; None is clean.
-            seed: of the noise.
+        Parameters
+        ----------
+        motion
+            Simulated with these sensors, or with its full field kept.
+        snr_db
+            Signal-to-noise ratio [dB] of each channel, rms over the record; None is clean.
+        seed
+            Of the noise.
 
-        Raises:
-            ValueError: if the motion did not record these sensors.
+        Raises
+        ------
+        ValueError
+            If the motion did not record these sensors.
         """
         return add_noise(self._clean(motion), snr_db, seed)
 
@@ -96,8 +107,10 @@ class SensorArray:
     ) -> np.ndarray:
         """Return the first `modes` mode shapes at the sensors, (n_channels, modes).
 
-        Raises:
-            ValueError: if there are fewer sensors than modes, or the basis has fewer modes.
+        Raises
+        ------
+        ValueError
+            If there are fewer sensors than modes, or the basis has fewer modes.
         """
         basis.index(modes)
         if modes > len(self.sensors):
@@ -121,12 +134,18 @@ class SensorArray:
         Noise goes on displacements and on mode shapes; the pseudo-inverse of the noisy shapes
         gives q = Phi^+ x (the paper's eq. 21 and section 5).
 
-        Args:
-            motion: simulated with these sensors.
-            modes: number of modes that are told apart.
-            snr_db: signal-to-noise ratio [dB] of both; None is clean.
-            seed: of both noises.
-            basis: the modes (default: those in which the motion was recorded).
+        Parameters
+        ----------
+        motion
+            Simulated with these sensors.
+        modes
+            Number of modes that are told apart.
+        snr_db
+            Signal-to-noise ratio [dB] of both; None is clean.
+        seed
+            Of both noises.
+        basis
+            The modes (default: those in which the motion was recorded).
         """
         x = self.measure(motion, snr_db, seed)
         phi = self.mode_shapes(basis or motion.basis, modes, snr_db, seed + 1)
@@ -146,8 +165,10 @@ def add_noise(signal: np.ndarray, snr_db: float | None, seed: int | None) -> np.
 def place_sensors(beam: Beam, sensors: Sequence[Sensor | float]) -> SensorArray:
     """Return the sensors on a beam; a bare position [m] stands for a transverse and an axial one.
 
-    Raises:
-        ValueError: for no sensors, or one off the beam.
+    Raises
+    ------
+    ValueError
+        For no sensors, or one off the beam.
     """
     placed: list[Sensor] = []
     for sensor in sensors:

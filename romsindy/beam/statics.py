@@ -94,8 +94,10 @@ def _march(solve_at: Callable[[float, _State], _State | None], start: _State) ->
 def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> np.ndarray:
     """Return the displacement, (n_nodes, 3), under weight, effects and a dead nodal load [N, N m].
 
-    Raises:
-        NoEquilibriumError: if no equilibrium is found, however small the load step.
+    Raises
+    ------
+    NoEquilibriumError
+        If no equilibrium is found, however small the load step.
     """
     pattern = np.zeros_like(assembly.weight) if load is None else _free(assembly, load)
 
@@ -124,8 +126,10 @@ def find_displaced(
 
     The path starts from the equilibrium `start` under `factor * pattern`.
 
-    Raises:
-        NoEquilibriumError: if there is no such equilibrium on the path.
+    Raises
+    ------
+    NoEquilibriumError
+        If there is no such equilibrium on the path.
     """
     pattern = _free(assembly, pattern)
     first = control.measure(start)

@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from romsindy.beam import kernel
-from romsindy.beam.assembly import Assembly, factorise
+from romsindy.beam.assembly import Assembly
 from romsindy.beam.collocation import RadauIIA
 from romsindy.beam.errors import StepTooLongError
 from romsindy.beam.modes import ModalBasis
@@ -71,7 +71,7 @@ class Integrator:
         return _State(x, np.zeros_like(x), np.zeros((self._method.stages, *x.shape)), 0.0)
 
     def step(self, state: _State, h: float) -> tuple[_State, float] | None:
-        """Return the state after a step of h [s] and the energy dissipated [J]; None if it fails."""
+        """Return the state after a step of h [s] and the energy dissipated [J]; None on failure."""
         X, V, a = self._predict(state, h)
         theta = self._factorise(X, V, h)
         rate, change = 1.0, 0.0
@@ -163,7 +163,7 @@ class Stepper:
         self._budget = budget
         self._level = 0
         # Drift per time goes with h^order: coarsen only with that, and some more, in hand.
-        self._margin = 0.5**(order + 1)
+        self._margin = 0.5 ** (order + 1)
         self.state = state
         self.dissipated = 0.0
         self.energies = self._energies_of(state)
@@ -228,24 +228,38 @@ def simulate(
     which neither stretches nor shears, since the axial waves that the release starts die long
     before the next sample.
 
-    Args:
-        beam: the beam.
-        shape: where it is let go.
-        duration: time to follow [s].
-        step: sampling interval and longest time step [s].
-        energy_tolerance: how far kinetic + strain + potential + dissipated energy may drift over
-            the whole motion, relative to the energy at release.
-        modes: the modes to record (default: the first ten about the beam's own equilibrium).
-        sensors: sensors to record.
-        keep_field: whether to keep every node's motion as well (20 kB per sample at 150 elements).
-        method: the collocation method (default: Radau IIA of order 5).
-        progress: whether to show a progress bar.
+    Parameters
+    ----------
+    beam
+        The beam.
+    shape
+        Where it is let go.
+    duration
+        Time to follow [s].
+    step
+        Sampling interval and longest time step [s].
+    energy_tolerance
+        How far kinetic + strain + potential + dissipated energy may drift over
+        the whole motion, relative to the energy at release.
+    modes
+        The modes to record (default: the first ten about the beam's own equilibrium).
+    sensors
+        Sensors to record.
+    keep_field
+        Whether to keep every node's motion as well (20 kB per sample at 150 elements).
+    method
+        The collocation method (default: Radau IIA of order 5).
+    progress
+        Whether to show a progress bar.
 
-    Raises:
-        ValueError: for a duration, step or tolerance that is not positive, or a shape of another
-            mesh.
-        StepTooLongError: if Newton fails even in steps of step / 1024; the error carries the
-            motion up to there and a step to try.
+    Raises
+    ------
+    ValueError
+        For a duration, step or tolerance that is not positive, or a shape of another
+        mesh.
+    StepTooLongError
+        If Newton fails even in steps of step / 1024; the error carries the
+        motion up to there and a step to try.
     """
     require_positive("duration", duration)
     require_positive("step", step)
@@ -265,7 +279,8 @@ def simulate(
     integrator = Integrator(assembly, method)
     start = shape.displacement
     acceleration = assembly.thin_acceleration(start, stiffening=0.01)
-    rest_energy = (0.0, assembly.strain(equilibrium.displacement), assembly.potential(equilibrium.displacement))
+    rest = equilibrium.displacement
+    rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     stored = assembly.strain(start) + assembly.potential(start)
     released = abs(stored - sum(rest_energy))
     budget = Budget(

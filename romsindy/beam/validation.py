@@ -12,7 +12,7 @@ def require_finite(name: str, value: float) -> None:
 
 
 def require_positive(name: str, value: float, *, zero_allowed: bool = False) -> None:
-    """Raise ValueError unless `value` is finite and positive (or zero, where that has a meaning)."""
+    """Raise ValueError unless `value` is finite and positive (or zero, where allowed)."""
     require_finite(name, value)
     if value < 0.0 or (value == 0.0 and not zero_allowed):
         bound = "zero or positive" if zero_allowed else "positive"

@@ -5,8 +5,8 @@ The contract for a new effect, one small file:
 * a frozen dataclass that derives from `PointEffect` (a force at one point), `LineEffect` (a force
   per unit length) or `Effect` (then override `applied_to`, which returns the changed beam);
 * `force(point)` gives (fx, fy, moment) acting on the beam, in N and N m (per metre for a line);
-* `tangent(point)` = -d force / d(x, y, theta), `damping_tangent(point)` = -d force / d velocity, each as
-  three rows of three; leave out what is zero;
+* `tangent(point)` = -d force / d(x, y, theta) and `damping_tangent(point)` = -d force / d velocity,
+  each as three rows of three; leave out what is zero;
 * an effect either stores energy (override `potential`) or dissipates it (potential zero, and
   force times velocity never positive): the energy balance counts on that.
 
@@ -44,7 +44,7 @@ class Point(NamedTuple):
     theta_dot: Any = 0.0
 
 
-class Effect(ABC):
+class Effect:
     """Anything that `Beam.with_effect` accepts."""
 
     def applied_to(self, beam: Beam) -> Beam:
@@ -52,7 +52,7 @@ class Effect(ABC):
         return replace(beam, effects=(*beam.effects, self))
 
 
-class ForceEffect(Effect):
+class ForceEffect(Effect, ABC):
     """An effect that is a force."""
 
     @abstractmethod
@@ -76,8 +76,10 @@ class ForceEffect(Effect):
 class PointEffect(ForceEffect):
     """A force at one point.
 
-    Args:
-        at: position on the undeformed axis [m]; None is the right end, the tip of a cantilever.
+    Parameters
+    ----------
+    at
+        Position on the undeformed axis [m]; None is the right end, the tip of a cantilever.
     """
 
     at: float | None = None

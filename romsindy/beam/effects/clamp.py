@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 class ClampCompliance(Effect):
     """Rotational compliance of the left clamp.
 
-    Args:
-        compliance: rotation per moment [rad/(N m)].
+    Parameters
+    ----------
+    compliance
+        Rotation per moment [rad/(N m)].
     """
 
     compliance: float

@@ -13,9 +13,12 @@ from romsindy.beam.validation import require_finite
 class CubicSpring(DirectedEffect):
     """A spring to the ground, f = -linear d - cubic d^3, slack on the undeformed beam.
 
-    Args:
-        linear: stiffness [N/m].
-        cubic: cubic stiffness [N/m^3]; negative softens.
+    Parameters
+    ----------
+    linear
+        Stiffness [N/m].
+    cubic
+        Cubic stiffness [N/m^3]; negative softens.
     """
 
     linear: float = 0.0

@@ -12,8 +12,10 @@ from romsindy.beam.validation import require_positive
 class Dashpot(DirectedEffect):
     """A damper to the ground, f = -coefficient d_dot.
 
-    Args:
-        coefficient: viscous coefficient [N s/m].
+    Parameters
+    ----------
+    coefficient
+        Viscous coefficient [N s/m].
     """
 
     coefficient: float = 1.0

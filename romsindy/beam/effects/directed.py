@@ -15,12 +15,17 @@ class DirectedEffect(PointEffect):
 
     d is counted from the undeformed beam [m].
 
-    Args:
-        at: position on the undeformed axis [m]; None is the right end.
-        direction: (x, y), of any length; (0, 1) is transverse, upwards.
+    Parameters
+    ----------
+    at
+        Position on the undeformed axis [m]; None is the right end.
+    direction
+        (x, y), of any length; (0, 1) is transverse, upwards.
 
-    Raises:
-        ValueError: for a direction of length zero.
+    Raises
+    ------
+    ValueError
+        For a direction of length zero.
     """
 
     direction: tuple[float, float] = (0.0, 1.0)

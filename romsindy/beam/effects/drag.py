@@ -16,10 +16,14 @@ class Drag(LineEffect):
 
     v_n is the velocity normal to the section's own axis; the motion along it is free.
 
-    Args:
-        coefficient: drag coefficient c_d [-]; a flat plate has 1.2 to 2.
-        width: width of the beam across the flow [m].
-        density: of the fluid [kg/m^3].
+    Parameters
+    ----------
+    coefficient
+        Drag coefficient c_d [-]; a flat plate has 1.2 to 2.
+    width
+        Width of the beam across the flow [m].
+    density
+        Of the fluid [kg/m^3].
     """
 
     coefficient: float = 1.2

@@ -19,10 +19,13 @@ if TYPE_CHECKING:
 class Friction(DirectedEffect):
     """Coulomb friction against the ground, f = -limit tanh(d_dot / creep).
 
-    Args:
-        limit: friction force [N].
-        creep: velocity [m/s] below which the force turns round smoothly; small against the
-            velocities of interest.
+    Parameters
+    ----------
+    limit
+        Friction force [N].
+    creep
+        Velocity [m/s] below which the force turns round smoothly; small against the
+        velocities of interest.
     """
 
     limit: float = 0.01
@@ -44,10 +47,14 @@ class Friction(DirectedEffect):
 class SpringFriction(PointEffect):
     """Coulomb friction inside the spring: limit tanh(l_dot / creep) against its lengthening l_dot.
 
-    Args:
-        limit: friction force [N].
-        creep: see `Friction` [m/s].
-        anchor: fixed end (x, y) [m]; None takes place and anchor from the beam's own spring.
+    Parameters
+    ----------
+    limit
+        Friction force [N].
+    creep
+        See `Friction` [m/s].
+    anchor
+        Fixed end (x, y) [m]; None takes place and anchor from the beam's own spring.
     """
 
     limit: float = 0.01
@@ -61,8 +68,10 @@ class SpringFriction(PointEffect):
     def applied_to(self, beam: Beam) -> Beam:
         """Return `beam` with friction in its spring.
 
-        Raises:
-            ValueError: if no anchor was given and the beam has not exactly one spring.
+        Raises
+        ------
+        ValueError
+            If no anchor was given and the beam has not exactly one spring.
         """
         effect = self
         if self.anchor is None:

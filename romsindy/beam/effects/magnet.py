@@ -13,11 +13,16 @@ from romsindy.beam.validation import require_finite, require_positive
 class Magnet(PointEffect):
     """A force strength / r^power from a point of the beam towards a fixed magnet.
 
-    Args:
-        at: position on the undeformed axis [m]; None is the right end.
-        strength: force times distance^power [N m^power]; negative repels.
-        position: (x, y) of the magnet [m].
-        power: exponent, above 1; 4 is that of two dipoles.
+    Parameters
+    ----------
+    at
+        Position on the undeformed axis [m]; None is the right end.
+    strength
+        Force times distance^power [N m^power]; negative repels.
+    position
+        (x, y) of the magnet [m].
+    power
+        Exponent, above 1; 4 is that of two dipoles.
     """
 
     strength: float = 1e-6

@@ -12,13 +12,19 @@ from romsindy.beam.validation import require_positive
 class AddedMass(Effect):
     """A mass clamped to a point of the beam.
 
-    Args:
-        mass: mass [kg].
-        at: position on the undeformed axis [m]; None is the right end.
-        rotary_inertia: moment of inertia about the point [kg m^2].
+    Parameters
+    ----------
+    mass
+        Mass [kg].
+    at
+        Position on the undeformed axis [m]; None is the right end.
+    rotary_inertia
+        Moment of inertia about the point [kg m^2].
 
-    Raises:
-        ValueError: for a negative mass or inertia.
+    Raises
+    ------
+    ValueError
+        For a negative mass or inertia.
     """
 
     mass: float

@@ -17,14 +17,21 @@ if TYPE_CHECKING:
 class Spring(PointEffect):
     """A spring from a point of the beam to a fixed anchor, force k (l - l0) along itself.
 
-    Args:
-        at: position on the undeformed axis [m]; None is the right end.
-        stiffness: stiffness k [N/m].
-        anchor: (x, y) of the fixed end [m]; x runs along the undeformed beam from its left end.
-        natural_length: length l0 [m] at which the spring is free of force.
+    Parameters
+    ----------
+    at
+        Position on the undeformed axis [m]; None is the right end.
+    stiffness
+        Stiffness k [N/m].
+    anchor
+        (x, y) of the fixed end [m]; x runs along the undeformed beam from its left end.
+    natural_length
+        Length l0 [m] at which the spring is free of force.
 
-    Raises:
-        ValueError: for a negative stiffness or natural length, or an anchor that is not finite.
+    Raises
+    ------
+    ValueError
+        For a negative stiffness or natural length, or an anchor that is not finite.
     """
 
     stiffness: float = 1.0
@@ -65,8 +72,10 @@ class Spring(PointEffect):
 class ExtraTension(Effect):
     """More (or less) tension in the beam's spring, by a shorter natural length.
 
-    Args:
-        tension: added tension [N] at the spring's present length.
+    Parameters
+    ----------
+    tension
+        Added tension [N] at the spring's present length.
     """
 
     tension: float
@@ -77,9 +86,11 @@ class ExtraTension(Effect):
     def applied_to(self, beam: Beam) -> Beam:
         """Return `beam` with its spring tightened.
 
-        Raises:
-            ValueError: if the beam has not exactly one spring, or it would have to be shorter
-                than nothing.
+        Raises
+        ------
+        ValueError
+            If the beam has not exactly one spring, or it would have to be shorter
+            than nothing.
         """
         spring = find_spring(beam)
         natural = spring.natural_length - self.tension / spring.stiffness
@@ -90,16 +101,16 @@ class ExtraTension(Effect):
                 f"{most:.4g} N can be added"
             )
         tightened = replace(spring, natural_length=natural)
-        return replace(
-            beam, effects=tuple(tightened if e is spring else e for e in beam.effects)
-        )
+        return replace(beam, effects=tuple(tightened if e is spring else e for e in beam.effects))
 
 
 def find_spring(beam: Beam) -> Spring:
     """Return the one spring of a beam.
 
-    Raises:
-        ValueError: if there is none, or more than one.
+    Raises
+    ------
+    ValueError
+        If there is none, or more than one.
     """
     springs = [e for e in beam.effects if isinstance(e, Spring)]
     if len(springs) != 1:

@@ -14,13 +14,19 @@ from romsindy.beam.validation import require_positive
 class Stop(DirectedEffect):
     """An elastic stop: no force inside the gap, stiffness times penetration beyond it.
 
-    Args:
-        stiffness: contact stiffness [N/m].
-        above: displacement d [m] at which the upper stop is met; None is no upper stop.
-        below: displacement d [m] at which the lower stop is met; None is no lower stop.
+    Parameters
+    ----------
+    stiffness
+        Contact stiffness [N/m].
+    above
+        Displacement d [m] at which the upper stop is met; None is no upper stop.
+    below
+        Displacement d [m] at which the lower stop is met; None is no lower stop.
 
-    Raises:
-        ValueError: if there is no stop at all, or the lower is not below the upper.
+    Raises
+    ------
+    ValueError
+        If there is no stop at all, or the lower is not below the upper.
     """
 
     stiffness: float = 1e4
