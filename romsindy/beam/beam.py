@@ -304,15 +304,15 @@ class Beam:
             If the beam cannot be held there.
         """
         require_finite("tip_displacement", tip_displacement)
-        if abs(tip_displacement) >= self.length:
+        rest = self.equilibrium()
+        goal = rest.tip[1] + tip_displacement
+        if abs(goal) >= self.length:
             raise ValueError(
                 f"tip_displacement = {tip_displacement} m is beyond the reach of a beam of "
-                f"{self.length} m; ask for less"
+                f"{self.length} m whose tip rests at {rest.tip[1]:.3g} m; ask for less"
             )
-        rest = self.equilibrium()
         tip = self.point_load((0.0, 1.0))
         pattern = tip if mode is None else self._modal_load(mode)
-        goal = rest.tip[1] + tip_displacement
         x, factor = find_displaced(self.assembly, rest.displacement, pattern, Control(tip), goal)
         return self.shape(x, factor * pattern)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import LinAlgError, eigh
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import eigsh
 
@@ -16,6 +17,11 @@ from romsindy.decay import Decay
 if TYPE_CHECKING:
     from romsindy.beam.beam import Shape
     from romsindy.beam.motion import Motion
+
+
+# up to this size a dense solve is quick, and it also serves meshes that are too small for Arnoldi
+_DENSE = 120
+_UNSTABLE = "the equilibrium is not stable; support the beam, or find another equilibrium"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +124,7 @@ def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasi
             f"count = {count} modes were asked for; this mesh has 1 to {len(free) - 2} of them: "
             "ask for fewer, or use more elements"
         )
-    start = np.ones(len(free))  # a fixed start vector makes the result repeatable
-    values, vectors = eigsh(K, k=count, M=M, sigma=0.0, which="LM", v0=start)
+    values, vectors = _eigenpairs(K, M, count)
     flat = np.zeros((count, assembly.n_nodes * 3))
     flat[:, free] = vectors.T[np.argsort(values)]
     shapes = flat.reshape(count, assembly.n_nodes, 3)
@@ -132,10 +137,25 @@ def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasi
     squares = [assembly.modal_stiffness(equilibrium.displacement, phi) for phi in shapes]
     if min(squares) <= 0.0:
         raise NoEquilibriumError(
-            f"the equilibrium is not stable: omega^2 = {min(squares):.4g} 1/s^2 of its lowest "
-            "mode; support the beam, or find another equilibrium"
+            f"{_UNSTABLE} (omega^2 = {min(squares):.4g} 1/s^2)"
         )
     return ModalBasis(np.sqrt(squares), shapes, momenta, equilibrium, axial)
+
+
+def _eigenpairs(K: csc_array, M: csc_array, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the `count` smallest omega^2 and their shapes as columns, in any order."""
+    size = K.shape[0]
+    if size <= _DENSE:
+        # M phi = phi K / omega^2: K may be inverted, M not if there is no rotary inertia
+        try:
+            inverses, vectors = eigh(
+                M.toarray(), K.toarray(), subset_by_index=(size - count, size - 1)
+            )
+        except LinAlgError:
+            raise NoEquilibriumError(_UNSTABLE) from None
+        return 1.0 / inverses, vectors
+    start = np.ones(size)  # a fixed start vector makes the result repeatable
+    return eigsh(K, k=count, M=M, sigma=0.0, which="LM", v0=start)
 
 
 def _sign(phi: np.ndarray) -> float:
