@@ -31,9 +31,7 @@ def test_frequencies_converge_with_fourth_order():
 
 def test_clamped_clamped_frequencies():
     beam = Beam(1.0, SLENDER, elements=40, right=CLAMPED, gravity=STILL)
-    assert_allclose(
-        beam.modes(count=3).omega, np.square(oracles.BETA_CLAMPED_CLAMPED), rtol=2e-5
-    )
+    assert_allclose(beam.modes(count=3).omega, np.square(oracles.BETA_CLAMPED_CLAMPED), rtol=2e-5)
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 5.0, 50.0])
@@ -49,8 +47,7 @@ def test_axial_frequencies_with_tip_mass_and_spring():
     mu = 0.0008 / (section.mass * beam.length)
     kappa = 24.4 * beam.length / section.EA
     exact = [
-        b * np.sqrt(section.EA / section.mass) / beam.length
-        for b in oracles.axial_root(mu, kappa)
+        b * np.sqrt(section.EA / section.mass) / beam.length for b in oracles.axial_root(mu, kappa)
     ]
     modes = beam.modes(count=32)
     assert_allclose(modes.omega[modes.axial > 0.5][:2], exact, rtol=1e-5)

@@ -15,9 +15,7 @@ TOLERANCE = 1e-5  # what 20 elements leave; the issue asks for 1e-4
 
 
 def bare(elements: int = 20, EA: float = RIGID, GA: float = RIGID, EI: float = 1.0) -> Beam:
-    return Beam(
-        length=1.0, section=Section(EA, GA, EI, 1.0), elements=elements, gravity=(0.0, 0.0)
-    )
+    return Beam(length=1.0, section=Section(EA, GA, EI, 1.0), elements=elements, gravity=(0.0, 0.0))
 
 
 def tip(beam: Beam, load: np.ndarray) -> np.ndarray:
@@ -89,9 +87,7 @@ def test_reaction_of_the_spring_at_rest():
 
 
 def test_both_ends_clamped_carries_its_weight_by_stretching():
-    beam = Beam(
-        1.0, Section(1e4, 1e4, 1e-3, 1.0), elements=40, right=CLAMPED, gravity=(0.0, -1.0)
-    )
+    beam = Beam(1.0, Section(1e4, 1e4, 1e-3, 1.0), elements=40, right=CLAMPED, gravity=(0.0, -1.0))
     shape = beam.equilibrium()
     # a cable of stiffness EA: sag^3 = 3 q L^4 / (64 EA); its bent ends make it 4 % smaller here
     assert_allclose(-shape.displacement[40, 1], (3 / (64 * 1e4)) ** (1 / 3), rtol=0.06)
@@ -150,9 +146,7 @@ def test_dimensions_must_be_positive(name, value):
         Beam.cantilever(**{name: value})
 
 
-@pytest.mark.parametrize(
-    "name", ["tip_mass", "spring_stiffness", "alpha", "eta"]
-)
+@pytest.mark.parametrize("name", ["tip_mass", "spring_stiffness", "alpha", "eta"])
 def test_negative_parameters(name):
     with pytest.raises(ValueError, match=f"{name} must be zero or positive.*-1"):
         Beam.cantilever(**{name: -1.0})
