@@ -1,8 +1,8 @@
 """Closed forms and published values for the beam; none was produced by this project.
 
-Static, modal and backbone tables: exact elastica computations (see each), L = rho A = EI = 1 unless
-stated.  TIP_LOAD agrees with K. Mattiasson, IJNME 17 (1981) 145-153, table 1; BATISTA is M. Batista,
-IJSS 87 (2016) 153-166; GERADIN is M. Geradin, A. Cardona, Flexible Multibody Dynamics (2001).
+Static, modal and backbone tables: exact elastica computations, L = rho A = EI = 1 unless stated.
+TIP_LOAD agrees with K. Mattiasson, IJNME 17 (1981) 145-153, table 1; BATISTA is M. Batista, IJSS 87
+(2016) 153-166; GERADIN is M. Geradin, A. Cardona, Flexible Multibody Dynamics (2001).
 """
 
 from __future__ import annotations
