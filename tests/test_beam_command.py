@@ -10,16 +10,7 @@ from numpy.testing import assert_allclose
 from romsindy.beam import Beam, transient
 from romsindy.beam.command import simulate
 
-SMALL = [
-    "--elements",
-    "10",
-    "--duration",
-    "0.05",
-    "--tip-displacement",
-    "0.05",
-    "--release-mode",
-    "1",
-]
+SMALL = "--elements 10 --duration 0.05 --tip-displacement 0.05 --release-mode 1".split()
 
 
 def invoke(*arguments):

@@ -104,6 +104,16 @@ def test_release_shape_reaches_the_displacement_and_is_in_balance(mode):
     assert np.abs(residual).max() < 1e-14 * beam.section.EA  # rounding of the strains
 
 
+def test_release_of_a_beam_that_is_clamped_at_both_ends():
+    beam = Beam(1.0, Section(1e4, 1e4, 1.0, 1.0), elements=10, right=CLAMPED, gravity=(0.0, 0.0))
+    shape = beam.release_shape(1e-4, at=0.5)
+    assert_allclose(shape.displacement[10, 1], 1e-4, rtol=1e-10)
+    # 192 EI / L^3, and shear as 4 GA / L beside it
+    assert_allclose(shape.load[10, 1], 1e-4 / (1 / 192 + 1 / 4e4), rtol=1e-3)
+    with pytest.raises(ValueError, match="at = None is a point that is held"):
+        beam.release_shape(1e-4)
+
+
 @pytest.mark.parametrize("amplitude", oracles.FINITE_AMPLITUDE)
 def test_finite_amplitude_under_a_modal_force(amplitude):
     q, w, u, stretch, ratio = oracles.FINITE_AMPLITUDE[amplitude]

@@ -285,7 +285,9 @@ class Beam:
         """
         return solve_modes(self.assembly, equilibrium or self.equilibrium(), count)
 
-    def release_shape(self, tip_displacement: float, mode: int | None = None) -> Shape:
+    def release_shape(
+        self, tip_displacement: float, mode: int | None = None, at: float | None = None
+    ) -> Shape:
         """Return the static shape from which the beam is let go.
 
         Parameters
@@ -294,7 +296,9 @@ class Beam:
             Transverse displacement [m] of the right end from its equilibrium.
         mode
             Hold by the modal force f M phi of this mode (1, 2, ...), which leaves the other
-            modes almost at rest; None holds by a transverse force at the tip.
+            modes almost at rest; None holds by a transverse force at the point itself.
+        at
+            Point [m] that is displaced instead of the tip, for a beam whose right end is held.
 
         Raises
         ------
@@ -305,13 +309,18 @@ class Beam:
         """
         require_finite("tip_displacement", tip_displacement)
         rest = self.equilibrium()
-        goal = rest.tip[1] + tip_displacement
+        tip = self.point_load((0.0, 1.0), at=at)
+        if not np.any(tip[~self.assembly.fixed]):
+            raise ValueError(
+                f"at = {at} is a point that is held; give a point between the supports"
+            )
+        height = float(np.vdot(tip, rest.displacement))
+        goal = height + tip_displacement
         if abs(goal) >= self.length:
             raise ValueError(
                 f"tip_displacement = {tip_displacement} m is beyond the reach of a beam of "
-                f"{self.length} m whose tip rests at {rest.tip[1]:.3g} m; ask for less"
+                f"{self.length} m whose tip rests at {height:.3g} m; ask for less"
             )
-        tip = self.point_load((0.0, 1.0))
         pattern = tip if mode is None else self._modal_load(mode)
         x, factor = find_displaced(self.assembly, rest.displacement, pattern, Control(tip), goal)
         return self.shape(x, factor * pattern)

@@ -136,9 +136,7 @@ def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasi
     # Rayleigh quotients: their error is the square of the shape's
     squares = [assembly.modal_stiffness(equilibrium.displacement, phi) for phi in shapes]
     if min(squares) <= 0.0:
-        raise NoEquilibriumError(
-            f"{_UNSTABLE} (omega^2 = {min(squares):.4g} 1/s^2)"
-        )
+        raise NoEquilibriumError(f"{_UNSTABLE} (omega^2 = {min(squares):.4g} 1/s^2)")
     return ModalBasis(np.sqrt(squares), shapes, momenta, equilibrium, axial)
 
 

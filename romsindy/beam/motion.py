@@ -105,7 +105,8 @@ class Motion:
         return (
             f"Motion({self.t[-1]:.6g} s in {len(self.t)} samples of {dt:.6g} s, "
             f"{self.stop_reason}; energy drift {self.energy.drift:.1e},\n"
-            f"       {self.cost.steps} steps, {self.cost.iterations} iterations, {self.cost.seconds:.3g} s)"
+            f"       {self.cost.steps} steps, {self.cost.iterations} iterations, "
+            f"{self.cost.seconds:.3g} s)"
         )
 
     def modal(self, basis: ModalBasis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

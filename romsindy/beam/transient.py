@@ -32,6 +32,7 @@ _MAX_ITERATIONS = 10
 # of the largest acceleration: far below the 1e-3 to which accelerations are promised
 _NEWTON_TOLERANCE = 1e-8
 _RELEASE_TIME = 0.1  # [s], see Budget
+_STIFFENING = 0.01  # [s], long against axial periods; see Assembly.thin_acceleration
 
 
 @dataclass(frozen=True)
@@ -261,34 +262,18 @@ def simulate(
         If Newton fails even in steps of step / 1024; the error carries the
         motion up to there and a step to try.
     """
-    require_positive("duration", duration)
-    require_positive("step", step)
-    require_positive("energy_tolerance", energy_tolerance)
-    if step > duration:
-        raise ValueError(f"step = {step} s is longer than duration = {duration} s; shorten it")
+    _check(beam, shape, duration, step, energy_tolerance)
     assembly = beam.assembly
-    if shape.displacement.shape != (assembly.n_nodes, 3):
-        raise ValueError(
-            f"shape has {len(shape.displacement)} nodes, the beam has {assembly.n_nodes}; "
-            "release a shape of the same mesh"
-        )
     if progress and not kernel.is_compiled():
         print("compiling the beam kernel (first run only, about 20 s)", file=sys.stderr)
     equilibrium = beam.equilibrium()
+    rest, start = equilibrium.displacement, shape.displacement
+    rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     method = method or RadauIIA()
     integrator = Integrator(assembly, method)
-    start = shape.displacement
-    acceleration = assembly.thin_acceleration(start, stiffening=0.01)
-    rest = equilibrium.displacement
-    rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
-    stored = assembly.strain(start) + assembly.potential(start)
-    released = abs(stored - sum(rest_energy))
-    budget = Budget(
-        tolerance=energy_tolerance * released,
-        duration=duration,
-        floor=1e-14 * (abs(stored) + abs(sum(rest_energy))),  # rounding
-    )
+    budget = _budget(assembly, start, sum(rest_energy), energy_tolerance, duration)
     stepper = Stepper(integrator, assembly, integrator.start(start), budget, method.order)
+    acceleration = assembly.thin_acceleration(start, stiffening=_STIFFENING)
     basis = modes or beam.modes(equilibrium, _count_modes(assembly))
     n_samples = int(np.floor(duration / step * (1 + 1e-12))) + 1
     recorder = Recorder(basis, sensors, n_samples, keep_field)
@@ -315,6 +300,27 @@ def simulate(
     except KeyboardInterrupt:
         return motion(f"interrupted at {(recorder.count - 1) * step:.6g} s of {duration:.6g} s")
     return motion("completed")
+
+
+def _budget(
+    assembly: Assembly, start: np.ndarray, rest_energy: float, tolerance: float, duration: float
+) -> Budget:
+    stored = assembly.strain(start) + assembly.potential(start)
+    rounding = 1e-14 * (abs(stored) + abs(rest_energy))
+    return Budget(tolerance * abs(stored - rest_energy), duration, rounding)
+
+
+def _check(beam: Beam, shape: Shape, duration: float, step: float, energy_tolerance: float) -> None:
+    require_positive("duration", duration)
+    require_positive("step", step)
+    require_positive("energy_tolerance", energy_tolerance)
+    if step > duration:
+        raise ValueError(f"step = {step} s is longer than duration = {duration} s; shorten it")
+    if shape.displacement.shape != (beam.assembly.n_nodes, 3):
+        raise ValueError(
+            f"shape has {len(shape.displacement)} nodes, the beam has {beam.assembly.n_nodes}; "
+            "release a shape of the same mesh"
+        )
 
 
 def _count_modes(assembly: Assembly) -> int:
