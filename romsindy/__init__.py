@@ -1,1 +1,44 @@
-"""Equations of motion from measured free decays."""
+"""romsindy: equations of motion, with nonlinear inertia, from measured free decays."""
+
+from romsindy.backbone import Backbone, extract_backbone
+from romsindy.decay import Decay
+from romsindy.files import load_decay, save_decay
+from romsindy.filters import Butterworth, SavitzkyGolay
+from romsindy.harmonic import HarmonicLibrary, HarmonicProjection
+from romsindy.library import (
+    BeamTheoryLibrary,
+    DampingLibrary,
+    ICROMLibrary,
+    ROMLibrary,
+    StiffnessLibrary,
+    implicit_data,
+)
+from romsindy.model import ReducedModel, SingularInertiaError
+from romsindy.regression import HarmonicSINDy, ScaledOptimizer
+from romsindy.synthetic import add_noise, example_decay
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Backbone",
+    "BeamTheoryLibrary",
+    "Butterworth",
+    "DampingLibrary",
+    "Decay",
+    "HarmonicLibrary",
+    "HarmonicProjection",
+    "HarmonicSINDy",
+    "ICROMLibrary",
+    "ROMLibrary",
+    "ReducedModel",
+    "SavitzkyGolay",
+    "ScaledOptimizer",
+    "SingularInertiaError",
+    "StiffnessLibrary",
+    "add_noise",
+    "example_decay",
+    "extract_backbone",
+    "implicit_data",
+    "load_decay",
+    "save_decay",
+]

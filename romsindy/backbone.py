@@ -6,12 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from romsindy.decay import Decay
 from romsindy.signals import crossings
-
-Array = NDArray[np.float64]
+from romsindy.typing import Array
 
 # Half-width of the local fits in cycles, and their degrees: a sine is a cubic (quartic) to 2e-4
 # (1e-5) over this arc round its zero (its peak), and what is left is even (odd) there and harmless.
@@ -55,6 +53,19 @@ class Backbone:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def linear_frequency(self) -> float:
+        """Angular frequency at vanishing amplitude, rad/s.
+
+        Intercept of frequency^2 against amplitude^2 over the quietest third of the cycles (four at
+        least), weighted by their standard errors.
+        """
+        quiet = np.argsort(self.amplitude)[: max(len(self) // 3, min(4, len(self)))]
+        squared = self.frequency[quiet] ** 2
+        std = 2 * self.frequency[quiet] * self.frequency_std[quiet]
+        std = np.maximum(std, 1e-6 * squared)  # clean records have no scatter to weigh by
+        line = np.polynomial.Polynomial.fit(self.amplitude[quiet] ** 2, squared, 1, w=1 / std)
+        return float(np.sqrt(line(0.0)))
 
     def __repr__(self) -> str:
         a, f = self.amplitude, self.frequency / (2 * np.pi)
@@ -125,10 +136,15 @@ class _Points:
 
 
 def _roots(decay: Decay, guess: Array, period: Array, repeats: float) -> _Points:
-    fits = [_LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE) for t, T in zip(guess, period, strict=True)]
+    fits = [
+        _LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE)
+        for t, T in zip(guess, period, strict=True)
+    ]
     # The guess is off by up to a sample and the filter's distortion: centre the fit and repeat.
     at = np.array([fit.root(fit.coefficients) for fit in fits])
-    fits = [_LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE) for t, T in zip(at, period, strict=True)]
+    fits = [
+        _LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE) for t, T in zip(at, period, strict=True)
+    ]
     at = np.array([fit.root(fit.coefficients) for fit in fits])
     std = np.array([fit.std(t) / abs(fit.slope(t)) for fit, t in zip(fits, at, strict=True)])
     return _Points(at, np.zeros_like(at), std * np.sqrt(repeats))
@@ -173,7 +189,10 @@ class _LocalFit:
 
     def slope(self, t: float) -> float:
         derivative = chebyshev.chebder(self.coefficients)
-        return float(chebyshev.chebval((t - self.centre) / self.half_width, derivative)) / self.half_width
+        return (
+            float(chebyshev.chebval((t - self.centre) / self.half_width, derivative))
+            / self.half_width
+        )
 
     def root(self, coefficients: Array) -> float:
         """Real root nearest to the centre, within the fit; the centre where there is none."""
@@ -184,7 +203,9 @@ class _LocalFit:
 
     def std(self, t: float) -> float:
         """Standard error of the fit at t."""
-        row = chebyshev.chebvander((t - self.centre) / self.half_width, len(self.coefficients) - 1)[0]
+        row = chebyshev.chebvander((t - self.centre) / self.half_width, len(self.coefficients) - 1)[
+            0
+        ]
         return float(np.sqrt(row @ self.covariance @ row))
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from romsindy.filters import Butterworth, Filter
 from romsindy.signals import free_part, fundamental_frequency, integrate, noise_std, upsample
+from romsindy.typing import Array
 
-Array = NDArray[np.float64]
 Quantity = Literal["displacement", "velocity", "acceleration"]
 
 # Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
@@ -68,13 +68,14 @@ class Decay:
             shapes = {name: x.shape for name, x in signals.items()}
             raise ValueError(f"q, q_dot and q_ddot must have the same shape, got {shapes}")
         uniform = np.linspace(t[0], t[-1], len(t))
-        jitter = np.abs(t - uniform) / (uniform[1] - uniform[0])
+        jitter = (t - uniform) / (uniform[1] - uniform[0])
         notes = self.notes
-        if jitter.max() > _ROUNDING:
+        worst, rms = np.abs(jitter).max(), np.sqrt(np.mean(jitter**2))
+        if worst > _ROUNDING:
             signals = {n: make_interp_spline(t, x, k=3)(uniform) for n, x in signals.items()}
             note = (
-                f"t is not uniform: it jitters by {jitter.std():.2g} of the sampling interval in"
-                f" the rms, at most {jitter.max():.2g}; resampled at {1 / (uniform[1] - uniform[0]):.6g} Hz"
+                f"t is not uniform: it jitters by {rms:.2g} of the sampling interval in the rms,"
+                f" at most {worst:.2g}; resampled uniformly"
             )
             warnings.warn(note, stacklevel=3)
             notes = (*notes, note)
@@ -233,11 +234,13 @@ class Decay:
         Parameters
         ----------
         method : Filter, optional
-            `Butterworth` (the default), `SavitzkyGolay`, `SmoothingSpline` or the like.
+            `Butterworth` (the default), `SavitzkyGolay` or the like.
         """
         method = method or Butterworth()
         columns = [method(x, self.dt) for x in self.q.reshape(len(self.t), -1).T]
-        q, q_dot, q_ddot = (np.stack(x, axis=1).reshape(self.q.shape) for x in zip(*columns, strict=True))
+        q, q_dot, q_ddot = (
+            np.stack(x, axis=1).reshape(self.q.shape) for x in zip(*columns, strict=True)
+        )
         notes = (*self.notes, f"smoothed and differentiated by {method}")
         return replace(self, q=q, q_dot=q_dot, q_ddot=q_ddot, notes=notes)
 
@@ -249,7 +252,7 @@ class Decay:
         return self if self.complete else self.free().upsampled().differentiated(method)
 
     def _strongest(self) -> Array:
-        # The measured quantity of the liveliest channel: integration has coloured the others' noise.
+        # What was measured, in the liveliest channel: integration colours the noise.
         name = {"displacement": "q", "velocity": "q_dot", "acceleration": "q_ddot"}[self.measured]
         x = getattr(self, name)
         return x if x.ndim == 1 else x[:, np.argmax(x.std(axis=0))]
@@ -259,7 +262,7 @@ class Decay:
     ) -> Decay:
         """The same record with every signal changed, on other times where t is given."""
         signals = {n: getattr(self, n) for n in ("q", "q_dot", "q_ddot")}
-        changed = {n: None if x is None else change(x) for n, x in signals.items()}
+        changed: Any = {n: None if x is None else change(x) for n, x in signals.items()}
         t = self.t if t is None else t
         return replace(self, t=t, notes=(*self.notes, *notes), **changed)
 
@@ -302,6 +305,8 @@ def _checked_signal(name: str, x: ArrayLike, n: int) -> Array:
 
 def _as_floats(name: str, x: ArrayLike) -> Array:
     try:
+        if np.iscomplexobj(x):
+            raise TypeError("it is complex")
         return np.array(x, dtype=float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of real numbers: {error}") from None

@@ -1,6 +1,6 @@
 """Filters that turn a measured signal into a consistent (q, q_dot, q_ddot).
 
-All three agree with one another: the derivatives are those of the smoothed signal.
+The three agree with one another: the derivatives are those of the smoothed signal.
 """
 
 from __future__ import annotations
@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline, make_splrep
+from scipy.interpolate import make_interp_spline
 from scipy.signal import savgol_filter
 
-from romsindy.signals import fundamental_frequency, lowpass, noise_std
+from romsindy.signals import fundamental_frequency, lowpass
+from romsindy.typing import Array
 
-Array = NDArray[np.float64]
 Derivatives = tuple[Array, Array, Array]
 
 
@@ -79,25 +78,10 @@ class SavitzkyGolay:
 
     def __call__(self, q: Array, dt: float) -> Derivatives:
         if self.window > len(q):
-            raise ValueError(f"window = {self.window} is longer than the record of {len(q)} samples")
-        q0, q1, q2 = (savgol_filter(q, self.window, self.order, deriv=d, delta=dt) for d in range(3))
+            raise ValueError(
+                f"window = {self.window} is longer than the record of {len(q)} samples"
+            )
+        q0, q1, q2 = (
+            savgol_filter(q, self.window, self.order, deriv=d, delta=dt) for d in range(3)
+        )
         return q0, q1, q2
-
-
-@dataclass(frozen=True)
-class SmoothingSpline:
-    """Quintic smoothing spline whose misfit equals the noise.
-
-    Parameters
-    ----------
-    noise : float, optional
-        Standard deviation of the noise in the unit of q; estimated from the record by default.
-    """
-
-    noise: float | None = None
-
-    def __call__(self, q: Array, dt: float) -> Derivatives:
-        t = dt * np.arange(len(q))
-        noise = noise_std(q) if self.noise is None else self.noise
-        spline = make_splrep(t, q, k=5, s=len(q) * noise**2)
-        return spline(t), spline(t, 1), spline(t, 2)

@@ -3,7 +3,8 @@
 The columns are [q, q_dot, q_ddot] by default; ``channels`` says where they are. In plain PySINDy
 the equation is implicit, and x = q, u = [q_dot, q_ddot], x_dot = -q_ddot carries it::
 
-    model = ps.SINDy(feature_library=ROMLibrary(), optimizer=ScaledOptimizer(ps.STLSQ(threshold=1e-4)))
+    optimizer = ScaledOptimizer(ps.STLSQ(threshold=1e-4))
+    model = ps.SINDy(feature_library=ROMLibrary(), optimizer=optimizer)
     model.fit(t=t, **implicit_data(decay))
     model.print(lhs=["-q_ddot"])
 """

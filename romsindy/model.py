@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Chebyshev
-from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import ODEintWarning, odeint, solve_ivp
+from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
 from romsindy.decay import Decay
+from romsindy.integration import integrate_smooth, integrate_strokes
 from romsindy.terms import Term, term_from_key
-
-Array = NDArray[np.float64]
+from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
 _N_GAUSS = 80
@@ -78,8 +76,8 @@ class ReducedModel:
         >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0}, unit="m")
         >>> print(model)
         q_ddot + 36 q + 9 q^3 = 0    (q in m, t in s)
-          omega^2            36  1/s^2           omega = 6 rad/s, 0.95493 Hz
-          gamma_3             9  1/(m^2 s^2)
+          omega^2                36  1/s^2           omega = 6 rad/s, 0.95493 Hz
+          gamma_3                 9  1/(m^2 s^2)
         """
         terms = tuple(term_from_key(key) for key in coefficients)
         return cls(terms, tuple(coefficients.values()), unit, amplitude_range)
@@ -140,7 +138,8 @@ class ReducedModel:
     def _refuse(self, q: float) -> None:
         raise SingularInertiaError(
             f"1 + h(q) = {float(self.inertia(q)):.3g} is not positive at q = {q:.6g}"
-            f" {self.unit or '[q]'}: the model has no motion there; stay at smaller amplitudes, or identify with fewer inertia terms"
+            f" {self.unit or '[q]'}: the model has no motion there; stay at smaller"
+            " amplitudes, or identify with fewer inertia terms"
         )
 
     # -- motion -------------------------------------------------------------------------------
@@ -173,17 +172,15 @@ class ReducedModel:
             If the integration does not reach the last time.
         """
         t = np.asarray(t, float)
-        scale = max(abs(q0), abs(q_dot0) / max(self._angular_frequency_guess(), 1e-300), 1e-300)
-        y0 = np.array([q0, q_dot0], float)
+        frequency = np.sqrt(abs(self.coefficients.get("omega^2", 1.0))) or 1.0
+        scale = max(abs(q0), abs(q_dot0) / frequency, 1e-300)
+        state = np.array([q0, q_dot0], float)
         if all(term.smooth for term in self.terms):
-            q, q_dot = self._integrate_smooth(y0, t, rtol, scale).T
+            q, q_dot = integrate_smooth(self._scalar_acceleration(), state, t, rtol, scale)
             return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
-        q, q_dot, resting = self._integrate_strokes(y0, t, rtol, scale)
-        q_ddot = np.where(resting, 0.0, self.acceleration(q, q_dot))
+        q, q_dot, rests = integrate_strokes(self._scalar_acceleration(), state, t, rtol, scale)
+        q_ddot = np.where(rests, 0.0, self.acceleration(q, q_dot))
         return Decay(t, q, q_dot, q_ddot, unit=self.unit)
-
-    def _angular_frequency_guess(self) -> float:
-        return float(np.sqrt(abs(self.coefficients.get("omega^2", 1.0))))
 
     def _scalar_acceleration(self) -> Callable[[float, float], float]:
         # Plain floats: an integrator calls this 1e5 times, and arrays of one cost ten times more.
@@ -207,62 +204,6 @@ class ReducedModel:
             return -force / mass
 
         return acceleration
-
-    def _integrate_smooth(self, y0: Array, t: Array, rtol: float, scale: float) -> Array:
-        acceleration = self._scalar_acceleration()
-
-        def rates(y: Array, _: float) -> tuple[float, float]:
-            q, q_dot = y.tolist()
-            return q_dot, acceleration(q, q_dot)
-
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", ODEintWarning)
-            try:
-                return odeint(rates, y0, t, rtol=rtol, atol=rtol * scale, mxstep=100_000)
-            except ODEintWarning as warning:
-                raise RuntimeError(f"simulate did not reach t = {t[-1]:.6g} s: {warning}") from None
-
-    def _integrate_strokes(
-        self, y0: Array, t: Array, rtol: float, scale: float
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        acceleration = self._scalar_acceleration()
-        creep = 1e-12 * scale
-        y = np.tile([float(y0[0]), 0.0], (len(t), 1))
-        resting = np.ones(len(t), bool)
-        start, state = t[0], np.array(y0, float)
-        while start < t[-1]:
-            direction = np.sign(state[1]) or self._breakaway(acceleration, state[0], creep)
-            if direction == 0:
-                break
-
-            def rates(_: float, s: Array, direction: float = direction) -> tuple[float, float]:
-                # Within a stroke friction keeps its sign, also in the stages beyond its end.
-                q, q_dot = s.tolist()
-                return q_dot, acceleration(q, direction * max(direction * q_dot, creep))
-
-            def reversal(_: float, s: Array) -> float:
-                return s[1]
-
-            reversal.terminal, reversal.direction = True, -direction  # type: ignore[attr-defined]
-            stroke = solve_ivp(
-                rates, (start, t[-1]), state, "DOP853", dense_output=True, events=reversal,
-                rtol=max(rtol, 1e-12), atol=[rtol * scale, rtol * scale],
-            )
-            if stroke.status < 0:
-                raise RuntimeError(f"simulate stopped at t = {stroke.t[-1]:.6g} s: {stroke.message}")
-            inside = (t >= start) & (t <= stroke.t[-1])
-            y[inside] = stroke.sol(t[inside]).T
-            resting[inside] = False
-            start, state = stroke.t[-1], np.array([stroke.y[0, -1], 0.0])
-            y[t > start] = state
-        return y[:, 0], y[:, 1], resting
-
-    @staticmethod
-    def _breakaway(acceleration: Callable[[float, float], float], q: float, creep: float) -> float:
-        # From rest the motion starts in the direction in which friction gives way, if any.
-        if acceleration(q, creep) > 0:
-            return 1.0
-        return -1.0 if acceleration(q, -creep) < 0 else 0.0
 
     # -- energy and backbone ------------------------------------------------------------------
 
@@ -395,7 +336,9 @@ class ReducedModel:
         """The equation as LaTeX, without dollar signs."""
 
         def expression(term: Term) -> str:
-            return term.expression("q", r"\dot{q}", r"\ddot{q}").replace("sign", r"\operatorname{sign}")
+            return term.expression("q", r"\dot{q}", r"\ddot{q}").replace(
+                "sign", r"\operatorname{sign}"
+            )
 
         text = r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
         return text
@@ -418,7 +361,9 @@ class ReducedModel:
             if term.key == "omega^2" and value > 0:
                 omega = np.sqrt(value)
                 note = f"omega = {omega:.5g} rad/s, {omega / (2 * np.pi):.5g} Hz"
-            lines.append(f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip())
+            lines.append(
+                f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip()
+            )
         if self.amplitude_range is not None:
             low, high = self.amplitude_range
             lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")

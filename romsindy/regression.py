@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pysindy as ps
-from numpy.typing import NDArray
 from pysindy.optimizers.base import BaseOptimizer
+from scipy.ndimage import uniform_filter1d
 from sklearn.base import BaseEstimator, clone
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
@@ -19,11 +21,12 @@ from romsindy.harmonic import HarmonicProjection, Rows
 from romsindy.library import ROMLibrary, library_terms
 from romsindy.model import ReducedModel
 from romsindy.terms import Term, term_from_key
-
-Array = NDArray[np.float64]
+from romsindy.typing import Array
 
 # A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
 _ABSURD = 10.0
+# Cycles whose residuals are averaged into one variance: enough to know it within a third.
+_NEARBY = 15
 
 
 class ScaledOptimizer(BaseOptimizer):
@@ -66,7 +69,8 @@ class ScaledOptimizer(BaseOptimizer):
             if "fit_intercept" in inner.get_params():
                 inner.set_params(fit_intercept=False)
             rest = (y - np.reshape(known, (-1, 1))) / target_scale if fixed else y / target_scale
-            inner.fit(x[:, free] / column_scale, rest)
+            # Some models of scikit-learn warn about, or refuse, a single target as a column.
+            inner.fit(x[:, free] / column_scale, rest[:, 0] if rest.shape[1] == 1 else rest)
             scaled = np.reshape(inner.coef_, (y.shape[1], len(free)))
             coefficients[:, free] = scaled * target_scale[:, None] / column_scale
         self.coef_ = coefficients
@@ -102,6 +106,11 @@ class HarmonicSINDy(BaseEstimator):
         Known coefficients by name, such as ``{"omega^2": 1482.2}``, in SI units of q.
     differentiation : Filter, optional
         How derivatives are made where a decay has none; `Butterworth()` by default.
+    reweight : int
+        How often the regression is repeated with each row weighted by the scatter that the
+        residual has in its harmonic and around its amplitude. Otherwise the high harmonics, whose
+        noise the second derivative multiplies by h^2, and the large amplitudes, where a model
+        misses the most, decide the linear frequency. 0 is the paper's plain regression.
 
     Attributes
     ----------
@@ -129,11 +138,13 @@ class HarmonicSINDy(BaseEstimator):
         projection: HarmonicProjection | None = None,
         fixed: Mapping[str, float] | None = None,
         differentiation: Filter | None = None,
+        reweight: int = 2,
     ):
         self.library = library
         self.optimizer = optimizer
         self.projection = projection
         self.fixed = fixed
+        self.reweight = reweight
         self.differentiation = differentiation
 
     # t is the second argument of fit and score, where scikit-learn hands over y: so
@@ -145,8 +156,8 @@ class HarmonicSINDy(BaseEstimator):
         Parameters
         ----------
         x : Decay, array, or a list of either
-            Decays without derivatives are cut to their free part, smoothed and differentiated;
-            those with derivatives are taken as they are. An array holds the columns q or
+            Decays that lack velocity or acceleration are cut to their free part, smoothed and
+            differentiated; those with both are taken as they are. An array holds the columns q or
             [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units.
         t : array or list of arrays, optional
             Times (n,) in s that go with arrays. A gap splits a record in two.
@@ -167,7 +178,8 @@ class HarmonicSINDy(BaseEstimator):
             raise ValueError("the library has no terms: ask for at least one stiffness term")
         decays = as_decays(x, t)
         unit = _common_unit(decays)
-        fixed = _fixed_columns(self.fixed or {}, terms, decays)
+        fixed = _fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
+        _hint_scale(decays)
         rows = self._rows(terms, decays)
         if rows.theta.shape[0] < len(terms):
             raise ValueError(
@@ -175,11 +187,23 @@ class HarmonicSINDy(BaseEstimator):
                 " use fewer terms, more harmonics or a longer record"
             )
         _refuse_absurd(fixed, terms, rows)
-        self.optimizer_ = ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
-        self.coef_ = self.optimizer_.coef_[0]
+        # White noise in q is what the weights start from: the second derivative makes it h^2 q.
+        weights: Array | None = None
+        if self.reweight:
+            weights = 1 / np.maximum(1.0, rows.harmonic) ** 4
+        optimizer = ScaledOptimizer(self.optimizer, fixed)
+        optimizer.fit(rows.theta, rows.target, sample_weight=weights)
+        for _ in range(self.reweight):
+            weights = _row_weights(rows, rows.target - rows.theta @ optimizer.coef_[0])
+            optimizer.fit(rows.theta, rows.target, sample_weight=weights)
+        self.optimizer_ = optimizer
+        self.coef_ = optimizer.coef_[0]
         self.rows_ = rows
         self.model_ = ReducedModel(
-            terms, tuple(self.coef_), unit, (float(rows.amplitude.min()), float(rows.amplitude.max()))
+            terms,
+            tuple(self.coef_),
+            unit,
+            (float(rows.amplitude.min()), float(rows.amplitude.max())),
         )
         return self
 
@@ -209,7 +233,7 @@ class HarmonicSINDy(BaseEstimator):
         for decay in as_decays(x, t, split=False):
             d = decay.single()
             d = d if d.q_dot is not None else d.differentiated(self.differentiation)
-            results.append(self.model_.acceleration(d.q, d.q_dot))
+            results.append(self.model_.acceleration(d.q, np.asarray(d.q_dot)))
         return results if several else results[0]
 
     def score(self, x: Any, t: Any = None) -> float:
@@ -232,6 +256,20 @@ class HarmonicSINDy(BaseEstimator):
         print(*self.equations(precision), sep="\n")
 
 
+def _row_weights(rows: Rows, residual: Array) -> Array:
+    """One over the variance of the residual, averaged over the cycles of nearby amplitude."""
+    order = np.argsort(rows.amplitude)
+    floor = (1e-12 * np.std(rows.target)) ** 2 + np.finfo(float).tiny
+    weights = np.empty_like(residual)
+    for harmonic in np.unique(rows.harmonic):
+        mine = rows.harmonic == harmonic
+        power = np.bincount(rows.cycle[mine], residual[mine] ** 2) / np.bincount(rows.cycle[mine])
+        smooth = np.empty_like(power)
+        smooth[order] = uniform_filter1d(power[order], _NEARBY, mode="nearest")
+        weights[mine] = 1 / (smooth[rows.cycle[mine]] + floor)
+    return weights / weights.mean()
+
+
 def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     """Decays from what `HarmonicSINDy.fit` takes: decays, arrays with times, or lists of either.
 
@@ -242,11 +280,15 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     """
     if isinstance(x, Decay):
         return [x]
-    if isinstance(x, (list, tuple)) and len(x) and isinstance(x[0], (Decay, np.ndarray, list, tuple)):
-        times = [None] * len(x) if t is None else list(t)
-        if len(times) != len(x):
-            raise ValueError(f"x holds {len(x)} records, but t holds {len(times)}")
-        return [d for xi, ti in zip(x, times, strict=True) for d in as_decays(xi, ti, split=split)]
+    if (
+        isinstance(x, (list, tuple))
+        and len(x)
+        and isinstance(x[0], (Decay, np.ndarray, list, tuple))
+    ):
+        clocks = [None] * len(x) if t is None else list(t)
+        if len(clocks) != len(x):
+            raise ValueError(f"x holds {len(x)} records, but t holds {len(clocks)}")
+        return [d for xi, ti in zip(x, clocks, strict=True) for d in as_decays(xi, ti, split=split)]
     if t is None:
         raise ValueError("t is missing: give the times in s that go with the array x, or a Decay")
     columns = np.asarray(x, float)
@@ -258,7 +300,7 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
             f" got {np.shape(x)} and {times.shape}"
         )
     pieces = _pieces(times) if split else [slice(None)]
-    return [Decay(times[p], *columns[p].T, unit=None) for p in pieces]
+    return [Decay(times[p], *columns[p].T) for p in pieces]
 
 
 def _pieces(t: Array) -> list[slice]:
@@ -266,30 +308,47 @@ def _pieces(t: Array) -> list[slice]:
     steps = np.diff(t)
     gaps = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if len(t) > 1 else np.array([], int)
     bounds = [0, *gaps.tolist(), len(t)]
-    return [slice(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    return [slice(a, b) for a, b in itertools.pairwise(bounds)]
 
 
 def _common_unit(decays: Sequence[Decay]) -> str | None:
     units = {d.unit for d in decays}
     if len(units) > 1:
-        raise ValueError(f"the decays have different units {sorted(map(str, units))}: load all alike")
+        raise ValueError(
+            f"the decays have different units {sorted(map(str, units))}: load all alike"
+        )
     return units.pop()
 
 
 def _fixed_columns(
-    fixed: Mapping[str, float], terms: Sequence[Term], decays: Sequence[Decay]
+    fixed: Mapping[str, float], terms: Sequence[Term], unit_known: bool
 ) -> dict[int, float]:
-    """Column number to value, after checks of names."""
+    """Column number to value, after checks of the names."""
     keys = [term.key for term in terms]
     columns = {}
     for key, value in fixed.items():
-        term_from_key(key)
+        term = term_from_key(key)
         if key not in keys:
             raise ValueError(f"fixed names {key!r}, but the library has only {keys}: add the term")
         if not np.isfinite(value):
             raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
+        if term.dimension[0] != 1 and not unit_known:
+            raise ValueError(
+                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of"
+                " q is not known: load the decay with unit=, such as unit='mm'"
+            )
         columns[keys.index(key)] = float(value)
     return columns
+
+
+def _hint_scale(decays: Sequence[Decay]) -> None:
+    peak = max(float(np.abs(d.q).max()) for d in decays)
+    if decays[0].unit == "m" and peak > 10:
+        warnings.warn(
+            f"q reaches {peak:.4g} m: if it is in millimetres, load it with unit='mm'; a fixed"
+            " omega^2 holds in any unit of q, gamma_m and Upsilon_k do not",
+            stacklevel=3,
+        )
 
 
 def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows) -> None:
@@ -301,7 +360,7 @@ def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows
         if term.key == "omega^2" and (share < 1 / _ABSURD or share > _ABSURD):
             raise ValueError(
                 f"fixed['omega^2'] = {value:.6g} 1/s^2 contradicts the data, which oscillate near"
-                f" omega^2 = {value / share:.4g}: omega^2 is in (rad/s)^2 (4 pi^2 = 39.5 times Hz^2),"
+                f" omega^2 = {value / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
                 " and t must be in s (a factor of 1e6 means milliseconds)"
             )
         if share > _ABSURD:

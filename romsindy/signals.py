@@ -5,14 +5,14 @@ Arrays have time on axis 0. Nothing here knows what was measured.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline, make_lsq_spline
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt, welch
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from romsindy.typing import Array, Indices
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -32,14 +32,13 @@ def fundamental_frequency(x: Array, dt: float) -> float:
     if not np.ptp(x) > 0:
         raise ValueError(f"the signal is constant ({x[0]:.6g}): nothing vibrates in this record")
     frequencies, power = periodogram(detrend(x), 1 / dt, window="hann")
-    # The Hann window spreads a slow drift over the first three bins.
-    peak = float(frequencies[3:][np.argmax(power[3:])]) if len(power) > 3 else 0.0
-    if peak * dt * len(x) < 3 or np.all(power[3:] == 0):
+    line = int(np.argmax(power))
+    if line < 3:
         raise ValueError(
-            f"the record of {len(x) * dt:.4g} s holds fewer than three cycles:"
-            " identification needs at least three; record longer or check the time unit"
+            f"the record of {len(x) * dt:.4g} s holds fewer than three cycles, or drifts by more"
+            " than it vibrates: record longer, remove the drift, or check the time unit"
         )
-    return peak
+    return float(frequencies[line])
 
 
 def noise_std(x: Array) -> float:
@@ -122,17 +121,26 @@ def integrate(x: Array, dt: float) -> Array:
         Sampling interval in s.
     """
     t = dt * np.arange(len(x))
-    q = make_interp_spline(t, x, k=5).antiderivative()(t)
-    spacing = 1 / fundamental_frequency(x, dt)
-    rough = q - _smooth_curve(t, q, t, 5 * spacing)
-    up, down = crossings(rough, dt)
-    bounds = np.sort(np.concatenate([up, down]))
-    turning = np.array([
-        i + np.argmax(np.abs(rough[i:j])) for i, j in zip(bounds[:-1], bounds[1:], strict=True)
-    ])
+    spline = make_interp_spline(t, x, k=5).antiderivative()
+    q = spline(t)
+    cycle = 1 / fundamental_frequency(x, dt)
+    rough = q - _smooth_curve(t, q, t, 3 * cycle)
+    turning = _turning_points(t, rough, dt)
+    levels = spline(turning)
     # (previous + 2 this + next)/4 cancels the vibration and its linear decay.
-    midline = (q[turning[:-2]] + 2 * q[turning[1:-1]] + q[turning[2:]]) / 4
-    return q - _smooth_curve(t[turning[1:-1]], midline, t, 3 * spacing)
+    midline = (levels[:-2] + 2 * levels[1:-1] + levels[2:]) / 4
+    return q - _smooth_curve(turning[1:-1], midline, t, 2 * cycle)
+
+
+def _turning_points(t: Array, q: Array, dt: float) -> Array:
+    """Times of the largest deflections between the zero crossings, by parabolas."""
+    bounds = np.sort(np.concatenate(crossings(q, dt)))
+    largest = np.array([i + np.argmax(np.abs(q[i:j])) for i, j in itertools.pairwise(bounds)])
+    largest = np.clip(largest, 1, len(q) - 2)
+    before, at, after = q[largest - 1], q[largest], q[largest + 1]
+    bend = before - 2 * at + after
+    offset = np.where(bend != 0, (before - after) / (2 * np.where(bend != 0, bend, 1.0)), 0.0)
+    return t[largest] + dt * np.clip(offset, -0.5, 0.5)
 
 
 def _smooth_curve(t: Array, x: Array, at: Array, spacing: float) -> Array:
@@ -183,32 +191,46 @@ def free_part(x: Array, dt: float) -> tuple[int, int]:
     ValueError
         If fewer than three cycles follow the start, or the amplitude grows.
     """
-    period = int(round(1 / (fundamental_frequency(x, dt) * dt)))
     noise = noise_std(x)
     size = np.abs(x)
     high = int(np.argmax(size >= 0.9 * size.max()))
     change = np.flatnonzero(np.signbit(x[high:]) != np.signbit(x[high]))
     stroke = size[high : high + int(change[0])] if len(change) else size[high:]
     # The last of the largest samples: where a hold at the release position ends.
-    start = high + int(np.flatnonzero(stroke >= stroke.max() - max(1e-3 * stroke.max(), 3 * noise))[-1])
+    start = high + int(
+        np.flatnonzero(stroke >= stroke.max() - max(1e-3 * stroke.max(), 3 * noise))[-1]
+    )
+    _refuse_late_start(x, start, dt)
+    # The period comes from the swing alone: a hold before it would drown it in the spectrum.
+    period = round(1 / (fundamental_frequency(x[start:], dt) * dt))
     power = uniform_filter1d(np.square(x), min(period, len(x)))
     amplitude = np.sqrt(2 * np.clip(power - noise**2, 0, None))
     loud = np.flatnonzero(amplitude >= 3 * noise)
     end = int(loud[-1]) + 1 if len(loud) else 0
+    # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
+    start = start if start > period / 4 else 0
+    end = end if len(x) - end > period else len(x)
     if end - start < 3 * period:
-        before = start / period
         raise ValueError(
-            f"only {max(end - start, 0) / period:.1f} cycles follow the largest amplitude (at"
-            f" {start * dt:.4g} s of the record)"
-            + (
-                f", {before:.0f} cycles come before it: the record grows, so it is forced or not"
-                " a free decay; cut it with start= and end="
-                if before > 3
-                else ": at least three cycles above the noise are needed; record longer"
-            )
+            f"only {max(end - start, 0) / period:.1f} cycles after the release (at {start * dt:.4g}"
+            " s of the record) stand out of the noise, fewer than three cycles: record longer, or"
+            " filter the record first"
         )
     _refuse_growth(amplitude[start:end], period)
     return start, end
+
+
+def _refuse_late_start(x: Array, start: int, dt: float) -> None:
+    """Many large strokes before the largest one, and fewer after it, are no free decay."""
+    large = np.flatnonzero(np.abs(x) > 0.3 * np.abs(x).max())
+    reversals = large[1:][np.diff(np.sign(x[large])) != 0]
+    before = int(np.searchsorted(reversals, start))
+    if before >= 6 and before > len(reversals) - before:
+        raise ValueError(
+            f"{before // 2} cycles come before the largest amplitude (at {start * dt:.4g} s of"
+            f" the record), {(len(reversals) - before) // 2} after it: the record grows, so it is"
+            " forced or not a free decay; cut it with start= and end="
+        )
 
 
 def _refuse_growth(amplitude: Array, period: int) -> None:

@@ -51,6 +51,6 @@ def example_decay(
         Length in linear periods, and samples in each.
     """
     period = 2 * np.pi / np.sqrt(EXAMPLE_MODEL.coefficients["omega^2"])
-    t = np.arange(int(round(periods * samples)) + 1) * period / samples
+    t = np.arange(round(periods * samples) + 1) * period / samples
     clean = EXAMPLE_MODEL.simulate(1.8, 0.0, t, rtol=1e-12)
     return clean if snr_db is None else add_noise(clean, snr_db, seed)

@@ -98,7 +98,7 @@ class Term(ABC):
 
     @property
     def conservative_inertia(self) -> bool:
-        """Whether convection is half the derivative of inertia, so that M q_dot^2/2 is its energy."""
+        """Whether convection is half the derivative of inertia, so that energy is M q_dot^2/2."""
         return True
 
     @property
@@ -392,7 +392,8 @@ def term_from_key(key: str) -> Term:
     hint = f"; did you mean {near[0]!r}?" if near else ""
     known = ", ".join(_NAMED)
     raise ValueError(
-        f"coefficient name {key!r} is not known: use {known}, gamma_m or Upsilon_k (m, k >= 2){hint}"
+        f"coefficient name {key!r} is not known: use {known}, gamma_m or Upsilon_k"
+        f" (m, k >= 2){hint}"
     )
 
 

@@ -1,0 +1,5 @@
+"""``python -m romsindy``."""
+
+from romsindy.cli import main
+
+main()

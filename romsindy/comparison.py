@@ -1,0 +1,135 @@
+"""The comparison a user asks for first: a stiffness polynomial against the IC-ROM."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from romsindy.backbone import Backbone
+from romsindy.decay import Decay
+from romsindy.harmonic import HarmonicProjection
+from romsindy.library import ROMLibrary
+from romsindy.model import ReducedModel
+from romsindy.regression import HarmonicSINDy
+
+# A cycle whose own frequency is less certain than this does not judge a model.
+CERTAIN = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One identified model beside the backbone that was read off the decay.
+
+    Attributes
+    ----------
+    name : str
+    estimator : HarmonicSINDy
+        Fitted.
+    error : (n_cycles,) array
+        Relative deviation of the model's backbone from the extracted one; nan for cycles whose
+        frequency is known to less than 1 %, and where the model has no motion.
+    """
+
+    name: str
+    estimator: HarmonicSINDy
+    error: NDArray[np.float64]
+    lost: int
+
+    @property
+    def model(self) -> ReducedModel:
+        """The identified equation."""
+        return self.estimator.model_
+
+    @property
+    def rms_error(self) -> float:
+        """Rms of the relative frequency error; nan if the model lacks part of the backbone."""
+        return float(np.sqrt(np.nanmean(self.error**2))) if not self.lost else float("nan")
+
+    @property
+    def max_error(self) -> float:
+        """Largest relative frequency error; nan if the model lacks part of the backbone."""
+        return float(np.nanmax(np.abs(self.error))) if not self.lost else float("nan")
+
+
+def compare_models(
+    decay: Decay,
+    backbone: Backbone,
+    order: int = 5,
+    damping: Sequence[str] = ("linear",),
+    fixed: Mapping[str, float] | None = None,
+    projection: HarmonicProjection | None = None,
+) -> Iterator[Candidate]:
+    """Identify a stiffness polynomial and an IC-ROM, linear frequency estimated and fixed.
+
+    Parameters
+    ----------
+    decay : Decay
+        With derivatives, so that all models see the same signals.
+    backbone : Backbone
+        Read off the same decay.
+    order : int
+        Highest order of stiffness and inertia, at least 3.
+    damping : sequence of str
+        Kinds of damping in all models.
+    fixed : mapping, optional
+        Known coefficients. The fixed linear frequency is its "omega^2", or else the one that
+        the backbone tends to at small amplitude.
+    projection : HarmonicProjection, optional
+        Harmonics and amplitudes to learn from.
+
+    Yields
+    ------
+    Candidate
+        "stiffness", "stiffness, omega fixed", "IC-ROM", "IC-ROM, omega fixed".
+
+    Raises
+    ------
+    ValueError
+        If the order is below 3; and as `HarmonicSINDy.fit`.
+    """
+    if order < 3:
+        raise ValueError(f"order = {order!r} must be at least 3, the lowest with inertia terms")
+    fixed = dict(fixed or {})
+    omega2 = fixed.pop("omega^2", backbone.linear_frequency() ** 2)
+    for name, inertia in (("stiffness", ()), ("IC-ROM", tuple(range(3, order + 1)))):
+        library = ROMLibrary(inertia, tuple(range(1, order + 1)), tuple(damping))
+        known = {k: v for k, v in fixed.items() if inertia or not k.startswith("Upsilon")}
+        for suffix, values in (("", known), (", omega fixed", known | {"omega^2": omega2})):
+            estimator = HarmonicSINDy(library, projection=projection, fixed=values).fit(decay)
+            yield _judged(name + suffix, estimator, backbone)
+
+
+def _judged(name: str, estimator: HarmonicSINDy, backbone: Backbone) -> Candidate:
+    certain = backbone.frequency_std < CERTAIN * backbone.frequency
+    error = estimator.model_.backbone(backbone.amplitude) / backbone.frequency - 1
+    lost = int(np.sum(np.isnan(error) & certain))
+    return Candidate(name, estimator, np.where(certain, error, np.nan), lost)
+
+
+def coefficient_table(candidates: Sequence[Candidate]) -> list[list[str]]:
+    """Rows of text: coefficient, unit, value in each model; the first row is the header."""
+    keys: dict[str, str] = {}
+    for candidate in candidates:
+        for term in candidate.model.terms:
+            keys.setdefault(term.key, term.unit(candidate.model.unit))
+    family = {"omega^2": 0, "gamma": 1, "Upsilon": 2, "c": 3}
+    ordered = sorted(keys, key=lambda k: (family.get(k.split("_")[0], 4), k))
+    rows = [["coefficient", "unit", *(c.name for c in candidates)]]
+    for key in ordered:
+        values = [c.model.coefficients.get(key) for c in candidates]
+        known = [key in (c.estimator.fixed or {}) for c in candidates]
+        cells = [
+            "-" if v is None else f"{v:.5g}{' (fixed)' if f else ''}"
+            for v, f in zip(values, known, strict=True)
+        ]
+        rows.append([key, keys[key], *cells])
+    rows.append(["backbone error, rms", "%", *(_percent(c.rms_error) for c in candidates)])
+    rows.append(["backbone error, max", "%", *(_percent(c.max_error) for c in candidates)])
+    return rows
+
+
+def _percent(x: float) -> str:
+    return "no motion" if np.isnan(x) else f"{100 * x:.3g}"

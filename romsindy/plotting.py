@@ -1,0 +1,181 @@
+"""Figures. Every function draws into an Axes (a new one if none is given) and returns it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+
+from romsindy.backbone import Backbone
+from romsindy.decay import Decay
+from romsindy.model import ReducedModel
+from romsindy.regression import HarmonicSINDy
+
+_MEASURED = "0.25"
+
+
+def _axes(ax: Axes | None) -> Axes:
+    return plt.subplots(layout="constrained")[1] if ax is None else ax
+
+
+def plot_decay(
+    decay: Decay,
+    backbone: Backbone | None = None,
+    *,
+    record: Decay | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Displacement against time, with the peaks of its backbone.
+
+    Parameters
+    ----------
+    decay : Decay
+        What is analysed; one channel.
+    backbone : Backbone, optional
+        Draws its peaks as an envelope.
+    record : Decay, optional
+        The whole record, drawn pale behind.
+    """
+    ax = _axes(ax)
+    if record is not None:
+        ax.plot(record.t, record.q, color="0.8", lw=0.6, label="record")
+    ax.plot(decay.t, decay.q, color="C0", lw=0.6, label="free decay")
+    if backbone is not None:
+        ax.plot(backbone.t, backbone.positive_peak, color="C1", lw=1.2, label="peaks")
+        ax.plot(backbone.t, backbone.negative_peak, color="C1", lw=1.2)
+    ax.set(xlabel="time (s)", ylabel=f"q ({decay.unit or 'its own unit'})")
+    ax.margins(x=0.01)
+    ax.legend(loc="upper right", frameon=False)
+    return ax
+
+
+def plot_backbone(
+    backbone: Backbone,
+    models: Mapping[str, ReducedModel] | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Frequency against amplitude of every cycle, with the backbones of models over it.
+
+    Parameters
+    ----------
+    backbone : Backbone
+        Points with their standard errors.
+    models : mapping of str to ReducedModel, optional
+        Curves by label.
+    """
+    ax = _axes(ax)
+    ax.errorbar(
+        backbone.frequency / (2 * np.pi),
+        backbone.amplitude,
+        xerr=backbone.frequency_std / (2 * np.pi),
+        yerr=backbone.amplitude_std,
+        fmt="o",
+        ms=3,
+        lw=0.7,
+        color=_MEASURED,
+        mfc="white",
+        label="cycles of the decay",
+        zorder=1,
+    )
+    amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
+    for i, (label, model) in enumerate((models or {}).items()):
+        style = "--" if "stiffness" in label else "-"
+        ax.plot(
+            model.backbone(amplitudes) / (2 * np.pi), amplitudes, style, color=f"C{i}", label=label
+        )
+    unit = backbone.unit or "unit of q"
+    ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
+    # Single uncertain cycles must not squeeze the picture.
+    sure = backbone.frequency[backbone.frequency_std < 0.01 * backbone.frequency] / (2 * np.pi)
+    if len(sure) > 1:
+        margin = 0.08 * max(np.ptp(sure), 1e-4 * sure.mean())
+        ax.set_xlim(sure.min() - margin, sure.max() + margin)
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def plot_damping(
+    backbone: Backbone, models: Mapping[str, ReducedModel] | None = None, *, ax: Axes | None = None
+) -> Axes:
+    """Damping ratio against amplitude, with the curves of models over it."""
+    ax = _axes(ax)
+    ax.errorbar(
+        backbone.amplitude,
+        100 * backbone.damping_ratio,
+        yerr=100 * backbone.damping_ratio_std,
+        fmt="o",
+        ms=3,
+        lw=0.7,
+        color=_MEASURED,
+        mfc="white",
+        label="cycles of the decay",
+        zorder=1,
+    )
+    amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
+    for i, (label, model) in enumerate((models or {}).items()):
+        style = "--" if "stiffness" in label else "-"
+        ax.plot(
+            amplitudes, 100 * model.damping_ratio(amplitudes), style, color=f"C{i}", label=label
+        )
+    spread = np.quantile(backbone.damping_ratio, [0.05, 0.95]) * 100
+    ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
+    ax.set(xlabel=f"amplitude ({backbone.unit or 'unit of q'})", ylabel="damping ratio (%)")
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def plot_relative_magnitude(
+    model: ReducedModel, amplitudes: ArrayLike, *, ax: Axes | None = None
+) -> Axes:
+    """Rms of every term relative to the acceleration, against amplitude (the paper's fig. 11)."""
+    ax = _axes(ax)
+    amplitudes = np.asarray(amplitudes, float)
+    shares = model.relative_magnitude(amplitudes)
+    for i, (key, share) in enumerate(shares.items()):
+        ax.plot(
+            amplitudes, share, color=f"C{i % 10}", ls="-" if i < 10 else "--", label=_symbol(key)
+        )
+    ax.set(
+        xlabel=f"amplitude ({model.unit or 'unit of q'})",
+        ylabel="rms of term / rms of acceleration",
+        yscale="log",
+        ylim=(1e-5, 3),
+    )
+    ax.legend(loc="lower right", frameon=False, ncols=3, fontsize="small")
+    return ax
+
+
+def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = None) -> Axes:
+    """Rms residual of the regression in every harmonic, relative to the rms target.
+
+    White noise in the displacement leaves bars that grow with the square of the harmonic, as the
+    second derivative does; a harmonic that stands out from this shows a missing term.
+    """
+    ax = _axes(ax)
+    width = 0.8 / len(estimators)
+    for i, (label, estimator) in enumerate(estimators.items()):
+        rows = estimator.rows_
+        residual = rows.target - rows.theta @ estimator.coef_
+        harmonics = np.unique(rows.harmonic)
+        rms = [np.sqrt(np.mean(residual[rows.harmonic == h] ** 2)) for h in harmonics]
+        position = np.arange(len(harmonics)) + (i - (len(estimators) - 1) / 2) * width
+        scale = np.sqrt(np.mean(rows.target**2))
+        ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
+        ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
+    ax.set(xlabel="harmonic", ylabel="rms residual / rms target", yscale="log")
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def _symbol(key: str) -> str:
+    """Coefficient name as a formula: "Upsilon_3" becomes a Greek letter with its index."""
+    if key == "omega^2":
+        return r"$\omega^2$"
+    name, _, index = key.partition("_")
+    greek = {"gamma": r"\gamma", "Upsilon": r"\Upsilon", "beta": r"\beta", "c": "c"}[name]
+    subscript = index if index.isdigit() else rf"\mathrm{{{index.replace(' ', '~')}}}"
+    return f"${greek}_{{{subscript}}}$" if "^" not in index else f"${greek}$ ({index})"

@@ -1,0 +1,49 @@
+"""Closed forms and independent computations that tests compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+
+
+def duffing_frequency(omega2: float, gamma3: float, amplitude: np.ndarray) -> np.ndarray:
+    """Angular frequency of q'' + omega2 q + gamma3 q^3 = 0, exact."""
+    stiff = omega2 + gamma3 * amplitude**2
+    m = gamma3 * amplitude**2 / (2 * stiff)
+    return np.pi * np.sqrt(stiff) / (2 * ellipk(m))
+
+
+def pendulum_frequency(omega: float, angle: np.ndarray) -> np.ndarray:
+    """Angular frequency of q'' + omega^2 sin q = 0 released at ``angle``, exact."""
+    return np.pi * omega / (2 * ellipk(np.sin(angle / 2) ** 2))
+
+
+def icrom_acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The example oscillator, written out by hand: no code of the package takes part."""
+    h = 0.30 * q**2 + 2 * 0.05 * q**3 + 0.12 * q**4
+    h_prime = 0.60 * q + 6 * 0.05 * q**2 + 0.48 * q**3
+    return -(h_prime / 2 * v**2 + 36 * q + 2 * q**2 + 9 * q**3 + 0.06 * v) / (1 + h)
+
+
+def integrate(acceleration: Callable, q0: float, v0: float, t: np.ndarray) -> np.ndarray:
+    """q and v of q'' = acceleration(q, v), by an explicit Runge-Kutta pair of order 8."""
+    solution = solve_ivp(
+        lambda _, y: [y[1], acceleration(y[0], y[1])],
+        (t[0], t[-1]),
+        [q0, v0],
+        "DOP853",
+        t,
+        rtol=1e-12,
+        atol=1e-14,
+    )
+    return solution.y
+
+
+def viscous_decay(t: np.ndarray, omega: float, zeta: float, q0: float = 1.0) -> np.ndarray:
+    """Displacement of a linear oscillator released from rest at q0, exact."""
+    damped = omega * np.sqrt(1 - zeta**2)
+    phase = np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t)
+    return q0 * np.exp(-zeta * omega * t) * phase

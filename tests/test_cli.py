@@ -1,0 +1,153 @@
+import base64
+import re
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from romsindy import ReducedModel, __version__, example_decay, save_decay
+from romsindy.cli import main
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Run a command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
+
+
+def test_example_prints_models_and_writes_a_page(run, tmp_path):
+    result = run("identify", "--example", "--model", "model.json", "--figure", "backbone.png")
+    assert result.exit_code == 0, result.output
+    assert "q_ddot + 0.2" in result.output and "(q^2 q_ddot + q q_dot^2)" in result.output
+    assert "stiffness, omega fixed" in result.output and "backbone error, rms" in result.output
+    errors = re.search(r"IC-ROM model misses .* by ([\d.]+) % rms.* stiffness .* by ([\d.]+) % rms",
+                       result.output)  # fmt: skip
+    assert float(errors[1]) < 0.2 < float(errors[2])
+    page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
+    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert len(pictures) == 5 and "http" not in page.replace("http-equiv", "")
+    assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)
+    assert "gamma_3" in page and __version__ in page
+    model = ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert model.coefficients["omega^2"] == pytest.approx(36, rel=2e-3)
+    assert (tmp_path / "backbone.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_same_seed_same_numbers(run):
+    first, second = (run("identify", "--example", "--seed", 4).output for _ in range(2))
+    assert first == second != run("identify", "--example", "--seed", 5).output
+
+
+def test_file_with_options(run, tmp_path):
+    decay = example_decay(40.0, 1)
+    table = np.stack([decay.t, 1000 * decay.q], axis=1)
+    np.savetxt(tmp_path / "decay.csv", table, delimiter=";", header="t;q", comments="")
+    result = run("identify", "decay.csv", "--unit", "mm", "--order", 3, "--fix", "omega^2=36",
+                 "--harmonics", "0,1,2,3,4", "--damping", "linear", "--damping", "quadratic",
+                 "--report", "page.html", "--amplitude", 0.1, 1.5, "--cutoff", 8)  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert "36 (fixed)" in result.output and "c_quadratic" in result.output
+    assert "Upsilon_4" not in result.output and "cutoff=8.0" in result.output
+    assert (tmp_path / "page.html").is_file()
+
+
+def test_measured_velocity(run, measured):
+    result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
+                 "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
+    assert result.exit_code == 0, result.output
+    assert "displacement integrated from velocity, drift removed" in result.output
+
+
+def bad(name):
+    """Files that cannot be used."""
+    t = np.arange(600) * 0.01
+    swing = np.exp(-0.05 * t) * np.sin(2 * np.pi * t)
+    columns = {
+        "nan": [t, np.where(t > 3, np.nan, swing)],
+        "decreasing": [t[::-1], swing],
+        "repeated": [np.round(t, 1), swing],
+        "gap": [t + (t > 2), swing],
+        "constant": [t, 0 * t + 1],
+        "short": [t[:250], swing[:250]],
+        "one": [swing],
+        "two": [t, swing, swing],
+        "growing": [t, swing[::-1]],
+        "good": [t, swing],
+    }[name]
+    return "\n".join(",".join(f"{x:.9g}" for x in row) for row in np.stack(columns, axis=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("nan", [], "column '2' has 299 values that are NaN"),
+        ("decreasing", [], "no time column"),
+        ("repeated", ["--time", "1"], "t must increase, but it repeats at sample"),
+        ("gap", [], "t has a gap of"),
+        ("constant", [], "q is constant (1)"),
+        ("short", [], "fewer than three cycles"),
+        ("one", [], "has 1 column"),
+        ("two", [], "2 columns could be the measured one, ['2', '3']: choose with column="),
+        ("growing", [], "is forced or not a free decay"),
+        ("good", ["--fix", "omega3=1"], "coefficient name 'omega3' is not known"),
+        ("good", ["--fix", "gamma_3=1"], "the unit of q is not known: load the decay with unit="),
+        ("good", ["--fix", "omega^2=39.5e6"], "contradicts the data"),
+        ("good", ["--fix", "omega^2"], "is not NAME=NUMBER"),
+        ("good", ["--harmonics", "0..3"], "neither a range such as 0-3 nor a list"),
+        ("good", ["--unit", "yard"], "unit 'yard' is not known"),
+        ("good", ["--order", "2"], "order = 2 must be at least 3"),
+        ("good", ["--cutoff", "-5"], "must be a positive frequency"),
+        ("good", ["--start", "50"], "leave 0 samples"),
+        ("good", ["--damping", "magic"], "'magic' is not one of"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, name, options, message):
+    (tmp_path / "decay.csv").write_text(bad(name))
+    result = run("identify", "decay.csv", *options)
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.split())
+    assert "Traceback" not in result.output
+    errors = [line for line in result.output.splitlines() if line.startswith("Error: ")]
+    assert len(errors) == 1
+
+
+def test_text_in_a_number_column_empty_and_missing_files(run, tmp_path):
+    lines = bad("good").splitlines()
+    (tmp_path / "text.csv").write_text("\n".join([*lines[:40], "0.4,oops", *lines[41:]]))
+    (tmp_path / "empty.csv").write_text("")
+    for file, message in (
+        ("text.csv", "line 41, column 2: 'oops' is not a number"),
+        ("empty.csv", "the file is empty"),
+        ("nowhere.csv", "no such file"),
+    ):
+        result = run("identify", file)
+        assert result.exit_code == 2 and message in result.output
+
+
+def test_millimetres_get_a_hint(run, tmp_path):
+    decay = example_decay(40.0, 1)
+    table = np.stack([decay.t, 1000 * decay.q], axis=1)
+    np.savetxt(tmp_path / "decay.csv", table, delimiter=",", header="t,q", comments="")
+    result = run("identify", "decay.csv", "--unit", "m", "--fix", "omega^2=36")
+    assert "if it is in millimetres, load it with unit='mm'" in result.output
+    wrong = run("identify", "decay.csv", "--unit", "m", "--fix", "gamma_3=9")
+    assert wrong.exit_code == 2 and "1000 means millimetres" in wrong.output
+
+
+def test_neither_or_both_of_file_and_example(run):
+    for arguments in ([], ["x.csv", "--example"]):
+        result = run("identify", *arguments)
+        assert result.exit_code == 2 and "name one FILE, or ask for --example" in result.output
+
+
+def test_saved_decays_are_read_back(run, tmp_path):
+    save_decay(example_decay(), tmp_path / "clean.npz")
+    result = run("identify", "clean.npz")
+    assert result.exit_code == 0, result.output
+    assert "IC-ROM model misses the measured frequency by 0.001" in result.output
+
+
+def test_version_and_help(run):
+    assert __version__ in run("--version").output
+    assert "--example" in run("identify", "--help").output

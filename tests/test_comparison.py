@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from romsindy import example_decay, extract_backbone
+from romsindy.comparison import coefficient_table, compare_models
+
+
+@pytest.fixture(scope="module")
+def candidates():
+    free = example_decay(35.0, 0).free()
+    return list(compare_models(free.conditioned(), extract_backbone(free)))
+
+
+def test_four_models_and_their_errors(candidates):
+    names = [c.name for c in candidates]
+    assert names == ["stiffness", "stiffness, omega fixed", "IC-ROM", "IC-ROM, omega fixed"]
+    stiffness, _, icrom, fixed = candidates
+    assert icrom.rms_error < 2e-3 < stiffness.rms_error < stiffness.max_error
+    # The fixed frequency is the one the measured backbone tends to: 6 rad/s.
+    assert np.sqrt(fixed.model.coefficients["omega^2"]) == pytest.approx(6.0, rel=2e-3)
+    assert "Upsilon_3" not in stiffness.model.coefficients
+
+
+def test_known_coefficients_enter_every_model():
+    free = example_decay(35.0, 0).free()
+    fixed = {"omega^2": 36.0, "Upsilon_3": 0.3}
+    models = list(compare_models(free.conditioned(), extract_backbone(free), fixed=fixed))
+    assert models[2].model.coefficients["Upsilon_3"] == 0.3
+    assert models[2].model.coefficients["omega^2"] != 36.0  # estimated here, fixed there
+    assert models[3].model.coefficients["omega^2"] == 36.0
+    with pytest.raises(ValueError, match="order = 2 must be at least 3"):
+        list(compare_models(free.conditioned(), extract_backbone(free), order=2))
+
+
+def test_table_has_a_row_for_every_coefficient(candidates):
+    rows = coefficient_table(candidates)
+    assert [r[0] for r in rows[1:7]] == [
+        "omega^2",
+        "gamma_2",
+        "gamma_3",
+        "gamma_4",
+        "gamma_5",
+        "Upsilon_3",
+    ]
+    by = {r[0]: r for r in rows}
+    assert by["Upsilon_3"][2:4] == ["-", "-"]
+    assert by["omega^2"][5].endswith("(fixed)") and by["omega^2"][1] == "1/s^2"
+    assert float(by["backbone error, rms"][4]) == pytest.approx(
+        100 * candidates[2].rms_error, rel=0.01
+    )

@@ -1,0 +1,163 @@
+import numpy as np
+import pytest
+from oracles import viscous_decay
+from scipy.io import savemat
+
+from romsindy import load_decay, save_decay
+from romsindy.units import UNITS, parse_unit
+
+T = np.arange(1000) * 0.01
+Q = viscous_decay(T, 2 * np.pi * 1.1, 0.01, 0.02)
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def table(separator=",", header="", factor=1.0, decimal="."):
+    rows = [f"{t:.6f}{separator}{q * factor:.9f}" for t, q in zip(T, Q, strict=True)]
+    return (header + "\n" if header else "") + "\n".join(rows).replace(".", decimal) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "unit"),
+    [
+        (table(), {}, None),
+        (table(";"), {"unit": "m"}, "m"),
+        (table("\t", "t\tq"), {"unit": "m"}, "m"),
+        (table(",", "time [s],q [mm]", 1000), {}, "m"),
+        (table(",", "time (s), tip (mm)", 1000), {}, "m"),
+        (table(";", "Zeit;Weg", decimal=","), {"unit": "m"}, "m"),
+        (table(",", "# made by hand\n% t and q", 1000), {"unit": "mm"}, "m"),
+        (table(" "), {"unit": "m"}, "m"),
+        (table(",", "Run 7, beam\nt,q"), {"unit": "rad"}, "rad"),
+        (table(",", "﻿t,q"), {}, None),
+    ],
+)
+def test_text_files(tmp_path, text, settings, unit):
+    decay = load_decay(write(tmp_path / "decay.csv", text), **settings)
+    np.testing.assert_allclose(decay.t, T, atol=1e-9)
+    np.testing.assert_allclose(decay.q, Q, atol=2e-9)  # nine digits were written
+    assert decay.unit == unit
+
+
+def test_milliseconds(tmp_path):
+    text = "t [ms],q [m]\n" + "\n".join(
+        f"{1000 * t:.3f},{q:.9f}" for t, q in zip(T, Q, strict=True)
+    )
+    np.testing.assert_allclose(load_decay(write(tmp_path / "d.csv", text)).t, T, atol=1e-9)
+
+
+def test_velocity_and_acceleration_by_unit_header_or_argument(tmp_path):
+    velocity = np.gradient(Q, T)
+    np.savez(tmp_path / "v.npz", t=T, v=1000 * velocity)
+    by_unit = load_decay(tmp_path / "v.npz", "mm/s")
+    by_name = load_decay(tmp_path / "v.npz", quantity="velocity")
+    assert by_unit.measured == "velocity" and by_unit.unit == "m"
+    np.testing.assert_allclose(by_unit.q[50:-50], Q[50:-50], atol=2e-4 * 0.02 + 1e-4)
+    np.testing.assert_allclose(by_name.q, 1000 * by_unit.q, rtol=1e-9)
+    np.savez(tmp_path / "a.npz", time=T, acc=np.gradient(velocity, T) / 9.80665)
+    acceleration = load_decay(tmp_path / "a.npz", "g")
+    assert acceleration.measured == "acceleration"
+    np.testing.assert_allclose(acceleration.q[50:-50], Q[50:-50], atol=1e-3)
+
+
+def test_unit_says_which_column_was_measured(tmp_path):
+    velocity = np.gradient(Q, T)
+    np.savez(tmp_path / "both.npz", t=T, x=Q, v=velocity)
+    assert load_decay(tmp_path / "both.npz", "m").measured == "displacement"
+    decay = load_decay(tmp_path / "both.npz", "m/s")
+    assert decay.measured == "velocity"
+    np.testing.assert_array_equal(decay.q_dot, velocity)
+
+
+def test_matlab_and_npz(tmp_path):
+    savemat(tmp_path / "d.mat", {"t": T[:, None], "x": Q[:, None], "info": "a beam"})
+    np.testing.assert_array_equal(load_decay(tmp_path / "d.mat", "m").q, Q)
+    savemat(tmp_path / "two.mat", {"t": T, "x": np.stack([Q, 2 * Q], axis=1)})
+    both = load_decay(tmp_path / "two.mat", "m", column=["x[0]", "x[1]"])
+    np.testing.assert_array_equal(both.q, np.stack([Q, 2 * Q], axis=1))
+    np.savez(tmp_path / "bare.npz", x=Q)
+    np.testing.assert_allclose(
+        load_decay(tmp_path / "bare.npz", "deg", rate=100.0).t, T, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_save_and_load_again(tmp_path, suffix, clean):
+    path = tmp_path / f"decay{suffix}"
+    save_decay(clean, path)
+    again = load_decay(path)
+    for name in ("t", "q", "q_dot", "q_ddot"):
+        np.testing.assert_allclose(
+            getattr(again, name), getattr(clean, name), rtol=1e-14, atol=1e-300
+        )
+    assert again.unit == "m" and again.complete
+    with pytest.raises(ValueError, match=r"name a .csv or an .npz file"):
+        save_decay(clean, tmp_path / "decay.xlsx")
+
+
+def test_part_of_a_record(tmp_path):
+    decay = load_decay(write(tmp_path / "d.csv", table()), start=2.0, end=7.0)
+    assert (decay.t[0], decay.t[-1]) == (2.0, 7.0)
+
+
+def corrupted(line, text):
+    lines = table(",", "t,q").splitlines()
+    lines[line - 1] = text
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "message"),
+    [
+        ("", {}, "the file is empty"),
+        ("\n\n", {}, "no lines of data"),
+        ("t,q\n", {}, "no line starts with a number"),
+        (corrupted(12, "0.1,broken"), {}, r"line 12, column 'q': 'broken' is not a number; mend"),
+        (corrupted(12, "0.1,"), {}, r"line 12, column 'q': the cell is empty"),
+        (corrupted(12, "0.1"), {}, r"line 12: 1 columns where 2 are usual"),
+        (
+            corrupted(12, "0.1,nan"),
+            {},
+            r"column 'q' has 1 values that are NaN .* row 11 of the data",
+        ),
+        (corrupted(12, "0.02,0.1"), {}, r"t must increase, but it decreases at sample 10"),
+        (corrupted(12, "0.09,0.1"), {}, r"t must increase, but it repeats at sample 10"),
+        ("\n".join(f"{q}" for q in Q), {}, r"has 1 column; add the times, or .* rate="),
+        ("t,x,y\n0,1,2\n1,2,3\n", {}, r"2 columns could be the measured one, \['x', 'y'\]: choose"),
+        ("a,b\n0,1\n1,2\n", {}, r"no time column among \['a', 'b'\]; name it with time="),
+        (table(), {"column": "q"}, r"column = 'q' is none of \['2'\]"),
+        (table(), {"time": "zeit"}, r"time = 'zeit' is none of"),
+        (table(), {"rate": -1.0}, r"rate = -1.0 must be a positive number"),
+        (table(), {"unit": "furlong"}, r"unit 'furlong' is not known: use m, cm, mm"),
+        (table(), {"unit": "mm", "quantity": "velocity"}, r"unit 'mm' is one of displacement, but"),
+        (table(), {"start": 99.0}, r"start = 99.0, end = None leave 0 samples"),
+    ],
+)
+def test_bad_files_are_named(tmp_path, text, settings, message):
+    with pytest.raises(ValueError, match=message):
+        load_decay(write(tmp_path / "decay.csv", text), **settings)
+
+
+def test_gap_in_a_file(tmp_path):
+    lines = table().splitlines()
+    with pytest.raises(ValueError, match=r"t has a gap of 1.01 s after 2.99 s"):
+        load_decay(write(tmp_path / "d.csv", "\n".join(lines[:300] + lines[400:])))
+
+
+def test_missing_and_foreign_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.csv: no such file"):
+        load_decay(tmp_path / "nothing.csv")
+    with pytest.raises(ValueError, match=r"unknown kind of file '.xlsx'"):
+        load_decay(write(tmp_path / "d.xlsx", "x"))
+    with pytest.raises(ValueError, match=r"not a MATLAB v5 file"):
+        load_decay(write(tmp_path / "d.mat", "this is no matlab file " * 20))
+
+
+def test_units_convert_to_si():
+    assert parse_unit("mm/s^2").factor == pytest.approx(1e-3)
+    assert parse_unit("deg").factor == pytest.approx(np.pi / 180)
+    assert parse_unit("g").factor == 9.80665
+    assert {u.quantity for u in UNITS.values()} == {"displacement", "velocity", "acceleration"}

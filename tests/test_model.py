@@ -1,0 +1,185 @@
+import pickle
+
+import numpy as np
+import pytest
+from oracles import (
+    duffing_frequency,
+    icrom_acceleration,
+    integrate,
+    viscous_decay,
+)
+
+from romsindy import ReducedModel, SingularInertiaError
+from romsindy.synthetic import EXAMPLE_MODEL
+
+AMPLITUDES = np.geomspace(0.01, 2.9, 40)
+
+
+def model(**coefficients):
+    names = {"omega2": "omega^2"}
+    return ReducedModel.from_coefficients({names.get(k, k): v for k, v in coefficients.items()})
+
+
+def test_backbone_of_duffing_is_the_elliptic_integral():
+    duffing = model(omega2=1.0, gamma_3=1.0)
+    # 80 Gauss points give 12 digits (the reference's own remark).
+    np.testing.assert_allclose(
+        duffing.backbone(AMPLITUDES), duffing_frequency(1.0, 1.0, AMPLITUDES), rtol=1e-11
+    )
+
+
+def test_backbone_of_softening_duffing_and_nan_beyond_its_well():
+    softening = model(omega2=1.0, gamma_3=-1.0)
+    inside = np.linspace(0.05, 0.9, 10)
+    exact = duffing_frequency(1.0, -1.0, inside)
+    np.testing.assert_allclose(softening.backbone(inside), exact, rtol=1e-10)
+    assert np.all(np.isnan(softening.backbone([1.01, 1.2, 5.0])))
+    assert np.all(np.isnan(softening.damping_ratio([1.2])))
+
+
+def test_backbone_of_bare_cantilever_matches_published_orbits():
+    """Reference values of an order-5 IC-ROM of the bare cantilever, harmonic balance."""
+    omega2 = 12.3623633683
+    cantilever = model(
+        omega2=omega2,
+        gamma_3=40.44066345,
+        Upsilon_3=4.59677250,
+        gamma_5=147.96917,
+        Upsilon_5=19.747053,
+    )
+    amplitude = np.array([0.0250019, 0.1001228, 0.1504273, 0.1672608, 0.2522176])
+    ratio = np.array([1.00004858, 1.00080851, 1.00192230, 1.00243064, 1.00641656])
+    # The table is given to 8 decimals and for the amplitudes of the normal mode.
+    np.testing.assert_allclose(cantilever.backbone(amplitude) / omega2**0.5, ratio, atol=2e-8)
+
+
+def test_backbone_of_an_asymmetric_model_is_what_integration_finds():
+    """Independent: turning points and period of the undamped motion by solve_ivp."""
+
+    def undamped(q, v):
+        return icrom_acceleration(q, v) + 0.06 * v / (1 + 0.3 * q**2 + 0.1 * q**3 + 0.12 * q**4)
+
+    t = np.linspace(0, 1.3, 130001)
+    q, v = integrate(undamped, 1.5, 0.0, t)
+    stops = np.flatnonzero(np.diff(np.sign(v[1:])) != 0) + 1
+    period = t[stops[1]] + v[stops[1]] / (v[stops[1]] - v[stops[1] + 1]) * (t[1] - t[0])
+    amplitude = (1.5 - q.min()) / 2
+    np.testing.assert_allclose(
+        EXAMPLE_MODEL.backbone([amplitude])[0], 2 * np.pi / period, rtol=1e-8
+    )
+
+
+def test_free_inertia_and_convection_equal_the_tied_pair():
+    """q^2 q'' and q q'^2 with the same coefficient are the inertial compensation of order 3."""
+    tied = model(omega2=36.0, gamma_3=9.0, Upsilon_3=0.3, c_linear=0.1)
+    free = model(omega2=36.0, gamma_3=9.0, beta_1=0.3, beta_2=0.3, c_linear=0.1)
+    a = np.linspace(0.1, 1.7, 20)
+    # The integrating factor is interpolated by polynomials of degree 120.
+    np.testing.assert_allclose(free.backbone(a), tied.backbone(a), rtol=1e-8)
+    np.testing.assert_allclose(free.damping_ratio(a), tied.damping_ratio(a), rtol=1e-8)
+    np.testing.assert_allclose(free.energy(a, 2 * a), tied.energy(a, 2 * a), rtol=1e-10)
+
+
+@pytest.mark.parametrize("beta_2", [0.3, 0.1, -0.2])
+def test_energy_is_conserved_without_damping(beta_2):
+    free = model(omega2=36.0, gamma_2=2.0, gamma_3=9.0, beta_1=0.3, beta_2=beta_2)
+    motion = free.simulate(1.5, 0.5, np.linspace(0, 20, 4001), rtol=1e-12)
+    energy = free.energy(motion.q, motion.q_dot)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-8)
+
+
+def test_damping_ratio_closed_forms():
+    """Work of the damping over a cycle of a linear oscillator, by hand."""
+    omega, a = 6.0, np.array([0.2, 1.0])
+    ratio = {
+        "c_linear": 1 / (2 * omega) * np.ones(2),
+        "c_quadratic": 4 * a / (3 * np.pi),
+        "c_coulomb": 2 / (np.pi * a * omega**2),
+        "c_cubic": 3 * a**2 * omega / 8,
+        "c_q^2 q_dot": a**2 / (8 * omega),
+    }
+    for key, expected in ratio.items():
+        damped = ReducedModel.from_coefficients({"omega^2": omega**2, key: 1.0})
+        # |q'| has a kink at the turning points only, where Gauss points do not lie.
+        np.testing.assert_allclose(damped.damping_ratio(a), expected, rtol=1e-9)
+
+
+def test_relative_magnitudes_of_duffing():
+    """At small amplitude the linear term carries the acceleration; the cubic one is a^2 times."""
+    shares = model(omega2=4.0, gamma_3=8.0).relative_magnitude([1e-3])
+    np.testing.assert_allclose(shares["omega^2"], 1.0, rtol=1e-5)
+    # rms cos^3 / rms cos = sqrt(5/8)
+    np.testing.assert_allclose(shares["gamma_3"], 2e-6 * np.sqrt(5 / 8), rtol=1e-5)
+
+
+def test_simulate_against_independent_integration():
+    t = np.linspace(0, 40, 4001)
+    motion = EXAMPLE_MODEL.simulate(1.8, 0.3, t)
+    q, v = integrate(icrom_acceleration, 1.8, 0.3, t)
+    # 40 cycles at a local tolerance of 1e-10.
+    np.testing.assert_allclose(motion.q, q, atol=5e-8)
+    np.testing.assert_allclose(motion.q_dot, v, atol=5e-7)
+    np.testing.assert_allclose(motion.q_ddot, icrom_acceleration(q, v), atol=5e-6)
+
+
+def test_simulate_linear_oscillator_exactly():
+    t = np.linspace(0, 30, 3001)
+    q = model(omega2=36.0, c_linear=2 * 0.01 * 6).simulate(0.7, 0.0, t).q
+    np.testing.assert_allclose(q, viscous_decay(t, 6.0, 0.01, 0.7), atol=1e-8)
+
+
+def test_dry_friction_loses_a_fixed_amplitude_and_sticks():
+    """Each half cycle costs 2 c / omega^2; it rests once the spring cannot overcome friction."""
+    c, omega2, q0 = 1.0, 36.0, 1.5
+    half = np.pi / np.sqrt(omega2)
+    t = np.arange(60) * half
+    motion = model(omega2=omega2, c_coulomb=c).simulate(q0, 0.0, t)
+    levels = q0 - 2 * c / omega2 * np.arange(60)
+    moves = levels[:-1] > c / omega2
+    n = int(np.count_nonzero(moves))
+    expected = levels[: n + 1] * (-1.0) ** np.arange(n + 1)
+    np.testing.assert_allclose(motion.q[: n + 1], expected, atol=1e-8)
+    assert np.all(motion.q[n + 1 :] == motion.q[n + 1])
+    assert np.all(motion.q_ddot[n + 2 :] == 0)
+    assert abs(motion.q[-1]) <= c / omega2 + 1e-9
+
+
+def test_motion_where_inertia_vanishes_is_refused():
+    singular = model(omega2=36.0, gamma_3=-100.0, Upsilon_3=-1.0)
+    with pytest.raises(SingularInertiaError, match=r"1 \+ h\(q\) = .* is not positive at q = "):
+        singular.simulate(0.5, 5.0, np.linspace(0, 10, 1001))
+    with pytest.raises(SingularInertiaError, match="smaller amplitudes"):
+        singular.acceleration(1.5, 0.0)
+    assert np.isnan(singular.backbone([1.2])[0])
+
+
+def test_json_pickle_and_text_round_trip():
+    limited = ReducedModel.from_coefficients(EXAMPLE_MODEL.coefficients, "m", (0.01, 1.7))
+    assert ReducedModel.from_json(limited.to_json()) == limited
+    assert pickle.loads(pickle.dumps(limited)) == limited
+    text = str(limited)
+    assert "+ 0.3 (q^2 q_ddot + q q_dot^2)" in text
+    assert "gamma_3" in text and "1/(m^2 s^2)" in text and "omega = 6 rad/s" in text
+    assert r"0.05 \, (2 q^3 \ddot{q} + 3 q^2 \dot{q}^2)" in limited.latex()
+
+
+def test_json_that_holds_no_model_is_refused():
+    with pytest.raises(ValueError, match="holds no model"):
+        ReducedModel.from_json("[1, 2]")
+    with pytest.raises(ValueError, match="Expecting value"):
+        ReducedModel.from_json("no json")
+
+
+@pytest.mark.parametrize("amplitudes", [[0.0, 1.0], [-1.0], [[1.0]]])
+def test_amplitudes_are_checked(amplitudes):
+    with pytest.raises(ValueError, match="amplitudes must be positive"):
+        EXAMPLE_MODEL.backbone(amplitudes)
+
+
+def test_coefficients_are_checked():
+    with pytest.raises(ValueError, match="must be finite"):
+        model(omega2=np.nan)
+    with pytest.raises(ValueError, match="2 values for 1 terms"):
+        ReducedModel(EXAMPLE_MODEL.terms[:1], (1.0, 2.0))
+    with pytest.raises(ValueError, match="appear twice"):
+        ReducedModel(EXAMPLE_MODEL.terms[:1] * 2, (1.0, 2.0))

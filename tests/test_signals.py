@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+from oracles import viscous_decay
+
+from romsindy.signals import (
+    crossings,
+    free_part,
+    fundamental_frequency,
+    integrate,
+    lowpass,
+    noise_std,
+    upsample,
+)
+
+DT = 0.01
+T = np.arange(4000) * DT
+
+
+def test_fundamental_of_a_decay():
+    q = viscous_decay(T, 2 * np.pi * 1.3, 0.01)
+    assert fundamental_frequency(q, DT) == pytest.approx(1.3, abs=1 / T[-1])  # one line
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 0.05])
+def test_noise_is_found_under_a_decay(sigma):
+    q = viscous_decay(T, 2 * np.pi * 1.3, 0.01)
+    noise = np.random.default_rng(1).normal(0, sigma, len(T))
+    # The median of a chi-square spectrum of a few segments is a few per cent off.
+    assert noise_std(q + noise) == pytest.approx(sigma, rel=0.15)
+    assert noise_std(q) < 1e-4
+
+
+def test_lowpass_has_no_phase_and_the_butterworth_gain():
+    """Forward and backward: gain 1 / (1 + (f/fc)^8), no shift."""
+    f, cutoff, t = 2.0, 4.0, np.arange(20000) * 1e-3
+    x = np.sin(2 * np.pi * f * t)
+    inside = slice(5000, 15000)
+    gain = 1 / (1 + (f / cutoff) ** 8)
+    # The bilinear transform moves frequencies by (pi f dt)^2/3.
+    np.testing.assert_allclose(lowpass(x, 1e-3, cutoff)[inside], gain * x[inside], atol=1e-5)
+
+
+def test_crossings_come_once_a_cycle_in_noise():
+    clean = viscous_decay(T, 2 * np.pi * 1.3, 0.005)
+    noisy = clean + np.random.default_rng(2).normal(0, 0.05, len(T))
+    up, down = crossings(noisy, DT)
+    assert len(up) == np.count_nonzero((clean[:-1] < 0) & (clean[1:] >= 0))
+    assert len(down) >= len(up) - 1
+    assert np.all(down[: len(up) - 1] > up[:-1]) and np.all(down[: len(up) - 1] < up[1:])
+    exact = (np.arange(len(up)) + 0.75) / (1.3 * np.sqrt(1 - 0.005**2))
+    assert np.abs(T[up] - exact).max() < 0.05 / 1.3  # a twentieth of a cycle
+
+
+def test_integral_of_a_noisy_biased_velocity_has_no_drift():
+    """Exact velocity of a linear oscillator, clean and with offset and noise."""
+    rng = np.random.default_rng(3)
+    omega, zeta = 2 * np.pi * 2, 0.01
+    q = viscous_decay(T, omega, zeta)
+    damped = omega * np.sqrt(1 - zeta**2)
+    v = -(omega**2) / damped * np.exp(-zeta * omega * T) * np.sin(damped * T)
+    # Three turning points leave (decrement/2)^2/4 of the amplitude, 2.5e-4.
+    np.testing.assert_allclose(integrate(v, DT)[100:-100], q[100:-100], atol=5e-4)
+    noisy = integrate(v + 0.3 + rng.normal(0, 0.05, len(T)), DT)
+    # A random walk of 0.05 sqrt(dt) over a couple of cycles is about 0.005.
+    assert np.sqrt(np.mean((noisy - q)[100:-100] ** 2)) < 0.01
+
+
+def test_upsampling_is_exact_for_a_band_limited_signal():
+    x = np.cos(2 * np.pi * 0.36 * np.arange(400) + 0.3)  # 2.8 samples a cycle
+    fine = upsample(x, 8)
+    exact = np.cos(2 * np.pi * 0.36 * np.arange(len(fine)) / 8 + 0.3)
+    assert len(fine) == 8 * 399 + 1
+    # The window of the interpolation reaches -60 dB; ends are continued by reflection.
+    np.testing.assert_allclose(fine[200:-200], exact[200:-200], atol=5e-3)
+
+
+def test_free_part_leaves_out_hold_and_noise():
+    rng = np.random.default_rng(4)
+    hold = np.ones(1500)
+    swing = viscous_decay(np.arange(8000) * DT, 2 * np.pi, 0.03)
+    x = np.concatenate([hold, swing]) + rng.normal(0, 0.01, 9500)
+    start, end = free_part(x, DT)
+    assert 1400 < start < 1525
+    # exp(-zeta omega t) = 3 noise at t = 18.6 s
+    assert 1500 + 1700 < end < 1500 + 2100
+
+
+def test_free_part_of_a_free_record_is_all_of_it():
+    x = viscous_decay(T, 2 * np.pi, 0.005)
+    assert free_part(x, DT) == (0, len(x))
+    steady = np.sin(2 * np.pi * T + 0.4)  # an undamped motion is free, too
+    assert free_part(steady, DT) == (0, len(steady))
+
+
+def test_records_that_cannot_be_used_are_refused():
+    with pytest.raises(ValueError, match="constant"):
+        fundamental_frequency(np.ones(100), DT)
+    with pytest.raises(ValueError, match="fewer than three cycles"):
+        fundamental_frequency(np.sin(2 * np.pi * np.linspace(0, 2, 400)), DT)
+    growing = viscous_decay(T, 2 * np.pi, 0.01)[::-1]
+    with pytest.raises(ValueError, match="grows, so it is forced"):
+        free_part(growing, DT)
+    slowly = (1 + 0.002 * T) * np.sin(2 * np.pi * T)
+    with pytest.raises(ValueError, match="amplitude grows by 8%"):
+        free_part(slowly, DT)
