@@ -168,13 +168,13 @@ class Assembly:
             powers += [self._add_effects(x, v, scratch) for x, v in zip(X, V, strict=True)]
         return powers
 
-    def thin_acceleration(self, x: np.ndarray, stiffening: float) -> np.ndarray:
-        """Return the acceleration at rest in x if the beam could neither stretch nor shear.
+    def smooth_acceleration(self, x: np.ndarray, stiffening: float) -> np.ndarray:
+        """Return the acceleration at rest in x, without axial and shear waves of short period.
 
-        Solve (M + stiffening^2 D) a = -r, where D is the axial and shear stiffness alone and
-        `stiffening` [s] is long against the axial periods.  A force that is suddenly taken away
-        starts axial waves; they die within a millisecond, and the motion that remains starts
-        with this acceleration.
+        Solve (M + stiffening^2 D) a = -r, where D is the axial and shear stiffness alone.  A force
+        that is suddenly taken away starts waves; those much faster than `stiffening` [s] have died
+        when the next sample is taken, and the motion that remains starts with this acceleration:
+        that of a beam which neither stretches nor shears.
         """
         length, EA, GA, _ = self._stiffness
         _, D = kernel.tangent(x, length, EA, GA, 0.0)

@@ -61,7 +61,7 @@ class Section:
 
         Examples
         --------
-        >>> Section.rectangle(0.025, 0.001, young=210e9, density=7800).EI
+        >>> round(Section.rectangle(0.025, 0.001, young=210e9, density=7800).EI, 6)
         0.4375
         """
         for name, value in {
