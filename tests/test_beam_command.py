@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from romsindy.beam import Beam, transient
 from romsindy.beam.command import simulate
+from romsindy.files import load_decay
 
 SMALL = "--elements 10 --duration 0.05 --tip-displacement 0.05 --release-mode 1".split()
 
@@ -47,16 +48,25 @@ def test_csv(tmp_path, motion):
     assert result.exit_code == 0 and result.output == ""
     header = path.read_text().splitlines()[0]
     assert header == (
-        "t [s],q [kg^1/2 m],q_dot [kg^1/2 m/s],q_ddot [kg^1/2 m/s^2],y(0.45) [m],x(0.45) [m]"
+        "t [s],q [kg^0.5 m],q_dot [kg^0.5 m/s],q_ddot [kg^0.5 m/s^2],y(0.45) [m],x(0.45) [m]"
     )
     table = np.loadtxt(path, delimiter=",", skiprows=1)
     assert table.shape == (51, 6)
     assert_allclose(table[:, 3], motion.coordinates.acceleration[:, 0], rtol=1e-9)  # 12 digits
 
 
+@pytest.mark.parametrize("name", ["decay.csv", "decay.npz"])
+def test_the_file_is_a_decay_for_the_rest_of_the_project(tmp_path, motion, name):
+    assert invoke(tmp_path / name, "--quiet").exit_code == 0
+    decay = load_decay(tmp_path / name)
+    own = motion.basis.project(motion)
+    assert decay.unit == own.unit
+    assert_allclose(decay.q_ddot, own.q_ddot, rtol=1e-9)  # 12 digits in the text
+
+
 def test_undamped(tmp_path):
     path = tmp_path / "free.npz"
-    assert invoke(path, "--undamped", "--quiet").exit_code == 0
+    assert invoke(path, "--undamped", "--full", "--quiet").exit_code == 0
     energy = load(path)["energy"]
     assert_allclose(energy, energy[0], rtol=1e-4)
 

@@ -12,7 +12,7 @@ from romsindy.beam.errors import NoEquilibriumError, StepTooLongError
 from romsindy.beam.motion import Motion
 from romsindy.beam.sensors import SensorArray
 
-_UNIT = "kg^1/2 m"
+_UNIT = "kg^0.5 m"
 
 
 @click.command()
@@ -55,6 +55,7 @@ _UNIT = "kg^1/2 m"
 )
 @click.option("--snr", type=float, help="Noise on the sensors, signal-to-noise ratio in dB.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
+@click.option("--full", is_flag=True, help="Also write all modes and the energy (npz only).")
 @click.option("--quiet", is_flag=True, help="No progress bar, no summary.")
 def simulate(
     output: Path,
@@ -69,6 +70,7 @@ def simulate(
     sensors: tuple[float, ...],
     snr: float | None,
     seed: int,
+    full: bool,
     quiet: bool,
     **parameters: float,
 ) -> None:
@@ -95,7 +97,7 @@ def simulate(
         failure, motion = error, error.motion
     except (ValueError, NoEquilibriumError) as error:
         raise click.ClickException(str(error)) from error
-    write_motion(motion, output, mode, array, snr, seed)
+    write_motion(motion, output, mode, array, snr, seed, full=full)
     if not quiet:
         click.echo(f"{motion!r}\nwritten to {output}")
     if failure is not None:
@@ -111,10 +113,13 @@ def write_motion(
     sensors: SensorArray | None = None,
     snr_db: float | None = None,
     seed: int = 0,
+    *,
+    full: bool = False,
 ) -> None:
     """Write time, one modal coordinate with its derivatives, and the sensors, to CSV or NPZ.
 
-    An NPZ file also holds the coordinates of all modes, the energies and the stop reason.
+    An NPZ file also holds the stop reason and, if `full`, the coordinates of all modes and the
+    total energy; without those and without sensors `load_decay` reads it as it is.
     """
     column = motion.basis.index(mode)
     h = motion.coordinates
@@ -125,14 +130,12 @@ def write_motion(
     )
     labels = [] if sensors is None else sensors.labels
     if path.suffix == ".npz":
-        more = {
-            "sensors": readings,
-            "sensor_labels": np.array(labels, dtype=str),
-            "modal": h.displacement,
-            "omega": motion.basis.omega,
-            "energy": motion.energy.total,
-        }
-        np.savez(path, t=motion.t, unit=_UNIT, stop_reason=motion.stop_reason, **table, **more)  # type: ignore[arg-type]
+        extra: dict[str, object] = {"unit": _UNIT, "stop_reason": motion.stop_reason}
+        if labels:
+            extra |= {"sensors": readings, "sensor_labels": np.array(labels, dtype=str)}
+        if full:
+            extra |= {"modal": h.displacement, "energy": motion.energy.total}
+        np.savez(path, t=motion.t, **table, **extra)  # type: ignore[arg-type]
         return
     units = {"q": _UNIT, "q_dot": f"{_UNIT}/s", "q_ddot": f"{_UNIT}/s^2"}
     header = ["t [s]", *(f"{name} [{units[name]}]" for name in table)]

@@ -33,10 +33,10 @@ class ModalBasis:
     omega
         Angular frequencies [rad/s], shape (n_modes,).
     shapes
-        Mode shapes (u, w, theta) [kg^-1/2, kg^-1/2, rad m^-1 kg^-1/2], shape
+        Mode shapes (u, w, theta) [kg^-0.5, kg^-0.5, rad m^-1 kg^-0.5], shape
         (n_modes, n_nodes, 3).
     momenta
-        M phi, same shape; q = sum(momenta * (x - x_equilibrium)) [kg^1/2 m].
+        M phi, same shape; q = sum(momenta * (x - x_equilibrium)) [kg^0.5 m].
     equilibrium
         The static state about which they are taken.
     axial
@@ -92,7 +92,7 @@ class ModalBasis:
         """
         column = self.index(mode)
         q, q_dot, q_ddot = motion.modal(self)
-        return Decay(motion.t, q[:, column], q_dot[:, column], q_ddot[:, column], unit="kg^1/2 m")
+        return Decay(motion.t, q[:, column], q_dot[:, column], q_ddot[:, column], unit="kg^0.5 m")
 
 
 def assembled(assembly: Assembly, matrices: np.ndarray) -> tuple[csc_array, np.ndarray]:

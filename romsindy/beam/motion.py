@@ -74,7 +74,7 @@ class Motion:
     basis
         The modes in which it was recorded.
     coordinates
-        Q, q_dot, q_ddot of these modes, (n_samples, n_modes) [kg^1/2 m, per s, s^2].
+        Q, q_dot, q_ddot of these modes, (n_samples, n_modes) [kg^0.5 m, per s, s^2].
     energy
         The energy balance.
     cost

@@ -43,9 +43,9 @@ class StaticCases:
     basis
         The modes about the equilibrium.
     q
-        Modal displacement of each case [kg^1/2 m], shape (n_cases,).
+        Modal displacement of each case [kg^0.5 m], shape (n_cases,).
     force
-        F, so that f M phi is the load [kg^1/2 m/s^2], shape (n_cases,).
+        F, so that f M phi is the load [kg^0.5 m/s^2], shape (n_cases,).
     displacement
         From the straight rest, shape (n_cases, n_nodes, 3).
     """
@@ -116,7 +116,7 @@ def reduce(
     order
         Highest power of q in the force; the inertia goes to q^(order - 1).
     amplitude
-        Largest |q| [kg^1/2 m].
+        Largest |q| [kg^0.5 m].
     cases
         Number of static cases, both directions together.
 
@@ -140,7 +140,7 @@ def reduce(
     coefficients |= stiffness_coefficients(solved, omega2, order)
     coefficients |= inertia_coefficients(beta_bar(beam, solved, order), order)
     return ReducedModel.from_coefficients(
-        coefficients, unit="kg^1/2 m", amplitude_range=(0.0, amplitude)
+        coefficients, unit="kg^0.5 m", amplitude_range=(0.0, amplitude)
     )
 
 

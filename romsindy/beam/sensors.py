@@ -149,7 +149,7 @@ class SensorArray:
         """
         x = self.measure(motion, snr_db, seed)
         phi = self.mode_shapes(basis or motion.basis, modes, snr_db, seed + 1)
-        return Decay(motion.t, x @ np.linalg.pinv(phi).T, unit="kg^1/2 m")
+        return Decay(motion.t, x @ np.linalg.pinv(phi).T, unit="kg^0.5 m")
 
 
 def add_noise(signal: np.ndarray, snr_db: float | None, seed: int | None) -> np.ndarray:
