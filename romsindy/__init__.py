@@ -1,6 +1,7 @@
 """romsindy: equations of motion, with nonlinear inertia, from measured free decays."""
 
 from romsindy.backbone import Backbone, extract_backbone
+from romsindy.beam import Beam
 from romsindy.decay import Decay
 from romsindy.files import load_decay, save_decay
 from romsindy.filters import Butterworth, SavitzkyGolay
@@ -21,6 +22,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Backbone",
+    "Beam",
     "BeamTheoryLibrary",
     "Butterworth",
     "DampingLibrary",

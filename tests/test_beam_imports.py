@@ -26,7 +26,7 @@ def imported(path: Path) -> set[str]:
 def test_arrows(path):
     names = imported(path)
     own = {n for n in names if n.startswith("romsindy")}
-    allowed = ("romsindy.beam", "romsindy.decay", "romsindy.model")
+    allowed = ("romsindy.beam", "romsindy.decay", "romsindy.model", "romsindy.signals")
     assert all(n.startswith(allowed) for n in own), own
     assert not names & {"pysindy", "sklearn"}
     if path.name != "plotting.py":

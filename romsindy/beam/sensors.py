@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from romsindy.beam.modes import ModalBasis
-from romsindy.beam.validation import require_finite, require_position
+from romsindy.beam.validation import require_position
 from romsindy.decay import Decay
+from romsindy.signals import with_noise
 
 if TYPE_CHECKING:
     from romsindy.beam.beam import Beam
@@ -88,7 +89,8 @@ class SensorArray:
         ValueError
             If the motion did not record these sensors.
         """
-        return add_noise(self._clean(motion), snr_db, seed)
+        clean = self._clean(motion)
+        return clean if snr_db is None else with_noise(clean, snr_db, seed)
 
     def _clean(self, motion: Motion) -> np.ndarray:
         recorded = motion.sensor_array
@@ -119,7 +121,8 @@ class SensorArray:
                 "fewer modes or place more sensors"
             )
         shapes = basis.shapes[:modes].reshape(modes, -1)
-        return add_noise(self.rows @ shapes.T, snr_db, seed)
+        clean = self.rows @ shapes.T
+        return clean if snr_db is None else with_noise(clean, snr_db, seed)
 
     def experiment(
         self,
@@ -150,16 +153,6 @@ class SensorArray:
         x = self.measure(motion, snr_db, seed)
         phi = self.mode_shapes(basis or motion.basis, modes, snr_db, seed + 1)
         return Decay(motion.t, x @ np.linalg.pinv(phi).T, unit="kg^0.5 m")
-
-
-def add_noise(signal: np.ndarray, snr_db: float | None, seed: int | None) -> np.ndarray:
-    """Return `signal` with white noise, column by column at a ratio of rms values [dB]."""
-    if snr_db is None:
-        return signal
-    require_finite("snr_db", snr_db)
-    rms = np.sqrt(np.mean(signal**2, axis=0))
-    noise = np.random.default_rng(seed).standard_normal(signal.shape)
-    return signal + 10.0 ** (-snr_db / 20.0) * rms * noise
 
 
 def place_sensors(beam: Beam, sensors: Sequence[Sensor | float]) -> SensorArray:
