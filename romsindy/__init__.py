@@ -1,6 +1,7 @@
 """romsindy: equations of motion, with nonlinear inertia, from measured free decays."""
 
 from romsindy.backbone import Backbone, extract_backbone
+from romsindy.beam import Beam
 from romsindy.continuation import Branch, ContinuationError, Steps, continue_branch
 from romsindy.decay import Decay
 from romsindy.files import load_decay, save_decay
@@ -30,6 +31,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Backbone",
     "BackboneCurve",
+    "Beam",
     "BeamTheoryLibrary",
     "Bifurcation",
     "Branch",

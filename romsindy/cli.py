@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from romsindy import __version__
 from romsindy.backbone import extract_backbone
+from romsindy.beam.command import simulate
 from romsindy.comparison import coefficient_table, compare_models
 from romsindy.decay import Decay
 from romsindy.files import load_decay
@@ -53,6 +54,9 @@ def _show_warning(message: Warning | str, *_: Any) -> None:
 @click.version_option(__version__)
 def main() -> None:
     """Equations of motion, with nonlinear inertia, from measured free decays."""
+
+
+main.add_command(simulate)
 
 
 def _coefficients(

@@ -16,10 +16,13 @@ from pysindy.utils import comprehend_axes
 from scipy.special import bernoulli
 from sklearn.base import BaseEstimator
 
-from romsindy.decay import Decay
+from romsindy.decay import Decay, Quantity
 from romsindy.signals import crossings
 from romsindy.terms import Term, WeakForm
 from romsindy.typing import Array
+
+# From the sensor's signal to the acceleration.
+_DIFFERENTIATIONS: dict[Quantity, int] = {"displacement": 2, "velocity": 1, "acceleration": 0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +38,9 @@ class Rows:
         Where a row comes from; real and imaginary parts of a harmonic are two rows.
     amplitude : (n_cycles,) array
         Half peak-to-peak amplitude of each cycle.
+    noise : (n_rows,) array
+        Relative size of the sensor's noise in the row: h^d where the signal was differentiated
+        d times to reach q_ddot.
     """
 
     theta: Array
@@ -42,6 +48,7 @@ class Rows:
     cycle: NDArray[np.intp]
     harmonic: NDArray[np.intp]
     amplitude: Array
+    noise: Array
 
     @staticmethod
     def stacked(parts: Sequence[Rows]) -> Rows:
@@ -53,6 +60,7 @@ class Rows:
             np.concatenate([p.cycle + s for p, s in zip(parts, starts, strict=True)]),
             np.concatenate([p.harmonic for p in parts]),
             np.concatenate([p.amplitude for p in parts]),
+            np.concatenate([p.noise for p in parts]),
         )
 
 
@@ -109,12 +117,13 @@ class HarmonicProjection(BaseEstimator):
             )
         if strong and decay.q_ddot is not None:
             columns = [term.strong(decay.q, decay.q_dot, decay.q_ddot) for term in terms]
-            return self.project(np.stack([*columns, -decay.q_ddot], axis=1), decay.q)
+            table = np.stack([*columns, -decay.q_ddot], axis=1)
+            return self.project(table, decay.q, _DIFFERENTIATIONS[decay.measured])
         target = WeakForm(second=-decay.q, second_rate=-decay.q_dot)
         forms = [*(term.weak(decay.q, decay.q_dot) for term in terms), target]
-        return self._project_weak(forms, decay.q, decay.dt)
+        return self._project_weak(forms, decay)
 
-    def project(self, columns: Array, q: Array) -> Rows:
+    def project(self, columns: Array, q: Array, differentiations: int = 0) -> Rows:
         """Strong form of any columns (n, n_terms + 1), the last one the target; cycles from q."""
         self._check()
         values, amplitudes = [], []
@@ -123,9 +132,10 @@ class HarmonicProjection(BaseEstimator):
             basis = np.exp(-2j * np.pi / n * np.outer(self.harmonics, np.arange(n))) * 2 / n
             values.append(basis @ columns[start:end])
             amplitudes.append(amplitude)
-        return self._stack(np.array(values), np.array(amplitudes))
+        return self._stack(values, amplitudes, differentiations)
 
-    def _project_weak(self, forms: Sequence[WeakForm], q: Array, dt: float) -> Rows:
+    def _project_weak(self, forms: Sequence[WeakForm], decay: Decay) -> Rows:
+        q, dt = decay.q, decay.dt
         second, second_rate, first, zeroth = (
             np.stack([np.zeros_like(q) if part is None else part for part in parts], axis=1)
             for parts in zip(*forms, strict=True)
@@ -152,7 +162,7 @@ class HarmonicProjection(BaseEstimator):
                 + d_dt * (jump(second) + d_dt * (weights @ second[inside]))
             )
             amplitudes.append(amplitude)
-        return self._stack(np.array(values), np.array(amplitudes))
+        return self._stack(values, amplitudes, _DIFFERENTIATIONS[decay.measured])
 
     def _windows(self, q: Array, dt: float) -> list[tuple[int, int, float]]:
         up, _ = crossings(q, dt)
@@ -175,15 +185,23 @@ class HarmonicProjection(BaseEstimator):
             )
         return chosen
 
-    def _stack(self, values: NDArray[np.complex128], amplitude: Array) -> Rows:
+    def _stack(
+        self, cycles: list[NDArray[np.complex128]], amplitudes: list[float], differentiations: int
+    ) -> Rows:
         h = np.asarray(self.harmonics)
-        n_cycles = len(values)
+        values = np.array(cycles)
         # The mean has no imaginary part: 2 H + 1 rows a cycle.
         parts = np.concatenate([values.real, values.imag[:, h > 0]], axis=1)
-        harmonic = np.tile(np.concatenate([h, h[h > 0]]), n_cycles)
-        cycle = np.repeat(np.arange(n_cycles), parts.shape[1])
         table = parts.reshape(-1, parts.shape[2])
-        return Rows(table[:, :-1], table[:, -1], cycle, harmonic, amplitude)
+        harmonic = np.tile(np.concatenate([h, h[h > 0]]), len(cycles))
+        return Rows(
+            theta=table[:, :-1],
+            target=table[:, -1],
+            cycle=np.repeat(np.arange(len(cycles)), parts.shape[1]),
+            harmonic=harmonic,
+            amplitude=np.array(amplitudes),
+            noise=np.maximum(1.0, harmonic) ** differentiations,
+        )
 
     def _check(self) -> None:
         h = np.asarray(self.harmonics)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pysindy as ps
 from pysindy.optimizers.base import BaseOptimizer
-from scipy.ndimage import uniform_filter1d
 from sklearn.base import BaseEstimator, clone
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
@@ -25,8 +24,6 @@ from romsindy.typing import Array
 
 # A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
 _ABSURD = 10.0
-# Cycles whose residuals are averaged into one variance: enough to know it within a third.
-_NEARBY = 15
 
 
 class ScaledOptimizer(BaseOptimizer):
@@ -106,11 +103,12 @@ class HarmonicSINDy(BaseEstimator):
         Known coefficients by name, such as ``{"omega^2": 1482.2}``, in SI units of q.
     differentiation : Filter, optional
         How derivatives are made where a decay has none; `Butterworth()` by default.
-    reweight : int
-        How often the regression is repeated with each row weighted by the scatter that the
-        residual has in its harmonic and around its amplitude. Otherwise the high harmonics, whose
-        noise the second derivative multiplies by h^2, and the large amplitudes, where a model
-        misses the most, decide the linear frequency. 0 is the paper's plain regression.
+    weighted : bool
+        Divide the rows of harmonic h by h^d and by the square root of the cycle's amplitude, where
+        d is how often the sensor's signal is differentiated to reach q_ddot (2 for displacement).
+        Noise is then alike in all rows, and neither the high harmonics nor the large amplitudes,
+        where a model misses the most, decide the linear frequency. False is the paper's plain
+        regression. Measured: ``python benchmarks/identification.py``, "other recipes".
 
     Attributes
     ----------
@@ -138,13 +136,13 @@ class HarmonicSINDy(BaseEstimator):
         projection: HarmonicProjection | None = None,
         fixed: Mapping[str, float] | None = None,
         differentiation: Filter | None = None,
-        reweight: int = 2,
+        weighted: bool = True,
     ):
         self.library = library
         self.optimizer = optimizer
         self.projection = projection
         self.fixed = fixed
-        self.reweight = reweight
+        self.weighted = weighted
         self.differentiation = differentiation
 
     # t is the second argument of fit and score, where scikit-learn hands over y: so
@@ -187,15 +185,9 @@ class HarmonicSINDy(BaseEstimator):
                 " use fewer terms, more harmonics or a longer record"
             )
         _refuse_absurd(fixed, terms, rows)
-        # White noise in q is what the weights start from: the second derivative makes it h^2 q.
-        weights: Array | None = None
-        if self.reweight:
-            weights = 1 / np.maximum(1.0, rows.harmonic) ** 4
+        weights = _row_weights(rows) if self.weighted else None
         optimizer = ScaledOptimizer(self.optimizer, fixed)
         optimizer.fit(rows.theta, rows.target, sample_weight=weights)
-        for _ in range(self.reweight):
-            weights = _row_weights(rows, rows.target - rows.theta @ optimizer.coef_[0])
-            optimizer.fit(rows.theta, rows.target, sample_weight=weights)
         self.optimizer_ = optimizer
         self.coef_ = optimizer.coef_[0]
         self.rows_ = rows
@@ -256,17 +248,14 @@ class HarmonicSINDy(BaseEstimator):
         print(*self.equations(precision), sep="\n")
 
 
-def _row_weights(rows: Rows, residual: Array) -> Array:
-    """One over the variance of the residual, averaged over the cycles of nearby amplitude."""
-    order = np.argsort(rows.amplitude)
-    floor = (1e-12 * np.std(rows.target)) ** 2 + np.finfo(float).tiny
-    weights = np.empty_like(residual)
-    for harmonic in np.unique(rows.harmonic):
-        mine = rows.harmonic == harmonic
-        power = np.bincount(rows.cycle[mine], residual[mine] ** 2) / np.bincount(rows.cycle[mine])
-        smooth = np.empty_like(power)
-        smooth[order] = uniform_filter1d(power[order], _NEARBY, mode="nearest")
-        weights[mine] = 1 / (smooth[rows.cycle[mine]] + floor)
+def _row_weights(rows: Rows) -> Array:
+    """One over the variance that is expected of a row's error.
+
+    Noise is the same at every amplitude, and differentiating it favours high harmonics; what a
+    model misses grows with amplitude. The error is taken as noise times the square root of the
+    amplitude, half-way between the two.
+    """
+    weights = 1 / (rows.noise**2 * rows.amplitude[rows.cycle])
     return weights / weights.mean()
 
 

@@ -51,6 +51,29 @@ def noise_std(x: Array) -> float:
     return float(np.sqrt(np.median(power) / 2))
 
 
+def with_noise(x: Array, snr_db: float, seed: int | None) -> Array:
+    """Add white noise to every channel.
+
+    Parameters
+    ----------
+    x : (n,) or (n, n_channels) array
+    snr_db : float
+        Ratio of the rms of a channel over the whole record to that of its noise, in dB.
+    seed : int, optional
+        None draws other noise every time.
+
+    Raises
+    ------
+    ValueError
+        If the ratio is not finite.
+    """
+    if not np.isfinite(snr_db):
+        raise ValueError(f"snr_db = {snr_db!r} must be a finite number of decibels")
+    rms = np.sqrt(np.mean(np.square(x), axis=0))
+    noise = np.random.default_rng(seed).standard_normal(np.shape(x))
+    return x + 10 ** (-snr_db / 20) * rms * noise
+
+
 def lowpass(x: Array, dt: float, cutoff: float, order: int = 4) -> Array:
     """Zero-phase Butterworth low-pass; the signal itself where the cut-off is beyond Nyquist.
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
+from romsindy.signals import with_noise
 
 EXAMPLE_MODEL = ReducedModel.from_coefficients(
     {
@@ -31,9 +32,7 @@ def add_noise(decay: Decay, snr_db: float, seed: int) -> Decay:
         Ratio of the rms of q over the whole record to that of the noise, in dB.
     seed : int
     """
-    rms = np.sqrt(np.mean(decay.q**2, axis=0))
-    noise = np.random.default_rng(seed).normal(size=decay.q.shape) * rms * 10 ** (-snr_db / 20)
-    return Decay(decay.t, decay.q + noise, unit=decay.unit)
+    return Decay(decay.t, with_noise(decay.q, snr_db, seed), unit=decay.unit)
 
 
 def example_decay(

@@ -19,7 +19,7 @@ def run(tmp_path, monkeypatch):
 def test_example_prints_models_and_writes_a_page(run, tmp_path):
     result = run("identify", "--example", "--model", "model.json", "--figure", "backbone.png")
     assert result.exit_code == 0, result.output
-    assert "q_ddot + 0.2" in result.output and "(q^2 q_ddot + q q_dot^2)" in result.output
+    assert re.search(r"q_ddot \+ 0.[23]\d* \(q\^2 q_ddot \+ q q_dot\^2\)", result.output)
     assert "stiffness, omega fixed" in result.output and "backbone error, rms" in result.output
     errors = re.search(r"IC-ROM model misses .* by ([\d.]+) % rms.* stiffness .* by ([\d.]+) % rms",
                        result.output)  # fmt: skip

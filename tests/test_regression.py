@@ -108,7 +108,6 @@ def test_every_damping_is_told_from_linear(kind):
     "optimizer",
     [
         ps.STLSQ(threshold=1e-3, alpha=1e-12),
-        ps.SSR(kappa=1e-12),
         ps.SR3(reg_weight_lam=1e-10, max_iter=1000, tol=1e-12, unbias=True),
         LinearRegression(),
         ARDRegression(),
@@ -232,11 +231,12 @@ def test_pendulum_releases_together(measured):
 
 @pytest.mark.parametrize("run", ["mode1b", "mode1a"])
 def test_measured_clamped_beam(measured, run):
-    """Same settings for both runs: backbone within 1 % rms of the extracted one."""
+    """Same settings for both runs, odd terms: backbone within 1 % rms of the extracted one."""
     file = measured / "cc_beam_bristol.npz"
     decay = load_decay(file, "m/s", column=f"{run}_v", time=f"{run}_t")
     backbone = extract_backbone(decay)
-    model = HarmonicSINDy(differentiation=Butterworth(300.0)).fit(decay).model_
+    odd = ROMLibrary(inertia=(3, 5), stiffness=(1, 3, 5))
+    model = HarmonicSINDy(odd, differentiation=Butterworth(300.0)).fit(decay).model_
     error = model.backbone(backbone.amplitude) / backbone.frequency - 1
     assert np.sqrt(np.mean(error**2)) < 0.01
     if run == "mode1b":

@@ -1,0 +1,306 @@
+"""Print every number that the beam simulator promises, beside what was measured.
+
+    python benchmarks/beam.py            all of it, about four minutes
+    python benchmarks/beam.py speed      only the parts named: statics modes reduction backbone
+                                         accuracy speed exudyn
+
+Run it on one thread (OMP_NUM_THREADS=1).  The Exudyn part needs `pip install exudyn`.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+import itertools
+
+import beam_oracles as oracles
+
+from romsindy.beam import Beam, Motion, Section
+
+Row = tuple[str, float, float]  # what, measured, at most
+LARGE = 0.15
+
+
+def bare(elements: int, EA: float = 1e8, GA: float = 1e8, EI: float = 1.0) -> Beam:
+    return Beam(1.0, Section(EA, GA, EI, 1.0), elements=elements, gravity=(0.0, 0.0))
+
+
+def worst(found: np.ndarray | list, exact: np.ndarray | list | tuple) -> float:
+    return float(np.max(np.abs(np.asarray(found) / np.asarray(exact) - 1)))
+
+
+def statics() -> Iterator[Row]:
+    def tip(beam: Beam, load: np.ndarray) -> np.ndarray:
+        return np.array([1.0, -1.0, 1.0]) * beam.equilibrium(load).tip[[1, 0, 2]]
+
+    for elements in (10, 20, 40):
+        beam = bare(elements)
+        error = max(
+            worst(tip(beam, beam.point_load((0, a))), v) for a, v in oracles.TIP_LOAD.items()
+        )
+        yield f"tip load, alpha 0.1-10, {elements} elements", error, 1e-4
+        error = max(
+            worst(tip(beam, beam.line_load((0, a))), v) for a, v in oracles.UNIFORM_LOAD.items()
+        )
+        yield f"uniform load, K 1-10, {elements} elements", error, 1e-4
+        circle = beam.equilibrium(beam.point_load(moment=2 * np.pi)).tip
+        error = float(np.abs(circle - [-1, 0, 2 * np.pi]).max())
+        yield f"full circle, closure / L, {elements} elements", error, 1e-4
+    for GA, exact in oracles.BATISTA.items():
+        beam = bare(20, EA=1e10, GA=GA, EI=10.0)
+        found = beam.equilibrium(beam.point_load((0.0, 10.0))).tip[:2]
+        yield f"Batista GA = {GA:g}, 20 elements", worst(found, exact), 1e-4
+    beam = Beam(5.0, Section(*oracles.GERADIN_SECTION, 1.0), elements=20, gravity=(0.0, 0.0))
+    u, w, theta = beam.equilibrium(beam.point_load((0.0, -600e3))).tip
+    yield "Geradin-Cardona, 20 elements", worst([5 + u, w, -theta], oracles.GERADIN_TIP), 1e-4
+    beam = bare(40)
+    momentum = beam.modes(count=1).momenta[0]
+    errors = []
+    for f, (q, w, u, _, _) in oracles.FINITE_AMPLITUDE.items():
+        x = beam.equilibrium(f * momentum).displacement
+        errors.append(worst([np.vdot(momentum, x), x[-1, 1], x[-1, 0]], [q, w, u]))
+    # u of the smallest case is printed with six digits
+    yield "finite-amplitude table, 40 elements", max(errors), 1e-4
+
+
+def modes() -> Iterator[Row]:
+    omega = bare(40).modes(count=3).omega
+    yield (
+        "bare cantilever, 3 modes, 40 elements",
+        worst(omega, np.square(oracles.BETA_CLAMPED_FREE)),
+        1e-4,
+    )
+    beam = Beam.cantilever()
+    basis = beam.modes(count=32)
+    axial = basis.omega[basis.axial > 0.5][:2]
+    straight = Beam.cantilever(gravity=0.0).modes(count=1).omega[0]
+    print(f"  150 elements: omega {basis.omega[:2]}, axial {axial} rad/s")
+    yield "default: omega 38.4967, 165.895", worst(basis.omega[:2], [38.4967, 165.895]), 2e-4
+    yield "default: axial 17960.5, 53847.5", worst(axial, [17960.5, 53847.5]), 2e-4
+    yield "default: |sag / L - 0.0217|", abs(-beam.equilibrium().tip[1] / 0.45 - 0.0217), 5e-5
+    yield "default: |factor - 1.003|", abs(basis.omega[0] / straight - 1.003), 5e-4
+
+
+def reduction() -> Iterator[Row]:
+    for mode, (_, gamma, upsilon) in oracles.SINGLE_MODE.items():
+        c = bare(40).reduce(mode=mode, order=9, amplitude=0.1 / mode**2).coefficients
+        yield f"gamma_3, mode {mode}, 40 elements", worst([c["gamma_3"]], [gamma]), 1e-4
+        yield f"Upsilon_3, mode {mode}", worst([c["Upsilon_3"]], [upsilon]), 1e-4
+        if mode == 1:
+            yield "gamma_5, mode 1", worst([c["gamma_5"]], [oracles.GAMMA_5]), 1e-3
+            yield "Upsilon_5, mode 1", worst([c["Upsilon_5"]], [oracles.UPSILON_5]), 1e-3
+    beam = Beam.cantilever(
+        length=0.3, young=205e9, tip_mass=0, spring_stiffness=0, gravity=0, elements=120
+    )
+    c = beam.reduce(order=9, amplitude=0.1 * np.sqrt(beam.section.mass * 0.3) * 0.3).coefficients
+    for name in ("gamma_3", "Upsilon_3", "gamma_5", "Upsilon_5"):
+        tolerance = 1e-4 if name.endswith("3") else 1e-3
+        yield f"0.3 m example: {name}", worst([c[name]], [oracles.EXAMPLE[name]]), tolerance
+
+
+def backbone() -> Iterator[Row]:
+    beam = Beam.cantilever(
+        length=0.3, young=205e9, tip_mass=0, spring_stiffness=0, gravity=0, alpha=0, eta=0,
+        elements=40,
+    )  # fmt: skip
+    basis = beam.modes(count=1)
+    for amplitude, exact in oracles.BACKBONE.items():
+        shape = beam.release_shape(amplitude * 0.3, mode=1)
+        motion = beam.simulate(shape, 2.5, modes=basis, progress=False)
+        omega = oracles.frequency(motion.t, basis.project(motion).q)
+        error = abs((omega / basis.omega[0] - 1) / exact - 1)
+        limit = 0.03 if amplitude < 0.35 else 0.08
+        yield f"shift of the frequency at w/L = {amplitude}", error, limit
+
+
+def acceleration_error(motion: Motion, inner: slice = slice(4, -4)) -> float:
+    decay = motion.basis.project(motion, 1)
+    numeric = make_interp_spline(decay.t, decay.q, k=7).derivative(2)(decay.t)
+    gap = np.abs(decay.q_ddot - numeric)[inner]
+    return float(gap.max() / np.abs(decay.q_ddot).max())
+
+
+def spline_error(motion: Motion, every: int) -> float:
+    """Return how far a spline through every n-th sample misses that through all samples."""
+    t, q = motion.t, motion.basis.project(motion, 1).q
+    fine = make_interp_spline(t, q, k=7).derivative(2)(t)
+    coarse = make_interp_spline(t[::every], q[::every], k=7).derivative(2)(t[::every])
+    gap = np.abs(coarse - fine[::every])[4:-4]
+    return float(gap.max() / np.abs(fine[4:-4]).max())
+
+
+def accuracy() -> Iterator[Row]:
+    for damped in (True, False):
+        beam = Beam.cantilever(elements=40, **({} if damped else {"alpha": 0.0, "eta": 0.0}))
+        basis = beam.modes(count=10)
+        name = "damped" if damped else "undamped"
+        for mode in (1, None):
+            shape = beam.release_shape(LARGE, mode=mode)
+            force = "tip force" if mode is None else "modal force"
+            motion = beam.simulate(shape, 25.0, modes=basis, progress=False)
+            print(f"  {name}, {force}: {motion!r}")
+            yield f"energy drift over 25 s, {name}, {force}", motion.energy.drift, 1e-4
+            if damped:
+                label = f"acceleration against spline of q, {force}"
+                yield label, acceleration_error(motion), 1e-3
+                if mode is None:
+                    fine = beam.simulate(shape, 1.0, 1e-4, modes=basis, progress=False)
+                    error = acceleration_error(fine, slice(20, -4))
+                    yield f"{label}, sampled at 10 kHz", error, 1e-3
+                    yield (
+                        "error of that spline itself when given 1 kHz of the 10 kHz motion",
+                        (spline_error(fine, 10)),
+                        np.inf,
+                    )
+            if mode is None and not damped:
+                continue  # its steps are cut by the energy balance, not by the sampling
+            half = beam.simulate(shape, 25.0, 5e-4, modes=basis, progress=False)
+            a, b = (oracles.frequency(m.t, basis.project(m).q) for m in (motion, half))
+            yield f"frequency against halved step, {name}, {force}", abs(a / b - 1), 1e-5
+
+
+def speed() -> Iterator[Row]:
+    Beam.cantilever(elements=2).simulate(
+        Beam.cantilever(elements=2).release_shape(0.01), 0.01, progress=False
+    )  # compiles
+    for elements, limit in ((40, 0.5), (150, 1.5)):
+        beam = Beam.cantilever(elements=elements)
+        for mode in (1, None):
+            shape = beam.release_shape(LARGE, mode=mode)
+            motion = beam.simulate(shape, 4.0, progress=False)
+            force = "tip force" if mode is None else "modal force"
+            pace = motion.cost.seconds / motion.t[-1]
+            yield f"first 4 s, {elements} elements, {force}: s per simulated s", pace, limit
+    beam = Beam.cantilever()
+    sensors = beam.sensors([0.03, 0.135, 0.24, 0.345, 0.45])
+    began = time.perf_counter()
+    motion = beam.simulate(beam.release_shape(LARGE), 25.0, sensors=sensors, progress=False)
+    yield "25 s decay, 150 elements, 5 sensors, 10 modes: s", time.perf_counter() - began, 40.0
+    yield "the same, s per simulated s", motion.cost.seconds / 25.0, 1.5
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    yield "largest memory so far, MB", memory, 500.0
+
+
+def exudyn() -> Iterator[Row]:
+    warnings.simplefilter("ignore", DeprecationWarning)  # names that older versions share
+    try:
+        import exudyn as exu
+    except ImportError:
+        print("  exudyn is not installed: skipped (pip install exudyn)")
+        return
+    for elements in (40, 150):
+        for step in (1e-3, 2.5e-4):
+            duration = 1.0 if elements == 40 else 0.1
+            other = _exudyn_seconds(exu, elements, step, duration) / duration
+            own = _own_seconds(elements, step, duration) / duration
+            print(f"  {elements} elements, step {step:g} s: Exudyn {other:.3g}, own {own:.3g} s/s")
+            yield f"own / Exudyn, {elements} elements, step {step:g} s", own / other, np.inf
+
+
+# Its elements have two nodes and its steps are of second order, so at the same number of elements
+# and step the own beam carries twice the unknowns and five orders in time.
+def _heavy_cantilever(elements: int) -> Beam:
+    """The bare default beam in 6 g, let go straight: it swings through a quarter of its length."""
+    return Beam.cantilever(
+        tip_mass=0.0, spring_stiffness=0.0, gravity=6 * 9.81, alpha=0.0, eta=0.0, elements=elements
+    )
+
+
+def _own_seconds(elements: int, step: float, duration: float) -> float:
+    beam = _heavy_cantilever(elements)
+    straight = beam.shape(np.zeros((2 * elements + 1, 3)))
+    return beam.simulate(straight, duration, step, progress=False).cost.seconds
+
+
+def _exudyn_seconds(exu, elements: int, step: float, duration: float) -> float:  # type: ignore[no-untyped-def]
+    from exudyn.utilities import (
+        CoordinateConstraint,
+        LoadMassProportional,
+        MarkerBodyMass,
+        MarkerNodeCoordinate,
+        NodePointGround,
+        NodeRigidBody2D,
+        ObjectBeamGeometricallyExact2D,
+    )
+
+    beam = _heavy_cantilever(elements)
+    section = beam.section
+    length = beam.length / elements
+    mbs = exu.SystemContainer().AddSystem()
+    nodes = [
+        mbs.AddNode(NodeRigidBody2D(referenceCoordinates=[i * length, 0.0, 0.0]))
+        for i in range(elements + 1)
+    ]
+    for pair in itertools.pairwise(nodes):
+        body = mbs.AddObject(
+            ObjectBeamGeometricallyExact2D(
+                nodeNumbers=list(pair),
+                physicsLength=length,
+                physicsMassPerLength=section.mass,
+                physicsCrossSectionInertia=section.rotary_inertia,
+                physicsBendingStiffness=section.EI,
+                physicsAxialStiffness=section.EA,
+                physicsShearStiffness=section.GA,
+            )
+        )
+        marker = mbs.AddMarker(MarkerBodyMass(bodyNumber=body))
+        mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=[0.0, -6 * 9.81, 0.0]))
+    ground = mbs.AddMarker(
+        MarkerNodeCoordinate(nodeNumber=mbs.AddNode(NodePointGround()), coordinate=0)
+    )
+    for coordinate in range(3):
+        held = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
+        mbs.AddObject(CoordinateConstraint(markerNumbers=[ground, held]))
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.numberOfSteps = round(duration / step)
+    settings.timeIntegration.endTime = duration
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.8
+    settings.timeIntegration.verboseMode = 0
+    # with its default of 1e-8, Newton stalls at the rounding of EA and halves steps for ever
+    settings.timeIntegration.newton.relativeTolerance = 1e-5
+    settings.timeIntegration.newton.absoluteTolerance = 1e-6
+    settings.solutionSettings.writeSolutionToFile = False
+    settings.linearSolverType = exu.LinearSolverType.EigenSparse
+    began = time.perf_counter()
+    mbs.SolveDynamic(settings)
+    return time.perf_counter() - began
+
+
+PARTS: dict[str, Callable[[], Iterator[Row]]] = {
+    "statics": statics,
+    "modes": modes,
+    "reduction": reduction,
+    "backbone": backbone,
+    "accuracy": accuracy,
+    "speed": speed,
+    "exudyn": exudyn,
+}
+
+
+def main(names: list[str]) -> int:
+    unknown = [name for name in names if name not in PARTS]
+    if unknown:
+        print(f"no part called {unknown}; there are {list(PARTS)}", file=sys.stderr)
+        return 2
+    missed = 0
+    for name in names or PARTS:
+        print(name)
+        for what, measured, limit in PARTS[name]():
+            verdict = "ok" if measured <= limit else "MISSED"
+            missed += measured > limit
+            print(f"  {what:62} {measured:10.3g}  at most {limit:8.3g}  {verdict}", flush=True)
+    return int(missed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,277 @@
+"""The discretised beam: forces, tangents, mass and energy of all elements and effects.
+
+Nodal fields are (n_nodes, 3) with (u, w, theta) per node, matrices are kept per element,
+(n_elements, 9, 9); see `kernel.py`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from romsindy.beam import element, kernel
+from romsindy.beam.effects.base import ForceEffect, LineEffect, Point, PointEffect, Vector
+from romsindy.beam.effects.mass import AddedMass
+
+if TYPE_CHECKING:
+    from romsindy.beam.beam import Beam
+
+
+class Place:
+    """A point of the beam as a row of shape functions over the three nodes of one element."""
+
+    def __init__(self, position: float, length: float, n_elements: int) -> None:
+        self.s = position
+        self.element = min(int(position / length * n_elements), n_elements - 1)
+        xi = 2.0 * (position / length * n_elements - self.element) - 1.0
+        self.nodes = slice(2 * self.element, 2 * self.element + 3)
+        self.weights = element.shape_functions(xi)
+        self.spread = np.kron(self.weights, np.eye(3))  # (3, 9): point <- element
+        nearest = int(np.argmax(self.weights))
+        # most points sit on a node; reading that alone is what keeps effects cheap
+        on_node = abs(self.weights[nearest] - 1.0) < 1e-9
+        self._node = 2 * self.element + nearest if on_node else None
+
+    def of(self, field: np.ndarray) -> np.ndarray:
+        """Return the value at the point of a nodal field (..., n_nodes, 3)."""
+        if self._node is not None:
+            return field[..., self._node, :]
+        return self.weights @ field[..., self.nodes, :]
+
+    def point(self, x: np.ndarray, v: np.ndarray) -> Point:
+        u, w, theta = self.of(x).tolist()
+        return Point(self.s, self.s + u, w, theta, *self.of(v).tolist())
+
+    def subtract(self, force: Vector, out: np.ndarray) -> None:
+        """Subtract a force at the point from a nodal field."""
+        if self._node is not None:
+            out[self._node] -= force
+        else:
+            out[self.nodes] -= np.multiply.outer(self.weights, force)
+
+
+class Assembly:
+    """Everything that statics, modes and the transient need to know of a beam."""
+
+    def __init__(self, beam: Beam) -> None:
+        self.n_elements = beam.elements
+        self.n_nodes = 2 * beam.elements + 1
+        self.s = np.linspace(0.0, beam.length, self.n_nodes)
+        self.beam = beam
+        self._length = beam.length / beam.elements
+        section = beam.section
+        self._stiffness = (self._length, section.EA, section.GA, section.EI)
+        self.alpha, self.eta = float(beam.alpha), float(beam.eta)  # an int would compile again
+        self._rest = np.zeros((self.n_nodes, 3))
+        # Simpson weights: exact for the consistent load of a quadratic element
+        self.tributary = np.zeros(self.n_nodes)
+        for i, share in enumerate((1.0, 4.0, 1.0)):
+            stop = self.n_nodes - 2 + i
+            self.tributary[i:stop:2] += share / 6.0 * self._length
+        self._point_effects = [
+            (self.place(e.at), e) for e in beam.effects if isinstance(e, PointEffect)
+        ]
+        self._line_effects = [e for e in beam.effects if isinstance(e, LineEffect)]
+        forces = [*(e for _, e in self._point_effects), *self._line_effects]
+        self.has_effects = bool(forces)
+        self._dissipates = not all(stores_energy(e) for e in forces)
+        self.mass = self._mass_matrices()
+        self._alpha_mass = beam.alpha * self.mass
+        self.fixed, self._ground = self._supports()
+        self.weight = self.mass_times(np.broadcast_to([*beam.gravity, 0.0], self._rest.shape))
+
+    def place(self, at: float | None) -> Place:
+        """Return the place at a position on the axis [m]; None is the right end."""
+        length = self.beam.length
+        return Place(length if at is None else at, length, self.n_elements)
+
+    def _mass_matrices(self) -> np.ndarray:
+        M = np.repeat(element.mass(self._length, self.beam.section)[None], self.n_elements, axis=0)
+        for effect in self.beam.effects:
+            if isinstance(effect, AddedMass):
+                place = self.place(effect.at)
+                inertia = np.diag([effect.mass, effect.mass, effect.rotary_inertia])
+                M[place.element] += place.spread.T @ inertia @ place.spread
+        return M
+
+    def _supports(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return which freedoms are fixed and the rotational springs (left, right) [N m/rad]."""
+        fixed = np.zeros((self.n_nodes, 3), dtype=bool)
+        fixed[0], fixed[-1] = self.beam.left.fixed, self.beam.right.fixed
+        springs = (self.beam.left.rotational_stiffness, self.beam.right.rotational_stiffness)
+        return fixed, np.array(springs)
+
+    def mass_times(self, field: np.ndarray) -> np.ndarray:
+        """Return M field."""
+        out = np.zeros_like(self._rest)
+        kernel.add_product(self.mass, np.ascontiguousarray(field), out)
+        return out
+
+    def _points(self, x: np.ndarray, v: np.ndarray) -> Point:
+        return Point(self.s, self.s + x[:, 0], x[:, 1], x[:, 2], v[:, 0], v[:, 1], v[:, 2])
+
+    def _add_effects(self, x: np.ndarray, v: np.ndarray, out: np.ndarray) -> float:
+        """Subtract the force of every effect from `out`; return what is dissipated [W]."""
+        power = 0.0
+        for place, effect in self._point_effects:
+            point = place.point(x, v)
+            fx, fy, moment = force = effect.force(point)
+            place.subtract(force, out)
+            if not stores_energy(effect):
+                power -= fx * point.x_dot + fy * point.y_dot + moment * point.theta_dot
+        for line in self._line_effects:
+            density = np.broadcast_arrays(*line.force(self._points(x, v)), self.s)[:3]
+            nodal = np.column_stack(density) * self.tributary[:, None]
+            out -= nodal
+            if not stores_energy(line):
+                power -= float(np.vdot(nodal, v))
+        return power
+
+    def residual(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, float]:
+        """Return (r, power): M x_ddot + r = 0 in free motion, and the power dissipated [W].
+
+        r holds internal and damping forces, effects and weight; fixed freedoms are zero.
+        """
+        rate = self._rest if v is None else v
+        out = -self.weight
+        power = kernel.add_internal_force(x, rate, *self._stiffness, self.eta, out)
+        if v is not None and self.alpha:
+            drag = self.alpha * self.mass_times(v)
+            out += drag
+            power += float(np.vdot(drag, v))
+        out[0, 2] += self._ground[0] * x[0, 2]
+        out[-1, 2] += self._ground[1] * x[-1, 2]
+        if self.has_effects:
+            power += self._add_effects(x, rate, out)
+        out[self.fixed] = 0.0
+        return out, power
+
+    def stage_residuals(self, X: np.ndarray, V: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return M a_i + r(x_i, v_i) of several states at once, (n_states, n_nodes, 3)."""
+        R = kernel.stage_residuals(
+            X, V, a, self.mass, self.alpha, self.weight, *self._stiffness, self.eta
+        )
+        R[:, 0, 2] += self._ground[0] * X[:, 0, 2]
+        R[:, -1, 2] += self._ground[1] * X[:, -1, 2]
+        if self.has_effects:
+            for x, v, out in zip(X, V, R, strict=True):
+                self._add_effects(x, v, out)
+        R[:, self.fixed] = 0.0
+        return R
+
+    def stage_powers(self, X: np.ndarray, V: np.ndarray) -> np.ndarray:
+        """Return the power dissipated [W] in several states."""
+        powers = kernel.stage_powers(X, V, self.mass, self.alpha, *self._stiffness, self.eta)
+        if self._dissipates:
+            scratch = np.zeros_like(self._rest)
+            powers += [self._add_effects(x, v, scratch) for x, v in zip(X, V, strict=True)]
+        return powers
+
+    def smooth_acceleration(self, x: np.ndarray, stiffening: float) -> np.ndarray:
+        """Return the acceleration at rest in x, without axial and shear waves of short period.
+
+        Solve (M + stiffening^2 D) a = -r, where D is the axial and shear stiffness alone.  A force
+        that is suddenly taken away starts waves; those much faster than `stiffening` [s] have died
+        when the next sample is taken, and the motion that remains starts with this acceleration:
+        that of a beam which neither stretches nor shears.
+        """
+        length, EA, GA, _ = self._stiffness
+        _, D = kernel.tangent(x, length, EA, GA, 0.0)
+        factors = factorise(self.mass + stiffening**2 * D, self.fixed)
+        residual, _ = self.residual(x)
+        return solve(factors, -residual)
+
+    def tangents(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return (K, C), (n_elements, 9, 9): derivatives of the residual to x and to v.
+
+        K leaves out how the material damping force turns with the section: a term of size
+        eta * strain rate that a Newton iteration does not miss.
+        """
+        K, C = kernel.tangent(x, *self._stiffness)
+        K += C
+        C *= self.eta
+        if self.alpha:
+            C += self._alpha_mass
+        self._add_supports_and_effects(x, self._rest if v is None else v, K, C)
+        return K, C
+
+    def _add_supports_and_effects(
+        self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray
+    ) -> None:
+        K[0, 2, 2] += self._ground[0]
+        K[-1, 8, 8] += self._ground[1]
+        if self.has_effects:
+            self._add_effect_tangents(x, v, K, C)
+
+    def modal_stiffness(self, x: np.ndarray, phi: np.ndarray) -> float:
+        """Return phi^T K phi at x, summed from squared strains.
+
+        K itself holds EA beside EI; in a product with it the bending of a very thin beam would
+        drown in rounding.
+        """
+        scratch = np.zeros_like(self._rest)
+        # with eta = 1 the damping power of the velocity phi is phi^T D phi
+        material = kernel.add_internal_force(x, phi, *self._stiffness, 1.0, scratch)
+        rest, _ = kernel.tangent(x, *self._stiffness)
+        self._add_supports_and_effects(x, self._rest, rest, np.zeros_like(rest))
+        scratch[:] = 0.0
+        kernel.add_product(rest, phi, scratch)
+        return float(material + np.vdot(phi, scratch))
+
+    def _add_effect_tangents(
+        self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray
+    ) -> None:
+        for place, effect in self._point_effects:
+            point = place.point(x, v)
+            for matrices, block in ((K, effect.tangent(point)), (C, effect.damping_tangent(point))):
+                matrices[place.element] += place.spread.T @ np.array(block) @ place.spread
+        for line in self._line_effects:
+            points = self._points(x, v)
+            for matrices, block in ((K, line.tangent(points)), (C, line.damping_tangent(points))):
+                self._add_blocks(matrices, block)
+
+    def _add_blocks(self, matrices: np.ndarray, rows: object) -> None:
+        """Add a 3 x 3 block per node (given as rows of arrays) to the element matrices."""
+        blocks = np.array([[np.broadcast_to(c, self.s.shape) for c in r] for r in rows])  # type: ignore[attr-defined]
+        blocks = np.moveaxis(blocks, -1, 0) * self.tributary[:, None, None]
+        matrices[:, :3, :3] += blocks[:-1:2]
+        matrices[:, 3:6, 3:6] += blocks[1::2]
+        matrices[-1, 6:, 6:] += blocks[-1]
+
+    def kinetic(self, v: np.ndarray) -> float:
+        """Return the kinetic energy [J]."""
+        return 0.5 * float(np.vdot(v, self.mass_times(v)))
+
+    def strain(self, x: np.ndarray) -> float:
+        """Return the strain energy of beam and elastic clamps [J]."""
+        ends = 0.5 * float(self._ground @ x[[0, -1], 2] ** 2)
+        return float(kernel.strain_energy(x, *self._stiffness)) + ends
+
+    def potential(self, x: np.ndarray) -> float:
+        """Return the potential energy of gravity and of the effects that store energy [J]."""
+        energy = -float(np.vdot(self.weight, x))
+        for place, effect in self._point_effects:
+            energy += effect.potential(place.point(x, self._rest))
+        for line in self._line_effects:
+            density = line.potential(self._points(x, self._rest))
+            energy += float(np.sum(self.tributary * density))
+        return energy
+
+
+def stores_energy(effect: ForceEffect) -> bool:
+    """Tell whether an effect has a potential of its own."""
+    return type(effect).potential is not ForceEffect.potential
+
+
+def factorise(matrices: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Return the factors of a chain of element matrices, which are overwritten."""
+    kernel.factorise(matrices, fixed)
+    return matrices
+
+
+def solve(factors: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Return the nodal field (n_nodes, 3) that solves the factorised system."""
+    out = rhs.astype(factors.dtype).reshape(-1)
+    kernel.solve(factors, out)
+    return out.reshape(-1, 3)

@@ -1,0 +1,144 @@
+"""The command `romsindy simulate`: the decay of the default beam, or a changed one, to a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import numpy as np
+
+from romsindy.beam.beam import Beam
+from romsindy.beam.errors import NoEquilibriumError, StepTooLongError
+from romsindy.beam.motion import Motion
+from romsindy.beam.sensors import SensorArray
+
+_UNIT = "kg^0.5 m"
+
+
+@click.command()
+@click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--duration", default=25.0, show_default=True, help="Time to follow, s.")
+@click.option("--step", default=1e-3, show_default=True, help="Sampling interval, s.")
+@click.option(
+    "--tip-displacement", type=float, help="Tip displacement at release, m [default: length / 3]."
+)
+@click.option(
+    "--release-mode",
+    type=int,
+    help="Hold by the modal force of this mode instead of a tip force; other modes stay calm.",
+)
+@click.option("--mode", default=1, show_default=True, help="Mode whose coordinate is written.")
+@click.option("--undamped", is_flag=True, help="Leave out all damping (alpha = eta = 0).")
+@click.option("--elements", default=150, show_default=True, help="Number of quadratic elements.")
+@click.option("--length", default=0.45, show_default=True, help="Length, m.")
+@click.option("--width", default=0.025, show_default=True, help="Width, m.")
+@click.option("--thickness", default=0.001, show_default=True, help="Thickness, m.")
+@click.option("--young", default=210e9, show_default=True, help="Young's modulus, Pa.")
+@click.option("--density", default=7800.0, show_default=True, help="Density, kg/m^3.")
+@click.option("--tip-mass", default=0.0008, show_default=True, help="Tip mass, kg; 0 for none.")
+@click.option(
+    "--spring-stiffness", default=24.4, show_default=True, help="Tip spring, N/m; 0 for none."
+)
+@click.option(
+    "--spring-length", default=0.097, show_default=True, help="Installed length of the spring, m."
+)
+@click.option("--spring-pretension", default=1.51, show_default=True, help="Its pull, N.")
+@click.option("--gravity", default=9.81, show_default=True, help="Downwards, m/s^2.")
+@click.option("--alpha", default=0.37, show_default=True, help="Mass-proportional damping, 1/s.")
+@click.option("--eta", default=1e-5, show_default=True, help="Stiffness-proportional damping, s.")
+@click.option(
+    "--sensor",
+    "sensors",
+    multiple=True,
+    type=float,
+    help="Position of a sensor, m (transverse and axial); may be repeated.",
+)
+@click.option("--snr", type=float, help="Noise on the sensors, signal-to-noise ratio in dB.")
+@click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
+@click.option("--full", is_flag=True, help="Also write all modes and the energy (npz only).")
+@click.option("--quiet", is_flag=True, help="No progress bar, no summary.")
+def simulate(
+    output: Path,
+    duration: float,
+    step: float,
+    tip_displacement: float | None,
+    release_mode: int | None,
+    mode: int,
+    undamped: bool,
+    alpha: float,
+    eta: float,
+    sensors: tuple[float, ...],
+    snr: float | None,
+    seed: int,
+    full: bool,
+    quiet: bool,
+    **parameters: float,
+) -> None:
+    """Simulate the free decay of the beam and write it to OUTPUT (.csv or .npz).
+
+    Columns are t, q, q_dot, q_ddot of one mode and the displacement of every sensor.  A run that
+    is interrupted, or that fails on the way, writes what it has.
+    """
+    if output.suffix not in (".csv", ".npz"):
+        raise click.BadParameter(f"{output}: name a .csv or an .npz file", param_hint="OUTPUT")
+    damping = {"alpha": 0.0, "eta": 0.0} if undamped else {"alpha": alpha, "eta": eta}
+    failure = None
+    try:
+        beam = Beam.cantilever(**parameters, **damping)  # type: ignore[arg-type]
+        array = beam.sensors(sensors) if sensors else None
+        tip = beam.length / 3.0 if tip_displacement is None else tip_displacement
+        shape = beam.release_shape(tip, mode=release_mode)
+        modes = beam.modes(count=max(10, mode))
+        modes.index(mode)
+        motion = beam.simulate(
+            shape, duration, step, modes=modes, sensors=array, progress=not quiet
+        )
+    except StepTooLongError as error:
+        failure, motion = error, error.motion
+    except (ValueError, NoEquilibriumError) as error:
+        raise click.ClickException(str(error)) from error
+    write_motion(motion, output, mode, array, snr, seed, full=full)
+    if not quiet:
+        click.echo(f"{motion!r}\nwritten to {output}")
+    if failure is not None:
+        raise click.ClickException(str(failure)) from failure
+    if motion.stop_reason != "completed":
+        raise click.exceptions.Exit(130)
+
+
+def write_motion(
+    motion: Motion,
+    path: Path,
+    mode: int = 1,
+    sensors: SensorArray | None = None,
+    snr_db: float | None = None,
+    seed: int = 0,
+    *,
+    full: bool = False,
+) -> None:
+    """Write time, one modal coordinate with its derivatives, and the sensors, to CSV or NPZ.
+
+    An NPZ file also holds the stop reason and, if `full`, the coordinates of all modes and the
+    total energy; without those and without sensors `load_decay` reads it as it is.
+    """
+    column = motion.basis.index(mode)
+    h = motion.coordinates
+    signals = {"q": h.displacement, "q_dot": h.velocity, "q_ddot": h.acceleration}
+    table = {name: values[:, column] for name, values in signals.items()}
+    readings = (
+        np.empty((len(motion.t), 0)) if sensors is None else sensors.measure(motion, snr_db, seed)
+    )
+    labels = [] if sensors is None else sensors.labels
+    if path.suffix == ".npz":
+        extra: dict[str, object] = {"unit": _UNIT, "stop_reason": motion.stop_reason}
+        if labels:
+            extra |= {"sensors": readings, "sensor_labels": np.array(labels, dtype=str)}
+        if full:
+            extra |= {"modal": h.displacement, "energy": motion.energy.total}
+        np.savez(path, t=motion.t, **table, **extra)  # type: ignore[arg-type]
+        return
+    units = {"q": _UNIT, "q_dot": f"{_UNIT}/s", "q_ddot": f"{_UNIT}/s^2"}
+    header = ["t [s]", *(f"{name} [{units[name]}]" for name in table)]
+    header += [f"{label} [m]" for label in labels]
+    values = np.column_stack([motion.t, *table.values(), readings])
+    np.savetxt(path, values, delimiter=",", header=",".join(header), comments="", fmt="%.12g")

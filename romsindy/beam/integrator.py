@@ -1,0 +1,106 @@
+"""One Radau IIA time step of the beam, by a simplified Newton iteration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.beam import kernel
+from romsindy.beam.assembly import Assembly
+from romsindy.beam.collocation import RadauIIA
+
+_MAX_ITERATIONS = 10
+# of the largest acceleration: far below the 1e-3 to which accelerations are promised
+_NEWTON_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class State:
+    """Displacement, velocity, stage accelerations and the step that led here."""
+
+    x: np.ndarray
+    v: np.ndarray
+    stages: np.ndarray
+    h: float
+
+
+class Integrator:
+    """One Radau IIA step of the beam at a time."""
+
+    def __init__(self, assembly: Assembly, method: RadauIIA) -> None:
+        self._assembly = assembly
+        self._method = method
+        self._A2 = method.A @ method.A
+        self._to_acceleration = np.linalg.inv(self._A2)
+        self._extrapolations: dict[float, np.ndarray] = {}
+        self._real, self._complex = (self._split(part) for part in method.parts())
+        self._peak = 0.0
+        self.iterations = 0
+
+    def _split(self, part: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+        """Return eigenvalues, columns, rows and room for the factors of each eigenvalue."""
+        room = np.zeros((len(part[0]), *self._assembly.mass.shape), dtype=part[0].dtype)
+        return *part, room
+
+    def start(self, x: np.ndarray) -> State:
+        """Return the state at rest in x.
+
+        The first step is guessed without acceleration: Newton converges from the unmoved shape,
+        but not from one that a full step of a guessed acceleration has stretched.
+        """
+        return State(x, np.zeros_like(x), np.zeros((self._method.stages, *x.shape)), 0.0)
+
+    def step(self, state: State, h: float) -> tuple[State, float] | None:
+        """Return the state after a step of h [s] and the energy dissipated [J]; None on failure."""
+        X, V, a = self._predict(state, h)
+        theta = self._factorise(X, V, h)
+        rate, change = 1.0, 0.0
+        for iteration in range(_MAX_ITERATIONS):
+            self.iterations += 1
+            R = self._assembly.stage_residuals(X, V, a)
+            last = change
+            change, largest = kernel.newton_update(
+                R, X, V, a, theta, h, self._method.A, self._to_acceleration,
+                self._real, self._complex,
+            )  # fmt: skip
+            if not change < 1e15:  # also catches what is not a number
+                return None
+            if iteration > 0:
+                rate = change / last if last > 0.0 else 0.0
+                if rate > 2.0 or (rate > 0.9 and iteration > 3):
+                    return None
+            # what is left after this iteration, for a linear rate
+            left = change * min(1.0, rate / (1.0 - rate)) if rate < 1.0 else change
+            if left <= _NEWTON_TOLERANCE * max(largest, 1e-3 * self._peak):
+                self._peak = max(self._peak, largest)
+                powers = self._assembly.stage_powers(X, V)
+                return State(X[-1], V[-1], a, h), h * float(self._method.A[-1] @ powers)
+        return None
+
+    def _predict(self, state: State, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return first values of the stages, from the polynomial of the step before."""
+        a = state.stages
+        if state.h > 0.0:
+            ratio = h / state.h
+            if ratio not in self._extrapolations:
+                self._extrapolations[ratio] = self._method.extrapolation(ratio)
+            a = _mix(self._extrapolations[ratio], a)
+        X = state.x + (h * self._method.c)[:, None, None] * state.v + _mix(h * h * self._A2, a)
+        V = state.v + _mix(h * self._method.A, a)
+        return X, V, a.copy()
+
+    def _factorise(self, X: np.ndarray, V: np.ndarray, h: float) -> np.ndarray:
+        """Factorise M + z C + z^2 K for z = h * eigenvalue; return the angles these hold for."""
+        middle = len(X) // 2
+        K, C = self._assembly.tangents(X[middle], V[middle])
+        for values, _, _, factors in (self._real, self._complex):
+            kernel.factorise_shifted(
+                self._assembly.mass, C, K, h * values, self._assembly.fixed, factors
+            )
+        return X[middle, :, 2].copy()
+
+
+def _mix(weights: np.ndarray, stages: np.ndarray) -> np.ndarray:
+    """Return sum_j weights_ij stages_j."""
+    return (weights @ stages.reshape(len(stages), -1)).reshape(-1, *stages.shape[1:])

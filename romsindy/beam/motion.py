@@ -1,0 +1,150 @@
+"""What a simulation returns: modal and sensor histories, the energy balance, the cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from romsindy.beam.modes import ModalBasis
+
+if TYPE_CHECKING:
+    from romsindy.beam.sensors import SensorArray
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyBalance:
+    """Energies over time [J], relative to the equilibrium; each of shape (n_samples,).
+
+    Attributes
+    ----------
+    kinetic
+        Of beam and masses.
+    strain
+        Stored in the beam and in elastic clamps.
+    potential
+        Of gravity and of the effects that store energy (springs, magnets, stops).
+    dissipated
+        What damping and dissipative effects have taken since the release.
+    """
+
+    kinetic: np.ndarray
+    strain: np.ndarray
+    potential: np.ndarray
+    dissipated: np.ndarray
+
+    @property
+    def total(self) -> np.ndarray:
+        """Sum of the four, constant but for the error of the time integration."""
+        return self.kinetic + self.strain + self.potential + self.dissipated
+
+    @property
+    def drift(self) -> float:
+        """Largest change of the total, relative to the energy at release."""
+        return float(np.max(np.abs(self.total - self.total[0])) / abs(self.total[0]))
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a simulation took: time steps, Newton iterations, wall time [s]."""
+
+    steps: int
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """Displacement, velocity and acceleration over time, (n_samples, n_channels) each."""
+
+    displacement: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A simulated motion, sampled uniformly.
+
+    Attributes
+    ----------
+    t
+        Time [s], shape (n_samples,).
+    basis
+        The modes in which it was recorded.
+    coordinates
+        Q, q_dot, q_ddot of these modes, (n_samples, n_modes) [kg^0.5 m, per s, s^2].
+    energy
+        The energy balance.
+    cost
+        Time steps, iterations, seconds.
+    stop_reason
+        "completed", or why it ended early.
+    sensors
+        Histories of the sensors [m], from equilibrium; None where none were given.
+    sensor_array
+        These sensors.
+    field
+        All nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or
+        None unless asked for.
+    """
+
+    t: np.ndarray
+    basis: ModalBasis
+    coordinates: History
+    energy: EnergyBalance
+    cost: Cost
+    stop_reason: str
+    sensors: History | None = None
+    sensor_array: SensorArray | None = None
+    field: History | None = None
+
+    def __repr__(self) -> str:
+        dt = self.t[1] - self.t[0] if len(self.t) > 1 else 0.0
+        return (
+            f"Motion({self.t[-1]:.6g} s in {len(self.t)} samples of {dt:.6g} s, "
+            f"{self.stop_reason}; energy drift {self.energy.drift:.1e},\n"
+            f"       {self.cost.steps} steps, {self.cost.iterations} iterations, "
+            f"{self.cost.seconds:.3g} s)"
+        )
+
+    def modal(self, basis: ModalBasis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return q, q_dot, q_ddot, (n_samples, n_modes) each, in the modes of `basis`.
+
+        Raises
+        ------
+        ValueError
+            If the motion was recorded in other modes, or fewer, and its full field was
+            not kept.
+        """
+        if self.field is not None:
+            shape = (len(self.t), *basis.shapes.shape[1:])
+            x, v, a = (
+                f.reshape(shape)
+                for f in (self.field.displacement, self.field.velocity, self.field.acceleration)
+            )
+            return basis.coordinates(x), basis.rates(v), basis.rates(a)
+        n = len(basis.omega)
+        if n > len(self.basis.omega) or not _same_modes(self.basis, basis):
+            raise ValueError(
+                f"the motion was recorded in {self.basis!r}, which do not hold {basis!r}; "
+                "simulate with modes=... set to these, or with keep_field=True"
+            )
+        h = self.coordinates
+        return h.displacement[:, :n], h.velocity[:, :n], h.acceleration[:, :n]
+
+
+def _same_modes(recorded: ModalBasis, asked: ModalBasis) -> bool:
+    """Tell whether the first modes of `recorded` are those of `asked`, up to rounding."""
+    n = len(asked.omega)
+    if recorded.shapes.shape[1:] != asked.shapes.shape[1:]:
+        return False
+    # 1e-6 is far above what the eigenvalue solver leaves and far below any change of the beam
+    same_shapes = np.allclose(
+        recorded.shapes[:n], asked.shapes, rtol=0.0, atol=1e-6 * np.abs(asked.shapes).max()
+    )
+    same_rest = np.allclose(
+        recorded.equilibrium.displacement, asked.equilibrium.displacement, rtol=0.0, atol=1e-9
+    )
+    return same_shapes and same_rest

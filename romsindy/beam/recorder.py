@@ -1,0 +1,75 @@
+"""Keeps, sample by sample, what a simulation was asked for, and nothing else."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from romsindy.beam.modes import ModalBasis
+from romsindy.beam.motion import Cost, EnergyBalance, History, Motion
+
+if TYPE_CHECKING:
+    from romsindy.beam.sensors import SensorArray
+
+
+class Recorder:
+    """Histories of the modes, the sensors and, if asked, of the whole field."""
+
+    def __init__(
+        self, basis: ModalBasis, sensors: SensorArray | None, n_samples: int, keep_field: bool
+    ) -> None:
+        size = basis.momenta[0].size
+        self._basis = basis
+        self._sensors = sensors
+        self._n_modes = len(basis.omega)
+        rows = [basis.momenta.reshape(self._n_modes, size)]
+        if sensors is not None:
+            rows.append(sensors.rows)
+        self._rows = np.concatenate(rows)
+        self._offset = self._rows @ basis.equilibrium.displacement.ravel()
+        self._readings = np.empty((3, n_samples, len(self._rows)))
+        self._field = np.empty((3, n_samples, size)) if keep_field else None
+        self._energies = np.empty((4, n_samples))
+        self.count = 0
+
+    def add(
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        energies: tuple[float, float, float],
+        dissipated: float,
+    ) -> None:
+        """Record one sample."""
+        state = np.stack([x.ravel(), v.ravel(), a.ravel()])
+        readings = state @ self._rows.T
+        readings[0] -= self._offset
+        self._readings[:, self.count] = readings
+        self._energies[:, self.count] = (*energies, dissipated)
+        if self._field is not None:
+            self._field[:, self.count] = state
+        self.count += 1
+
+    def motion(
+        self, step: float, cost: Cost, rest: tuple[float, float, float], stop_reason: str
+    ) -> Motion:
+        """Return what was recorded; energies are counted from those at rest."""
+        n = self.count
+        readings = self._readings[:, :n]
+        kinetic, strain, potential, dissipated = self._energies[:, :n]
+        field = None if self._field is None else History(*self._field[:, :n])
+        sensors = None
+        if self._sensors is not None:
+            sensors = History(*readings[:, :, self._n_modes :])
+        return Motion(
+            t=step * np.arange(n),
+            basis=self._basis,
+            coordinates=History(*readings[:, :, : self._n_modes]),
+            energy=EnergyBalance(kinetic, strain - rest[1], potential - rest[2], dissipated),
+            cost=cost,
+            stop_reason=stop_reason,
+            sensors=sensors,
+            sensor_array=self._sensors,
+            field=field,
+        )

@@ -1,0 +1,186 @@
+"""Displacement sensors, noise, and the modal transform of a measured response."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from romsindy.beam.modes import ModalBasis
+from romsindy.beam.validation import require_position
+from romsindy.decay import Decay
+from romsindy.signals import with_noise
+
+if TYPE_CHECKING:
+    from romsindy.beam.beam import Beam
+    from romsindy.beam.motion import Motion
+
+TRANSVERSE = (0.0, 1.0)
+AXIAL = (1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A displacement sensor.
+
+    Parameters
+    ----------
+    at
+        Position on the undeformed axis [m].
+    direction
+        (x, y), of any length; (0, 1) is transverse, (1, 0) axial.
+
+    Raises
+    ------
+    ValueError
+        For a direction of length zero.
+    """
+
+    at: float
+    direction: tuple[float, float] = TRANSVERSE
+
+    def __post_init__(self) -> None:
+        if not 0.0 < math.hypot(*self.direction) < math.inf:
+            raise ValueError(
+                f"direction = {self.direction} points nowhere; (0, 1) is transverse, (1, 0) axial"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class SensorArray:
+    """Sensors on a beam.
+
+    Attributes
+    ----------
+    sensors
+        The sensors, one channel each.
+    rows
+        What each reads of the nodal displacements, shape (n_channels, n_nodes * 3).
+    """
+
+    sensors: tuple[Sensor, ...]
+    rows: np.ndarray
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each channel, such as "y(0.45)": direction and position [m]."""
+        axes = {TRANSVERSE: "y", AXIAL: "x"}
+        return [f"{axes.get(s.direction, 'd')}({s.at:g})" for s in self.sensors]
+
+    def measure(
+        self, motion: Motion, snr_db: float | None = None, seed: int | None = 0
+    ) -> np.ndarray:
+        """Return displacements [m] from equilibrium, (n_samples, n_channels), noisy if asked.
+
+        Parameters
+        ----------
+        motion
+            Simulated with these sensors, or with its full field kept.
+        snr_db
+            Signal-to-noise ratio [dB] of each channel, rms over the record; None is clean.
+        seed
+            Of the noise.
+
+        Raises
+        ------
+        ValueError
+            If the motion did not record these sensors.
+        """
+        clean = self._clean(motion)
+        return clean if snr_db is None else with_noise(clean, snr_db, seed)
+
+    def _clean(self, motion: Motion) -> np.ndarray:
+        recorded = motion.sensor_array
+        if motion.field is not None:
+            rest = motion.basis.equilibrium.displacement.ravel()
+            return (motion.field.displacement - rest) @ self.rows.T
+        if motion.sensors is None or recorded is None or not _same(recorded.rows, self.rows):
+            raise ValueError(
+                "the motion did not record these sensors; simulate with sensors=... set to them, "
+                "or with keep_field=True"
+            )
+        return motion.sensors.displacement
+
+    def mode_shapes(
+        self, basis: ModalBasis, modes: int = 3, snr_db: float | None = None, seed: int | None = 0
+    ) -> np.ndarray:
+        """Return the first `modes` mode shapes at the sensors, (n_channels, modes).
+
+        Raises
+        ------
+        ValueError
+            If there are fewer sensors than modes, or the basis has fewer modes.
+        """
+        basis.index(modes)
+        if modes > len(self.sensors):
+            raise ValueError(
+                f"modes = {modes} cannot be told apart by {len(self.sensors)} sensors; ask for "
+                "fewer modes or place more sensors"
+            )
+        shapes = basis.shapes[:modes].reshape(modes, -1)
+        clean = self.rows @ shapes.T
+        return clean if snr_db is None else with_noise(clean, snr_db, seed)
+
+    def experiment(
+        self,
+        motion: Motion,
+        modes: int = 3,
+        snr_db: float | None = 35.0,
+        seed: int = 0,
+        basis: ModalBasis | None = None,
+    ) -> Decay:
+        """Return the modal coordinates, one channel per mode, that an experiment would find.
+
+        Noise goes on displacements and on mode shapes; the pseudo-inverse of the noisy shapes
+        gives q = Phi^+ x (the paper's eq. 21 and section 5).
+
+        Parameters
+        ----------
+        motion
+            Simulated with these sensors.
+        modes
+            Number of modes that are told apart.
+        snr_db
+            Signal-to-noise ratio [dB] of both; None is clean.
+        seed
+            Of both noises.
+        basis
+            The modes (default: those in which the motion was recorded).
+        """
+        x = self.measure(motion, snr_db, seed)
+        phi = self.mode_shapes(basis or motion.basis, modes, snr_db, seed + 1)
+        return Decay(motion.t, x @ np.linalg.pinv(phi).T, unit="kg^0.5 m")
+
+
+def place_sensors(beam: Beam, sensors: Sequence[Sensor | float]) -> SensorArray:
+    """Return the sensors on a beam; a bare position [m] stands for a transverse and an axial one.
+
+    Raises
+    ------
+    ValueError
+        For no sensors, or one off the beam.
+    """
+    placed: list[Sensor] = []
+    for sensor in sensors:
+        if isinstance(sensor, Sensor):
+            placed.append(sensor)
+        else:
+            placed += [Sensor(float(sensor), TRANSVERSE), Sensor(float(sensor), AXIAL)]
+    if not placed:
+        raise ValueError("sensors is empty; give at least one position [m]")
+    return SensorArray(tuple(placed), np.array([_row(beam, sensor) for sensor in placed]))
+
+
+def _row(beam: Beam, sensor: Sensor) -> np.ndarray:
+    require_position("sensor at", sensor.at, beam.length)
+    norm = math.hypot(*sensor.direction)
+    # A load is what does work on a displacement, so a unit load reads it.
+    unit = (sensor.direction[0] / norm, sensor.direction[1] / norm)
+    return beam.point_load(unit, at=sensor.at).ravel()
+
+
+def _same(a: np.ndarray, b: np.ndarray) -> bool:
+    return a.shape == b.shape and bool(np.all(a == b))

@@ -1,0 +1,151 @@
+"""Static equilibria: Newton's method, with load stepping, under a load or a displacement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.beam.assembly import Assembly, factorise, solve
+from romsindy.beam.errors import NoEquilibriumError
+
+_MAX_ITERATIONS = 25
+_SMALLEST_STEP = 2.0**-10
+# Newton converges quadratically, so an increment of this size (relative to the beam's length, or
+# in radians) leaves an error at the level of rounding.
+_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Control:
+    """What a displacement-controlled solve prescribes: sum(weights * x) takes a given value."""
+
+    weights: np.ndarray
+
+    def measure(self, x: np.ndarray) -> float:
+        return float(np.vdot(self.weights, x))
+
+
+@dataclass(frozen=True)
+class _State:
+    x: np.ndarray
+    factor: float
+
+
+def _newton(
+    assembly: Assembly,
+    start: _State,
+    pattern: np.ndarray,
+    weight_share: float,
+    control: Control | None,
+    target: float,
+) -> _State | None:
+    """Solve r(x) = factor * pattern; without `control` the factor stays, else it is found too."""
+    x, factor = start.x.copy(), start.factor
+    length = assembly.beam.length
+    for _ in range(_MAX_ITERATIONS):
+        residual, _ = assembly.residual(x)
+        residual += (1.0 - weight_share) * np.where(assembly.fixed, 0.0, assembly.weight)
+        stiffness, _ = assembly.tangents(x)
+        factors = factorise(stiffness, assembly.fixed)
+        increment = solve(factors, factor * pattern - residual)
+        if control is not None:
+            unit = solve(factors, pattern)
+            change = (target - control.measure(x + increment)) / control.measure(unit)
+            factor += change
+            increment += change * unit
+        size = np.max(np.abs(increment) / [length, length, 1.0])
+        if not size < 1e3:  # also catches what is not a number
+            return None
+        x += increment
+        if size < _TOLERANCE:
+            return _State(x, factor)
+    return None
+
+
+def _march(solve_at: Callable[[float, _State], _State | None], start: _State) -> _State | None:
+    """Follow a path from 0 to 1, halving the step where Newton fails, doubling where it does not.
+
+    Start each solve from the secant through the two states before.
+    """
+    done, step = 0.0, 1.0
+    state, previous = start, None
+    while done < 1.0:
+        step = min(step, 1.0 - done)
+        guess = state
+        if previous is not None:
+            ratio = step / previous[0]
+            guess = _State(
+                state.x + ratio * (state.x - previous[1].x),
+                state.factor + ratio * (state.factor - previous[1].factor),
+            )
+        found = solve_at(done + step, guess)
+        if found is None:
+            step *= 0.5
+            if step < _SMALLEST_STEP:
+                return None
+            continue
+        previous = (step, state)
+        state, done, step = found, done + step, 2.0 * step
+    return state
+
+
+def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> np.ndarray:
+    """Return the displacement, (n_nodes, 3), under weight, effects and a dead nodal load [N, N m].
+
+    Raises
+    ------
+    NoEquilibriumError
+        If no equilibrium is found, however small the load step.
+    """
+    pattern = np.zeros_like(assembly.weight) if load is None else _free(assembly, load)
+
+    def solve_at(share: float, guess: _State) -> _State | None:
+        return _newton(assembly, _State(guess.x, share), pattern, share, None, 0.0)
+
+    found = _march(solve_at, _State(np.zeros_like(pattern), 0.0))
+    if found is None:
+        raise NoEquilibriumError(
+            f"no equilibrium found under a load of {np.abs(pattern).max():.4g} N (largest nodal "
+            "value), even in steps of 1/1024 of it; reduce the load, or check the springs and "
+            "supports (a beam without support has no equilibrium)"
+        )
+    return found.x
+
+
+def find_displaced(
+    assembly: Assembly,
+    start: np.ndarray,
+    pattern: np.ndarray,
+    control: Control,
+    target: float,
+    factor: float = 0.0,
+) -> tuple[np.ndarray, float]:
+    """Return (x, factor): equilibrium under factor * pattern with the control at `target`.
+
+    The path starts from the equilibrium `start` under `factor * pattern`.
+
+    Raises
+    ------
+    NoEquilibriumError
+        If there is no such equilibrium on the path.
+    """
+    pattern = _free(assembly, pattern)
+    first = control.measure(start)
+
+    def solve_at(share: float, guess: _State) -> _State | None:
+        goal = first + share * (target - first)
+        return _newton(assembly, guess, pattern, 1.0, control, goal)
+
+    found = _march(solve_at, _State(start, factor))
+    if found is None:
+        raise NoEquilibriumError(
+            f"no equilibrium found with the controlled displacement at {target:.4g}; the beam "
+            f"(length {assembly.beam.length:.4g} m) may not reach that far: ask for less"
+        )
+    return found.x, found.factor
+
+
+def _free(assembly: Assembly, load: np.ndarray) -> np.ndarray:
+    return np.where(assembly.fixed, 0.0, load)

@@ -1,0 +1,152 @@
+"""Free motion of the beam from a released shape."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tqdm import tqdm
+
+from romsindy.beam import kernel
+from romsindy.beam.assembly import Assembly
+from romsindy.beam.collocation import RadauIIA
+from romsindy.beam.errors import StepTooLongError
+from romsindy.beam.integrator import Integrator
+from romsindy.beam.modes import ModalBasis
+from romsindy.beam.motion import Cost, Motion
+from romsindy.beam.recorder import Recorder
+from romsindy.beam.stepper import FINEST, Budget, Stepper
+from romsindy.beam.validation import require_positive
+
+if TYPE_CHECKING:
+    from romsindy.beam.beam import Beam, Shape
+    from romsindy.beam.sensors import SensorArray
+
+DEFAULT_STEP = 1e-3
+DEFAULT_ENERGY_TOLERANCE = 1e-4
+_DEFAULT_MODES = 10
+
+
+def simulate(
+    beam: Beam,
+    shape: Shape,
+    duration: float,
+    step: float = DEFAULT_STEP,
+    *,
+    energy_tolerance: float = DEFAULT_ENERGY_TOLERANCE,
+    modes: ModalBasis | None = None,
+    sensors: SensorArray | None = None,
+    keep_field: bool = False,
+    method: RadauIIA | None = None,
+    progress: bool = True,
+) -> Motion:
+    """Let the beam go from rest in `shape` and follow its free motion.
+
+    The result is sampled every `step`; a sample interval is cut into 2, 4, ... time steps where
+    the energy balance or Newton's method asks for it.  The first acceleration leaves out the
+    axial waves that the release starts if they are too fast for the sampling.
+
+    Parameters
+    ----------
+    beam
+        The beam.
+    shape
+        Where it is let go.
+    duration
+        Time to follow [s].
+    step
+        Sampling interval and longest time step [s].
+    energy_tolerance
+        How far kinetic + strain + potential + dissipated energy may drift over
+        the whole motion, relative to the energy at release.
+    modes
+        The modes to record (default: the first ten about the beam's own equilibrium).
+    sensors
+        Sensors to record.
+    keep_field
+        Whether to keep every node's motion as well (20 kB per sample at 150 elements).
+    method
+        The collocation method (default: Radau IIA of order 5).
+    progress
+        Whether to show a progress bar.
+
+    Raises
+    ------
+    ValueError
+        For a duration, step or tolerance that is not positive, or a shape of another
+        mesh.
+    StepTooLongError
+        If Newton fails even in steps of step / 1024; the error carries the
+        motion up to there and a step to try.
+    """
+    _check(beam, shape, duration, step, energy_tolerance)
+    assembly = beam.assembly
+    if progress and not kernel.is_compiled():
+        print("compiling the beam kernel (first run only, about 10 s)", file=sys.stderr)
+    equilibrium = beam.equilibrium()
+    rest, start = equilibrium.displacement, shape.displacement
+    rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
+    method = method or RadauIIA()
+    integrator = Integrator(assembly, method)
+    budget = _budget(assembly, start, sum(rest_energy), energy_tolerance, duration)
+    stepper = Stepper(integrator, assembly, integrator.start(start), budget, method.order)
+    acceleration = assembly.smooth_acceleration(start, stiffening=step)
+    basis = modes or beam.modes(equilibrium, _count_modes(assembly))
+    n_samples = int(np.floor(duration / step * (1 + 1e-12))) + 1
+    recorder = Recorder(basis, sensors, n_samples, keep_field)
+    began = time.perf_counter()
+
+    def motion(stop_reason: str) -> Motion:
+        cost = Cost(stepper.steps, integrator.iterations, time.perf_counter() - began)
+        return recorder.motion(step, cost, rest_energy, stop_reason)
+
+    recorder.add(start, stepper.state.v, acceleration, stepper.energies, 0.0)
+    try:
+        for i in _samples(n_samples, progress):
+            if not stepper.advance((i - 1) * step, step):
+                finest = step / 2**FINEST
+                raise StepTooLongError(
+                    f"Newton's method did not converge at t = {(i - 1) * step:.6g} s with step = "
+                    f"{step:.6g} s, not even cut to {finest:.3g} s; try step = {0.1 * step:.3g} s "
+                    "(the motion up to there is in this error's `motion`)",
+                    motion(f"step too long at {(i - 1) * step:.6g} s"),
+                    0.1 * step,
+                )
+            state = stepper.state
+            recorder.add(state.x, state.v, state.stages[-1], stepper.energies, stepper.dissipated)
+    except KeyboardInterrupt:
+        return motion(f"interrupted at {(recorder.count - 1) * step:.6g} s of {duration:.6g} s")
+    return motion("completed")
+
+
+def _budget(
+    assembly: Assembly, start: np.ndarray, rest_energy: float, tolerance: float, duration: float
+) -> Budget:
+    stored = assembly.strain(start) + assembly.potential(start)
+    rounding = 1e-14 * (abs(stored) + abs(rest_energy))
+    return Budget(tolerance * abs(stored - rest_energy), duration, rounding)
+
+
+def _check(beam: Beam, shape: Shape, duration: float, step: float, energy_tolerance: float) -> None:
+    require_positive("duration", duration)
+    require_positive("step", step)
+    require_positive("energy_tolerance", energy_tolerance)
+    if step > duration:
+        raise ValueError(f"step = {step} s is longer than duration = {duration} s; shorten it")
+    if shape.displacement.shape != (beam.assembly.n_nodes, 3):
+        raise ValueError(
+            f"shape has {len(shape.displacement)} nodes, the beam has {beam.assembly.n_nodes}; "
+            "release a shape of the same mesh"
+        )
+
+
+def _count_modes(assembly: Assembly) -> int:
+    free = int(np.count_nonzero(~assembly.fixed))
+    return min(_DEFAULT_MODES, free - 2)
+
+
+def _samples(n_samples: int, progress: bool) -> Iterator[int]:
+    return iter(tqdm(range(1, n_samples), desc="simulate", unit="step", disable=not progress))

@@ -1,0 +1,112 @@
+"""The command writes what a simulation gives, also when it is cut short."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from numpy.testing import assert_allclose
+
+from romsindy.beam import Beam, transient
+from romsindy.beam.command import simulate
+from romsindy.files import load_decay
+
+SMALL = "--elements 10 --duration 0.05 --tip-displacement 0.05 --release-mode 1".split()
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(simulate, [*SMALL, *map(str, arguments)])
+
+
+def load(path) -> dict[str, np.ndarray]:
+    with np.load(path) as content:
+        return dict(content)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    beam = Beam.cantilever(elements=10)
+    sensors = beam.sensors([0.2, 0.45])
+    return beam.simulate(beam.release_shape(0.05, mode=1), 0.05, sensors=sensors, progress=False)
+
+
+def test_npz(tmp_path, motion):
+    path = tmp_path / "decay.npz"
+    result = invoke(path, "--sensor", 0.2, "--sensor", 0.45, "--mode", 2)
+    assert result.exit_code == 0, result.output
+    assert "energy drift" in result.output
+    data = load(path)
+    assert_allclose(data["q"], motion.coordinates.displacement[:, 1], atol=1e-12)
+    assert_allclose(data["sensors"], motion.sensors.displacement, atol=1e-12)
+    assert list(data["sensor_labels"]) == ["y(0.2)", "x(0.2)", "y(0.45)", "x(0.45)"]
+    assert str(data["stop_reason"]) == "completed"
+
+
+def test_csv(tmp_path, motion):
+    path = tmp_path / "decay.csv"
+    result = invoke(path, "--sensor", 0.45, "--quiet")
+    assert result.exit_code == 0 and result.output == ""
+    header = path.read_text().splitlines()[0]
+    assert header == (
+        "t [s],q [kg^0.5 m],q_dot [kg^0.5 m/s],q_ddot [kg^0.5 m/s^2],y(0.45) [m],x(0.45) [m]"
+    )
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    assert table.shape == (51, 6)
+    assert_allclose(table[:, 3], motion.coordinates.acceleration[:, 0], rtol=1e-9)  # 12 digits
+
+
+@pytest.mark.parametrize("name", ["decay.csv", "decay.npz"])
+def test_the_file_is_a_decay_for_the_rest_of_the_project(tmp_path, motion, name):
+    assert invoke(tmp_path / name, "--quiet").exit_code == 0
+    decay = load_decay(tmp_path / name)
+    own = motion.basis.project(motion)
+    assert decay.unit == own.unit
+    assert_allclose(decay.q_ddot, own.q_ddot, rtol=1e-9)  # 12 digits in the text
+
+
+def test_undamped(tmp_path):
+    path = tmp_path / "free.npz"
+    assert invoke(path, "--undamped", "--full", "--quiet").exit_code == 0
+    energy = load(path)["energy"]
+    assert_allclose(energy, energy[0], rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["decay.txt"], "name a .csv or an .npz file"),
+        (["decay.csv", "--length", "-1"], "length must be positive"),
+        (["decay.csv", "--sensor", "2"], "off the beam"),
+        (["decay.csv", "--spring-length", "0", "--spring-pretension", "0"], "move the anchor"),
+        (["decay.csv", "--tip-displacement", "2"], "beyond the reach"),
+        (["decay.csv", "--mode", "0"], "mode = 0"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, message):
+    result = invoke(*arguments)
+    assert result.exit_code != 0
+    assert message in result.output.replace("\n", " ")
+    assert "Traceback" not in result.output
+
+
+def test_interrupted_run_is_written(tmp_path, monkeypatch):
+    def interrupt(self, t, sample):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(transient.Stepper, "advance", interrupt)
+    path = tmp_path / "part.npz"
+    result = invoke(path)
+    assert result.exit_code == 130
+    assert str(load(path)["stop_reason"]).startswith("interrupted")
+
+
+def test_failed_run_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(transient.Stepper, "advance", lambda self, t, sample: t < 0.0095)
+    path = tmp_path / "part.csv"
+    result = invoke(path)
+    assert result.exit_code == 1 and "try step" in result.output
+    assert len(np.loadtxt(path, delimiter=",", skiprows=1)) == 11
+
+
+def test_help_names_the_options():
+    assert "--release-mode" in CliRunner().invoke(simulate, ["--help"]).output

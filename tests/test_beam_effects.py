@@ -1,0 +1,212 @@
+"""Every effect: its tangents against differences, its energy, and what it does to the beam."""
+
+from __future__ import annotations
+
+import beam_oracles as oracles
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from romsindy.beam import Beam, Section
+from romsindy.beam.effects import (
+    AddedMass,
+    ClampCompliance,
+    CubicSpring,
+    Dashpot,
+    Drag,
+    ExtraTension,
+    Friction,
+    Magnet,
+    Point,
+    Spring,
+    SpringFriction,
+    Stop,
+)
+
+FORCES = [
+    Spring(stiffness=30.0, anchor=(0.6, 0.1), natural_length=0.05),
+    CubicSpring(linear=3.0, cubic=200.0, direction=(1.0, 2.0)),
+    Dashpot(coefficient=0.3, direction=(1.0, 1.0)),
+    Friction(limit=0.2, creep=0.5),
+    SpringFriction(limit=0.2, creep=0.5, anchor=(0.6, 0.1)),
+    Stop(stiffness=100.0, above=0.01),
+    Stop(stiffness=100.0, above=0.01, below=-0.01, direction=(0.0, -1.0)),
+    Magnet(strength=1e-4, position=(0.4, -0.1), power=3.0),
+    Drag(coefficient=1.2, width=0.5),
+]
+PLACE = Point(0.45, 0.42, 0.08, 0.4, -0.3, 0.9, 2.0)
+REST = (0.45, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0)
+ids = [type(e).__name__ for e in FORCES]
+
+
+def numeric(function, step=1e-6):
+    """Return minus the derivative to three variables by central differences."""
+    columns = [
+        (np.array(function(step * e)) - np.array(function(-step * e))) / (2 * step)
+        for e in np.eye(3)
+    ]
+    return -np.array(columns).T
+
+
+def moved(dx=(0, 0, 0), dv=(0, 0, 0)) -> Point:
+    return Point(PLACE.s, *(np.array(PLACE[1:]) + np.concatenate([dx, dv])))
+
+
+@pytest.mark.parametrize("effect", FORCES, ids=ids)
+def test_tangents_are_the_derivatives_of_the_force(effect):
+    for analytic, function in [
+        (effect.tangent(PLACE), lambda d: effect.force(moved(dx=d))),
+        (effect.damping_tangent(PLACE), lambda d: effect.force(moved(dv=d))),
+    ]:
+        expected = numeric(function)
+        scale = max(np.abs(expected).max(), 1e-3)
+        assert_allclose(np.array(analytic, dtype=float), expected, atol=1e-7 * scale)
+
+
+@pytest.mark.parametrize("effect", FORCES, ids=ids)
+def test_an_effect_stores_or_dissipates(effect):
+    force = np.array(effect.force(PLACE))
+    gradient = numeric(lambda d: [effect.potential(moved(dx=d))] * 3)[0]
+    stores = np.any(gradient != 0.0)
+    if stores:
+        assert_allclose(force, gradient, atol=1e-7 * np.abs(force).max())
+    else:
+        assert force @ np.array(PLACE[4:]) < 0.0
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Spring(stiffness=20.0, anchor=(0.3, 0.4), natural_length=0.2, at=0.225),
+        CubicSpring(cubic=2e4),
+        Dashpot(coefficient=0.02, at=0.3),
+        Friction(limit=0.02),
+        SpringFriction(limit=0.02),
+        Stop(stiffness=500.0, above=0.05),
+        Stop(stiffness=500.0, above=0.05, below=-0.05, at=0.4),
+        Magnet(strength=1e-6, position=(0.46, -0.2)),
+        Drag(coefficient=2.0),
+        AddedMass(0.002, at=0.31),
+        ExtraTension(0.2),
+        ClampCompliance(0.05),
+    ],
+    ids=lambda e: type(e).__name__,
+)
+def test_energy_balance_with_the_effect(effect):
+    beam = Beam.cantilever(elements=10).with_effect(effect)
+    motion = beam.simulate(
+        beam.release_shape(0.1, mode=1), 0.3, modes=beam.modes(count=2), progress=False
+    )
+    assert motion.stop_reason == "completed"
+    assert motion.energy.drift < 1e-4
+
+
+def bare(**options) -> Beam:
+    return Beam(1.0, Section(1e8, 1e8, 1.0, 1.0), elements=20, gravity=(0.0, 0.0), **options)
+
+
+def test_dashpot_damps_small_modal_motion():
+    """zeta omega = c phi(tip)^2 / 2, with phi(tip) = 2 for the unit cantilever."""
+    beam = bare().with_effect(Dashpot(coefficient=0.05))
+    motion = beam.simulate(
+        beam.release_shape(1e-3, mode=1), 20.0, 0.02, modes=beam.modes(count=1), progress=False
+    )
+    q, q_dot = motion.coordinates.displacement[:, 0], motion.coordinates.velocity[:, 0]
+    radius = np.hypot(q, q_dot / motion.basis.omega[0])
+    rate = -np.polyfit(motion.t, np.log(radius), 1)[0]
+    assert_allclose(rate, 0.5 * 0.05 * 4, rtol=0.01)  # first order in c / omega
+
+
+def test_drag_damps_in_proportion_to_amplitude():
+    """d a/dt = -(4 / 3 pi) omega k int |phi|^3 ds a^2, averaged over a cycle."""
+    drag = Drag(coefficient=2.0, width=1.0, density=1.0)  # k = 1 per unit length and mass
+    beam = bare().with_effect(drag)
+    modes = beam.modes(count=1)
+    motion = beam.simulate(
+        beam.release_shape(0.02, mode=1), 30.0, 0.02, modes=modes, progress=False
+    )
+    q, q_dot = motion.coordinates.displacement[:, 0], motion.coordinates.velocity[:, 0]
+    omega = modes.omega[0]
+    radius = np.hypot(q, q_dot / omega)
+    phi = modes.shape(1)[:, 1]
+    integral = float(beam.assembly.tributary @ np.abs(phi) ** 3)
+    slope = np.polyfit(motion.t, 1 / radius, 1)[0]
+    assert_allclose(slope, 4 / (3 * np.pi) * omega * integral, rtol=0.01)  # first order
+
+
+def test_added_mass_at_the_tip():
+    """Rayleigh quotient of a light mass: omega^2 / (1 + m phi(tip)^2)."""
+    light = 1e-5
+    omega = bare().with_effect(AddedMass(light)).modes(count=1).omega[0]
+    assert_allclose(omega, bare().modes(count=1).omega[0] * (1 - 0.5 * light * 4), rtol=1e-8)
+
+
+def test_clamp_compliance_is_an_elastic_clamp():
+    omega = bare().with_effect(ClampCompliance(0.2)).modes(count=1).omega[0]
+    assert_allclose(omega, oracles.elastic_clamp_root(5.0) ** 2, rtol=1e-5)
+
+
+def test_cubic_spring_carries_a_tip_load():
+    """A grounded linear spring beside the beam's own 3 EI / L^3."""
+    beam = bare().with_effect(CubicSpring(linear=7.0))
+    assert_allclose(beam.equilibrium(beam.point_load((0.0, 1e-4))).tip[1], 1e-5, rtol=1e-5)
+
+
+def test_stop_is_silent_inside_its_gap():
+    beam = Beam.cantilever(elements=10)
+    stopped = beam.with_effect(Stop(stiffness=1e3, above=0.05, below=-0.08))
+    shape = beam.release_shape(0.03, mode=1)
+    free, held = (
+        b.simulate(shape, 0.2, modes=b.modes(count=1), progress=False).coordinates.displacement
+        for b in (beam, stopped)
+    )
+    assert np.array_equal(free, held)
+    assert stopped.release_shape(0.1).load[-1, 1] > beam.release_shape(0.1).load[-1, 1] + 10.0
+
+
+def test_extra_tension_pulls_harder():
+    beam = Beam.cantilever(elements=10, gravity=0.0)
+    tight = beam.with_effect(ExtraTension(0.5))
+    by_argument = Beam.cantilever(elements=10, gravity=0.0, spring_pretension=2.01)
+    assert_allclose(tight.modes(count=2).omega, by_argument.modes(count=2).omega, rtol=1e-12)
+    assert beam.effects != tight.effects
+
+
+def test_magnet_attracts():
+    beam = Beam.cantilever(elements=10)
+    sag = beam.equilibrium().tip[1]
+    below = beam.with_effect(Magnet(strength=1e-6, position=(0.45, -0.1)))
+    assert below.equilibrium().tip[1] < sag
+
+
+def test_point_between_nodes_shares_its_force():
+    beam = bare()
+    load = beam.point_load((0.0, 1.0), at=0.51)
+    assert_allclose(load.sum(axis=0), [0.0, 1.0, 0.0], atol=1e-14)
+    assert_allclose(load[:, 1] @ beam.assembly.s, 0.51, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Dashpot(coefficient=-1.0), "coefficient must be zero or positive.*-1"),
+        (lambda: Friction(creep=0.0), "creep must be positive.*0"),
+        (lambda: Stop(stiffness=-1.0, above=0.1), "stiffness must be positive"),
+        (lambda: Stop(), "above = below = None is no stop"),
+        (lambda: Stop(above=-0.1, below=0.1), "must be less than above"),
+        (lambda: CubicSpring(direction=(0.0, 0.0)), "points nowhere"),
+        (lambda: Magnet(power=1.0), "power - 1 must be positive"),
+        (lambda: Drag(width=0.0), "width must be positive"),
+        (lambda: AddedMass(-0.1), "mass must be zero or positive"),
+        (lambda: ClampCompliance(0.0), "compliance must be positive"),
+        (lambda: Spring(stiffness=float("inf")), "stiffness must be a finite number"),
+        (lambda: Beam.cantilever().with_effect(Dashpot(at=0.9)), "at of Dashpot = 0.9 m is off"),
+        (lambda: Beam.cantilever().with_effect(ExtraTension(2.0)), "at most 0.856"),
+        (lambda: bare().with_effect(ExtraTension(0.1)), "the beam has 0 springs"),
+        (lambda: bare().with_effect(SpringFriction()), "the beam has 0 springs"),
+        (lambda: SpringFriction().force(PLACE), "with_effect"),
+    ],
+)
+def test_bad_input(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
