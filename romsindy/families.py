@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.continuation import Branch, Steps, continue_branch
+from romsindy.continuation import Branch, Steps, Verdict, continue_branch
 from romsindy.harmonic_balance import HarmonicBalance
 from romsindy.typing import Array, Indices
 
@@ -21,6 +21,7 @@ from romsindy.typing import Array, Indices
 # what is missing in q is (H + 1)^2 times smaller.
 LADDER = (5, 9, 15, 23, 35, 50)
 _RESOLVED = 1e-8
+_LOST = 0.01  # what is left over where even the last number of harmonics gives no orbit
 _UNRESOLVED = "the orbit needs more harmonics"
 _SINGULAR = 1e-3  # of 1 + h(q), as in `ReducedModel.acceleration`
 
@@ -63,9 +64,9 @@ class Family(ABC):
             return f"1 + h(q) = {np.min(inertia):.3g} is not positive at q = {at:.6g}"
         return ""
 
-    def unresolved(self, u: Array, p: float) -> str:
-        """Whether the forces of the orbit need more harmonics; empty if they do not."""
-        return _UNRESOLVED if self.balance.leftover(*self.orbit(u, p)) > _RESOLVED else ""
+    def until_left(self, share: float, reason: str) -> Verdict:
+        """Verdict that ends a branch where harmonics leave more than a share of the force."""
+        return lambda u, p: reason if self.balance.leftover(*self.orbit(u, p)) > share else ""
 
 
 class FreeFamily(Family):
@@ -224,7 +225,7 @@ def follow(
             jacobian=member.jacobian,
             direction=direction,
             objection=member.objection,
-            until=member.unresolved if n_harmonics < ladder[-1] else None,
+            until=_until(member, ladder),
             steps=steps,
         )
         pieces.append((member, branch))
@@ -232,6 +233,20 @@ def follow(
         if branch.stop_reason != _UNRESOLVED:
             break
     return _joined(pieces, start)
+
+
+def _until(member: Family, ladder: Sequence[int]) -> Verdict | None:
+    n_harmonics = member.balance.n_harmonics
+    if n_harmonics < ladder[-1]:
+        return member.until_left(_RESOLVED, _UNRESOLVED)
+    if len(ladder) == 1:
+        return None  # as many as the user wants, with the error that they imply
+    reason = (
+        f"{n_harmonics} harmonics leave more than {_LOST:.0%} of the force, as where the motion"
+        " comes upon a position of rest or 1 + h(q) = 0, or friction jumps: give n_harmonics to go"
+        " on, or a larger velocity_scale"
+    )
+    return member.until_left(_LOST, reason)
 
 
 def _padded(u: Array, n_harmonics: int, n_other: int) -> Array:

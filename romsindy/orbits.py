@@ -163,7 +163,8 @@ def backbone_curve(
     Returns
     -------
     BackboneCurve
-        It ends early where 1 + h(q) or the restoring force ceases to be positive.
+        It ends early where 1 + h(q) or the restoring force ceases to be positive, or the frequency
+        falls to zero, and says so.
 
     Raises
     ------

@@ -129,7 +129,7 @@ def test_backbone_curve_ends_with_the_well_and_with_the_inertia():
         curve.frequency[inside], duffing_frequency(1, -1, curve.amplitude[inside]), rtol=1e-9
     )
     singular = model({"omega^2": 36.0, "gamma_3": -10.0, "Upsilon_3": -1.0})
-    curve = backbone_curve(singular, (0.01, 1.5))
+    curve = backbone_curve(singular, (0.01, 1.5), n_harmonics=21)
     assert "1 + h(q) = " in curve.stop_reason and 0.99 < curve.amplitude[-1] < 1
     with pytest.raises(ContinuationError, match=r"no orbit of amplitude 1\.2 is reached"):
         backbone_curve(softening, (1.2, 1.5))
@@ -139,12 +139,13 @@ def test_backbone_curve_ends_at_the_orbit_through_another_position_of_rest():
     """K = q (q + 1) (q + 2) / 2: the potential (q^2 + 2 q)^2 / 8 is 1/8 at q = -1, sqrt(2) - 1."""
     double_well = model({"omega^2": 1.0, "gamma_2": 1.5, "gamma_3": 0.5})
     curve = backbone_curve(double_well, (0.01, 3.0))
-    assert "restoring force" in curve.stop_reason or "position of rest" in curve.stop_reason
-    # Fifty harmonics end short of the orbit of infinite period, or overshoot it.
+    assert curve.stop_reason.startswith("50 harmonics leave more than 1% of the force")
     np.testing.assert_allclose(curve.amplitude[-1], np.sqrt(0.5), rtol=1e-3)
-    resolved = curve.residual <= 1e-8
+    coarse = backbone_curve(double_well, (0.01, 3.0), n_harmonics=2)
+    assert coarse.stop_reason.startswith("the frequency falls to zero")
+    fast = curve.frequency > 0.25  # slower ones are beyond the 80 points of the quadrature
     np.testing.assert_allclose(
-        curve.frequency[resolved], double_well.backbone(curve.amplitude[resolved]), rtol=1e-8
+        curve.frequency[fast], double_well.backbone(curve.amplitude[fast]), rtol=1e-8
     )
 
 
