@@ -4,7 +4,7 @@ A step goes along the tangent (`predict`), returns to the curve at right angles 
 and chooses the length of the next one (`next_step`), so that it passes folds, where p turns back.
 Lengths are measured in u and p as they are: scale them to be of order one.
 
-Notation as in [1], sections 4.3 to 4.5: z = (u, p).
+Inside, z = (u, p). The method is that of [1], chapter 4.
 
 [1] R. Seydel, "Practical Bifurcation and Stability Analysis", 3rd ed., Springer (2010).
 """
@@ -183,6 +183,7 @@ class _Point(NamedTuple):
     tangent: Array
     residual: float
     iterations: int
+    fold: bool = False
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,7 @@ def predict(point: _Point, step: float) -> Array:
 
 
 def correct(system: _System, guess: Array, normal: Array) -> _Point:
-    """Solve F(z) = 0, normal . (z - guess) = 0 by Newton's method ([1], eq. 4.24).
+    """Solve F(z) = 0, normal . (z - guess) = 0 by Newton's method.
 
     The tangent comes with the last update: the same matrix, and 1 in place of the residual.
 
@@ -330,7 +331,6 @@ def _fold(system: _System, here: _Point, there: _Point, step: float) -> list[_Po
     """Point between the two at which the tangent has no component along p, if there is one."""
     if here.tangent[-1] * there.tangent[-1] >= 0:
         return []
-
     # The ends are as found: next to a fold, rounding may give them another sign.
     known = {0.0: float(here.tangent[-1]), step: float(there.tangent[-1])}
 
@@ -340,7 +340,7 @@ def _fold(system: _System, here: _Point, there: _Point, step: float) -> list[_Po
         return float(correct(system, predict(here, part), here.tangent).tangent[-1])
 
     part = brentq(turning, 0.0, step, xtol=1e-10 * step)
-    return [correct(system, predict(here, part), here.tangent)]
+    return [correct(system, predict(here, part), here.tangent)._replace(fold=True)]
 
 
 def _passes(start: _Point, here: _Point, there: _Point) -> bool:
@@ -354,14 +354,11 @@ def _passes(start: _Point, here: _Point, there: _Point) -> bool:
 
 def _branch(points: list[_Point], stop_reason: str) -> Branch:
     z = np.array([point.z for point in points])
-    tangent = np.array([point.tangent for point in points])
-    # A located fold is the point whose p exceeds, or falls below, both of its neighbours.
-    rise = np.sign(np.diff(z[:, -1]))
     return Branch(
         u=z[:, :-1],
         p=z[:, -1],
-        tangent=tangent,
+        tangent=np.array([point.tangent for point in points]),
         residual=np.array([point.residual for point in points]),
-        folds=np.flatnonzero(rise[1:] * rise[:-1] < 0) + 1,
+        folds=np.flatnonzero([point.fold for point in points]),
         stop_reason=stop_reason,
     )

@@ -211,9 +211,9 @@ def follow(
     pieces = []
     for n_harmonics in ladder:
         member = family(n_harmonics)
+        if len(start.u) > 2 * n_harmonics + 1 + member.n_other:
+            continue  # the start has more harmonics already
         u = _padded(start.u, n_harmonics, member.n_other)
-        if len(u) > 2 * n_harmonics + 1 + member.n_other:
-            continue
         direction = start.direction
         if np.ndim(direction):
             direction = _padded(np.asarray(direction), n_harmonics, member.n_other + 1)

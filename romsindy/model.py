@@ -130,7 +130,7 @@ class ReducedModel:
         return by_q, by_q_dot, self.inertia(q)
 
     def undamped(self) -> ReducedModel:
-        """Model of the terms that do no work alone."""
+        """Model without its damping terms."""
         pairs = zip(self.terms, self.values, strict=True)
         kept = {term: value for term, value in pairs if not term.has("damping")}
         return replace(self, terms=tuple(kept), values=tuple(kept.values()))

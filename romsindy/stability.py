@@ -3,11 +3,10 @@
     M delta'' + (dR/dq_dot) delta' + (dR/dq) delta = 0
 
 along an orbit, with R the residual of the model. Its propagator over one period, the monodromy
-matrix, is the product of exponentials of fourth-order Magnus steps [1]: they keep the determinant,
-that is the contraction of phase space, to rounding for constant damping.
+matrix, is the product of exponentials of fourth-order Magnus steps with two Gauss points [1].
 
 [1] S. Blanes, F. Casas, J. A. Oteo, J. Ros, "The Magnus expansion and some of its applications",
-    Physics Reports 470 (2009), eq. (251).
+    Physics Reports 470 (2009).
 """
 
 from __future__ import annotations

@@ -370,6 +370,8 @@ class CoulombDamping(Term):
 class RegularisedCoulomb(Term):
     """Dry friction without its jump, tanh(q_dot / velocity_scale): viscous creep where it sticks.
 
+    It shares the coefficient, and the key, of `CoulombDamping`.
+
     Raises
     ------
     ValueError

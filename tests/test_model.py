@@ -122,6 +122,21 @@ def test_simulate_against_independent_integration():
     np.testing.assert_allclose(motion.q_ddot, icrom_acceleration(q, v), atol=5e-6)
 
 
+def test_residual_vanishes_along_a_motion_and_undamped_keeps_the_rest():
+    motion = EXAMPLE_MODEL.simulate(1.8, 0.3, np.linspace(0, 3, 301))
+    residual = EXAMPLE_MODEL.residual(motion.q, motion.q_dot, motion.q_ddot)
+    # q_ddot is of the order of 60.
+    np.testing.assert_allclose(residual, 0, atol=1e-12)
+    undamped = EXAMPLE_MODEL.undamped()
+    loss = EXAMPLE_MODEL.damping(motion.q, motion.q_dot)
+    np.testing.assert_allclose(
+        undamped.residual(motion.q, motion.q_dot, motion.q_ddot), -loss, atol=1e-12
+    )
+    assert undamped.unit == "m" and set(EXAMPLE_MODEL.coefficients) - set(
+        undamped.coefficients
+    ) == {"c_linear"}
+
+
 def test_simulate_linear_oscillator_exactly():
     t = np.linspace(0, 30, 3001)
     q = model(omega2=36.0, c_linear=2 * 0.01 * 6).simulate(0.7, 0.0, t).q
