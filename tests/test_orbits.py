@@ -330,18 +330,36 @@ def test_start_in_an_undamped_resonance_is_refused():
         forced_response(model(DUFFING), 0.05, (0.5, 1.5))  # 2 * 0.5 is the linear frequency
 
 
-def test_period_doubling_of_the_escape_equation():
-    """q'' + 0.1 q' + q - q^2 = f cos(w t): Thompson (1989), Proc. R. Soc. A 421, 195."""
-    escape = model({"omega^2": 1.0, "gamma_2": -1.0, "c_linear": 0.1})
-    response = forced_response(escape, 0.1, (1.2, 0.7))
-    doublings = [b.index for b in response.bifurcations if b.kind == "period doubling"]
-    assert doublings
-    for index in doublings:
-        independent = [
-            monodromy(escape, *state(response, i), response.frequency[i], 0.1).real.min()
+@pytest.mark.parametrize(
+    ("coefficients", "force", "frequency", "kind", "crossed"),
+    [
+        # The escape equation: Thompson (1989), Proc. R. Soc. A 421, 195.
+        (
+            {"omega^2": 1.0, "gamma_2": -1.0, "c_linear": 0.1},
+            0.1,
+            (1.2, 0.7),
+            "period doubling",
+            -1,
+        ),
+        # A symmetric Duffing oscillator, driven hard, gives up its symmetry.
+        (DUFFING | {"c_linear": 0.2}, 5.0, (0.8, 1.5), "branch point", 1),
+    ],
+)
+def test_bifurcations_are_where_integrated_multipliers_cross(
+    coefficients, force, frequency, kind, crossed
+):
+    equation = model(coefficients)
+    response = forced_response(equation, force, frequency)
+    found = [b.index for b in response.bifurcations if b.kind == kind]
+    assert found
+    for index in found:
+        largest = [
+            (
+                monodromy(equation, *state(response, i), response.frequency[i], force) * crossed
+            ).real.max()
             for i in (index - 1, index)
         ]
-        assert min(independent) < -1 < max(independent)
+        assert min(largest) < 1 < max(largest)
 
 
 # -- the equations behind ---------------------------------------------------------------------
