@@ -15,6 +15,8 @@ from romsindy.typing import Array
 # (1e-5) over this arc round its zero (its peak), and what is left is even (odd) there and harmless.
 _ARC = 1 / 8
 _CROSSING_DEGREE, _PEAK_DEGREE = 3, 4
+# Degrees in the cycle number: of crossing times, and of logarithms of peaks, which are straighter.
+_TIME_DEGREE, _SIZE_DEGREE = 4, 2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,7 +82,7 @@ def extract_backbone(decay: Decay, *, cycles: int = 12) -> Backbone:
 
     Zero crossings and peaks are the roots and extremes of polynomials fitted to the samples an
     eighth of a cycle to either side, which averages the noise. Crossing times and peaks are then
-    followed along the decay by quartics in the cycle number over the neighbouring cycles, and
+    followed along the decay by polynomials in the cycle number over the neighbouring cycles, and
     evaluated at the middle of each cycle: the maximum of a cycle comes a quarter period early.
     Records of few samples a cycle are interpolated first.
 
@@ -215,24 +217,24 @@ def _follow(
     n = len(fall.at)
     middle = np.arange(n) + 0.5  # in cycles; up-crossings are at 0, 1, ..., down-crossings at 1/2
     value, slope = 0, 1
-    t = _along(rise.at, rise.std, 0.0, middle, cycles, value)[0]
-    rising = _along(rise.at, rise.std, 0.0, middle, cycles, slope)
-    falling = _along(fall.at, fall.std, 0.5, middle, cycles, slope)
+    t = _along(rise.at, rise.std, 0.0, middle, cycles, value, _TIME_DEGREE)[0]
+    rising = _along(rise.at, rise.std, 0.0, middle, cycles, slope, _TIME_DEGREE)
+    falling = _along(fall.at, fall.std, 0.5, middle, cycles, slope, _TIME_DEGREE)
     period, period_std = (rising[0] + falling[0]) / 2, np.hypot(rising[1], falling[1]) / 2
-    high = _along(top.value, top.std, 0.25, middle, cycles, value)
-    low = _along(bottom.value, bottom.std, 0.75, middle, cycles, value)
+    high = _peaks_along(top.value, top.std, 0.25, middle, cycles)
+    low = _peaks_along(-bottom.value, bottom.std, 0.75, middle, cycles)
     swing = np.maximum(top.value - bottom.value, np.finfo(float).tiny)
     swing_std = np.hypot(top.std, bottom.std) / swing
-    log_decay = _along(np.log(swing), swing_std, 0.5, middle, cycles, slope)
+    log_decay = _along(np.log(swing), swing_std, 0.5, middle, cycles, slope, _SIZE_DEGREE)
     decrement, decrement_std = -log_decay[0], log_decay[1]
     frequency = 2 * np.pi / period
     return Backbone(
         t=t,
-        amplitude=(high[0] - low[0]) / 2,
+        amplitude=(high[0] + low[0]) / 2,
         frequency=frequency,
         damping_ratio=decrement / np.hypot(2 * np.pi, decrement),
         positive_peak=high[0],
-        negative_peak=low[0],
+        negative_peak=-low[0],
         amplitude_std=np.hypot(high[1], low[1]) / 2,
         frequency_std=frequency * period_std / period,
         damping_ratio_std=decrement_std / (2 * np.pi),
@@ -240,16 +242,25 @@ def _follow(
     )
 
 
-def _along(
-    x: Array, std: Array, first: float, at: Array, cycles: int, derivative: int
+def _peaks_along(
+    size: Array, std: Array, first: float, at: Array, cycles: int
 ) -> tuple[Array, Array]:
-    """Value or slope of x against the cycle number, by local quartics, and its standard error.
+    """Sizes of peaks followed by their logarithm, which stays positive however fast they decay."""
+    size = np.maximum(size, np.maximum(std, np.finfo(float).tiny))
+    log_size, log_std = _along(np.log(size), std / size, first, at, cycles, 0, _SIZE_DEGREE)
+    return np.exp(log_size), np.exp(log_size) * log_std
+
+
+def _along(
+    x: Array, std: Array, first: float, at: Array, cycles: int, derivative: int, degree: int
+) -> tuple[Array, Array]:
+    """Value or slope of x against the cycle number, by local polynomials, and its standard error.
 
     ``first`` is the cycle number of x[0].
     """
     number = first + np.arange(len(x))
     width = min(cycles, len(x))
-    degree = min(4, width - 1, max(1, width - 2))
+    degree = min(degree, width - 1, max(1, width - 2))
     result = np.empty((2, len(at)))
     for i, centre in enumerate(at):
         low = int(np.clip(np.round(centre - first - (width - 1) / 2), 0, len(x) - width))

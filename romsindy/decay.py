@@ -192,6 +192,8 @@ class Decay:
     def free(self, start: float | None = None, end: float | None = None) -> Decay:
         """The free decay alone: from the first large turning point to where noise takes over.
 
+        An offset of a displacement, where the vibration does not come to rest at 0, is removed.
+
         Parameters
         ----------
         start, end : float, optional
@@ -203,7 +205,7 @@ class Decay:
             If fewer than three cycles are left, or the amplitude grows.
         """
         record = self.between(start, end)
-        first, last = free_part(record._strongest(), record.dt)
+        first, last, rest = free_part(record._strongest(), record.dt)
         first = 0 if start is not None else first
         last = len(record.t) if end is not None else last
         notes = []
@@ -216,7 +218,12 @@ class Decay:
                 f" noise (rms {noise:.2g} of the measured {self.measured})"
             )
         inside = slice(first, last)
-        return record._mapped(lambda x: x[inside], record.t[inside], tuple(notes))
+        free = record._mapped(lambda x: x[inside], record.t[inside], tuple(notes))
+        offset = rest if self.measured == "displacement" and self.n_channels == 1 else 0.0
+        if not offset:
+            return free
+        note = f"offset of {offset:.4g} {self.unit or '[q]'} removed: where the vibration rests"
+        return replace(free, q=free.q - offset, notes=(*free.notes, note))
 
     def upsampled(self, samples_per_cycle: int = SAMPLES_PER_CYCLE) -> Decay:
         """At least this many samples a cycle, by band-limited interpolation."""

@@ -144,15 +144,49 @@ def integrate(x: Array, dt: float) -> Array:
         Sampling interval in s.
     """
     t = dt * np.arange(len(x))
-    spline = make_interp_spline(t, x, k=5).antiderivative()
-    q = spline(t)
+    q = make_interp_spline(t, x, k=5).antiderivative()
     cycle = 1 / fundamental_frequency(x, dt)
-    rough = q - _smooth_curve(t, q, t, 3 * cycle)
+    turning, midline, _ = _midline(q(t), dt, cycle)
+    return q(t) - _smooth_curve(turning, midline, t, 2 * cycle)
+
+
+def rest_level(x: Array, dt: float) -> float:
+    """Where a decaying vibration comes to rest; 0 where it cannot be told from 0.
+
+    The midline between the turning points, which an asymmetric vibration shifts in proportion to
+    amplitude^2, is extrapolated to no amplitude. Less than 1 % of the largest amplitude, or less
+    than four standard errors, counts as 0.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Displacement.
+    dt : float
+        Sampling interval in s.
+    """
+    _, midline, swing = _midline(x, dt, 1 / fundamental_frequency(x, dt))
+    # The later half; at the very end a half-cycle may be cut short.
+    quiet = np.arange(len(swing) // 2, max(len(swing) - 3, len(swing) // 2 + 3))
+    if swing[quiet].min() > 0.7 * swing.max():
+        return 0.0  # a steady asymmetric vibration looks the same as an offset
+    basis = np.stack([np.ones(len(quiet)), swing[quiet] ** 2 / np.max(swing) ** 2], axis=1)
+    inverse = np.linalg.pinv(basis.T @ basis)
+    level, slope = inverse @ (basis.T @ midline[quiet])
+    misfit = midline[quiet] - basis @ [level, slope]
+    error = np.sqrt(misfit @ misfit / max(len(quiet) - 2, 1) * inverse[0, 0])
+    return float(level) if abs(level) > max(0.01 * swing.max(), 4 * error) else 0.0
+
+
+def _midline(x: Array, dt: float, cycle: float) -> tuple[Array, Array, Array]:
+    """Times of turning points, the middle of the vibration there, and its size."""
+    t = dt * np.arange(len(x))
+    rough = x - _smooth_curve(t, x, t, 3 * cycle)
     turning = _turning_points(t, rough, dt)
-    levels = spline(turning)
+    levels = make_interp_spline(t, x, k=5)(turning)
     # (previous + 2 this + next)/4 cancels the vibration and its linear decay.
     midline = (levels[:-2] + 2 * levels[1:-1] + levels[2:]) / 4
-    return q - _smooth_curve(turning[1:-1], midline, t, 2 * cycle)
+    swing = np.abs(levels[:-2] - 2 * levels[1:-1] + levels[2:]) / 4
+    return turning[1:-1], midline, swing
 
 
 def _turning_points(t: Array, q: Array, dt: float) -> Array:
@@ -195,8 +229,8 @@ def upsample(x: Array, factor: int) -> Array:
     return fine[factor * margin : factor * (margin + len(x) - 1) + 1]
 
 
-def free_part(x: Array, dt: float) -> tuple[int, int]:
-    """Samples [start, end) of the free decay within a record.
+def free_part(x: Array, dt: float) -> tuple[int, int, float]:
+    """Samples [start, end) of the free decay within a record, and the level of rest.
 
     The start is the first turning point that comes within 10 % of the largest one: a hold before
     the release, or a blow from rest, is left out. The end is where the amplitude falls for good
@@ -205,7 +239,6 @@ def free_part(x: Array, dt: float) -> tuple[int, int]:
     Parameters
     ----------
     x : (n,) array
-        Deviation from rest.
     dt : float
         Sampling interval in s.
 
@@ -226,7 +259,8 @@ def free_part(x: Array, dt: float) -> tuple[int, int]:
     _refuse_late_start(x, start, dt)
     # The period comes from the swing alone: a hold before it would drown it in the spectrum.
     period = round(1 / (fundamental_frequency(x[start:], dt) * dt))
-    power = uniform_filter1d(np.square(x), min(period, len(x)))
+    rest = rest_level(x[start:], dt)
+    power = uniform_filter1d(np.square(x - rest), min(period, len(x)))
     amplitude = np.sqrt(2 * np.clip(power - noise**2, 0, None))
     loud = np.flatnonzero(amplitude >= 3 * noise)
     end = int(loud[-1]) + 1 if len(loud) else 0
@@ -240,7 +274,7 @@ def free_part(x: Array, dt: float) -> tuple[int, int]:
             " filter the record first"
         )
     _refuse_growth(amplitude[start:end], period)
-    return start, end
+    return start, end, rest
 
 
 def _refuse_late_start(x: Array, start: int, dt: float) -> None:

@@ -69,6 +69,15 @@ def test_linear_frequency_of_a_hardening_decay():
     np.testing.assert_allclose(b.frequency, duffing_frequency(36.0, 20.0, b.amplitude), rtol=1e-4)
 
 
+def test_heavy_damping():
+    """10 % of critical: each cycle is half the one before."""
+    t = np.arange(2000) * 0.0025
+    b = extract_backbone(Decay(t, viscous_decay(t, 2 * np.pi * 2, 0.1)))
+    np.testing.assert_allclose(b.damping_ratio, 0.1, rtol=1e-3)
+    np.testing.assert_allclose(b.frequency, 2 * np.pi * 2 * np.sqrt(1 - 0.01), rtol=1e-4)
+    assert np.all(b.amplitude > 0)
+
+
 def test_short_records_get_shorter_fits():
     t = np.arange(400) * 0.01
     b = extract_backbone(Decay(t, viscous_decay(t, 2 * np.pi * 1.5, 0.02)))

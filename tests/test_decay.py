@@ -86,9 +86,16 @@ def test_free_part_is_found_and_said():
     np.testing.assert_array_equal(Decay(t, x).free(start=9.0).t[0], 9.0)
 
 
+def test_offset_is_removed_and_said():
+    decay = Decay(T, Q + 0.4, unit="m").free()
+    np.testing.assert_allclose(decay.q, Q[-len(decay.q) :], atol=1e-3)
+    assert "offset of 0.4" in decay.notes[-1]
+    assert Decay(T, Q).free().notes == ()
+
+
 def test_tail_in_the_noise_is_cut_and_said():
     decay = Decay(T, Q + np.random.default_rng(0).normal(0, 0.1, len(T))).free()
-    assert decay.t[-1] < 25
+    assert decay.t[-1] < 27  # the amplitude is 0.2, twice the noise, at 23 s
     assert "tail after" in decay.notes[-1] and "noise (rms 0.09" in decay.notes[-1]
 
 

@@ -231,14 +231,17 @@ def test_pendulum_releases_together(measured):
 
 @pytest.mark.parametrize("run", ["mode1b", "mode1a"])
 def test_measured_clamped_beam(measured, run):
-    """Same settings for both runs, odd terms: backbone within 1 % rms of the extracted one."""
+    """Same settings for both runs, odd terms: backbone within 1 % rms of the extracted one.
+
+    The first five cycles of run a, which carry modes 2 and 3 as well, are left out of its check.
+    """
     file = measured / "cc_beam_bristol.npz"
     decay = load_decay(file, "m/s", column=f"{run}_v", time=f"{run}_t")
     backbone = extract_backbone(decay)
     odd = ROMLibrary(inertia=(3, 5), stiffness=(1, 3, 5))
     model = HarmonicSINDy(odd, differentiation=Butterworth(300.0)).fit(decay).model_
     error = model.backbone(backbone.amplitude) / backbone.frequency - 1
-    assert np.sqrt(np.mean(error**2)) < 0.01
+    assert np.sqrt(np.mean(error[5 if run == "mode1a" else 0 :] ** 2)) < 0.01
     if run == "mode1b":
         assert 46.0 < np.sqrt(model.coefficients["omega^2"]) / (2 * np.pi) < 47.0
 

@@ -9,6 +9,7 @@ from romsindy.signals import (
     integrate,
     lowpass,
     noise_std,
+    rest_level,
     upsample,
 )
 
@@ -79,7 +80,8 @@ def test_free_part_leaves_out_hold_and_noise():
     hold = np.ones(1500)
     swing = viscous_decay(np.arange(8000) * DT, 2 * np.pi, 0.03)
     x = np.concatenate([hold, swing]) + rng.normal(0, 0.01, 9500)
-    start, end = free_part(x, DT)
+    start, end, rest = free_part(x, DT)
+    assert rest == 0.0
     assert 1400 < start < 1525
     # exp(-zeta omega t) = 3 noise at t = 18.6 s
     assert 1500 + 1700 < end < 1500 + 2100
@@ -87,9 +89,24 @@ def test_free_part_leaves_out_hold_and_noise():
 
 def test_free_part_of_a_free_record_is_all_of_it():
     x = viscous_decay(T, 2 * np.pi, 0.005)
-    assert free_part(x, DT) == (0, len(x))
+    assert free_part(x, DT) == (0, len(x), 0.0)
     steady = np.sin(2 * np.pi * T + 0.4)  # an undamped motion is free, too
-    assert free_part(steady, DT) == (0, len(steady))
+    assert free_part(steady, DT) == (0, len(steady), 0.0)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.01])
+@pytest.mark.parametrize("offset", [0.3, -2.0])
+def test_rest_level_of_an_offset_record(offset, sigma):
+    q = viscous_decay(T, 2 * np.pi, 0.005)
+    noise = np.random.default_rng(5).normal(0, sigma, len(T)) if sigma else 0.0
+    # Three turning points leave (decrement/2)^2/4 of the amplitude; noise averages over 40.
+    assert rest_level(q + offset + noise, DT) == pytest.approx(offset, abs=1e-3 + sigma / 3)
+
+
+def test_asymmetric_vibration_rests_at_zero():
+    """Its mean lies beside 0, by an amount that goes with amplitude^2: that is no offset."""
+    q = viscous_decay(T, 2 * np.pi, 0.005)
+    assert rest_level(q - 0.15 * np.exp(-0.01 * 2 * np.pi * T), DT) == 0.0
 
 
 def test_records_that_cannot_be_used_are_refused():
