@@ -83,9 +83,10 @@ class HarmonicProjection(BaseEstimator):
     Notes
     -----
     Median backbone error over 10 seeds of the example oscillator at 30, 35, 40, 50, 60 dB, measured
-    by ``python benchmarks/identification.py --forms``: with the Butterworth filter both forms are
-    alike (weak 8.9e-4 ... 7.2e-6), since all derivatives come from one smoothed signal; with
-    Savitzky-Golay the weak form goes on to 1.4e-5, while the strong one stays above 1.8e-4.
+    by ``python benchmarks/identification.py --forms``: with the Butterworth filter weak 7.0e-4 ...
+    2.5e-6, strong 6.9e-4 ... 3.0e-6: nearly alike, since all derivatives come from one smoothed
+    signal. With Savitzky-Golay weak 3.8e-4 ... 6.5e-6, strong 3.3e-4 ... 4.8e-4, which is the bias
+    of its second derivative.
     """
 
     def __init__(

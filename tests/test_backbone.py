@@ -40,6 +40,11 @@ def test_noise_of_35_db(seed):
     # Standard errors hold: the pull is about one (local polynomials are slightly biased).
     pull = error / (b.frequency_std / b.frequency)[inside]
     assert 0.7 < np.sqrt(np.median(pull**2) / 0.455) < 1.6
+    truth = extract_backbone(bare(example_decay()))
+    for name in ("amplitude", "damping_ratio"):
+        exact = np.interp(b.t, truth.t, getattr(truth, name))
+        pull = ((getattr(b, name) - exact) / getattr(b, f"{name}_std"))[inside]
+        assert 0.6 < np.sqrt(np.median(pull**2) / 0.455) < 1.7, name
 
 
 def test_asymmetric_peaks():

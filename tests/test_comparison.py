@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from romsindy import example_decay, extract_backbone
+from romsindy import HarmonicProjection, ReducedModel, example_decay, extract_backbone
 from romsindy.comparison import coefficient_table, compare_models
 
 
@@ -30,6 +30,25 @@ def test_known_coefficients_enter_every_model():
     assert models[3].model.coefficients["omega^2"] == 36.0
     with pytest.raises(ValueError, match="order = 2 must be at least 3"):
         list(compare_models(free.conditioned(), extract_backbone(free), order=2))
+
+
+def test_uncertain_cycles_do_not_judge(candidates):
+    """The last cycle, in the noise, is known to less than 1 %: nan, and counted nowhere."""
+    icrom = candidates[2]
+    assert np.count_nonzero(np.isnan(icrom.error)) == 1 and icrom.lost == 0
+
+
+def test_missing_motion_is_reported():
+    """A softening stiffness that was learnt from small amplitudes has no motion at large ones."""
+    model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": -8.0, "c_linear": 0.05})
+    free = model.simulate(1.6, 0.0, np.arange(8000) * 0.01)
+    small = HarmonicProjection(amplitude=(0.0, 0.4))
+    found = list(compare_models(free, extract_backbone(free), 9, projection=small))
+    lost = [c for c in found if c.lost]
+    for c in lost:
+        assert np.isnan(c.rms_error) and np.isnan(c.max_error)
+    texts = coefficient_table(found)
+    assert [cell == "no motion" for cell in texts[-1][2:]] == [bool(c.lost) for c in found]
 
 
 def test_table_has_a_row_for_every_coefficient(candidates):

@@ -27,6 +27,14 @@ def test_derivatives_are_those_of_the_signal(method):
     np.testing.assert_allclose(found.q_ddot[inside], acceleration[inside], atol=2e-3 * OMEGA**2)
 
 
+def test_default_cutoff_is_ten_times_the_fundamental():
+    """A ripple at that frequency comes through at half its size: gain 1/2 forward and backward."""
+    ripple = 0.01 * np.sin(2 * np.pi * 11.0 * T)
+    change = Decay(T, Q + ripple).differentiated().q - Decay(T, Q).differentiated().q
+    gain = np.std(change[500:-500]) / np.std(ripple[500:-500])
+    assert gain == pytest.approx(0.5, abs=0.06)  # the fundamental is known to a line, 0.03 Hz
+
+
 def test_smoothed_derivatives_agree_with_one_another():
     found = add_noise(Decay(T, Q), 35.0, 0).differentiated()
     np.testing.assert_allclose(found.q_dot[5:-5], np.gradient(found.q, T)[5:-5], atol=0.02 * OMEGA)
@@ -84,6 +92,9 @@ def test_free_part_is_found_and_said():
     again = decay.free()
     assert len(again.t) == len(decay.t)  # nothing is lost by asking twice
     np.testing.assert_array_equal(Decay(t, x).free(start=9.0).t[0], 9.0)
+    noisy = Decay(t, x + np.random.default_rng(1).normal(0, 0.1, len(t)))
+    assert noisy.free(end=36.0).t[-1] == pytest.approx(36.0)
+    assert noisy.free().t[-1] < 35.0
 
 
 def test_offset_is_removed_and_said():

@@ -104,6 +104,36 @@ def test_damping_ratio_closed_forms():
         np.testing.assert_allclose(damped.damping_ratio(a), expected, rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "extra", [{"gamma_2": 15.0}, {"beta_1": 0.4, "beta_2": -0.3}, {"Upsilon_4": 0.3}]
+)
+def test_damping_ratio_is_the_decrement_of_a_slow_decay(extra):
+    """Independent of energies: integrate one cycle and see what becomes of its half peak to peak.
+
+    Strong asymmetry, inertia without its partner, even inertia.
+    """
+    coefficients = {"omega^2": 36.0, "gamma_3": 9.0, "c_q^2 q_dot": 1e-3} | extra
+    damped = ReducedModel.from_coefficients(coefficients)
+    t = np.linspace(0, 3, 300_001)
+    q, v = integrate(lambda q, v: float(damped.acceleration(q, v)), 0.9, 0.0, t)
+    stops = np.flatnonzero((v[1:-1] > 0) != (v[2:] > 0)) + 1
+    peaks = np.concatenate([[0.9], q[stops]])
+    half = np.abs(np.diff(peaks)) / 2  # lower, upper, lower ... half a cycle apart
+    decrement = np.log(half[0] / half[2])
+    middle = damped.damping_ratio([half[1]])[0]
+    assert decrement / (2 * np.pi) == pytest.approx(middle, rel=2e-3)
+
+
+def test_relative_magnitude_counts_convection_in_the_acceleration():
+    """Rms of every term over a period of the integrated motion."""
+    model_ = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": 0.8})
+    period = 2 * np.pi / model_.backbone([1.5])[0]
+    motion = model_.simulate(1.5, 0.0, np.linspace(0, period, 20001), rtol=1e-12)
+    q, v, a = motion.q[:-1], motion.q_dot[:-1], motion.q_ddot[:-1]
+    expected = 0.8 * np.std(q**2 * a + q * v**2) / np.std(a)
+    assert model_.relative_magnitude([1.5])["Upsilon_3"][0] == pytest.approx(expected, rel=1e-6)
+
+
 def test_relative_magnitudes_of_duffing():
     """At small amplitude the linear term carries the acceleration; the cubic one is a^2 times."""
     shares = model(omega2=4.0, gamma_3=8.0).relative_magnitude([1e-3])
