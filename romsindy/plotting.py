@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,11 +16,28 @@ from romsindy.model import ReducedModel
 from romsindy.orbits import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.regression import HarmonicSINDy
 
-_MEASURED = "0.25"
+# How the cycles of a measured decay look in every figure.
+_CYCLES: dict[str, Any] = {
+    "fmt": "o",
+    "ms": 3,
+    "lw": 0.7,
+    "color": "0.25",
+    "mfc": "white",
+    "label": "cycles of the decay",
+    "zorder": 1,
+}
 
 
 def _axes(ax: Axes | None) -> Axes:
     return plt.subplots(layout="constrained")[1] if ax is None else ax
+
+
+def _styled(
+    models: Mapping[str, ReducedModel] | None,
+) -> Iterator[tuple[ReducedModel, dict[str, Any]]]:
+    """Models with the look of their curves: a stiffness polynomial is dashed."""
+    for i, (label, model) in enumerate((models or {}).items()):
+        yield model, {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
 
 
 def plot_decay(
@@ -74,20 +92,11 @@ def plot_backbone(
         backbone.amplitude,
         xerr=backbone.frequency_std / (2 * np.pi),
         yerr=backbone.amplitude_std,
-        fmt="o",
-        ms=3,
-        lw=0.7,
-        color=_MEASURED,
-        mfc="white",
-        label="cycles of the decay",
-        zorder=1,
+        **_CYCLES,
     )
     amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
-    for i, (label, model) in enumerate((models or {}).items()):
-        style = "--" if "stiffness" in label else "-"
-        ax.plot(
-            model.backbone(amplitudes) / (2 * np.pi), amplitudes, style, color=f"C{i}", label=label
-        )
+    for model, style in _styled(models):
+        ax.plot(model.backbone(amplitudes) / (2 * np.pi), amplitudes, **style)
     unit = backbone.unit or "unit of q"
     ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
     # Single uncertain cycles must not squeeze the picture.
@@ -108,20 +117,11 @@ def plot_damping(
         backbone.amplitude,
         100 * backbone.damping_ratio,
         yerr=100 * backbone.damping_ratio_std,
-        fmt="o",
-        ms=3,
-        lw=0.7,
-        color=_MEASURED,
-        mfc="white",
-        label="cycles of the decay",
-        zorder=1,
+        **_CYCLES,
     )
     amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
-    for i, (label, model) in enumerate((models or {}).items()):
-        style = "--" if "stiffness" in label else "-"
-        ax.plot(
-            amplitudes, 100 * model.damping_ratio(amplitudes), style, color=f"C{i}", label=label
-        )
+    for model, style in _styled(models):
+        ax.plot(amplitudes, 100 * model.damping_ratio(amplitudes), **style)
     spread = np.quantile(backbone.damping_ratio, [0.05, 0.95]) * 100
     ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
     ax.set(xlabel=f"amplitude ({backbone.unit or 'unit of q'})", ylabel="damping ratio (%)")
@@ -177,7 +177,7 @@ def plot_branch(
 ) -> Axes:
     """Amplitude of free periodic orbits against their frequency; folds marked."""
     ax = _orbit_axes(branch, ax)
-    ax.plot(branch.frequency / (2 * np.pi), branch.amplitude, color=_MEASURED, lw=1, label=label)
+    ax.plot(branch.frequency / (2 * np.pi), branch.amplitude, color="0.25", lw=1, label=label)
     _mark(ax, branch, branch.folds, "fold")
     ax.legend(loc="best", frameon=False)
     return ax
