@@ -31,6 +31,11 @@ from romsindy.typing import Array
 _DERIVATIVE = {"displacement": 0, "velocity": 1, "acceleration": 2}
 # Horizons in cycles: each three times the one before, up to the whole record.
 _FIRST_HORIZON, _GROWTH = 5.0, 3.0
+# A simulated motion this many times the noise away is as bad as none.
+_FAR = 1e9
+_EVALUATIONS = 60
+# Sum of squares is about the number of samples: a change of it by this is far below one.
+_TOLERANCE = 1e-7
 # Until the whole record is in sight, no term may change the acceleration by more than about this
 # part of it: few cycles do not tell coefficients apart.
 _LEASH = 0.01
@@ -158,6 +163,7 @@ class OutputError:
         return cls(equation, tuple(records), offset)
 
     def __post_init__(self) -> None:
+        # The last motions, from which the next ones start.
         self._motions: list[Trajectory | None] = [None] * len(self.records)
 
     @property
@@ -210,6 +216,15 @@ class OutputError:
             blocks.append(block)
         return blocks
 
+    def with_signals(self, signals: Sequence[Array]) -> OutputError:
+        """The same problem with other measurements, such as simulated ones."""
+        pairs = zip(self.records, signals, strict=True)
+        return replace(self, records=tuple(replace(r, signal=x) for r, x in pairs))
+
+    def polish(self, values: Array, loss: str = "linear") -> Array:
+        """Least squares over the whole record from values that are close already."""
+        return self._minimise(values, np.inf, loss, leashed=False)[0]
+
     def solve(
         self, loss: str = "linear", progress: Callable[[str], None] | None = None
     ) -> tuple[Array, str]:
@@ -245,9 +260,11 @@ class OutputError:
         def residual(trial: Array) -> Array:
             try:
                 parts = self.residuals(trial, horizon)
-            except TrajectoryError:  # a step too far: the solver shortens it
+            except TrajectoryError:  # nan is a step too far: the solver shortens it
                 return np.full(size, np.nan)
             scaled = [r / s for r, s in zip(parts, noise, strict=True)]
+            if max(float(np.abs(r).max()) for r in scaled) > _FAR:
+                return np.full(size, np.nan)
             return np.concatenate([*scaled, (trial[: len(leash)] - anchor) / leash])
 
         def jacobian(trial: Array) -> Array:
@@ -258,7 +275,15 @@ class OutputError:
 
         size = sum(len(r) for r in self.residuals(values, horizon)) + len(leash)
         result = least_squares(
-            residual, values, jacobian, x_scale="jac", loss=loss, f_scale=3.0, xtol=1e-9, ftol=1e-9
+            residual,
+            values,
+            jacobian,
+            x_scale="jac",
+            loss=loss,
+            f_scale=3.0,
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE * 1e-2,
+            max_nfev=_EVALUATIONS,
         )
         return result.x, str(result.message)
 
@@ -275,15 +300,6 @@ class OutputError:
         slopes = self.equation.by_parameter(t, motion.q, motion.q_dot, q_ddot)
         sizes = np.sqrt(np.mean(slopes**2, axis=1))
         return _LEASH * np.sqrt(np.mean(q_ddot**2)) / np.maximum(sizes, 1e-300)
-
-    def adequacy(self, residuals: Sequence[Array]) -> float:
-        """Rms of the residuals over the noise, corrected for the number of fitted values."""
-        chi_squared = sum(
-            float(r @ r) / record.noise.std**2
-            for r, record in zip(residuals, self.records, strict=True)
-        )
-        freedom = sum(len(r) for r in residuals) - len(self.start)
-        return float(np.sqrt(chi_squared / freedom))
 
     def covariance(self, values: Array) -> Array:
         """Covariance of all values, for the colour that the residual really has.

@@ -25,6 +25,7 @@ LAYERS = [
     {"units", "integration"},
     {"files", "model", "backbone", "noise"},
     {"output_error"},
+    {"adequacy"},
     {"refine"},
     {"synthetic", "library", "beam", "harmonic_balance"},
     {"stability", "families"},
