@@ -78,8 +78,7 @@ class ModelEquation:
 
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
         """R and its derivatives, shape (n,) each."""
-        derivatives = self.model.residual_derivatives(q, q_dot, q_ddot)
-        return Linearisation(self.model.residual(q, q_dot, q_ddot), *derivatives)
+        return Linearisation(*self.model.linearise(q, q_dot, q_ddot))
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """dR/dp: each free term, shape (n_free, n)."""

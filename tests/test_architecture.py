@@ -27,6 +27,7 @@ LAYERS = [
     {"output_error"},
     {"adequacy"},
     {"refine"},
+    {"bootstrap"},
     {"synthetic", "library", "beam", "harmonic_balance"},
     {"stability", "families"},
     {"orbits"},
