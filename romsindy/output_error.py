@@ -29,8 +29,9 @@ from romsindy.trajectory import (
 from romsindy.typing import Array
 
 _DERIVATIVE = {"displacement": 0, "velocity": 1, "acceleration": 2}
-# Horizons in cycles: each three times the one before, up to the whole record.
-_FIRST_HORIZON, _GROWTH = 5.0, 3.0
+# Horizons in cycles: a wrong frequency shows as a phase that drifts, and must not drift far before
+# it is corrected.
+_FIRST_HORIZON, _GROWTH = 2.5, 1.6
 # A simulated motion this many times the noise away is as bad as none.
 _FAR = 1e9
 _EVALUATIONS = 60
@@ -236,7 +237,7 @@ class OutputError:
         cycle = max(r.cycle for r in self.records)
         horizon = _FIRST_HORIZON * cycle
         while True:
-            whole = horizon * _GROWTH > longest
+            whole = horizon >= longest
             horizon = np.inf if whole else horizon
             try:
                 values, message = self._minimise(values, horizon, loss, not whole)

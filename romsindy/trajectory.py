@@ -211,6 +211,8 @@ def integrate(
             first, width = last, 2 * (last - first)
         elif last - first > 1:
             width = (last - first) // 4 or 1
+        elif first < known:
+            known = 0  # the other motion misleads
         else:
             raise TrajectoryError(
                 f"the motion cannot be followed beyond t = {grid.start + first * grid.step:.6g} s,"
