@@ -31,6 +31,8 @@ class Candidate:
     error : (n_cycles,) array
         Relative deviation of the model's backbone from the extracted one; nan for cycles whose
         frequency is known to less than 1 %, and where the model has no motion.
+    lost : int
+        Number of certain cycles at whose amplitude the model has no motion.
     """
 
     name: str
@@ -99,10 +101,11 @@ def compare_models(
         known = {k: v for k, v in fixed.items() if inertia or not k.startswith("Upsilon")}
         for suffix, values in (("", known), (", omega fixed", known | {"omega^2": omega2})):
             estimator = HarmonicSINDy(library, projection=projection, fixed=values).fit(decay)
-            yield _judged(name + suffix, estimator, backbone)
+            yield judge(name + suffix, estimator, backbone)
 
 
-def _judged(name: str, estimator: HarmonicSINDy, backbone: Backbone) -> Candidate:
+def judge(name: str, estimator: HarmonicSINDy, backbone: Backbone) -> Candidate:
+    """Hold the backbone of a fitted model against an extracted one."""
     certain = backbone.frequency_std < CERTAIN * backbone.frequency
     error = estimator.model_.backbone(backbone.amplitude) / backbone.frequency - 1
     lost = int(np.sum(np.isnan(error) & certain))

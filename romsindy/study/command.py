@@ -1,0 +1,81 @@
+"""The command ``romsindy study``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+from joblib import parallel_config
+from tqdm import tqdm
+
+from romsindy.study.content import Check
+from romsindy.study.pages import Written, checks_table, write_chapter, write_page
+from romsindy.study.story import tell
+
+QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "both_releases": False}
+_QUICK_SEEDS, _SEEDS = 10, 100
+_QUICK_SECONDS, _SECONDS = 60.0, 300.0
+
+
+@click.command()
+@click.option(
+    "--out",
+    default="study",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for report.html, tables (CSV) and figures (PNG, SVG).",
+)
+@click.option("--quick", is_flag=True, help="Coarser beam, shorter decay, ten seeds.")
+@click.option(
+    "--seeds", type=click.IntRange(2), help="Noisy experiments.  [default: 100, quick 10]"
+)
+@click.option("--seed", default=0, show_default=True, help="First seed.")
+@click.option(
+    "--jobs", default=-1, show_default=True, help="Processes for the seeds; -1: all processors."
+)
+def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int) -> None:
+    """Run the study of the method's paper on the default beam and write its report.
+
+    Simulates the decay, identifies stiffness polynomials, beam theory and IC-ROM, repeats the noisy
+    experiment over seeds. An interruption (Ctrl-C) writes the report of what is finished.
+    """
+    started = time.perf_counter()
+    out.mkdir(parents=True, exist_ok=True)
+    size = QUICK if quick else {}
+    seeds = seeds or (_QUICK_SEEDS if quick else _SEEDS)
+    written: list[Written] = []
+    interrupted = False
+    try:
+        with parallel_config(n_jobs=jobs):
+            for chapter in tell(_progress, seeds=seeds, seed=seed, **size):
+                written.append(write_chapter(chapter, out))
+                _say(chapter.title, started)
+    except KeyboardInterrupt:
+        interrupted = True
+    seconds = time.perf_counter() - started
+    checks = [c for w in written for c in w.chapter.checks]
+    if not interrupted:
+        limit = _QUICK_SECONDS if quick else _SECONDS
+        checks.append(Check("the whole study", seconds, limit, "s"))
+    table = checks_table(checks)
+    table.write_csv(out)
+    settings = f"romsindy study --seed {seed} --seeds {seeds}{' --quick' * quick}"
+    settings += ": interrupted, chapters are missing" if interrupted else f", {seconds:.0f} s"
+    write_page(written, checks, out / "report.html", settings)
+    for what, measured, unit, asked, verdict in table.formatted():
+        click.echo(f"{verdict:<5} {what}: {measured} {unit}, asked {asked}")
+    click.echo(f"Report: {out / 'report.html'}")
+    if interrupted:
+        raise click.exceptions.Exit(130)
+
+
+def _progress(steps: Iterable, what: str, total: int) -> Iterable:
+    return tqdm(steps, desc=what, total=total, leave=False, disable=not sys.stderr.isatty())
+
+
+def _say(title: str, started: float) -> None:
+    click.echo(f"{time.perf_counter() - started:5.0f} s  {title}", err=True)
