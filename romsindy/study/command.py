@@ -47,30 +47,31 @@ def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int) -> No
     out.mkdir(parents=True, exist_ok=True)
     size = QUICK if quick else {}
     seeds = seeds or (_QUICK_SEEDS if quick else _SEEDS)
+    settings = f"romsindy study --seed {seed} --seeds {seeds}{' --quick' * quick}"
     written: list[Written] = []
-    interrupted = False
+    checks: list[Check] = []
+    ending = "stopped early: chapters are missing"
     try:
         with parallel_config(n_jobs=jobs):
             for chapter in tell(_progress, seeds=seeds, seed=seed, **size):
                 written.append(write_chapter(chapter, out))
+                checks += chapter.checks
                 _say(chapter.title, started)
-    except KeyboardInterrupt:
-        interrupted = True
-    seconds = time.perf_counter() - started
-    checks = [c for w in written for c in w.chapter.checks]
-    if not interrupted:
+        seconds = time.perf_counter() - started
         limit = _QUICK_SECONDS if quick else _SECONDS
         checks.append(Check("the whole study", seconds, limit, "s"))
-    table = checks_table(checks)
-    table.write_csv(out)
-    settings = f"romsindy study --seed {seed} --seeds {seeds}{' --quick' * quick}"
-    settings += ": interrupted, chapters are missing" if interrupted else f", {seconds:.0f} s"
-    write_page(written, checks, out / "report.html", settings)
-    for what, measured, unit, asked, verdict in table.formatted():
+        ending = f"{seconds:.0f} s"
+    except KeyboardInterrupt:
+        raise click.exceptions.Exit(130) from None
+    finally:  # what is finished is not lost
+        write_page(written, checks, out, f"{settings}; {ending}")
+        _print(checks)
+        click.echo(f"Report: {out / 'report.html'}")
+
+
+def _print(checks: list[Check]) -> None:
+    for what, measured, unit, asked, verdict in checks_table(checks).formatted():
         click.echo(f"{verdict:<5} {what}: {measured} {unit}, asked {asked}")
-    click.echo(f"Report: {out / 'report.html'}")
-    if interrupted:
-        raise click.exceptions.Exit(130)
 
 
 def _progress(steps: Iterable, what: str, total: int) -> Iterable:

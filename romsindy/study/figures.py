@@ -14,8 +14,9 @@ from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam import plotting as beam_plotting
 from romsindy.comparison import Candidate
 from romsindy.decay import Decay
-from romsindy.study.experiment import Trial
+from romsindy.study.experiment import ORDER, Trial
 from romsindy.study.system import System
+from romsindy.study.tables import parameters
 
 _AMPLITUDE = "amplitude (kg$^{1/2}$ m)"
 
@@ -123,9 +124,8 @@ def spread(figure: Figure, system: System, trials: Sequence[Trial]) -> None:
     names = list(trials[0].candidates)
     order = np.argsort(system.backbone.amplitude)
     amplitude = system.backbone.amplitude[order]
-    for i, (name, ax) in enumerate(
-        zip(names, figure.subplots(2, 2, sharex=True, sharey=True).flat, strict=True)
-    ):
+    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    for i, (name, ax) in enumerate(zip(names, axes.flat, strict=True)):
         error = 100 * np.array([t.candidates[name].error for t in trials])[:, order]
         low, middle, high = np.nanquantile(error, (0.05, 0.5, 0.95), axis=0)
         ax.fill_between(amplitude, low, high, color=f"C{i}", alpha=0.3, lw=0)
@@ -138,25 +138,18 @@ def spread(figure: Figure, system: System, trials: Sequence[Trial]) -> None:
 
 def parameter_spread(figure: Figure, system: System, trials: Sequence[Trial]) -> None:
     """Signed errors of omega_1, gamma_3 and Upsilon_3 over seeds, one box a model."""
-    axes = figure.subplots(1, 3)
-    truth = system.direct[5]
-    for ax, key in zip(axes, ("omega^2", "gamma_3", "Upsilon_3"), strict=True):
-        power = 0.5 if key == "omega^2" else 1.0
-        found = {
-            name: [t.candidates[name].model.coefficients[key] for t in trials]
-            for name in trials[0].candidates
-            if key in trials[0].candidates[name].model.coefficients
-        }
-        values = [
-            100 * ((np.array(v) / truth.coefficients[key]) ** power - 1) for v in found.values()
-        ]
-        ax.boxplot(values, orientation="vertical", widths=0.6, showfliers=True)
-        ax.set_xticklabels([name.replace(", ", "\n") for name in found], fontsize="x-small")
+    truth = parameters(system.direct[ORDER])
+    labels = {"omega_1": r"$\omega_1$", "gamma_3": r"$\gamma_3$", "Upsilon_3": r"$\Upsilon_3$"}
+    for ax, (key, label) in zip(figure.subplots(1, 3), labels.items(), strict=True):
+        errors = {}
+        for name in trials[0].candidates:
+            found = [parameters(t.candidates[name].model).get(key) for t in trials]
+            if None not in found:
+                errors[name.replace(", ", "\n")] = 100 * (np.array(found) / truth[key] - 1)
+        ax.boxplot(list(errors.values()), widths=0.6)
+        ax.set_xticklabels(list(errors), fontsize="x-small")
         ax.axhline(0, color="0.5", lw=0.7)
-        ax.set_title(
-            {"omega^2": r"$\omega_1$", "gamma_3": r"$\gamma_3$", "Upsilon_3": r"$\Upsilon_3$"}[key]
-        )
-    axes[0].set_ylabel("error (%)")
+        ax.set(title=label, ylabel="error (%)")
 
 
 def damping(figure: Figure, system: System, fits: Mapping[str, Candidate]) -> None:

@@ -52,14 +52,16 @@ def checks_table(checks: Sequence[Check]) -> Table:
 
 
 def write_page(
-    written: Sequence[Written], checks: Sequence[Check], path: Path, settings: str
+    written: Sequence[Written], checks: Sequence[Check], folder: Path, settings: str
 ) -> None:
-    """Write the report about the chapters that there are."""
+    """Write report.html about the chapters that there are, and checks.csv."""
+    table = checks_table(checks)
+    table.write_csv(folder)
     page = render(
         "study.html.j2",
         title="From a decay to an equation of motion: the study of the default beam",
-        checks=checks_table(checks),
-        written=[w for w in written],
+        checks=table,
+        written=written,
         settings=settings,
     )
-    path.write_text(page, encoding="utf-8")
+    (folder / "report.html").write_text(page, encoding="utf-8")
