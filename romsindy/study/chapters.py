@@ -49,8 +49,9 @@ def structure(system: System) -> Chapter:
             ),
             Picture(
                 "coupling", "Modal coupling without damping",
-                "Left: the first modal coordinates. Right: the others against the first; a line"
-                " walked to and fro is a slave of mode 1, an area has a life of its own.",
+                "Let go by a modal force. Left: the first modal coordinates. Right: the others"
+                " against the first; a line walked to and fro is a slave of mode 1, an area has a"
+                " life of its own.",
                 partial(figures.coupling, system=system), (10, 4.2),
             ),
         ],
@@ -157,8 +158,9 @@ def recipes(system: System, plain: Fits, weighted: Fits) -> Chapter:
         [
             Picture(
                 "residuals", "What the regressions leave, by harmonic",
-                "Models of order 5. The polynomial leaves the second and third harmonic: there"
-                " the inertia shows.",
+                "Models of order 5. What the polynomial leaves in the third harmonic is the"
+                " inertia. The fourth, which no model takes away, is mode 2 (4.3 omega_1), let"
+                " go by the tip force along with mode 1.",
                 partial(figures.residuals, recipes=shown), (10, 4.2),
             )
         ],

@@ -28,10 +28,11 @@ def modes(figure: Figure, system: System) -> None:
     shapes = {"equilibrium": system.beam.equilibrium(), "released": released}
     beam_plotting.plot_shapes(shapes, ax=left)
     beam_plotting.plot_modes(system.modes, ax=right)
+    right.set_ylim(-6, 11)  # room for the legend
 
 
 def coupling(figure: Figure, system: System) -> None:
-    """Undamped modal responses, and q_2, q_3 and the first axial mode against q_1 (fig. 3)."""
+    """Undamped modal responses, and q_2 and q_3 against q_1 (fig. 3)."""
     left, right = figure.subplots(1, 2)
     beam_plotting.plot_modal_responses(system.undamped, ax=left)
     left.set_xlim(0, 0.6)
@@ -154,8 +155,10 @@ def parameter_spread(figure: Figure, system: System, trials: Sequence[Trial]) ->
 
 def damping(figure: Figure, system: System, fits: Mapping[str, Candidate]) -> None:
     """Damping ratio of the cycles and of models with damping terms."""
-    models = {name: c.model for name, c in fits.items()}
-    plotting.plot_damping(system.backbone, models, ax=figure.subplots())
+    models = {name: c.model for name, c in fits.items() if name != "none"}
+    ax = plotting.plot_damping(system.backbone, models, ax=figure.subplots())
+    ratio = 100 * system.backbone.damping_ratio
+    ax.set_ylim(0.95 * ratio.min(), 1.05 * ratio.max())
 
 
 def harmonics(figure: Figure, searches: Mapping[str, GridSearchCV]) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.backbone import Backbone, extract_backbone
-from romsindy.beam import Beam, ModalBasis, Motion
+from romsindy.beam import Beam, ModalBasis, Motion, Shape
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
 from romsindy.study.models import ORDERS
@@ -31,7 +31,7 @@ class System:
     motion : Motion
         Damped decay, with the sensors of the simulated experiment.
     undamped : Motion
-        A short undamped motion from the same release.
+        A short undamped motion from a release by the modal force, where only slaves sound along.
     decay : Decay
         q, q_dot, q_ddot of mode 1, kg^0.5 m.
     backbone : Backbone
@@ -85,14 +85,15 @@ def simulate_system(
     shape = beam.release_shape(beam.length / 3, mode=release_mode)
     sensors = beam.sensors(SENSORS)
 
-    def simulate(system: Beam, seconds: float) -> Motion:
+    def simulate(system: Beam, shape: Shape, seconds: float) -> Motion:
         motion = system.simulate(shape, seconds, modes=modes, sensors=sensors, progress=progress)
         if motion.stop_reason != "completed":
             raise KeyboardInterrupt(motion.stop_reason)
         return motion
 
-    motion = simulate(beam, duration)
-    undamped = simulate(replace(beam, alpha=0.0, eta=0.0), COUPLING_DURATION)
+    motion = simulate(beam, shape, duration)
+    calm = beam.release_shape(beam.length / 3, mode=1)
+    undamped = simulate(replace(beam, alpha=0.0, eta=0.0), calm, COUPLING_DURATION)
     decay = modes.project(motion)
     reach = float(np.abs(decay.q).max())
     direct = {order: beam.reduce(order=order, amplitude=reach) for order in ORDERS}
