@@ -34,10 +34,8 @@ _QUICK_SECONDS, _SECONDS = 60.0, 300.0
     "--seeds", type=click.IntRange(2), help="Noisy experiments.  [default: 100, quick 10]"
 )
 @click.option("--seed", default=0, show_default=True, help="First seed.")
-@click.option(
-    "--jobs", default=-1, show_default=True, help="Processes for the seeds; -1: all processors."
-)
-def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int) -> None:
+@click.option("--jobs", type=int, help="Processes.  [default: all processors, quick: 1]")
+def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int | None) -> None:
     """Run the study of the method's paper on the default beam and write its report.
 
     Simulates the decay, identifies stiffness polynomials, beam theory and IC-ROM, repeats the noisy
@@ -47,6 +45,7 @@ def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int) -> No
     out.mkdir(parents=True, exist_ok=True)
     size = QUICK if quick else {}
     seeds = seeds or (_QUICK_SEEDS if quick else _SEEDS)
+    jobs = jobs or (1 if quick else -1)  # starting processes takes longer than ten seeds
     settings = f"romsindy study --seed {seed} --seeds {seeds}{' --quick' * quick}"
     written: list[Written] = []
     checks: list[Check] = []

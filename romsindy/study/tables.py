@@ -252,9 +252,9 @@ def releases(results: Mapping[str, tuple[Fits, float]]) -> Table:
         "releases",
         "How the beam is let go",
         "Largest backbone error, %, linear frequency estimated, plain regression. A modal force"
-        " that holds the same tip displacement releases mode 1 at a larger q; the decay from the"
-        " amplitude of the tip force on has the tip force's error. It is the range of"
-        " amplitudes, not the sounding of mode 2, that makes the difference.",
+        " that holds the same tip displacement lets mode 1 go at a larger q. Without those loud"
+        " cycles its decay is no harder to model than that of the tip force: the range of"
+        " amplitudes decides. At order 9 it is easier, since mode 2 does not sound along.",
         ["release", "largest amplitude, kg^0.5 m", *names],
         [
             [label, top, *(100 * fits[n].max_error for n in names)]
