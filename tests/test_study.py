@@ -18,6 +18,7 @@ from romsindy.cli import main
 from romsindy.model import ReducedModel
 from romsindy.signals import crossings
 from romsindy.study import (
+    chapters,
     choose_harmonics,
     command,
     identify,
@@ -184,7 +185,8 @@ def small(monkeypatch):
     return lambda *args: CliRunner().invoke(main, ["study", "--quick", "--seeds", "2", *args])
 
 
-def test_command_writes_report_tables_and_figures(small, tmp_path, system, plain):
+def test_command_writes_report_tables_and_figures(small, tmp_path, system, plain, monkeypatch):
+    monkeypatch.setattr(story, "simulate_system", lambda *args, **kwargs: system)
     result = small("--out", str(tmp_path))
     assert result.exit_code == 0, result.output
     assert "pass  stiffness 5, largest backbone error" in result.output
@@ -202,29 +204,34 @@ def test_command_writes_report_tables_and_figures(small, tmp_path, system, plain
         assert {row["seed"] for row in csv.DictReader(file)} == {"0", "2"}
 
 
-def test_interruption_keeps_what_is_finished(small, tmp_path, system, monkeypatch):
-    """Three seeds, then Ctrl-C: the chapter is told with them; a second one ends the study."""
-
-    def interrupted(motion, backbone, seeds):
-        yield from trials(motion, backbone, [0, 2, 4])
-        raise KeyboardInterrupt
-
-    def again(system):
+def test_interrupted_study_writes_what_is_finished(small, tmp_path, system, monkeypatch):
+    def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(story, "simulate_system", lambda *args, **kwargs: system)
-    monkeypatch.setattr(story, "trials", interrupted)
-    monkeypatch.setattr(story.chapters, "damping", again)
-    result = small("--out", str(tmp_path), "--seeds", "100")
+    monkeypatch.setattr(story, "identify_all", interrupted)
+    result = small("--out", str(tmp_path))
     assert result.exit_code == 130
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "3 of 100 seeds" in page and "stopped early" in page
-    assert "harmonics by cross-validation" not in page
+    assert "stopped early" in page and "Decay and backbone" in page
+    assert "Simulated experiment" not in page
+
+
+def test_interrupted_seeds_are_kept(system, monkeypatch):
+    def interrupted(motion, backbone, seeds):
+        yield from trials(motion, backbone, seeds[:3])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(story, "trials", interrupted)
+    finished = story.finished_trials(system, range(0, 200, 2), lambda steps, *_: steps)
+    assert {t.seed for t in finished} == {0, 2, 4}
+    assert "Interrupted: 3 of 100 seeds" in chapters.experiment(system, finished, 100).text
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"), [(["--seeds", "1"], "1 is not in the range"), (["--out", "pyproject.toml"], "is a file")]
-)  # fmt: skip
+    ("arguments", "message"),
+    [(["--seeds", "1"], "1 is not in the range"), (["--out", __file__], "is a file")],
+)
 def test_bad_input_is_refused(arguments, message):
     result = CliRunner().invoke(main, ["study", *arguments])
     assert result.exit_code == 2 and message in result.output

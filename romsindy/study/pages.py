@@ -33,6 +33,7 @@ def _write_picture(picture: Picture, folder: Path) -> str:
     picture.draw(figure)
     path = folder / f"{picture.name}.png"
     figure.savefig(path, dpi=110)
+    figure.set_layout_engine("none")  # as laid out, once
     figure.savefig(path.with_suffix(".svg"))
     return base64.b64encode(path.read_bytes()).decode()
 

@@ -34,10 +34,6 @@ def tell(
         Number of noisy experiments, and the first seed. An experiment takes two seeds.
     both_releases : bool
         Whether to simulate a release by a modal force too.
-
-    Notes
-    -----
-    Interrupted among the seeds, it goes on with those that are finished.
     """
     system = simulate_system(elements, duration, progress=True)
     yield chapters.structure(system)
@@ -52,13 +48,14 @@ def tell(
     if both_releases:
         modal = simulate_system(elements, duration, release_mode=1, progress=True)
         yield chapters.releases(system, modal)
-    finished = _finished(system, range(seed, seed + 2 * seeds, 2), progress)
+    finished = finished_trials(system, range(seed, seed + 2 * seeds, 2), progress)
     yield chapters.experiment(system, finished, seeds)
     yield chapters.damping(system)
     yield chapters.harmonics(system, seed)
 
 
-def _finished(system: System, seeds: range, progress: Progress) -> list[Trial]:
+def finished_trials(system: System, seeds: range, progress: Progress) -> list[Trial]:
+    """Trials of all seeds, or of those that were finished when Ctrl-C came (two at least)."""
     finished: list[Trial] = []
     steps = trials(system.motion, system.backbone, seeds)
     try:
