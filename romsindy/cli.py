@@ -1,4 +1,4 @@
-"""Command line: ``romsindy identify FILE``."""
+"""Command line: ``romsindy study``, ``romsindy identify FILE``, ``romsindy simulate OUTPUT``."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from romsindy.filters import Butterworth
 from romsindy.harmonic import HarmonicProjection
 from romsindy.plotting import plot_backbone
 from romsindy.report import Identification, write_report
+from romsindy.study.command import study
 from romsindy.synthetic import example_decay
 from romsindy.terms import DAMPING_KINDS
 
@@ -57,6 +58,7 @@ def main() -> None:
 
 
 main.add_command(simulate)
+main.add_command(study)
 
 
 def _coefficients(

@@ -7,6 +7,7 @@ import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
@@ -130,16 +131,12 @@ def write_report(
     result: Identification, path: str | Path, progress: Callable[[Iterable], Iterable] = iter
 ) -> None:
     """Write the page; ``progress`` may wrap the figures in a progress bar."""
-    from romsindy import __version__
-
     figures = [
         {"title": p.title, "caption": p.caption, "png": _png(p.draw)}
         for p in progress(pictures(result))
     ]
-    environment = Environment(
-        loader=PackageLoader("romsindy", "."), autoescape=select_autoescape(["j2"])
-    )
-    page = environment.get_template("report.html.j2").render(
+    page = render(
+        "report.html.j2",
         title=result.title,
         verdict=result.verdict(),
         equation=str(result.named("IC-ROM").model),
@@ -147,9 +144,18 @@ def write_report(
         table_note=result.table_note(),
         figures=figures,
         notes=[repr(result.decay).splitlines()[0].strip("<>"), *result.decay.notes],
-        version=__version__,
     )
     Path(path).write_text(page, encoding="utf-8")
+
+
+def render(template: str, **content: Any) -> str:
+    """The text of a page from one of the package's templates."""
+    from romsindy import __version__
+
+    environment = Environment(
+        loader=PackageLoader("romsindy", "."), autoescape=select_autoescape(["j2"])
+    )
+    return environment.get_template(template).render(version=__version__, **content)
 
 
 def _png(draw: Callable[[Axes], Axes]) -> str:
