@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
+from numpy.typing import ArrayLike
 from scipy.linalg import lstsq
 
 from romsindy.contenders import (
@@ -28,7 +29,7 @@ from romsindy.decay import Decay
 from romsindy.harmonic import HarmonicProjection, Rows
 from romsindy.library import ROMLibrary, library_terms
 from romsindy.model import ReducedModel
-from romsindy.refine import Fit, refine
+from romsindy.refine import Band, Fit, refine
 from romsindy.regression import row_weights
 from romsindy.tangent import LARGE, Keys, Tangent
 from romsindy.terms import Term
@@ -36,11 +37,13 @@ from romsindy.trajectory import TrajectoryError
 from romsindy.typing import Array, Indices
 
 ORDERS = (3, 5, 7, 9)
+# Higher ones join, up to the last of these, where the choice uses the highest there is.
+_MORE_ORDERS = (11, 13)
 DAMPING = ("quadratic", "coulomb", "q^2 q_dot")
 # Cycles are dealt into this many parts for the screening by regression.
 _FOLDS = 5
-# Best candidates of the screening that are tried as a start; and tangents until it settles.
-_TRIES, _ROUNDS = 6, 6
+# Best candidates of the screening that are tried as a start; and comparisons until it settles.
+_TRIES, _ROUNDS = 6, 10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,6 +78,33 @@ class Selection:
     def equivalent(self) -> tuple[Contender, ...]:
         """Contenders that the data cannot tell from the chosen one."""
         return tuple(c for c in self.path if c.verdict == EQUIVALENT)
+
+    def band(self, amplitudes: ArrayLike) -> Band:
+        """Backbone and damping with standard errors that include the choice of the model.
+
+        To the variance of each fitted model that cannot be told apart is added the square of its
+        distance from the chosen one, and the mean is taken: K. P. Burnham, D. R. Anderson, "Model
+        Selection and Multimodel Inference", 2002, eq. 4.9, with equal weights.
+
+        Parameters
+        ----------
+        amplitudes : (n,) array
+            Half peak to peak, positive, unit of q.
+        """
+        chosen = self.fit.band(amplitudes)
+        others = [c.fit.band(amplitudes) for c in self.equivalent if c.fit is not None]
+
+        def spread(name: str) -> Array:
+            middle = getattr(chosen, name)
+            squares = [
+                getattr(b, f"{name}_std") ** 2 + (getattr(b, name) - middle) ** 2
+                for b in (chosen, *others)
+            ]
+            return np.sqrt(np.mean(squares, axis=0))
+
+        return replace(
+            chosen, frequency_std=spread("frequency"), damping_ratio_std=spread("damping_ratio")
+        )
 
     def table(self, rows: int | None = None) -> list[list[str]]:
         """Rows of text, the first the header: the best ``rows`` of the path, by size."""
@@ -191,18 +221,27 @@ def select_model(
     if survivors < 1:
         raise ValueError(f"survivors = {survivors!r} must be at least 1: the chosen model")
     known = dict(fixed or {})
-    terms, structures = _structures(candidates, known)
+    libraries = [default_candidates()] if candidates is None else [list(candidates)]
+    if candidates is None:
+        more = [(*ORDERS, *_MORE_ORDERS[: i + 1]) for i in range(len(_MORE_ORDERS))]
+        libraries += [default_candidates(orders) for orders in more]
+    stages = [_structures(stage, known) for stage in libraries]
+    terms = {term.key: term for term in _terms(libraries[-1])}
     screen = _Screen.of(several, terms, known)
     search = _Search(several, screen, terms, progress or (lambda line: None))
-    fit = search.first(structures)
+    fit = search.first(stages[0])
     message, path = "search complete", search.compare(fit, [fit.free])
+    structures = stages.pop(0)
     try:
         for _ in range(_ROUNDS):
             path = search.compare(fit, structures, sparse)
             winner = best(path)
-            if winner.fit is not None:
+            if stages and _highest(structures) & set(winner.keys):
+                structures = stages.pop(0)
+            elif winner.fit is not None:
                 break
-            fit = search.fit(winner.keys) or fit
+            else:
+                fit = search.fit(winner.keys) or fit
         path = search.survivors(path, survivors, n_jobs)
     except KeyboardInterrupt:
         message = "interrupted before the search was complete"
@@ -211,26 +250,34 @@ def select_model(
     return Selection(winner.fit, tuple(judged(path, winner)), message)
 
 
-def _structures(
-    candidates: Sequence[Any] | None, fixed: Mapping[str, float]
-) -> tuple[dict[str, Term], list[Keys]]:
-    """All terms by key, and the free coefficients of every candidate."""
-    libraries = default_candidates() if candidates is None else list(candidates)
+def _terms(libraries: Sequence[Any]) -> list[Term]:
+    """Terms of all candidates, each once."""
+    terms = [term for library in libraries for term in library_terms(library)]
+    return list({term.key: term for term in terms}.values())
+
+
+def _highest(structures: Sequence[Keys]) -> set[str]:
+    """Coefficients of the highest order of stiffness and of inertia."""
+    powers = {key for keys in structures for key in keys if key.startswith(("gamma_", "Upsilon_"))}
+    top = max((int(key.split("_")[1]) for key in powers), default=0)
+    return {f"gamma_{top}", f"Upsilon_{top}"}
+
+
+def _structures(libraries: Sequence[Any], fixed: Mapping[str, float]) -> list[Keys]:
+    """The free coefficients of every candidate."""
     if not libraries:
         raise ValueError("candidates is empty: give at least one library, such as ROMLibrary()")
-    terms: dict[str, Term] = {}
     structures = []
     for i, library in enumerate(libraries):
-        own = {term.key: term for term in library_terms(library)}
+        own = [term.key for term in library_terms(library)]
         missing = sorted(set(fixed) - set(own))
         if missing:
             raise ValueError(f"fixed names {missing}, which candidate {i} has not: add the terms")
         free = tuple(key for key in own if key not in fixed)
         if not free:
             raise ValueError(f"candidate {i} has no free coefficient: leave one to fit")
-        terms |= own
         structures.append(free)
-    return terms, list(dict.fromkeys(structures))
+    return list(dict.fromkeys(structures))
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,9 +362,10 @@ class _Search:
         self, fit: Fit, structures: Sequence[Keys], sparse: bool = False
     ) -> list[Contender]:
         """Every structure beside the others, seen from one fit."""
-        tangent = Tangent.at(fit, list(self.terms.values()))
-        self.tangent = tangent
         every = dict.fromkeys([*structures, *self.fits])
+        used = {key for keys in every for key in keys}
+        tangent = Tangent.at(fit, [term for key, term in self.terms.items() if key in used])
+        self.tangent = tangent
         errors = {keys: tangent.cycle_errors(keys) for keys in every}
         if sparse:
             start = min(errors, key=lambda keys: float(errors[keys].sum()))

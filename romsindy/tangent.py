@@ -12,9 +12,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pysindy as ps
+from numpy.typing import NDArray
 from scipy.linalg import lstsq
 from scipy.signal import freqz
 from scipy.stats import f as f_distribution
@@ -80,7 +82,7 @@ class Tangent:
             y = r + j[:, : len(keys)] @ values[: len(keys)]
             table = np.column_stack([j, y]) / record.noise.std
             for a, b in _cycles(record, len(r)):
-                blocks.append(np.linalg.qr(table[a:b], mode="r"))
+                blocks.append(_compressed(table[a:b]))
                 amplitudes.append(np.ptp(record.decay.q[a:b]) / 2)
                 samples.append(b - a)
         width = blocks[0].shape[1]
@@ -98,7 +100,7 @@ class Tangent:
 
     def chi_squared(self, keys: Sequence[str]) -> float:
         """Sum of squared residuals over noise of a model with these terms."""
-        return self._chi_squared(keys, np.ones(len(self.samples), bool))
+        return _misfit(np.concatenate(self._ranges)[:, self._table(keys)])
 
     def freedom(self, keys: Sequence[str]) -> int:
         """Number of samples less that of the fitted values."""
@@ -130,23 +132,23 @@ class Tangent:
             Probability that a right model errs as much: G. C. Chow, "Tests of equality between
             sets of coefficients in two linear regressions", Econometrica 28 (1960), 591-605.
         """
-        large = self.amplitude > LARGE * self.amplitude.max()
-        x, _ = self._columns(keys)
-        solution = lstsq(_flat(x[~large]), self.target[~large].ravel(), cond=1e-13)[0]
-        error = self.target[large] - x[large] @ solution
-        rest = self._chi_squared(keys, ~large)
-        beyond = self._chi_squared(keys, np.ones_like(large)) - rest
-        n, m = self.samples[large].sum(), self.samples[~large].sum() - x.shape[2]
-        ratio = (beyond / n) / (rest / m)
-        p = float(f_distribution.sf(ratio, self.colour * n, self.colour * m))
-        return float(np.sqrt(np.sum(error**2) / n)), p
+        columns = self._table(keys)
+        above, below = (table[:, columns] for table in self._ranges)
+        solution = lstsq(below[:, :-1], below[:, -1], cond=1e-13)[0]
+        error = above[:, -1] - above[:, :-1] @ solution
+        rest = _misfit(below)
+        beyond = _misfit(np.concatenate([above, below])) - rest
+        n = self.samples[self._large].sum()
+        m = self.freedom(keys) - n
+        p = float(f_distribution.sf(beyond / n / (rest / m), self.colour * n, self.colour * m))
+        return float(np.sqrt(error @ error / n)), p
 
     def sparse_path(self, keys: Sequence[str]) -> list[Keys]:
         """Ever smaller subsets of these terms, by stepwise sparse regression (`pysindy.SSR`)."""
         x, _ = self._columns(keys)
         states = x.shape[2] - len(keys)
         columns = np.concatenate([_flat(x)[:, len(keys) :], _flat(x)[:, : len(keys)]], axis=1)
-        table = np.linalg.qr(np.column_stack([columns, self.target.ravel()]), mode="r")[states:]
+        table = _compressed(np.column_stack([columns, self.target.ravel()]))[states:]
         optimizer = ps.SSR(alpha=0, criteria="model_residual", max_iter=len(keys), unbias=False)
         optimizer.fit(table[:, states:-1], table[:, -1:])
         return [tuple(np.array(keys)[c[0] != 0].tolist()) for c in optimizer.history_[1:]]
@@ -159,14 +161,37 @@ class Tangent:
         scale = np.where(scale > 0, scale, 1.0)
         return x / scale, scale
 
-    def _chi_squared(self, keys: Sequence[str], cycles: Array) -> float:
-        x, y = _flat(self._columns(keys)[0][cycles]), self.target[cycles].ravel()
-        rest = y - x @ lstsq(x, y, cond=1e-13)[0]
-        return float(rest @ rest)
+    def _table(self, keys: Sequence[str]) -> list[int]:
+        """Columns of these terms, of the states, and the target."""
+        return [*map(self.keys.index, keys), *range(len(self.keys), self.theta.shape[2] + 1)]
+
+    @property
+    def _large(self) -> NDArray[np.bool_]:
+        return np.asarray(self.amplitude > LARGE * self.amplitude.max())
+
+    @cached_property
+    def _ranges(self) -> tuple[Array, Array]:
+        """Columns and target of the large cycles, and of all others, in few rows."""
+        table = np.concatenate([self.theta, self.target[..., None]], axis=2)
+        # Columns of equal size, which changes no prediction.
+        size = np.sqrt(np.sum(self.theta**2, axis=(0, 1)))
+        table[..., :-1] /= np.where(size > 0, size, 1.0)
+        return _compressed(_flat(table[self._large])), _compressed(_flat(table[~self._large]))
+
+
+def _misfit(table: Array) -> float:
+    """Sum of squared residuals of the last column on the others."""
+    rest = table[:, -1] - table[:, :-1] @ lstsq(table[:, :-1], table[:, -1], cond=1e-13)[0]
+    return float(rest @ rest)
 
 
 def _fixed(fit: Fit) -> set[str]:
     return set(fit.model.coefficients) - set(fit.free)
+
+
+def _compressed(table: Array) -> Array:
+    """Few rows with the same sums of squares and products."""
+    return np.asarray(np.linalg.qr(table, mode="r"))
 
 
 def _flat(x: Array) -> Array:
