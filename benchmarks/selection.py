@@ -190,7 +190,7 @@ def experiment(records: Records, seed: int) -> Experiment:
     return Experiment(
         choice.chosen.name,
         omega / records.omega - 1,
-        choice.fit.standard_errors["omega^2"] / (2 * omega**2),
+        float(choice.band(1e-3 * amplitude.max()).frequency_std[0] / omega),
         float(np.sqrt(np.mean(off**2))),
         float(np.sqrt(np.mean((own(pure_amplitude) / pure_true - 1) ** 2))),
         float(np.mean(np.abs(off) * true <= 1.96 * band.frequency_std)),
