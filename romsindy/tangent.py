@@ -127,19 +127,22 @@ class Tangent:
         Returns
         -------
         error : float
-            Rms over noise.
+            Rms over noise; nan where too few samples of smaller amplitude are left.
         p_value : float
             Probability that a right model errs as much: G. C. Chow, "Tests of equality between
             sets of coefficients in two linear regressions", Econometrica 28 (1960), 591-605.
+            1 where there is no error to judge.
         """
+        n = int(self.samples[self._large].sum())
+        m = self.freedom(keys) - n
+        if m < 1:
+            return float("nan"), 1.0
         columns = self._table(keys)
         above, below = (table[:, columns] for table in self._ranges)
         solution = lstsq(below[:, :-1], below[:, -1], cond=1e-13)[0]
         error = above[:, -1] - above[:, :-1] @ solution
         rest = _misfit(below)
         beyond = _misfit(np.concatenate([above, below])) - rest
-        n = self.samples[self._large].sum()
-        m = self.freedom(keys) - n
         p = float(f_distribution.sf(beyond / n / (rest / m), self.colour * n, self.colour * m))
         return float(np.sqrt(error @ error / n)), p
 
