@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from romsindy.backbone import Backbone, extract_backbone
@@ -252,7 +253,7 @@ def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
     bar, one standard error, reaches zero a structure predicts as well as the best.
     """
     ax = _axes(ax)
-    looks = {
+    looks: dict[str, dict[str, Any]] = {
         CHOSEN: {"color": "C3", "ms": 9, "fmt": "*", "zorder": 3, "label": CHOSEN},
         EQUIVALENT: {"color": "C0", "ms": 4, "fmt": "o", "zorder": 2, "label": EQUIVALENT},
         "": {"color": "0.6", "ms": 4, "fmt": "o", "mfc": "white", "zorder": 1, "label": "worse"},
@@ -266,9 +267,9 @@ def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
     ax.axhline(0, color="0.25", lw=0.8)
     ax.set_yscale("symlog", linthresh=10)
     ax.set_ylim(bottom=-30)
-    ax.set(
-        xlabel="number of coefficients", ylabel="held-out squared error / noise, beyond the best"
-    )
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ylabel = "squared error of held-out cycles over noise, beyond the best"
+    ax.set(xlabel="number of coefficients", ylabel=ylabel)
     ax.legend(loc="best", frameon=False)
     return ax
 
