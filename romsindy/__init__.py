@@ -27,6 +27,7 @@ from romsindy.orbits import (
 )
 from romsindy.refine import Band, Fit, refine
 from romsindy.regression import HarmonicSINDy, ScaledOptimizer
+from romsindy.selection import Selection, default_candidates, select_model
 from romsindy.synthetic import add_noise, example_decay
 
 __version__ = "0.1.0"
@@ -55,6 +56,7 @@ __all__ = [
     "ReducedModel",
     "SavitzkyGolay",
     "ScaledOptimizer",
+    "Selection",
     "SingularInertiaError",
     "Steps",
     "StiffnessLibrary",
@@ -62,6 +64,7 @@ __all__ = [
     "backbone_curve",
     "bootstrap",
     "continue_branch",
+    "default_candidates",
     "example_decay",
     "extract_backbone",
     "forced_response",
@@ -69,4 +72,5 @@ __all__ = [
     "load_decay",
     "refine",
     "save_decay",
+    "select_model",
 ]

@@ -221,7 +221,7 @@ def refine(
     with threadpool_limits(limits=1, user_api="blas"):
         records = _records(decays, model)
         free = _free_names(model, fixed)
-        problem = OutputError.of(ModelEquation(_smoothed(model, records), free), records, offset)
+        problem = OutputError.of(ModelEquation(smoothed(model, records), free), records, offset)
         values, message = problem.solve(loss, progress)
         return _fit(problem, values, model, free, message)
 
@@ -280,7 +280,8 @@ def _same(a: Decay, b: Decay) -> bool:
     return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
 
 
-def _smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
+def smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
+    """Model whose dry friction is smooth at the speeds of the records."""
     if all(term.smooth for term in model.terms):
         return model
     speed = max(float(np.abs(np.gradient(r.decay.q, r.decay.dt)).max()) for r in records)
