@@ -9,6 +9,10 @@ from romsindy.adequacy import FALSE_ALARM
 from romsindy.refine import Fit
 from romsindy.tangent import Keys
 
+# Models are told apart where one predicts worse by more than this many standard errors. The choice
+# itself obeys the usual rule of one.
+TOLD_APART = 2.0
+
 CHOSEN = "chosen"
 EQUIVALENT = "not told apart"
 WORSE = "predicts cycles worse"
@@ -63,10 +67,12 @@ class Contender:
 
 
 def best(contenders: Sequence[Contender]) -> Contender:
-    """Fewest coefficients among those that predict as well as the best (`judged`)."""
-    good = [c for c in judged(contenders) if c.verdict == EQUIVALENT]
-    chosen = min(good, key=lambda c: (len(c.keys), c.excess))
-    return next(c for c in contenders if c.keys == chosen.keys)
+    """Fewest coefficients among those within one standard error of the best prediction."""
+    left = {c.keys for c in judged(contenders) if c.verdict == EQUIVALENT}
+    good = [c for c in contenders if c.keys in left and c.excess <= c.excess_std]
+    if not good:  # the best prediction failed another test
+        good = [min((c for c in contenders if c.keys in left), key=lambda c: c.excess)]
+    return min(good, key=lambda c: (len(c.keys), c.excess))
 
 
 def judged(contenders: Sequence[Contender], chosen: Contender | None = None) -> list[Contender]:
@@ -80,7 +86,7 @@ def judged(contenders: Sequence[Contender], chosen: Contender | None = None) -> 
     explaining = any(c.explained for c in left)
     tests = (
         (INADEQUATE, lambda c: c.explained or c.fit is None or not explaining),
-        (WORSE, lambda c: c.excess <= c.excess_std),
+        (WORSE, lambda c: c.excess <= TOLD_APART * c.excess_std),
         (NARROW, lambda c: c.forecast_p >= FALSE_ALARM),
     )
     for name, passes in tests:

@@ -37,8 +37,9 @@ from romsindy.trajectory import TrajectoryError
 from romsindy.typing import Array, Indices
 
 ORDERS = (3, 5, 7, 9)
-# Higher ones join, up to the last of these, where the choice uses the highest there is.
-_MORE_ORDERS = (11, 13)
+# Higher ones join, up to the last of these, where the choice uses the highest there is and leaves
+# little: much misfit is not for want of powers.
+_MORE_ORDERS, _LITTLE = (11, 13), 1.1
 DAMPING = ("quadratic", "coulomb", "q^2 q_dot")
 # Cycles are dealt into this many parts for the screening by regression.
 _FOLDS = 5
@@ -236,7 +237,8 @@ def select_model(
         for _ in range(_ROUNDS):
             path = search.compare(fit, structures, sparse)
             winner = best(path)
-            if stages and _highest(structures) & set(winner.keys):
+            grown = winner.adequacy < _LITTLE and _highest(structures) & set(winner.keys)
+            if stages and grown:
                 structures = stages.pop(0)
             elif winner.fit is not None:
                 break
@@ -286,7 +288,7 @@ class _Screen:
 
     columns: dict[str, Array]
     target: Array
-    fold: Indices
+    cycle: Indices
     fixed: Mapping[str, float]
     unit: str | None
 
@@ -302,17 +304,25 @@ class _Screen:
         target = rows.target * weights
         for key, value in fixed.items():
             target = target - value * columns[key]
-        return cls(columns, target, rows.cycle % _FOLDS, fixed, decays[0].unit)
+        return cls(columns, target, rows.cycle, fixed, decays[0].unit)
 
-    def error(self, keys: Keys) -> float:
-        """Squared error of held-out cycles."""
+    def ranked(self, structures: Sequence[Keys]) -> list[Keys]:
+        """The smallest within one standard error of the best first, then by error."""
+        errors = {keys: self._errors(keys) for keys in structures}
+        ranked = sorted(structures, key=lambda keys: float(errors[keys].sum()))
+        excess = {keys: errors[keys] - errors[ranked[0]] for keys in ranked}
+        good = [k for k, e in excess.items() if e.sum() <= e.std() * np.sqrt(len(e))]
+        return list(dict.fromkeys([min(good, key=len), *ranked]))
+
+    def _errors(self, keys: Keys) -> Array:
+        """Squared error of every cycle, predicted from others, (n_cycles,)."""
         x, _ = self._scaled(keys)
-        total = 0.0
+        rest = np.empty_like(self.target)
         for fold in range(_FOLDS):
-            out = self.fold == fold
+            out = self.cycle % _FOLDS == fold
             solution = lstsq(x[~out], self.target[~out], cond=1e-12)[0]
-            total += float(np.sum((self.target[out] - x[out] @ solution) ** 2))
-        return total
+            rest[out] = self.target[out] - x[out] @ solution
+        return np.asarray(np.bincount(self.cycle, rest**2), float)
 
     def solve(self, keys: Keys) -> dict[str, float]:
         """Coefficients by least squares."""
@@ -339,9 +349,9 @@ class _Search:
     fits: dict[Keys, Fit | None] = field(default_factory=dict)
 
     def first(self, structures: Sequence[Keys]) -> Fit:
-        """Fit the candidate whose regression predicts held-out cycles best."""
+        """Fit a candidate whose regression predicts held-out cycles well."""
         self.progress(f"screening {len(structures)} candidates by regression")
-        order = sorted(structures, key=self.screen.error)[:_TRIES]
+        order = self.screen.ranked(structures)[:_TRIES]
         for keys in order:
             fit = self.fit(keys)
             if fit is not None:

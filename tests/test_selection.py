@@ -172,9 +172,16 @@ def contender(keys: str, excess: float, std: float, p: float = 0.5) -> Contender
 
 def test_smallest_within_one_standard_error_wins() -> None:
     some = [contender("a b c", 0, 0), contender("a b", 2, 2.1), contender("a", 5, 4.9)]
+    some += [contender("b", 5, 2.4)]
     assert best(some).keys == ("a", "b")
-    verdicts = [c.verdict for c in judged(some, best(some))]
-    assert verdicts == [contenders.WORSE, contenders.CHOSEN, contenders.EQUIVALENT]
+    same = contenders.EQUIVALENT
+    verdicts = {c.keys: c.verdict for c in judged(some, best(some))}
+    assert verdicts == {
+        ("a",): same,
+        ("b",): contenders.WORSE,
+        ("a", "b"): contenders.CHOSEN,
+        ("a", "b", "c"): same,
+    }
 
 
 def test_model_that_fails_at_large_amplitudes_is_passed_over() -> None:
