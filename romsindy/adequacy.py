@@ -21,6 +21,8 @@ from romsindy.typing import Array, Indices
 
 # A right model is called "not explained" this often.
 FALSE_ALARM = 0.01
+# More than this times the noise, and something is missing wherever it lies in the spectrum.
+LARGEST_RATIO = 1.2
 _CYCLES = 8  # in a window
 _HARMONICS = 5
 _DEGREE = 1
@@ -58,7 +60,7 @@ class Adequacy:
     @property
     def explained(self) -> bool:
         """Whether the residual is noise, at a false-alarm rate of one in a hundred."""
-        return self.p_value >= FALSE_ALARM
+        return self.p_value >= FALSE_ALARM and self.ratio <= LARGEST_RATIO
 
     def __str__(self) -> str:
         size = f"residual {self.ratio:.3g} times the noise"
@@ -78,6 +80,8 @@ class Adequacy:
         )
 
     def _loudest(self) -> str:
+        if self.p_value >= FALSE_ALARM:
+            return "spread over all frequencies, as from a disturbance or a bad start"
         rms = np.sqrt(np.nanmean(self.misfit**2, axis=0))
         worst = int(np.nanargmax(rms))
         name = "mean position" if worst == 0 else f"harmonic {worst}"
@@ -99,10 +103,11 @@ def examine(records: Sequence[Record], residuals: Sequence[Array], fitted: int) 
     at, between = np.array([w.at for w in windows]), np.array([w.between for w in windows])
     columns = np.array([w.columns for w in windows])  # (n, harmonics + 1), of each `at`
     floor = np.nansum(between, axis=0) / np.maximum(np.sum(columns, axis=0), 1)
-    power = at / columns / floor
+    floor = np.where(floor > 0, floor, np.nan)
+    power = at / np.where(columns > 0, columns, np.nan) / floor
     share = max(1 - fitted / columns.sum(), 0.1)  # what the fitted values took away
     amplitude = np.array([w.amplitude for w in windows])
-    misfit = np.where(columns > 0, np.sqrt(power), np.nan)
+    misfit = np.sqrt(power)
 
     def probability(some: Array) -> float:
         numerator, denominator = columns[some].sum(), columns.sum()
@@ -111,11 +116,12 @@ def examine(records: Sequence[Record], residuals: Sequence[Array], fitted: int) 
 
     everything = np.ones(len(windows), bool)
     p_value = probability(everything)
+    ratio = _ratio(records, residuals, fitted)
     limit = float(amplitude.max())
-    if p_value < FALSE_ALARM:
+    if p_value < FALSE_ALARM or ratio > LARGEST_RATIO:
         limit = _limit(amplitude, [probability(amplitude <= a) for a in amplitude])
     return Adequacy(
-        _ratio(records, residuals, fitted),
+        ratio,
         p_value,
         amplitude,
         misfit,

@@ -206,7 +206,9 @@ def integrate(
             last = min(first + min(width, _FIRST_WINDOW), n)
             start = _linear_motion(equation, grid, first, last, q[first], q_dot[first])
         window = _newton(equation, grid, first, q[first], q_dot[first], start)
-        if window is not None:
+        if window is not None and _resolved(
+            grid.step, *window, float(np.abs(q[: first + 1]).max())
+        ):
             q[first : last + 1], q_dot[first : last + 1], q_ddot[first:last] = window
             first, width = last, 2 * (last - first)
         elif last - first > 1:
@@ -220,6 +222,15 @@ def integrate(
                 " positive there"
             )
     return Trajectory(grid, q, q_dot, q_ddot)
+
+
+def _resolved(h: float, q: Array, q_dot: Array, q_ddot: Array, reach: float) -> bool:
+    """Whether steps are short against the motion: else it escapes, or solves the steps only.
+
+    An oscillation at twenty steps a cycle has |q_ddot| h^2 = 0.1 |q|.
+    """
+    reach = max(reach, float(np.abs(q).max())) + h * float(np.abs(q_dot).max())
+    return bool(np.abs(q_ddot).max() * h * h <= reach)
 
 
 def _shifted(guess: Trajectory, first: int, last: int, q: float, q_dot: float) -> Array:
