@@ -166,8 +166,8 @@ def test_bad_input_is_named() -> None:
         select_model(DECAY, ["IC-ROM"])
 
 
-def contender(keys: str, excess: float, std: float, p: float = 0.5) -> Contender:
-    return Contender(tuple(keys.split()), 1.0, excess, std, 1.0, p)
+def contender(keys: str, excess: float, std: float, p: float = 0.5, size: int = 0) -> Contender:
+    return Contender(tuple(keys.split()), size or len(keys.split()), 1.0, excess, std, 1.0, p)
 
 
 def test_smallest_within_one_standard_error_wins() -> None:
@@ -182,6 +182,11 @@ def test_smallest_within_one_standard_error_wins() -> None:
         ("a", "b"): contenders.CHOSEN,
         ("a", "b", "c"): same,
     }
+
+
+def test_term_of_high_order_counts_as_that_order() -> None:
+    some = [contender("a b c", 0, 0), contender("a z", -1, 2, size=9)]
+    assert best(some).keys == ("a", "b", "c")
 
 
 def test_model_that_fails_at_large_amplitudes_is_passed_over() -> None:
