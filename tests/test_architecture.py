@@ -38,6 +38,7 @@ LAYERS = [
     {"selection"},
     {"plotting"},
     {"report"},
+    {"study"},
     {"cli"},
 ]
 
@@ -67,7 +68,7 @@ def test_imports_run_one_way(module):
 
 def test_only_drawing_modules_know_matplotlib():
     knowing = {m for m in MODULES if any(n.startswith("matplotlib") for n in imported(m))}
-    assert knowing == {"beam", "plotting", "report", "cli"}
+    assert knowing == {"beam", "plotting", "report", "study", "cli"}
 
 
 def test_models_and_signals_know_no_regression():
@@ -75,7 +76,7 @@ def test_models_and_signals_know_no_regression():
     knowing = {
         m for m in MODULES if any(n.split(".")[0] in {"pysindy", "sklearn"} for n in imported(m))
     }
-    assert knowing == {"library", "harmonic", "regression", "tangent"}
+    assert knowing == {"library", "harmonic", "regression", "study", "tangent"}
 
 
 def test_importing_the_package_draws_nothing():
