@@ -123,7 +123,8 @@ def median_worst(values: Sequence[float]) -> str:
 
 
 def show(what: str, found: str, asked: str = "") -> None:
-    print(f"  {what:<56} {found:<32} {f'asked: {asked}' if asked else ''}".rstrip())
+    line = f"  {what:<56} {found:<32} {f'asked: {asked}' if asked else ''}"
+    print(line.rstrip(), flush=True)
 
 
 @dataclass(frozen=True)
