@@ -23,6 +23,7 @@ from romsindy.orbits import (
     backbone_curve,
     forced_response,
 )
+from romsindy.refine import Fit, refine
 from romsindy.regression import HarmonicSINDy, ScaledOptimizer
 from romsindy.synthetic import add_noise, example_decay
 
@@ -39,6 +40,7 @@ __all__ = [
     "ContinuationError",
     "DampingLibrary",
     "Decay",
+    "Fit",
     "ForcedResponse",
     "HarmonicLibrary",
     "HarmonicProjection",
@@ -59,5 +61,6 @@ __all__ = [
     "forced_response",
     "implicit_data",
     "load_decay",
+    "refine",
     "save_decay",
 ]

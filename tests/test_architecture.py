@@ -18,12 +18,14 @@ MODULES = [m.name for m in pkgutil.iter_modules(romsindy.__path__) if m.name != 
 
 # Each layer may import from itself, upwards in this list, and nothing below.
 LAYERS = [
-    {"typing", "terms", "continuation"},
+    {"typing", "terms", "continuation", "trajectory"},
     {"signals"},
     {"filters"},
     {"decay"},
     {"units", "integration"},
-    {"files", "model", "backbone"},
+    {"files", "model", "backbone", "noise"},
+    {"output_error"},
+    {"refine"},
     {"synthetic", "library", "beam", "harmonic_balance"},
     {"stability", "families"},
     {"orbits"},
