@@ -46,8 +46,11 @@ def nominal(rng: np.random.Generator) -> dict[str, float]:
     }
 
 
-def decay(c: dict[str, float], effects: list[Hidden], amplitude: float) -> np.ndarray:
+def decay(c: dict[str, float], effects: list[Hidden], record: int) -> np.ndarray:
     """What the sensor shows, without noise; the mass is let go at rest."""
+    amplitude = AMPLITUDES[record]
+    for e in effects:
+        e.phases["now"] = e.phases.get(record)
     t = np.arange(round(LENGTH * RATE)) / RATE
     w2, g2, g3, g4, g5 = (c[k] for k in ("omega^2", "gamma_2", "gamma_3", "gamma_4", "gamma_5"))
     u3, u4, u5, damping = (c[k] for k in ("Upsilon_3", "Upsilon_4", "Upsilon_5", "c_linear"))
@@ -160,7 +163,7 @@ def write_trial(kind: str, seed: int, number: int, folder: Path) -> str:
     coefficients = nominal(rng)
     omega = np.sqrt(coefficients["omega^2"])
     effects = [hidden(n, strength, omega, rng) for n in names]
-    q = np.stack([decay(coefficients, effects, a) for a in AMPLITUDES])
+    q = np.stack([decay(coefficients, effects, record) for record in range(3)])
     truth = {"effects": {e.name: e.truth for e in effects}, "strength": strength}
     (folder / "truth" / f"{name}.json").write_text(json.dumps(truth))
     np.savez(folder / f"{name}.npz", q=q, rate=RATE, coefficients=json.dumps(coefficients))

@@ -25,6 +25,7 @@ class Hidden:
     mass: Callable | None = None  # q -> added inertia
     mass_slope: Callable | None = None
     reading: Callable | None = None  # (t, q) -> what the sensor shows
+    phases: dict = field(default_factory=dict)  # what differs from record to record
     states: int = 0  # internal states
     rates: Callable | None = None  # (t, q, v, z) -> dz/dt; force then takes z as well
 
@@ -192,6 +193,10 @@ def _magnet(name, strength, omega, rng):
 _LENGTH = 20.0
 
 
+def _phases(rng):
+    return {k: rng.uniform(0, 2 * np.pi) for k in range(3)}
+
+
 def _drift(name, strength, omega, rng):
     k, p = 2 * FREQUENCY[strength] * omega**2 * rng.choice([-1, 1]), rng.uniform(0.9, 1.1)
     return Hidden(
@@ -214,30 +219,33 @@ def _sudden(name, strength, omega, rng):
 
 def _base(name, strength, omega, rng):
     ratio = rng.choice([rng.uniform(0.25, 0.8), rng.uniform(1.25, 2.6)])
-    w, phase = ratio * omega, rng.uniform(0, 2 * np.pi)
+    w, phase = ratio * omega, _phases(rng)
     f = READING[strength] * abs(omega**2 - w**2)
     return Hidden(
-        name, {"force": f, "frequency": w}, lambda t, q, v, side: f * math.cos(w * t + phase)
+        name, {"force": f, "frequency": w}, lambda t, q, v, side: f * math.cos(w * t + phase["now"]),
+        phases=phase,
     )
 
 
 def _hum(name, strength, omega, rng):
-    w, phase = 2 * np.pi * (50 + rng.uniform(-0.1, 0.1)), rng.uniform(0, 2 * np.pi)
+    w, phase = 2 * np.pi * (50 + rng.uniform(-0.1, 0.1)), _phases(rng)
     size = READING[strength]
     return Hidden(
         name,
         {"size": size, "frequency": w},
-        reading=lambda t, q: q + size * np.cos(w * t + phase),
+        reading=lambda t, q: q + size * np.cos(w * t + phase["now"]),
+        phases=phase,
     )
 
 
 def _second_mode(name, strength, omega, rng):
     w, zeta = rng.uniform(2.4, 6.6) * omega, rng.uniform(0.002, 0.01)
-    size, phase = 2 * READING[strength], rng.uniform(0, 2 * np.pi)
+    size, phase = 2 * READING[strength], _phases(rng)
     return Hidden(
         name,
         {"size": size, "frequency": w, "damping_ratio": zeta},
-        reading=lambda t, q: q + size * np.exp(-zeta * w * t) * np.cos(w * t + phase),
+        reading=lambda t, q: q + size * np.exp(-zeta * w * t) * np.cos(w * t + phase["now"]),
+        phases=phase,
     )
 
 

@@ -1,0 +1,342 @@
+"""Fits by simulation that start from the measured motion.
+
+A hypothesis is a model and the effects added to it. Gauss-Newton's method finds strengths, shapes
+and initial states together with the motion itself: every step solves the equation linearised about
+the present motion (see `romsindy.quasilinear`), which at first is the smoothed measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from romsindy.diagnosis.effects import Effect, Scales, Shape, State
+from romsindy.diagnosis.records import Measured
+from romsindy.model import ReducedModel
+from romsindy.quasilinear import nodes, respond, sampled
+from romsindy.trajectory import Linearisation, Trajectory
+from romsindy.typing import Array
+
+_ITERATIONS = 12
+_LEASH = 0.3  # largest change of the motion in one step, in amplitudes
+
+
+@dataclass(frozen=True)
+class Part:
+    """One effect in a hypothesis, with its values: strengths (n_sets, k) and shape (s,)."""
+
+    effect: Effect
+    shapes: tuple[Shape, ...]
+    strengths: Array
+    shape: Array
+
+    @classmethod
+    def of(cls, effect: Effect, scales: Scales, n_records: int, start: Sequence[float]) -> Part:
+        """A part with no strength yet; an effect may name a strength to start from."""
+        sets = n_records if effect.per_record else 1
+        first = float(getattr(effect, "start", 0.0))
+        strengths = np.full((sets, effect.n_strengths), first)
+        return cls(effect, effect.shapes(scales), strengths, np.array(start, float))
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return self.strengths.size + self.shape.size
+
+    def own(self, record: int) -> Array:
+        """Strengths in one record, (k,)."""
+        return self.strengths[record if self.effect.per_record else 0]
+
+    def columns(self, record: int) -> list[int]:
+        """Which of the values act in a record."""
+        k = self.effect.n_strengths
+        first = k * record if self.effect.per_record else 0
+        n = self.strengths.size
+        return [*range(first, first + k), *range(n, n + self.shape.size)]
+
+    def moved(self, change: Array) -> Part:
+        """Values plus a change, kept within limits."""
+        n = self.strengths.size
+        strengths = self.strengths + change[:n].reshape(self.strengths.shape)
+        if self.effect.sign:
+            strengths = np.maximum(strengths, 0.0)
+        low = np.array([s.low for s in self.shapes])
+        high = np.array([s.high for s in self.shapes])
+        return replace(self, strengths=strengths, shape=np.clip(self.shape + change[n:], low, high))
+
+    @property
+    def values(self) -> Array:
+        """Strengths, then shape."""
+        return np.concatenate([self.strengths.ravel(), self.shape])
+
+    def steps(self) -> Array:
+        """Small changes of the shape for differences."""
+        return np.array([1e-6 * max(abs(s.high - s.low), abs(s.high)) for s in self.shapes])
+
+    def by_value(self, of: str, arguments: tuple, record: int) -> Array:
+        """Derivatives of force or reading with respect to the values in `columns`, (m, n)."""
+        function = getattr(self.effect, of)
+        unit = function(*arguments, self.shape)
+        own = self.own(record)
+        rows = [unit]
+        for i, h in enumerate(self.steps()):
+            there = self.shape.copy()
+            there[i] += h if self.shape[i] + h <= self.shapes[i].high else -h
+            change = function(*arguments, there) - unit
+            rows.append((own @ change / (there[i] - self.shape[i]))[None])
+        return np.concatenate(rows)
+
+
+@dataclass(frozen=True)
+class ExtendedEquation:
+    """The model with its parts, in one record."""
+
+    model: ReducedModel
+    parts: tuple[Part, ...]
+    record: int
+    step: float
+
+    def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
+        """Residual and its derivatives, (n,) each."""
+        residual = self.model.residual(q, q_dot, q_ddot)
+        slopes = list(self.model.residual_derivatives(q, q_dot, q_ddot))
+        state = State(t, q, q_dot, q_ddot, self.step)
+        for part in self.parts:
+            own = part.own(self.record)
+            forces = part.effect.forces(state, part.shape) if np.any(own) else None
+            if forces is not None:
+                residual = residual + own @ forces
+                added = part.effect.slopes(state, part.shape, own)
+                slopes = [a + b for a, b in zip(slopes, added, strict=True)]
+        return Linearisation(residual, *(np.broadcast_to(s, q.shape) for s in slopes))
+
+    def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        """Derivatives of the residual with respect to the values that act in the record."""
+        state = State(t, q, q_dot, q_ddot, self.step)
+        rows = []
+        for part in self.parts:
+            if part.effect.forces(state, part.shape) is None:
+                rows.append(np.zeros((len(part.columns(self.record)), len(q))))
+            else:
+                rows.append(part.by_value("forces", (state,), self.record))
+        return np.concatenate(rows) if rows else np.zeros((0, len(q)))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A hypothesis fitted.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+    motions : tuple of Trajectory
+        One for each record.
+    residuals : tuple of (n,) arrays
+        Measured minus simulated, of each record, not whitened.
+    chi_squared : float
+        Sum of squares of the whitened residuals, plus what the priors of the shapes cost.
+    covariance : (n_values, n_values) array
+        Of the values of all parts, in their order.
+    converged : bool
+    """
+
+    parts: tuple[Part, ...]
+    motions: tuple[Trajectory, ...]
+    residuals: tuple[Array, ...]
+    chi_squared: float
+    covariance: Array
+    converged: bool
+
+    def slices(self) -> list[slice]:
+        """Where the values of each part are."""
+        ends = np.cumsum([0, *(p.size for p in self.parts)])
+        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> tuple[Array, Array, Array]:
+    """What the sensor shows of a motion x, (n,): reading, its slope in x, and by values (m, n)."""
+    shown, slope, rows = x, np.ones_like(x), []
+    for part in parts:
+        added = part.effect.readings(t, x, part.shape)
+        if added is None:
+            rows.append(np.zeros((len(part.columns(record)), len(x))))
+            continue
+        own = part.own(record)
+        shown = shown + own @ added
+        slope = slope + own @ part.effect.reading_slopes(t, x, part.shape)
+        rows.append(part.by_value("readings", (t, x), record))
+    return shown, slope, np.concatenate(rows) if rows else np.zeros((0, len(x)))
+
+
+def fit(
+    model: ReducedModel,
+    parts: Sequence[Part],
+    records: Sequence[Measured],
+    motions: Sequence[Trajectory] | None = None,
+    *,
+    fixed: bool = False,
+    iterations: int = _ITERATIONS,
+) -> Solution:
+    """Fit the values of all parts, and the initial states, to all records.
+
+    Parameters
+    ----------
+    model : ReducedModel
+    parts : sequence of Part
+        With their starting values.
+    records : sequence of Measured
+    motions : sequence of Trajectory, optional
+        To start from; by default the smoothed measurement.
+    fixed : bool
+        Fit initial states and strengths that differ between records only.
+    """
+    parts = tuple(parts)
+    motions = list(motions or [r.motion for r in records])
+    n_values = sum(p.size for p in parts)
+    last = np.inf
+    converged = False
+    solution = None
+    for iteration in range(iterations):
+        system = _Normal(n_values, len(records))
+        responses = []
+        for i, record in enumerate(records):
+            equation = ExtendedEquation(model, parts, i, motions[i].grid.step)
+            response = respond(equation, motions[i], equation.by_parameter(*nodes(motions[i])))
+            responses.append(response)
+            change = response.samples(record.derivative)
+            x = sampled(motions[i], record.derivative) + change[:, 0]
+            shown, slope, by_value = read(parts, i, record.t, x)
+            jacobian = slope[:, None] * change[:, 1:]
+            jacobian[:, :-2] += by_value.T
+            whitened = record.noise(np.column_stack([record.signal - shown, jacobian]))
+            system.add(i, _columns(parts, i), whitened)
+        system.add_priors(parts)
+        hold = _held(parts, fixed, first=iteration == 0)
+        step = system.step(hold)
+        if not np.all(np.isfinite(step)):
+            break
+        weights = [
+            np.concatenate([[1.0], step[_columns(parts, i)], step[n_values + 2 * i :][:2]])
+            for i in range(len(records))
+        ]
+        largest = max(
+            float(np.abs(r.q @ w).max()) / record.amplitude
+            for r, w, record in zip(responses, weights, records, strict=True)
+        )
+        short = min(1.0, _LEASH / largest) if np.isfinite(largest) else 0.0
+        if short == 0.0:
+            break
+        motions = [r.moved(short * w) for r, w in zip(responses, weights, strict=True)]
+        parts = _moved(parts, short * step[:n_values])
+        chi_squared = system.chi_squared(step)
+        if short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared:
+            converged = True
+            break
+        last = chi_squared
+    residuals = tuple(
+        r.signal - read(parts, i, r.t, sampled(m, r.derivative))[0]
+        for i, (r, m) in enumerate(zip(records, motions, strict=True))
+    )
+    total = sum(
+        float(np.sum(r.noise(e) ** 2)) for r, e in zip(records, residuals, strict=True)
+    ) + _prior_cost(parts)
+    solution = Solution(
+        parts,
+        tuple(motions),
+        residuals,
+        total if np.isfinite(total) else np.inf,
+        system.covariance()[:n_values, :n_values],
+        converged,
+    )
+    return solution
+
+
+def _columns(parts: Sequence[Part], record: int) -> Array:
+    """Values, of all parts, that act in a record."""
+    found, first = [], 0
+    for part in parts:
+        found += [first + c for c in part.columns(record)]
+        first += part.size
+    return np.array(found, int)
+
+
+def _held(parts: Sequence[Part], fixed: bool, first: bool) -> Array:
+    """Values that stay: with no strength there is no telling a shape."""
+    held = [np.zeros(0, bool)]
+    for p in parts:
+        held.append(np.full(p.strengths.size, fixed and not p.effect.per_record))
+        held.append(np.full(p.shape.size, fixed or (first and not np.any(p.strengths))))
+    return np.concatenate(held)
+
+
+def _moved(parts: tuple[Part, ...], change: Array) -> tuple[Part, ...]:
+    moved, first = [], 0
+    for part in parts:
+        moved.append(part.moved(change[first : first + part.size]))
+        first += part.size
+    return tuple(moved)
+
+
+def _prior_cost(parts: Sequence[Part]) -> float:
+    return sum(
+        ((v - s.starts[0]) / s.spread) ** 2
+        for p in parts
+        for v, s in zip(p.shape, p.shapes, strict=True)
+        if s.spread is not None
+    )
+
+
+class _Normal:
+    """Normal equations of all records: values of the parts, then two states of each record."""
+
+    def __init__(self, n_values: int, n_records: int) -> None:
+        self.size = n_values + 2 * n_records
+        self.n_values = n_values
+        self.matrix = np.zeros((self.size, self.size))
+        self.right = np.zeros(self.size)
+        self.power = 0.0
+
+    def add(self, record: int, columns: Array, whitened: Array) -> None:
+        """Rows of one record: its misfit, then the derivatives by its columns and states."""
+        first = self.n_values + 2 * record
+        where = np.concatenate([columns, [first, first + 1]]).astype(int)
+        gram = whitened.T @ whitened
+        self.power += gram[0, 0]
+        self.right[where] += gram[0, 1:]
+        self.matrix[np.ix_(where, where)] += gram[1:, 1:]
+
+    def add_priors(self, parts: Sequence[Part]) -> None:
+        """What is known of shapes beforehand."""
+        at = 0
+        for part in parts:
+            at += part.strengths.size
+            for value, shape in zip(part.shape, part.shapes, strict=True):
+                if shape.spread is not None:
+                    off = (shape.starts[0] - value) / shape.spread
+                    self.power += off**2
+                    self.right[at] += off / shape.spread
+                    self.matrix[at, at] += 1 / shape.spread**2
+                at += 1
+
+    def step(self, hold: Array) -> Array:
+        """Least-squares change of all values."""
+        free = np.ones(self.size, bool)
+        free[: len(hold)] = ~hold
+        step = np.zeros(self.size)
+        a = self.matrix[np.ix_(free, free)]
+        scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+        solved = np.linalg.lstsq(a * scale * scale[:, None], self.right[free] * scale, rcond=1e-13)
+        step[free] = solved[0] * scale
+        return step
+
+    def chi_squared(self, step: Array) -> float:
+        """What the linear problem leaves after a step."""
+        return float(self.power - 2 * step @ self.right + step @ self.matrix @ step)
+
+    def covariance(self) -> Array:
+        """Inverse of the normal matrix."""
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        scaled = self.matrix * scale * scale[:, None]
+        return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * scale * scale[:, None]

@@ -1,0 +1,108 @@
+"""Measured decays, ready to be compared with a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.decay import Decay
+from romsindy.diagnosis.effects import Scales
+from romsindy.diagnosis.smoothing import HarmonicSpline, Whitener
+from romsindy.signals import free_part
+from romsindy.trajectory import Grid, Trajectory
+from romsindy.typing import Array
+
+_DERIVATIVE = {"displacement": 0, "velocity": 1, "acceleration": 2}
+_STEPS_PER_CYCLE = 30
+# What vibrates below this part of the largest amplitude is not looked at.
+_QUIET = 0.01
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One decay: what was measured, its noise, and the smooth motion behind it.
+
+    Attributes
+    ----------
+    decay : Decay
+    signal : (n,) array
+        The measured quantity.
+    derivative : int
+        0, 1, 2 for displacement, velocity, acceleration.
+    noise : Whitener
+    spline : HarmonicSpline
+        Of the signal.
+    motion : Trajectory
+        Smooth displacement on the steps of the simulation; times from the start of the record.
+    """
+
+    decay: Decay
+    signal: Array
+    derivative: int
+    noise: Whitener
+    spline: HarmonicSpline
+    motion: Trajectory
+
+    @classmethod
+    def of(cls, decay: Decay, floor: float) -> Measured:
+        """Look at a decay; ``floor`` is the least noise, as a part of the largest amplitude."""
+        decay = _loud(decay.single())
+        t = decay.t - decay.t[0]
+        derivative = _DERIVATIVE[decay.measured]
+        signal = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[derivative], float)
+        spline = HarmonicSpline.fit(t, signal)
+        n_cycles = (spline.phase(t[-1]) - spline.phase(0.0)) / (2 * np.pi)
+        rest = signal - spline(t)[0]
+        noise = Whitener.of(rest, len(t) / n_cycles, floor * float(np.abs(signal).max()))
+        displacement = spline if derivative == 0 else HarmonicSpline.fit(t, decay.q)
+        fastest = float(spline.phase(t, 1).max())
+        grid = Grid.over(t, 2 * np.pi / fastest, _STEPS_PER_CYCLE)
+        return cls(decay, signal, derivative, noise, spline, _motion(grid, displacement))
+
+    @property
+    def t(self) -> Array:
+        """Times from the start of the record, s."""
+        return self.decay.t - self.decay.t[0]
+
+    @property
+    def amplitude(self) -> float:
+        """Largest displacement."""
+        return float(np.abs(self.motion.q).max())
+
+
+def _loud(decay: Decay) -> Decay:
+    """The part between the release and where the vibration is too small to matter."""
+    x = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[_DERIVATIVE[decay.measured]])
+    first, last, _ = free_part(x - x.mean() if decay.measured != "displacement" else x, decay.dt)
+    envelope = np.maximum.accumulate(np.abs(x[::-1] - np.median(x[last // 2 : last])))[::-1]
+    loud = np.flatnonzero(envelope > _QUIET * envelope[0])
+    last = min(last, int(loud[-1]) + 1) if len(loud) else last
+    return decay.between(decay.t[first], decay.t[last - 1])
+
+
+def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
+    ends = spline(grid.start + grid.step * np.arange(grid.n_steps + 1))
+    inside = spline(grid.node_times(0, grid.n_steps).ravel())[2]
+    return Trajectory(grid, ends[0], ends[1], inside.reshape(-1, 3))
+
+
+def scales(records: Sequence[Measured]) -> Scales:
+    """Scales of all records together, with the strongest lines beside the harmonics."""
+    longest = max(records, key=lambda r: r.t[-1])
+    n_turns = longest.spline.phase(longest.t[-1]) - longest.spline.phase(0.0)
+    return Scales(
+        max(r.amplitude for r in records), float(n_turns / longest.t[-1]), float(longest.t[-1])
+    )
+
+
+def strongest_tone(t: Array, x: Array) -> float:
+    """Angular frequency of the strongest line of a signal, rad/s."""
+    n = 8 * len(t)
+    power = np.abs(np.fft.rfft(x * np.hanning(len(t)), n)) ** 2
+    low = int(np.ceil(8 * 2.0))  # two cycles a record at least
+    k = low + int(np.argmax(power[low:-1]))
+    a, b, c = np.log(power[k - 1 : k + 2] + 1e-300)
+    shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c < 0 else 0.0
+    return float(2 * np.pi * (k + np.clip(shift, -1, 1)) / (n * (t[1] - t[0])))
