@@ -31,6 +31,7 @@ class Part:
     shapes: tuple[Shape, ...]
     strengths: Array
     shape: Array
+    tolerance: float | None = None  # standard deviation of a strength known beforehand to be near 0
 
     @classmethod
     def of(cls, effect: Effect, scales: Scales, n_records: int, start: Sequence[float]) -> Part:
@@ -280,12 +281,14 @@ def _moved(parts: tuple[Part, ...], change: Array) -> tuple[Part, ...]:
 
 
 def _prior_cost(parts: Sequence[Part]) -> float:
-    return sum(
-        ((v - s.starts[0]) / s.spread) ** 2
-        for p in parts
-        for v, s in zip(p.shape, p.shapes, strict=True)
-        if s.spread is not None
-    )
+    cost = 0.0
+    for part in parts:
+        if part.tolerance is not None:
+            cost += float(np.sum((part.strengths / part.tolerance) ** 2))
+        for value, shape in zip(part.shape, part.shapes, strict=True):
+            if shape.spread is not None:
+                cost += float((value - shape.starts[0]) / shape.spread) ** 2
+    return cost
 
 
 class _Normal:
@@ -308,17 +311,22 @@ class _Normal:
         self.matrix[np.ix_(where, where)] += gram[1:, 1:]
 
     def add_priors(self, parts: Sequence[Part]) -> None:
-        """What is known of shapes beforehand."""
+        """What is known beforehand."""
         at = 0
         for part in parts:
-            at += part.strengths.size
+            for value in part.strengths.ravel() if part.tolerance is not None else ():
+                self._know(at, -value, part.tolerance)
+                at += 1
+            at += part.strengths.size if part.tolerance is None else 0
             for value, shape in zip(part.shape, part.shapes, strict=True):
                 if shape.spread is not None:
-                    off = (shape.starts[0] - value) / shape.spread
-                    self.power += off**2
-                    self.right[at] += off / shape.spread
-                    self.matrix[at, at] += 1 / shape.spread**2
+                    self._know(at, shape.starts[0] - value, shape.spread)
                 at += 1
+
+    def _know(self, at: int, off: float, spread: float) -> None:
+        self.power += (off / spread) ** 2
+        self.right[at] += off / spread**2
+        self.matrix[at, at] += 1 / spread**2
 
     def step(self, hold: Array) -> Array:
         """Least-squares change of all values."""

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from romsindy.decay import Decay
 from romsindy.diagnosis.effects import Scales
 from romsindy.diagnosis.smoothing import HarmonicSpline, Whitener
-from romsindy.signals import free_part
+from romsindy.signals import free_part, fundamental_frequency
 from romsindy.trajectory import Grid, Trajectory
 from romsindy.typing import Array
 
@@ -75,10 +76,12 @@ class Measured:
 def _loud(decay: Decay) -> Decay:
     """The part between the release and where the vibration is too small to matter."""
     x = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[_DERIVATIVE[decay.measured]])
-    first, last, _ = free_part(x - x.mean() if decay.measured != "displacement" else x, decay.dt)
-    envelope = np.maximum.accumulate(np.abs(x[::-1] - np.median(x[last // 2 : last])))[::-1]
-    loud = np.flatnonzero(envelope > _QUIET * envelope[0])
-    last = min(last, int(loud[-1]) + 1) if len(loud) else last
+    first, last, _ = free_part(x, decay.dt)
+    cycle = round(1 / (fundamental_frequency(x, decay.dt) * decay.dt))
+    swing = x - uniform_filter1d(x, cycle, mode="mirror")
+    envelope = np.sqrt(uniform_filter1d(swing**2, cycle, mode="mirror"))
+    loud = np.flatnonzero(envelope > _QUIET * envelope[first:].max())
+    last = min(last, int(loud[-1]) + 1)
     return decay.between(decay.t[first], decay.t[last - 1])
 
 
@@ -97,12 +100,28 @@ def scales(records: Sequence[Measured]) -> Scales:
     )
 
 
-def strongest_tone(t: Array, x: Array) -> float:
-    """Angular frequency of the strongest line of a signal, rad/s."""
+def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]:
+    """Angular frequencies of the strongest lines of a signal, rad/s.
+
+    Parameters
+    ----------
+    t, x : (n,) arrays
+    count : int
+    apart : float
+        Least distance of two lines, rad/s.
+    """
     n = 8 * len(t)
+    step = 2 * np.pi / (n * (t[1] - t[0]))
     power = np.abs(np.fft.rfft(x * np.hanning(len(t)), n)) ** 2
-    low = int(np.ceil(8 * 2.0))  # two cycles a record at least
-    k = low + int(np.argmax(power[low:-1]))
-    a, b, c = np.log(power[k - 1 : k + 2] + 1e-300)
-    shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c < 0 else 0.0
-    return float(2 * np.pi * (k + np.clip(shift, -1, 1)) / (n * (t[1] - t[0])))
+    power[: 8 * 2] = power[-1] = 0.0  # two cycles a record at least
+    found = []
+    for _ in range(count):
+        k = int(np.argmax(power))
+        if not 0 < k < len(power) - 1 or power[k] <= 0:
+            break
+        a, b, c = np.log(power[k - 1 : k + 2] + 1e-300)
+        shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c < 0 else 0.0
+        found.append(float(step * (k + np.clip(shift, -1, 1))))
+        width = max(int(apart / step), 16)
+        power[max(k - width, 0) : k + width] = 0.0
+    return found

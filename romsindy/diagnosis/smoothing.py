@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.linalg import solve_toeplitz, solveh_banded
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import lfilter
 
-from romsindy.signals import crossings
+from romsindy.signals import crossings, fundamental_frequency
 from romsindy.typing import Array
 
 _HARMONICS = 6
@@ -33,16 +33,22 @@ class HarmonicSpline:
     def fit(cls, t: Array, x: Array, cycles: float = _CYCLES) -> HarmonicSpline:
         """Fit to samples (n,) at uniform times t (s)."""
         dt = t[1] - t[0]
-        up = crossings(x, dt)[0]
-        rise = x[up + 1] - x[up]  # noise may hide the crossing between two samples
-        at = t[up] + dt * np.clip(-x[up] / np.where(rise > 0, rise, np.inf), 0, 1)
-        phase = _phase(t, at)
+        cycle = round(1 / (fundamental_frequency(x, dt) * dt))
+        centred = x - uniform_filter1d(x, cycle, mode="mirror")  # an offset may hide crossings
+        up = crossings(centred, dt)[0]
+        rise = centred[up + 1] - centred[up]  # so may noise, between two samples
+        at = t[up] + dt * np.clip(-centred[up] / np.where(rise > 0, rise, np.inf), 0, 1)
+        return cls.along(_phase(t, at), t, x, cycles)
+
+    @classmethod
+    def along(
+        cls, phase: BSpline, t: Array, x: Array, cycles: float, harmonics: int = _HARMONICS
+    ) -> HarmonicSpline:
+        """Fit along a phase that is known, with a knot every so many cycles."""
         n_cycles = (phase(t[-1]) - phase(t[0])) / (2 * np.pi)
-        per_cycle = len(t) / n_cycles
-        harmonics = min(_HARMONICS, int(0.45 * per_cycle))
+        harmonics = min(harmonics, int(0.45 * len(t) / n_cycles))
         knots = _knots(t, max(1, round(n_cycles / cycles)))
-        amplitudes = _fitted(t, x, phase(t), knots, harmonics)
-        return cls(phase, BSpline(knots, amplitudes, 3))
+        return cls(phase, BSpline(knots, _fitted(t, x, phase(t), knots, harmonics), 3))
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
         """q, q_dot, q_ddot at times t."""

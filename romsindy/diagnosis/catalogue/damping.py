@@ -143,7 +143,8 @@ class Rubbing(_Jumping):
         return "above" if self.side > 0 else "below"
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return (Shape.near("gap", 0.0, 0.05 * scales.amplitude),)
+        a = scales.amplitude
+        return (Shape("gap", (0.0, 0.03 * a, -0.03 * a), -0.2 * a, 0.2 * a, 0.05 * a),)
 
     def term(self, shape: Array) -> Term:
         return RubbingDamping(float(shape[0]), self.side)

@@ -110,7 +110,9 @@ class Bilinear(TermEffect):
     advice = "a static pull to either side"
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return (Shape.near("gap", 0.0, 0.05 * scales.amplitude),)
+        a = scales.amplitude
+        starts = (0.0, 0.025 * a, -0.025 * a, 0.05 * a, -0.05 * a)
+        return (Shape("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a),)
 
     def term(self, shape: Array) -> Term:
         return StopStiffness(float(shape[0]))

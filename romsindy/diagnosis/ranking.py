@@ -1,0 +1,100 @@
+"""What a hypothesis is worth: fit, less the price of its values.
+
+The score of a hypothesis is minus twice the logarithm of its evidence, up to a constant: the
+chi-square of the whitened residual, plus log n for every strength (as in the Bayesian information
+criterion [1]), plus, for every shape value, how much the data narrow down its prior (Laplace's
+method, [2]). Values that the simulation itself is unsure of stay at their nominal ones unless
+freeing them pays. Whitening makes samples of correlated noise count for what they are worth.
+
+[1] G. Schwarz, Annals of Statistics 6 (1978).  [2] D. MacKay, Neural Computation 4 (1992).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.diagnosis.fitting import Part, Solution
+from romsindy.typing import Array
+
+# Hypotheses within this of the best are not told apart: odds of 33 to 1.
+EQUIVALENT = 7.0
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A fitted hypothesis and its score; the first ``n_free`` parts are the unsure ones.
+
+    Attributes
+    ----------
+    solution : Solution
+    n_free : int
+    moved : tuple of str
+        Names of the unsure values that moved.
+    score : float
+    """
+
+    solution: Solution
+    n_free: int
+    moved: tuple[str, ...]
+    score: float
+
+    @classmethod
+    def of(cls, solution: Solution, n_free: int, n_samples: int) -> Hypothesis:
+        """Weigh a solution; one that did not converge still counts for what it reached."""
+        slices = solution.slices()
+        price, moved = _price_of_free(solution, slices[:n_free], n_samples)
+        for part, where in zip(solution.parts[n_free:], slices[n_free:], strict=True):
+            n = part.strengths.size
+            price += n * np.log(n_samples / len(part.strengths))
+            price += _price_of_shape(part, solution.covariance[where, where][n:, n:])
+        return cls(solution, n_free, moved, solution.chi_squared + price)
+
+    @property
+    def effects(self) -> tuple[Part, ...]:
+        """Parts beside the unsure ones."""
+        return self.solution.parts[self.n_free :]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects; of the values that moved where there are none."""
+        return tuple(p.effect.name for p in self.effects) or self.moved
+
+
+def _price_of_free(
+    solution: Solution, slices: Sequence[slice], n_samples: int
+) -> tuple[float, tuple[str, ...]]:
+    """Cheapest choice of which unsure values to free: each costs log n, or what fixing it costs."""
+    judged = [i for i, p in enumerate(solution.parts[: len(slices)]) if p.tolerance is None]
+    at = np.array([slices[i].start for i in judged], int)
+    values = np.array([solution.parts[i].strengths[0, 0] for i in judged])
+    best, moved = np.inf, ()
+    for freed in itertools.product((False, True), repeat=len(judged)):
+        fixed = ~np.array(freed, bool)
+        cost = sum(freed) * np.log(n_samples)
+        if np.any(fixed):
+            block = solution.covariance[np.ix_(at[fixed], at[fixed])]
+            cost += float(values[fixed] @ np.linalg.pinv(block, hermitian=True) @ values[fixed])
+        if cost < best:
+            best = cost
+            names = [solution.parts[i].effect.name for i in judged]
+            moved = tuple(n for n, f in zip(names, freed, strict=True) if f)
+    return float(best if judged else 0.0), moved
+
+
+def _price_of_shape(part: Part, covariance: Array) -> float:
+    price = 0.0
+    for shape, variance in zip(part.shapes, np.diag(covariance), strict=True):
+        prior = shape.spread or (shape.high - shape.low) / np.sqrt(2 * np.pi)
+        price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
+    return price
+
+
+def weights(hypotheses: Sequence[Hypothesis]) -> Array:
+    """Posterior probabilities among hypotheses, all alike beforehand."""
+    scores = np.array([h.score for h in hypotheses])
+    weight = np.exp(-0.5 * (scores - scores.min()))
+    return weight / weight.sum()
