@@ -219,8 +219,9 @@ class StopStiffness(ForceLaw):
         return (self._depth(q) ** p - self._depth(np.zeros_like(q)) ** p) / p
 
     def stiffness_dq(self, q: Scalars) -> Scalars:
-        inside = self._depth(q) > 0
-        return np.where(inside, self.exponent * self._depth(q) ** (self.exponent - 1), 0.0)
+        depth = self._depth(q)
+        slope = self.exponent * np.where(depth > 0, depth, 1.0) ** (self.exponent - 1)
+        return np.where(depth > 0, slope, 0.0)
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ import numpy as np
 from romsindy.diagnosis.effects import Effect, Scales, Shape, State
 from romsindy.diagnosis.records import Measured
 from romsindy.model import ReducedModel
-from romsindy.quasilinear import nodes, respond, sampled
+from romsindy.quasilinear import Response, nodes, respond, sampled
 from romsindy.trajectory import Linearisation, Trajectory
 from romsindy.typing import Array
 
 _ITERATIONS = 12
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
+_LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
 
 @dataclass(frozen=True)
@@ -196,62 +197,75 @@ def fit(
     parts = tuple(parts)
     motions = list(motions or [r.motion for r in records])
     n_values = sum(p.size for p in parts)
-    last = np.inf
-    converged = False
-    solution = None
+    last, converged = np.inf, False
     for iteration in range(iterations):
-        system = _Normal(n_values, len(records))
-        responses = []
-        for i, record in enumerate(records):
-            equation = ExtendedEquation(model, parts, i, motions[i].grid.step)
-            response = respond(equation, motions[i], equation.by_parameter(*nodes(motions[i])))
-            responses.append(response)
-            change = response.samples(record.derivative)
-            x = sampled(motions[i], record.derivative) + change[:, 0]
-            shown, slope, by_value = read(parts, i, record.t, x)
-            jacobian = slope[:, None] * change[:, 1:]
-            jacobian[:, :-2] += by_value.T
-            whitened = record.noise(np.column_stack([record.signal - shown, jacobian]))
-            system.add(i, _columns(parts, i), whitened)
-        system.add_priors(parts)
-        hold = _held(parts, fixed, first=iteration == 0)
-        step = system.step(hold)
-        if not np.all(np.isfinite(step)):
-            break
-        weights = [
-            np.concatenate([[1.0], step[_columns(parts, i)], step[n_values + 2 * i :][:2]])
-            for i in range(len(records))
-        ]
-        largest = max(
-            float(np.abs(r.q @ w).max()) / record.amplitude
-            for r, w, record in zip(responses, weights, records, strict=True)
-        )
-        short = min(1.0, _LEASH / largest) if np.isfinite(largest) else 0.0
-        if short == 0.0:
-            break
-        motions = [r.moved(short * w) for r, w in zip(responses, weights, strict=True)]
+        with np.errstate(all="ignore"):
+            system, responses = _linearised(model, parts, records, motions)
+            if not system.finite:
+                return _failed(parts, motions, n_values)
+            step = system.step(_held(parts, fixed, first=iteration == 0))
+            weights = [
+                np.concatenate([[1.0], step[_columns(parts, i)], step[n_values + 2 * i :][:2]])
+                for i in range(len(records))
+            ]
+            largest = max(
+                float(np.abs(r.q @ w).max()) / record.amplitude
+                for r, w, record in zip(responses, weights, records, strict=True)
+            )
+            if not np.isfinite(largest) or largest > _LOST:
+                return _failed(parts, motions, n_values)
+            short = min(1.0, _LEASH / max(largest, 1e-300))
+            motions = [r.moved(short * w) for r, w in zip(responses, weights, strict=True)]
         parts = _moved(parts, short * step[:n_values])
         chi_squared = system.chi_squared(step)
-        if short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared:
-            converged = True
+        converged = short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared
+        if converged:
             break
         last = chi_squared
     residuals = tuple(
         r.signal - read(parts, i, r.t, sampled(m, r.derivative))[0]
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
-    total = sum(
-        float(np.sum(r.noise(e) ** 2)) for r, e in zip(records, residuals, strict=True)
-    ) + _prior_cost(parts)
-    solution = Solution(
+    total = sum(float(np.sum(r.noise(e) ** 2)) for r, e in zip(records, residuals, strict=True))
+    return Solution(
         parts,
         tuple(motions),
         residuals,
-        total if np.isfinite(total) else np.inf,
+        total + _prior_cost(parts),
         system.covariance()[:n_values, :n_values],
         converged,
     )
-    return solution
+
+
+def _linearised(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    records: Sequence[Measured],
+    motions: Sequence[Trajectory],
+) -> tuple[_Normal, list[Response]]:
+    """Normal equations about the present motions, and the responses that they combine."""
+    system = _Normal(sum(p.size for p in parts), len(records))
+    responses = []
+    for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
+        equation = ExtendedEquation(model, parts, i, motion.grid.step)
+        response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
+        change = response.samples(record.derivative)
+        x = sampled(motion, record.derivative) + change[:, 0]
+        shown, slope, by_value = read(parts, i, record.t, x)
+        jacobian = slope[:, None] * change[:, 1:]
+        jacobian[:, :-2] += by_value.T
+        whitened = record.noise(np.column_stack([record.signal - shown, jacobian]))
+        system.add(i, _columns(parts, i), whitened)
+        responses.append(response)
+    system.add_priors(parts)
+    return system, responses
+
+
+def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:
+    """A hypothesis whose motion goes astray: nothing could be worse."""
+    residuals = tuple(np.full(len(m.grid.fraction), np.inf) for m in motions)
+    nothing = np.zeros((n_values, n_values))
+    return Solution(parts, tuple(motions), residuals, np.inf, nothing, False)
 
 
 def _columns(parts: Sequence[Part], record: int) -> Array:
@@ -327,6 +341,11 @@ class _Normal:
         self.power += (off / spread) ** 2
         self.right[at] += off / spread**2
         self.matrix[at, at] += 1 / spread**2
+
+    @property
+    def finite(self) -> bool:
+        """Whether the motions stayed within reach of numbers."""
+        return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.right)))
 
     def step(self, hold: Array) -> Array:
         """Least-squares change of all values."""

@@ -45,6 +45,8 @@ class Hypothesis:
     @classmethod
     def of(cls, solution: Solution, n_free: int, n_samples: int) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
+        if not np.isfinite(solution.chi_squared):
+            return cls(solution, n_free, (), np.inf)
         slices = solution.slices()
         price, moved = _price_of_free(solution, slices[:n_free], n_samples)
         for part, where in zip(solution.parts[n_free:], slices[n_free:], strict=True):

@@ -105,14 +105,17 @@ def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]
 
     Parameters
     ----------
-    t, x : (n,) arrays
+    t : array
+        Uniform times, s.
+    x : (n,) array
+        Tapered.
     count : int
     apart : float
         Least distance of two lines, rad/s.
     """
-    n = 8 * len(t)
+    n = 8 * len(x)
     step = 2 * np.pi / (n * (t[1] - t[0]))
-    power = np.abs(np.fft.rfft(x * np.hanning(len(t)), n)) ** 2
+    power = np.abs(np.fft.rfft(x, n)) ** 2
     power[: 8 * 2] = power[-1] = 0.0  # two cycles a record at least
     found = []
     for _ in range(count):

@@ -55,6 +55,8 @@ class Screening:
     matrix, right, power
         Of the normal equations; the first ``n_base`` columns are always free.
     candidates : tuple of (Effect, shape, columns)
+    scales : Scales
+        With the lines of the spectrum.
     """
 
     matrix: Array
@@ -62,6 +64,7 @@ class Screening:
     power: float
     n_base: int
     candidates: tuple[tuple[Effect, tuple[float, ...], Array], ...]
+    scales: Scales
 
     @property
     def base(self) -> float:
@@ -157,7 +160,7 @@ def screen(
         power += gram[0, 0]
         right[where] += gram[0, 1:]
         matrix[np.ix_(where, where)] += gram[1:, 1:]
-    return Screening(matrix, right, float(power), n_parts + 2 * n_records, tuple(candidates))
+    return Screening(matrix, right, float(power), n_parts + 2 * n_records, tuple(candidates), tuned)
 
 
 def _rows(
@@ -218,10 +221,12 @@ def _with_tones(
     left = left - change[:, 0]
     left = left - basis @ np.linalg.lstsq(basis, left, rcond=1e-10)[0]
     apart = 0.15 * scales.omega
-    tones = strongest_tones(record.t, rest, 3, apart)
-    for tone in strongest_tones(record.t, left, 3, apart):
-        if all(abs(tone - other) > 0.1 * apart for other in tones):
-            tones.append(tone)
+    steady, fading = np.hanning(len(rest)), np.hanning(len(rest) // 2)[len(rest) // 4 :]
+    tones: list[float] = []
+    for x, window in ((rest, steady), (rest, fading), (left, steady), (left, fading)):
+        for tone in strongest_tones(record.t, x[: len(window)] * window, 2, apart):
+            if all(abs(tone - other) > 0.2 * apart for other in tones):
+                tones.append(tone)
     return scales._replace(tones=tuple(tones))
 
 
