@@ -6,13 +6,14 @@ with every term on its left side.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.terms import Scalars, Term, WeakForm, _power
-
-_GAUSS_X, _GAUSS_W = np.polynomial.legendre.leggauss(12)
+from romsindy import terms
+from romsindy.terms import Scalars, Term, WeakForm
 
 
 def _size(x: Scalars, power: float) -> Scalars:
@@ -35,14 +36,14 @@ class PowerDamping(ForceLaw):
 
     @property
     def key(self) -> str:
-        return f"c_|q_dot|^{self.exponent:.4g}"
+        return f"c_|q_dot|^{self.exponent:.6g}"
 
     @property
     def dimension(self) -> tuple[float, float]:  # type: ignore[override]
         return self.exponent, -self.exponent
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"|{q_dot}|^{self.exponent:.4g} sign({q_dot})"
+        return f"|{q_dot}|^{self.exponent:.6g} sign({q_dot})"
 
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return _size(q_dot, self.exponent) * np.sign(q_dot)
@@ -59,14 +60,14 @@ class AmplitudePowerDamping(ForceLaw):
 
     @property
     def key(self) -> str:
-        return f"c_|q|^{self.exponent:.4g} q_dot"
+        return f"c_|q|^{self.exponent:.6g} q_dot"
 
     @property
     def dimension(self) -> tuple[float, float]:  # type: ignore[override]
         return self.exponent + 1, -1
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"|{q}|^{self.exponent:.4g} {q_dot}"
+        return f"|{q}|^{self.exponent:.6g} {q_dot}"
 
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return _size(q, self.exponent) * q_dot
@@ -88,14 +89,14 @@ class HystereticDamping(ForceLaw):
 
     @property
     def key(self) -> str:
-        return f"c_|q|^{self.exponent:.4g} sign(q_dot)"
+        return f"c_|q|^{self.exponent:.6g} sign(q_dot)"
 
     @property
     def dimension(self) -> tuple[float, float]:  # type: ignore[override]
         return self.exponent, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"|{q}|^{self.exponent:.4g} sign({q_dot})"
+        return f"|{q}|^{self.exponent:.6g} sign({q_dot})"
 
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return _size(q, self.exponent) * np.sign(q_dot)
@@ -116,10 +117,10 @@ class RubbingDamping(ForceLaw):
 
     @property
     def key(self) -> str:
-        return f"c_rubbing {'above' if self.side > 0 else 'below'} {self.gap:.4g}"
+        return f"c_rubbing {'above' if self.side > 0 else 'below'} {self.gap:.6g}"
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"sign({q_dot}) [{q} {'>' if self.side > 0 else '<'} {self.gap:.4g}]"
+        return f"sign({q_dot}) [{q} {'>' if self.side > 0 else '<'} {self.gap:.6g}]"
 
     def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
         return np.sign(q_dot) * (self.side * (q - self.gap) > 0)
@@ -133,14 +134,14 @@ class PowerStiffness(ForceLaw):
 
     @property
     def key(self) -> str:
-        return f"gamma_|q|^{self.exponent:.4g}"
+        return f"gamma_|q|^{self.exponent:.6g}"
 
     @property
     def dimension(self) -> tuple[float, float]:  # type: ignore[override]
         return self.exponent, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"|{q}|^{self.exponent:.4g} sign({q})"
+        return f"|{q}|^{self.exponent:.6g} sign({q})"
 
     def stiffness(self, q: Scalars) -> Scalars:
         return _size(q, self.exponent) * np.sign(q)
@@ -196,16 +197,16 @@ class StopStiffness(ForceLaw):
 
     @property
     def key(self) -> str:
-        power = "" if self.exponent == 1 else f"^{self.exponent:.4g}"
-        return f"k_{'above' if self.side > 0 else 'below'} {self.gap:.4g}{power}"
+        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
+        return f"k_{'above' if self.side > 0 else 'below'} {self.gap:.6g}{power}"
 
     @property
     def dimension(self) -> tuple[float, float]:  # type: ignore[override]
         return self.exponent, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        inner = f"{q} - {self.gap:.4g}" if self.side > 0 else f"{self.gap:.4g} - {q}"
-        power = "" if self.exponent == 1 else f"^{self.exponent:.4g}"
+        inner = f"{q} - {self.gap:.6g}" if self.side > 0 else f"{self.gap:.6g} - {q}"
+        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
         return f"{'' if self.side > 0 else '(-1) '}max({inner}, 0){power}"
 
     def _depth(self, q: Scalars) -> Scalars:
@@ -234,10 +235,10 @@ class TwoSidedGap(ForceLaw):
 
     @property
     def key(self) -> str:
-        return f"k_gap {self.gap:.4g}"
+        return f"k_gap {self.gap:.6g}"
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"sign({q}) max(|{q}| - {self.gap:.4g}, 0)"
+        return f"sign({q}) max(|{q}| - {self.gap:.6g}, 0)"
 
     def _depth(self, q: Scalars) -> Scalars:
         return np.maximum(np.abs(q) - self.gap, 0.0)
@@ -267,12 +268,12 @@ class Magnet(ForceLaw):
 
     @property
     def key(self) -> str:
-        return f"f_magnet at {self.side * self.distance:.4g}^{self.exponent:.4g}"
+        return f"f_magnet at {self.side * self.distance:.6g}^{self.exponent:.6g}"
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
         sign, back = ("-", "") if self.side > 0 else ("+", "(-1) ")
-        d, p = f"{self.distance:.4g}", f"{self.exponent:.4g}"
-        return f"{back}(1 - (1 {sign} {_power(q, 1)}/{d})^-{p})"
+        d, p = f"{self.distance:.6g}", f"{self.exponent:.6g}"
+        return f"{back}(1 - (1 {sign} {q}/{d})^-{p})"
 
     def _closeness(self, q: Scalars) -> Scalars:
         return np.maximum(1 - self.side * q / self.distance, 0.02)
@@ -287,3 +288,38 @@ class Magnet(ForceLaw):
     def stiffness_dq(self, q: Scalars) -> Scalars:
         slope = self._closeness(q) ** (-self.exponent - 1)
         return -self.exponent / self.distance * slope
+
+
+_NUMBER = r"(-?[\d.]+(?:e[+-]?\d+)?)"
+_SIDE = {"above": 1, "below": -1}
+_KEYS: dict[str, Callable[..., Term]] = {
+    rf"c_\|q_dot\|\^{_NUMBER}": lambda p: PowerDamping(float(p)),
+    rf"c_\|q\|\^{_NUMBER} q_dot": lambda p: AmplitudePowerDamping(float(p)),
+    rf"c_\|q\|\^{_NUMBER} sign\(q_dot\)": lambda p: HystereticDamping(float(p)),
+    rf"c_rubbing (above|below) {_NUMBER}": lambda s, g: RubbingDamping(float(g), _SIDE[s]),
+    rf"gamma_\|q\|\^{_NUMBER}": lambda p: PowerStiffness(float(p)),
+    "f_constant": lambda: ConstantForce(),
+    "mu": lambda: AddedMass(),
+    rf"k_(above|below) {_NUMBER}(?:\^{_NUMBER})?": lambda s, g, p: StopStiffness(
+        float(g), _SIDE[s], float(p or 1)
+    ),
+    rf"k_gap {_NUMBER}": lambda g: TwoSidedGap(float(g)),
+    rf"f_magnet at {_NUMBER}\^{_NUMBER}": lambda d, p: Magnet(
+        abs(float(d)), 1 if float(d) > 0 else -1, float(p)
+    ),
+}
+
+
+def term_from_key(key: str) -> Term:
+    """Return the term whose coefficient is called ``key``, here or in `romsindy.terms`.
+
+    Raises
+    ------
+    ValueError
+        If no term has this key.
+    """
+    for pattern, make in _KEYS.items():
+        match = re.fullmatch(pattern, key)
+        if match:
+            return make(*match.groups())
+    return terms.term_from_key(key)

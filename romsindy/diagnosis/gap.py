@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
+from romsindy.backbone import extract_backbone
+from romsindy.decay import Decay
 from romsindy.diagnosis.fitting import Part, Solution, fit
 from romsindy.diagnosis.records import Measured
 from romsindy.diagnosis.smoothing import HarmonicSpline
@@ -57,14 +59,77 @@ def remainder(records: Sequence[Measured], residuals: Sequence[Array], n_values:
     return Remainder(float(adequacy), structured / left, float(chi2.sf(structured, left)))
 
 
-def held_out(model: ReducedModel, parts: Sequence[Part], record: Measured) -> Solution:
+def held_out_solution(
+    model: ReducedModel, parts: Sequence[Part], record: Measured
+) -> Solution:
     """Predict a record that took no part: only its initial state is fitted.
 
     Strengths that differ from record to record, such as the phase of an excitation, are too.
     """
-    own = [_of_one_record(p) for p in parts]
-    return fit(model, own, [record], fixed=True, iterations=25)
+    return fit(model, parts, [record], fixed=True, iterations=25)
 
 
-def _of_one_record(part: Part) -> Part:
-    return replace(part, strengths=part.strengths[:1])
+@dataclass(frozen=True)
+class Prediction:
+    """A held-out record beside the simulation before and after, (n,) signals."""
+
+    record: Measured
+    before: Array
+    after: Array
+
+    def error(self, simulated: Array) -> float:
+        """Rms of the misfit over the noise; 1 is perfect."""
+        misfit = self.record.noise(self.record.signal - simulated)
+        return float(np.sqrt(np.mean(misfit**2)))
+
+    def backbone_errors(self, simulated: Array) -> tuple[float, float]:
+        """Rms of the relative error of frequency, and of the error of the damping ratio.
+
+        Cycle by cycle at equal amplitude, over the amplitudes that both have; nan where the
+        simulation has no cycles to read.
+        """
+        t, unit = self.record.t, self.record.decay.unit
+        try:
+            true = extract_backbone(Decay(t, self.record.signal, unit=unit))
+            said = extract_backbone(Decay(t, simulated, unit=unit))
+        except ValueError:
+            return float("nan"), float("nan")
+        order = np.argsort(said.amplitude)
+        a = said.amplitude[order]
+        inside = (true.amplitude >= a[0]) & (true.amplitude <= a[-1])
+        inside &= true.frequency_std < 0.01 * true.frequency
+        if not np.any(inside):
+            return float("nan"), float("nan")
+        at = true.amplitude[inside]
+        frequency = np.interp(at, a, said.frequency[order]) / true.frequency[inside] - 1
+        damping = np.interp(at, a, said.damping_ratio[order]) - true.damping_ratio[inside]
+        return float(np.sqrt(np.mean(frequency**2))), float(np.sqrt(np.mean(damping**2)))
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Before and after, on what took no part."""
+
+    predictions: tuple[Prediction, ...]
+
+    @property
+    def before(self) -> float:
+        """Displacement error over noise of the simulation as it was."""
+        return max(p.error(p.before) for p in self.predictions)
+
+    @property
+    def after(self) -> float:
+        """Displacement error over noise with the effects added."""
+        return max(p.error(p.after) for p in self.predictions)
+
+    def table(self) -> list[list[str]]:
+        """Rows of text: what, before, after."""
+        rows = [["held out", "before", "after"]]
+        for i, p in enumerate(self.predictions, 1):
+            name = f"record {i}: " if len(self.predictions) > 1 else ""
+            errors = [p.error(x) for x in (p.before, p.after)]
+            rows.append([f"{name}error over noise", *(f"{e:.3g}" for e in errors)])
+            lines = [p.backbone_errors(x) for x in (p.before, p.after)]
+            rows.append([f"{name}frequency error, %", *(f"{100 * e[0]:.3g}" for e in lines)])
+            rows.append([f"{name}damping ratio error, %", *(f"{100 * e[1]:.3g}" for e in lines)])
+        return rows
