@@ -21,6 +21,7 @@ from romsindy.typing import Array
 
 _ITERATIONS = 12
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
+_ACTIVE = 5  # rounds in which values may reach their limits
 _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
 
@@ -59,14 +60,17 @@ class Part:
         return [*range(first, first + k), *range(n, n + self.shape.size)]
 
     def moved(self, change: Array) -> Part:
-        """Values plus a change, kept within limits."""
+        """Values plus a change, within limits but for rounding."""
         n = self.strengths.size
-        strengths = self.strengths + change[:n].reshape(self.strengths.shape)
-        if self.effect.sign:
-            strengths = np.maximum(strengths, 0.0)
-        low = np.array([s.low for s in self.shapes])
-        high = np.array([s.high for s in self.shapes])
-        return replace(self, strengths=strengths, shape=np.clip(self.shape + change[n:], low, high))
+        values = np.clip(self.values + change, *self.limits())
+        return replace(self, strengths=values[:n].reshape(self.strengths.shape), shape=values[n:])
+
+    def limits(self) -> tuple[Array, Array]:
+        """Least and largest of all values."""
+        least = np.full(self.strengths.size, 0.0 if self.effect.sign else -np.inf)
+        low = np.array([*least, *(s.low for s in self.shapes)])
+        high = np.array([*np.full(len(least), np.inf), *(s.high for s in self.shapes)])
+        return low, high
 
     @property
     def values(self) -> Array:
@@ -203,7 +207,8 @@ def fit(
             system, responses = _linearised(model, parts, records, motions)
             if not system.finite:
                 return _failed(parts, motions, n_values)
-            step = system.step(_held(parts, fixed, first=iteration == 0))
+            held = _held(parts, fixed, first=iteration == 0)
+            step = system.bounded_step(held, *_limits(parts))
             weights = [
                 np.concatenate([[1.0], step[_columns(parts, i)], step[n_values + 2 * i :][:2]])
                 for i in range(len(records))
@@ -286,6 +291,16 @@ def _held(parts: Sequence[Part], fixed: bool, first: bool) -> Array:
     return np.concatenate(held)
 
 
+def _limits(parts: Sequence[Part]) -> tuple[Array, Array]:
+    """Least and largest changes of all values."""
+    lows, highs = [np.zeros(0)], [np.zeros(0)]
+    for part in parts:
+        low, high = part.limits()
+        lows.append(low - part.values)
+        highs.append(high - part.values)
+    return np.concatenate(lows), np.concatenate(highs)
+
+
 def _moved(parts: tuple[Part, ...], change: Array) -> tuple[Part, ...]:
     moved, first = [], 0
     for part in parts:
@@ -347,15 +362,34 @@ class _Normal:
         """Whether the motions stayed within reach of numbers."""
         return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.right)))
 
-    def step(self, hold: Array) -> Array:
-        """Least-squares change of all values."""
+    def bounded_step(self, held: Array, low: Array, high: Array) -> Array:
+        """Least-squares change of all values; values at a limit stay there, and some are held.
+
+        ``low`` and ``high`` are the least and largest changes of the values of the parts.
+        """
+        fixed = np.zeros(self.size)
         free = np.ones(self.size, bool)
-        free[: len(hold)] = ~hold
-        step = np.zeros(self.size)
+        free[: len(held)] = ~held
+        least, most = np.full((2, self.size), np.inf)
+        least = -least
+        least[: len(low)], most[: len(high)] = low, high
+        step = self._step(free, fixed)
+        for _ in range(_ACTIVE):
+            beyond = free & ((step < least) | (step > most))
+            if not np.any(beyond):
+                break
+            fixed[beyond] = np.clip(step, least, most)[beyond]
+            free &= ~beyond
+            step = self._step(free, fixed)
+        return step
+
+    def _step(self, free: Array, fixed: Array) -> Array:
         a = self.matrix[np.ix_(free, free)]
+        b = self.right[free] - self.matrix[np.ix_(free, ~free)] @ fixed[~free]
         scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-        solved = np.linalg.lstsq(a * scale * scale[:, None], self.right[free] * scale, rcond=1e-13)
-        step[free] = solved[0] * scale
+        solved = np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=1e-13)[0]
+        step = fixed.copy()
+        step[free] = solved * scale
         return step
 
     def chi_squared(self, step: Array) -> float:

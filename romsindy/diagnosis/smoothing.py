@@ -144,31 +144,39 @@ class Whitener:
         floor : float
             Least standard deviation.
         """
-        n = len(rest)
-        power = np.abs(np.fft.rfft(rest * np.hanning(n))) ** 2 / np.sum(np.hanning(n) ** 2)
-        order = np.arange(len(power)) * cycle / n  # frequency over the fundamental
-        between = (np.abs(order % 1 - 0.5) < 0.25) | (order > _HARMONICS + 0.5)
-        between[: min(3, len(between))] = False
-        order, power = order[between], power[between] + floor**2
+        order, power = _between_harmonics(rest, cycle)
+        power = power + floor**2
         edges = np.searchsorted(order, [1.5, 3.5, _HARMONICS + 0.5])
         edges = [*edges, *np.linspace(edges[-1], len(order), 7)[1:-1].astype(int)]
         blocks = [b for b in np.split(power, edges) if len(b) >= 15]
         levels = np.array([np.median(b) / np.log(2) for b in blocks])
         scatter = 1.8 / np.sqrt([len(b) for b in blocks])  # of the log of a median, lines overlap
-        if np.all(np.abs(np.log(levels / _level(power))) < 5 * scatter):
-            std = float(np.sqrt(_level(power)))
+        std = float(np.sqrt(_level(power)))
+        if np.all(np.abs(np.log(levels / std**2)) < 5 * scatter):
             return cls(std, np.ones(1), std)
         smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)
-        lines = np.linspace(0, order[-1], n // 2 + 1)
+        lines = np.linspace(0, order[-1], len(rest) // 2 + 1)
         lags = np.fft.irfft(np.interp(lines, order, smooth))[: _NOISE_ORDER + 1]
         a = np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
-        return cls(float(np.sqrt(lags[0])), a, float(np.sqrt(a @ lags)))
+        white = _between_harmonics(lfilter(a, [1.0], rest), cycle)[1]
+        innovation = np.sqrt(_level(white) + floor**2 * float(a @ a))
+        return cls(float(np.sqrt(lags[0])), a, float(innovation))
 
     def __call__(self, x: Array) -> Array:
         """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
         if len(self.filter) == 1:
             return x / self.innovation
         return lfilter(self.filter, [1.0], x, axis=0) / self.innovation
+
+
+def _between_harmonics(x: Array, cycle: float) -> tuple[Array, Array]:
+    """Frequencies over the fundamental, and the spectrum there, where a smooth motion is blind."""
+    n = len(x)
+    power = np.abs(np.fft.rfft(x * np.hanning(n))) ** 2 / np.sum(np.hanning(n) ** 2)
+    order = np.arange(len(power)) * cycle / n
+    between = (np.abs(order % 1 - 0.5) < 0.25) | (order > _HARMONICS + 0.5)
+    between[: min(3, len(between))] = False
+    return order[between], power[between]
 
 
 def _level(power: Array) -> float:
