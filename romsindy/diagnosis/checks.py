@@ -12,7 +12,7 @@ from romsindy.model import ReducedModel
 
 _FREE = ("omega^2", "c_linear")
 # Fewer cycles than these tell nothing about an effect; frequencies further off are another mode.
-_CYCLES, _MODE = 5, 1.5
+_CYCLES, _MODE = 3, 1.5
 
 
 def check_request(

@@ -32,21 +32,25 @@ class Remainder:
         Chi-square of what repeats with the vibration, over its degrees of freedom: about 1.
     p_value : float
         Probability of as much structure in noise alone.
+    below_floor : bool
+        Whether the structure is smaller than the misfit that does not matter.
     """
 
     adequacy: float
     structure: float
     p_value: float
+    below_floor: bool
 
     @property
     def closed(self) -> bool:
         """Whether the residual is down to the noise and without structure that matters."""
-        return self.adequacy <= ADEQUATE and (self.p_value > 1e-5 or self.structure < 1.3)
+        structureless = self.p_value > 1e-5 or self.structure < 1.3 or self.below_floor
+        return self.adequacy <= ADEQUATE and structureless
 
 
 def remainder(records: Sequence[Measured], residuals: Sequence[Array], n_values: int) -> Remainder:
     """Weigh residuals (measured minus simulated) of some records."""
-    total = freedom = structured = waves = 0.0
+    total = freedom = structured = waves = matters = 0.0
     for record, residual in zip(records, residuals, strict=True):
         e = record.noise(residual)
         spline = HarmonicSpline.along(record.spline.phase, record.t, e, cycles=6.0, harmonics=4)
@@ -54,9 +58,15 @@ def remainder(records: Sequence[Measured], residuals: Sequence[Array], n_values:
         freedom += len(e)
         structured += float(e @ spline(record.t)[0])
         waves += spline.n_values
+        matters += len(e) * (record.noise.floor / record.noise.std) ** 2
     adequacy = np.sqrt(total / max(freedom - n_values, 1))
     left = max(waves - n_values, 1.0)
-    return Remainder(float(adequacy), structured / left, float(chi2.sf(structured, left)))
+    return Remainder(
+        float(adequacy),
+        float(structured / left),
+        float(chi2.sf(structured, left)),
+        bool(structured < matters),
+    )
 
 
 def held_out_solution(
@@ -108,9 +118,10 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Gap:
-    """Before and after, on what took no part."""
+    """Before and after, on what took no part in the fit."""
 
     predictions: tuple[Prediction, ...]
+    unseen: bool  # False where records were too short to hold any part out
 
     @property
     def before(self) -> float:
@@ -124,7 +135,7 @@ class Gap:
 
     def table(self) -> list[list[str]]:
         """Rows of text: what, before, after."""
-        rows = [["held out", "before", "after"]]
+        rows = [["held out" if self.unseen else "fitted", "before", "after"]]
         for i, p in enumerate(self.predictions, 1):
             name = f"record {i}: " if len(self.predictions) > 1 else ""
             errors = [p.error(x) for x in (p.before, p.after)]

@@ -35,25 +35,31 @@ class Hypothesis:
     moved : tuple of str
         Names of the unsure values that moved.
     score : float
+    excess : float
+        Structure that is left in the residual, over that of noise, at least 1: by so much less do
+        differences of scores and deviations from nominal values mean.
     """
 
     solution: Solution
     n_free: int
     moved: tuple[str, ...]
     score: float
+    excess: float
 
     @classmethod
-    def of(cls, solution: Solution, n_free: int, n_samples: int) -> Hypothesis:
+    def of(cls, solution: Solution, n_free: int, n_samples: int, structure: float) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
+        excess = max(structure, 1.0)
         if not np.isfinite(solution.chi_squared):
-            return cls(solution, n_free, (), np.inf)
+            return cls(solution, n_free, (), np.inf, np.inf)
         slices = solution.slices()
-        price, moved = _price_of_free(solution, slices[:n_free], n_samples)
+        price = _price_of_free(solution, slices[:n_free], n_samples, 1.0)[0]
+        moved = _price_of_free(solution, slices[:n_free], n_samples, excess)[1]
         for part, where in zip(solution.parts[n_free:], slices[n_free:], strict=True):
             n = part.strengths.size
             price += n * np.log(n_samples / len(part.strengths))
             price += _price_of_shape(part, solution.covariance[where, where][n:, n:])
-        return cls(solution, n_free, moved, solution.chi_squared + price)
+        return cls(solution, n_free, moved, solution.chi_squared + price, excess)
 
     @property
     def effects(self) -> tuple[Part, ...]:
@@ -67,7 +73,7 @@ class Hypothesis:
 
 
 def _price_of_free(
-    solution: Solution, slices: Sequence[slice], n_samples: int
+    solution: Solution, slices: Sequence[slice], n_samples: int, excess: float
 ) -> tuple[float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free: each costs log n, or what fixing it costs."""
     judged = [i for i, p in enumerate(solution.parts[: len(slices)]) if p.tolerance is None]
@@ -79,7 +85,8 @@ def _price_of_free(
         cost = sum(freed) * np.log(n_samples)
         if np.any(fixed):
             block = solution.covariance[np.ix_(at[fixed], at[fixed])]
-            cost += float(values[fixed] @ np.linalg.pinv(block, hermitian=True) @ values[fixed])
+            rise = values[fixed] @ np.linalg.pinv(block, hermitian=True) @ values[fixed]
+            cost += float(rise) / excess
         if cost < best:
             best = cost
             names = [solution.parts[i].effect.name for i in judged]
@@ -97,6 +104,6 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
 
 def weights(hypotheses: Sequence[Hypothesis]) -> Array:
     """Posterior probabilities among hypotheses, all alike beforehand."""
-    scores = np.array([h.score for h in hypotheses])
+    scores = np.array([h.score for h in hypotheses]) / hypotheses[0].excess
     weight = np.exp(-0.5 * (scores - scores.min()))
     return weight / weight.sum()

@@ -78,7 +78,8 @@ class Search:
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
         """Fit and weigh the unsure values together with some effects."""
         solution = fit(self.model, [*self.free, *parts], self.records)
-        return Hypothesis.of(solution, len(self.free), self.n_samples)
+        left = self._remainder(solution).structure if np.isfinite(solution.chi_squared) else 1.0
+        return Hypothesis.of(solution, len(self.free), self.n_samples, left)
 
     def fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
         """Fit several, in parallel."""
@@ -88,7 +89,9 @@ class Search:
 
     def remainder(self, hypothesis: Hypothesis) -> Remainder:
         """What a hypothesis leaves."""
-        solution = hypothesis.solution
+        return self._remainder(hypothesis.solution)
+
+    def _remainder(self, solution: Solution) -> Remainder:
         n = sum(p.size for p in solution.parts) + 2 * len(self.records)
         return remainder(self.records, solution.residuals, n)
 
@@ -98,7 +101,7 @@ class Search:
         best = base
         seen: list[Hypothesis] = [base]
         first: Screening | None = None
-        while len(best.effects) < self.max_effects:
+        while len(best.effects) < self.max_effects and not self._negligible(best):
             screening = self._screened(best)
             first = first or screening
             tried = self._one_more(best, screening)
@@ -113,6 +116,11 @@ class Search:
         seen += self._replaced(best, first) if first is not None else []
         rivals = self._rivals(best, seen)
         return rivals[0], rivals, base
+
+    def _negligible(self, best: Hypothesis) -> bool:
+        """Whether what a hypothesis leaves is too small to matter."""
+        left = self.remainder(best)
+        return left.closed and left.below_floor
 
     def _screened(self, best: Hypothesis) -> Screening:
         used = {p.effect.name for p in best.solution.parts}
@@ -152,10 +160,12 @@ class Search:
         """Whether more effects gain more than chance would, over all that was looked at."""
         more = len(after.effects) - len(before.effects)
         n_looks = max(len(self.catalogue), 1) ** more
-        gain = before.score - after.score
+        # Structure that stays unexplained is as large by chance: the test is one of variances.
+        price = after.score - after.solution.chi_squared - before.score
+        gain = (before.solution.chi_squared - after.solution.chi_squared) / after.excess
         alarm = chi2.isf(self.false_alarm / n_looks, more)
-        return gain > 2 * np.log(n_looks) and (
-            before.solution.chi_squared - after.solution.chi_squared > alarm
+        return bool(
+            gain > alarm and gain > price + before.solution.chi_squared + 2 * np.log(n_looks)
         )
 
     def _pruned(self, best: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
@@ -191,7 +201,7 @@ class Search:
         found: dict[frozenset[str], Hypothesis] = {}
         n = len(best.effects)
         for h in ranked:
-            if h.score - best.score < EQUIVALENT and len(h.effects) <= max(n, 1) and h.names:
+            if (h.score - best.score) / best.excess < EQUIVALENT and len(h.effects) <= max(n, 1) and h.names:
                 found.setdefault(frozenset(h.names), h)
         if not best.names:
             return [best]

@@ -123,11 +123,14 @@ class Whitener:
         Coefficients of an autoregression; [1] for white noise.
     innovation : float
         Standard deviation of the filtered noise.
+    floor : float
+        Misfit that does not matter, unit of the record; part of std.
     """
 
     std: float
     filter: Array
     innovation: float
+    floor: float
 
     @classmethod
     def of(cls, rest: Array, cycle: float, floor: float) -> Whitener:
@@ -153,14 +156,14 @@ class Whitener:
         scatter = 1.8 / np.sqrt([len(b) for b in blocks])  # of the log of a median, lines overlap
         std = float(np.sqrt(_level(power)))
         if np.all(np.abs(np.log(levels / std**2)) < 5 * scatter):
-            return cls(std, np.ones(1), std)
+            return cls(std, np.ones(1), std, floor)
         smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)
         lines = np.linspace(0, order[-1], len(rest) // 2 + 1)
         lags = np.fft.irfft(np.interp(lines, order, smooth))[: _NOISE_ORDER + 1]
         a = np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
         white = _between_harmonics(lfilter(a, [1.0], rest), cycle)[1]
         innovation = np.sqrt(_level(white) + floor**2 * float(a @ a))
-        return cls(float(np.sqrt(lags[0])), a, float(innovation))
+        return cls(float(np.sqrt(lags[0])), a, float(innovation), floor)
 
     def __call__(self, x: Array) -> Array:
         """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""

@@ -21,11 +21,13 @@ from romsindy.diagnosis.search import Search
 from romsindy.force_laws import term_from_key
 from romsindy.model import ReducedModel
 from romsindy.quasilinear import sampled
+from romsindy.signals import fundamental_frequency
 from romsindy.terms import Term
 from romsindy.trajectory import TrajectoryError, integrate
 from romsindy.typing import Array
 
 _TRAINING = 0.75  # of each record, where no other record is held out
+_LEAST_CYCLES = 6  # of a part that is held out
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def diagnose(
         One channel each, in the unit of the model.
     held_out : Decay, optional
         A decay to judge by, which takes no part otherwise. Without it the last quarter of each
-        record is held out.
+        record is held out, if it holds six cycles.
     free : names
         Coefficients that the simulation is unsure of, of "omega^2" and "c_linear". They follow the
         data under every hypothesis, and are blamed only where nothing else is needed. Empty: the
@@ -101,7 +103,7 @@ def diagnose(
     """
     several = [measured] if isinstance(measured, Decay) else list(measured)
     check_request(model, several, held_out, free, tolerances or {}, false_alarm)
-    training, tests = _split(several, held_out)
+    training, tests, unseen = _split(several, held_out)
     records = checked_records(model, training, floor)
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
@@ -122,7 +124,7 @@ def diagnose(
     rivals = [best, *rivals[1:]]
     parts_of_best = best.solution.parts if best.names else ()
     left = search.remainder(best)
-    gap = Gap(tuple(_prediction(model, parts_of_best, Measured.of(d, floor)) for d in tests))
+    gap = Gap(tuple(_prediction(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen)
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
@@ -137,13 +139,22 @@ def diagnose(
     )
 
 
-def _split(several: Sequence[Decay], held_out: Decay | None) -> tuple[list[Decay], list[Decay]]:
+def _split(
+    several: Sequence[Decay], held_out: Decay | None
+) -> tuple[list[Decay], list[Decay], bool]:
+    """Records to learn from, records to judge by, and whether these took no part."""
     if held_out is not None:
-        return list(several), [held_out]
-    cut = [d.t[0] + _TRAINING * (d.t[-1] - d.t[0]) for d in several]
-    early = [d.between(end=c) for d, c in zip(several, cut, strict=True)]
-    late = [d.between(start=c) for d, c in zip(several, cut, strict=True)]
-    return early, late
+        return list(several), [held_out], True
+    early, late = [], []
+    for decay in several:
+        cut = decay.t[0] + _TRAINING * (decay.t[-1] - decay.t[0])
+        cycles = fundamental_frequency(decay.single().q, decay.dt) * (decay.t[-1] - cut)
+        if cycles < _LEAST_CYCLES:
+            early.append(decay)
+        else:
+            early.append(decay.between(end=cut))
+            late.append(decay.between(start=cut))
+    return early, late or early, bool(late)
 
 
 def _smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
