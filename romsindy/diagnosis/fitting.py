@@ -19,8 +19,9 @@ from romsindy.quasilinear import Response, nodes, respond, sampled
 from romsindy.trajectory import Linearisation, Trajectory
 from romsindy.typing import Array
 
-_ITERATIONS = 12
+_ITERATIONS = 16
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
+_WORSE, _SHORTEST = 1.5, 0.02  # a step that makes the misfit worse is shortened
 _ACTIVE = 5  # rounds in which values may reach their limits
 _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
@@ -202,17 +203,25 @@ def fit(
     motions = list(motions or [r.motion for r in records])
     n_values = sum(p.size for p in parts)
     last, converged = np.inf, False
+    kept: _Stage | None = None
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
             system, responses = _linearised(model, parts, records, motions)
+            if kept is not None and not system.power <= _WORSE * kept.power:
+                if kept.short < _SHORTEST:
+                    break
+                kept = replace(kept, short=0.3 * kept.short)  # a step too far: go back
+                parts, motions = kept.moved()
+                continue
             if not system.finite:
                 return _failed(parts, motions, n_values)
-            held = _held(parts, fixed, first=iteration == 0)
-            step = system.bounded_step(held, *_limits(parts))
-            weights = [
+            step = system.bounded_step(
+                _held(parts, fixed, first=iteration == 0), *_limits(parts)
+            )
+            weights = tuple(
                 np.concatenate([[1.0], step[_columns(parts, i)], step[n_values + 2 * i :][:2]])
                 for i in range(len(records))
-            ]
+            )
             largest = max(
                 float(np.abs(r.q @ w).max()) / record.amplitude
                 for r, w, record in zip(responses, weights, records, strict=True)
@@ -220,8 +229,8 @@ def fit(
             if not np.isfinite(largest) or largest > _LOST:
                 return _failed(parts, motions, n_values)
             short = min(1.0, _LEASH / max(largest, 1e-300))
-            motions = [r.moved(short * w) for r, w in zip(responses, weights, strict=True)]
-        parts = _moved(parts, short * step[:n_values])
+            kept = _Stage(parts, tuple(responses), weights, step[:n_values], short, system.power)
+            parts, motions = kept.moved()
         chi_squared = system.chi_squared(step)
         converged = short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared
         if converged:
@@ -240,6 +249,25 @@ def fit(
         system.covariance()[:n_values, :n_values],
         converged,
     )
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Where a step started, and the step."""
+
+    parts: tuple[Part, ...]
+    responses: tuple[Response, ...]
+    weights: tuple[Array, ...]
+    step: Array
+    short: float
+    power: float
+
+    def moved(self) -> tuple[tuple[Part, ...], list[Trajectory]]:
+        """Values and motions after the step."""
+        motions = [
+            r.moved(self.short * w) for r, w in zip(self.responses, self.weights, strict=True)
+        ]
+        return _moved(self.parts, self.short * self.step), motions
 
 
 def _linearised(

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from romsindy.decay import Decay
 from romsindy.diagnosis.effects import Scales
 from romsindy.diagnosis.smoothing import HarmonicSpline, Whitener
-from romsindy.signals import free_part, fundamental_frequency
+from romsindy.signals import fundamental_frequency, noise_std
 from romsindy.trajectory import Grid, Trajectory
 from romsindy.typing import Array
 
@@ -19,6 +19,8 @@ _DERIVATIVE = {"displacement": 0, "velocity": 1, "acceleration": 2}
 _STEPS_PER_CYCLE = 30
 # What vibrates below this part of the largest amplitude is not looked at.
 _QUIET = 0.01
+# A record starts with its decay if its first cycle is this large a part of the largest.
+_RELEASED = 0.8
 
 
 @dataclass(frozen=True)
@@ -76,13 +78,22 @@ class Measured:
 def _loud(decay: Decay) -> Decay:
     """The part between the release and where the vibration is too small to matter."""
     x = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[_DERIVATIVE[decay.measured]])
-    first, last, _ = free_part(x, decay.dt)
     cycle = round(1 / (fundamental_frequency(x, decay.dt) * decay.dt))
     swing = x - uniform_filter1d(x, cycle, mode="mirror")
     envelope = np.sqrt(uniform_filter1d(swing**2, cycle, mode="mirror"))
-    loud = np.flatnonzero(envelope > _QUIET * envelope[first:].max())
-    last = min(last, int(loud[-1]) + 1)
-    return decay.between(decay.t[first], decay.t[last - 1])
+    top = int(np.argmax(envelope))
+    first = 0
+    if envelope[:cycle].max() < _RELEASED * envelope[top]:  # held, or pushed, before the release
+        near = slice(max(top - cycle, 0), top + cycle)
+        first = near.start + int(np.argmax(np.abs(swing[near])))
+    quiet = max(_QUIET * envelope[top], 2 * noise_std(x))
+    loud = np.flatnonzero(envelope > quiet)
+    if loud[-1] - first < 3 * cycle:
+        raise ValueError(
+            f"the vibration stands out of the noise (rms {noise_std(x):.2g}) for less than three"
+            " cycles: it is noise, or another channel vibrates"
+        )
+    return decay.between(decay.t[first], decay.t[loud[-1]])
 
 
 def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:

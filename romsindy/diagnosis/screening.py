@@ -78,12 +78,13 @@ class Screening:
         x = np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=1e-12)[0] * scale
         return x, float(2 * x @ b - x @ a @ x)
 
-    def singles(self) -> list[Screened]:
-        """Every candidate by itself, best first."""
+    def singles(self, held: int = 0) -> list[Screened]:
+        """Every candidate by itself, best first; the first ``held`` free columns stay out."""
         found = []
+        always = np.arange(held, self.n_base)
         for effect, shape, columns in self.candidates:
-            x, gain = self._solve(np.concatenate([np.arange(self.n_base), columns]))
-            own = x[self.n_base :]
+            x, gain = self._solve(np.concatenate([always, columns]))
+            own = x[len(always) :]
             if effect.sign and np.all(own < 0) and not hasattr(effect, "start"):
                 gain = self.power - self.base
             strengths = own.reshape(-1, effect.n_strengths)

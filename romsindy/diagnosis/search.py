@@ -77,7 +77,17 @@ class Search:
 
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
         """Fit and weigh the unsure values together with some effects."""
-        solution = fit(self.model, [*self.free, *parts], self.records)
+        return self._weighed(fit(self.model, [*self.free, *parts], self.records))
+
+    def polished(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Fit on where a fit has not come to its end."""
+        s = hypothesis.solution
+        if s.converged or not np.isfinite(s.chi_squared):
+            return hypothesis
+        more = fit(self.model, s.parts, self.records, s.motions, iterations=40)
+        return min(hypothesis, self._weighed(more), key=lambda h: h.score)
+
+    def _weighed(self, solution: Solution) -> Hypothesis:
         left = self._remainder(solution).structure if np.isfinite(solution.chi_squared) else 1.0
         return Hypothesis.of(solution, len(self.free), self.n_samples, left)
 
@@ -111,9 +121,13 @@ class Search:
                 break
             seen += tried
             best = tried[0]
+        if best is base and base.moved:
+            seen += self._instead(base)
         best, tried = self._pruned(best)
         seen += tried
         seen += self._replaced(best, first) if first is not None else []
+        # An effect beside values that moved is no rival of these alone unless it gains something.
+        seen = [h for h in seen if not (h.effects and h.moved and h.score > base.score)]
         rivals = self._rivals(best, seen)
         return rivals[0], rivals, base
 
@@ -130,6 +144,19 @@ class Search:
             self.model, best.solution.parts, left, self.records, scales(self.records)
         )
 
+    def _instead(self, base: Hypothesis) -> list[Hypothesis]:
+        """Effects that do what values that moved do, with those at their nominal values."""
+        screening = screen(
+            self.model, self.free, self.catalogue, self.records, scales(self.records)
+        )
+        n_free = sum(p.strengths.size for p in self.free)
+        leaders = _leaders(screening.singles(held=n_free), 1)
+        near = [
+            s for s in leaders if s.chi_squared < screening.base + 3 * EQUIVALENT * base.excess
+        ]
+        trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
+        return self.fitted(trials)
+
     def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
         """The survivors of a screening, fitted together with what was accepted, best first."""
         singles = screening.singles()
@@ -139,7 +166,9 @@ class Search:
         trials = [
             [*best.effects, self._part(s, screening)] for s in _survivors(singles, _SURVIVORS)
         ]
-        return sorted(self.fitted(trials), key=lambda h: h.score)
+        tried = sorted(self.fitted(trials), key=lambda h: h.score)
+        leaders = self.parallel(delayed(self.polished)(h) for h in tried[:3])
+        return sorted([*leaders, *tried[3:]], key=lambda h: h.score)
 
     def _part(self, screened: Screened, screening: Screening) -> Part:
         return part_of(screened, screening.scales, len(self.records))

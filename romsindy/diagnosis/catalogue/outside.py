@@ -43,9 +43,8 @@ class SuddenChange(TimedEffect):
         return self.pull_dq(t, q, shape) * q
 
     def pull_dq(self, t: Array, q: Array, shape: Array) -> Array:
-        # Smooth over a small part of the record, so that the instant can be fitted.
-        width = (t[-1] - t[0]) / 2000
-        return 0.5 + 0.5 * np.tanh((t - shape[0]) / width)[None]
+        # Smooth over a short while, so that the instant can be fitted.
+        return 0.5 + 0.5 * np.tanh((t / shape[0] - 1) * 500)[None]
 
 
 def _tone(scales: Scales) -> Shape:
