@@ -227,30 +227,37 @@ class StopStiffness(ForceLaw):
 
 @dataclass(frozen=True)
 class TwoSidedGap(ForceLaw):
-    """A spring met on both sides beyond a gap: sign(q) max(|q| - gap, 0)."""
+    """A spring met on both sides beyond a gap: sign(q) max(|q| - gap, 0)^p."""
 
     gap: float = 0.0
-
-    dimension = (1, 0)
+    exponent: float = 1.0
 
     @property
     def key(self) -> str:
-        return f"k_gap {self.gap:.6g}"
+        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
+        return f"k_gap {self.gap:.6g}{power}"
+
+    @property
+    def dimension(self) -> tuple[float, float]:  # type: ignore[override]
+        return self.exponent, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"sign({q}) max(|{q}| - {self.gap:.6g}, 0)"
+        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
+        return f"sign({q}) max(|{q}| - {self.gap:.6g}, 0){power}"
 
     def _depth(self, q: Scalars) -> Scalars:
         return np.maximum(np.abs(q) - self.gap, 0.0)
 
     def stiffness(self, q: Scalars) -> Scalars:
-        return np.sign(q) * self._depth(q)
+        return np.sign(q) * self._depth(q) ** self.exponent
 
     def potential(self, q: Scalars) -> Scalars:
-        return self._depth(q) ** 2 / 2
+        return self._depth(q) ** (self.exponent + 1) / (self.exponent + 1)
 
     def stiffness_dq(self, q: Scalars) -> Scalars:
-        return (self._depth(q) > 0) * 1.0
+        depth = self._depth(q)
+        slope = self.exponent * np.where(depth > 0, depth, 1.0) ** (self.exponent - 1)
+        return np.where(depth > 0, slope, 0.0)
 
 
 @dataclass(frozen=True)
@@ -303,7 +310,7 @@ _KEYS: dict[str, Callable[..., Term]] = {
     rf"k_(above|below) {_NUMBER}(?:\^{_NUMBER})?": lambda s, g, p: StopStiffness(
         float(g), _SIDE[s], float(p or 1)
     ),
-    rf"k_gap {_NUMBER}": lambda g: TwoSidedGap(float(g)),
+    rf"k_gap {_NUMBER}(?:\^{_NUMBER})?": lambda g, p: TwoSidedGap(float(g), float(p or 1)),
     rf"f_magnet at {_NUMBER}\^{_NUMBER}": lambda d, p: Magnet(
         abs(float(d)), 1 if float(d) > 0 else -1, float(p)
     ),

@@ -43,7 +43,10 @@ def one(path: Path, snr: str, levels: dict) -> dict:
         "names": list(report.best.names),
         "moved": list(report.best.moved),
         "equivalent": [list(names) for names in report.equivalent],
-        "scores": [h.score - report.best.score for h in report.rivals],
+        "scores": [
+            float(h.score(report.best.excess) - report.best.score(report.best.excess))
+            for h in report.rivals
+        ],
         "effects": [{"name": e.name, "values": e.values, "errors": e.standard_errors} for e in report.effects],
         "adequacy": report.remainder.adequacy,
         "structure": report.remainder.structure,

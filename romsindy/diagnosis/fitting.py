@@ -245,7 +245,7 @@ def fit(
         parts,
         tuple(motions),
         residuals,
-        total + _prior_cost(parts),
+        total + prior_cost(parts),
         system.covariance()[:n_values, :n_values],
         converged,
     )
@@ -337,7 +337,7 @@ def _moved(parts: tuple[Part, ...], change: Array) -> tuple[Part, ...]:
     return tuple(moved)
 
 
-def _prior_cost(parts: Sequence[Part]) -> float:
+def prior_cost(parts: Sequence[Part]) -> float:
     cost = 0.0
     for part in parts:
         if part.tolerance is not None:

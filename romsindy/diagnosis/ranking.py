@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.diagnosis.fitting import Part, Solution
+from romsindy.diagnosis.fitting import Part, Solution, prior_cost
 from romsindy.typing import Array
 
 # Hypotheses within this of the best are not told apart: odds of 33 to 1.
@@ -26,7 +26,7 @@ EQUIVALENT = 7.0
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A fitted hypothesis and its score; the first ``n_free`` parts are the unsure ones.
+    """A fitted hypothesis and what it is worth; the first ``n_free`` parts are the unsure ones.
 
     Attributes
     ----------
@@ -34,32 +34,41 @@ class Hypothesis:
     n_free : int
     moved : tuple of str
         Names of the unsure values that moved.
-    score : float
+    misfit : float
+        Chi-square of the whitened residual.
+    price : float
+        Of all values, and of their distance from what was known.
     excess : float
         Structure that is left in the residual, over that of noise, at least 1: by so much less do
-        differences of scores and deviations from nominal values mean.
+        differences of misfit mean.
     """
 
     solution: Solution
     n_free: int
     moved: tuple[str, ...]
-    score: float
+    misfit: float
+    price: float
     excess: float
 
     @classmethod
     def of(cls, solution: Solution, n_free: int, n_samples: int, structure: float) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
-        excess = max(structure, 1.0)
         if not np.isfinite(solution.chi_squared):
-            return cls(solution, n_free, (), np.inf, np.inf)
+            return cls(solution, n_free, (), np.inf, 0.0, np.inf)
+        excess = max(structure, 1.0)
         slices = solution.slices()
-        price = _price_of_free(solution, slices[:n_free], n_samples, 1.0)[0]
-        moved = _price_of_free(solution, slices[:n_free], n_samples, excess)[1]
+        rise, price, moved = _price_of_free(solution, slices[:n_free], n_samples, excess)
         for part, where in zip(solution.parts[n_free:], slices[n_free:], strict=True):
             n = part.strengths.size
             price += n * np.log(n_samples / len(part.strengths))
             price += _price_of_shape(part, solution.covariance[where, where][n:, n:])
-        return cls(solution, n_free, moved, solution.chi_squared + price, excess)
+        known = prior_cost(solution.parts)
+        misfit = solution.chi_squared - known + rise
+        return cls(solution, n_free, moved, misfit, price + known, excess)
+
+    def score(self, excess: float = 1.0) -> float:
+        """Misfit over an excess, plus price: the least is the best."""
+        return self.misfit / excess + self.price
 
     @property
     def effects(self) -> tuple[Part, ...]:
@@ -74,24 +83,23 @@ class Hypothesis:
 
 def _price_of_free(
     solution: Solution, slices: Sequence[slice], n_samples: int, excess: float
-) -> tuple[float, tuple[str, ...]]:
-    """Cheapest choice of which unsure values to free: each costs log n, or what fixing it costs."""
+) -> tuple[float, float, tuple[str, ...]]:
+    """Cheapest choice of which unsure values to free.
+
+    Each costs log n, or the rise of the misfit when it is fixed. Returns rise, price and names.
+    """
     judged = [i for i, p in enumerate(solution.parts[: len(slices)]) if p.tolerance is None]
     at = np.array([slices[i].start for i in judged], int)
     values = np.array([solution.parts[i].strengths[0, 0] for i in judged])
-    best, moved = np.inf, ()
+    names = [solution.parts[i].effect.name for i in judged]
+    choices = []
     for freed in itertools.product((False, True), repeat=len(judged)):
         fixed = ~np.array(freed, bool)
-        cost = sum(freed) * np.log(n_samples)
-        if np.any(fixed):
-            block = solution.covariance[np.ix_(at[fixed], at[fixed])]
-            rise = values[fixed] @ np.linalg.pinv(block, hermitian=True) @ values[fixed]
-            cost += float(rise) / excess
-        if cost < best:
-            best = cost
-            names = [solution.parts[i].effect.name for i in judged]
-            moved = tuple(n for n, f in zip(names, freed, strict=True) if f)
-    return float(best if judged else 0.0), moved
+        block = solution.covariance[np.ix_(at[fixed], at[fixed])]
+        rise = float(values[fixed] @ np.linalg.pinv(block, hermitian=True) @ values[fixed])
+        moved = tuple(n for n, f in zip(names, freed, strict=True) if f)
+        choices.append((rise, sum(freed) * float(np.log(n_samples)), moved))
+    return min(choices, key=lambda c: c[0] / excess + c[1])
 
 
 def _price_of_shape(part: Part, covariance: Array) -> float:
@@ -102,8 +110,14 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     return price
 
 
+def ranked(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Best first, with the excess of the one that explains most."""
+    excess = min((h.excess for h in hypotheses), default=1.0)
+    return sorted(hypotheses, key=lambda h: h.score(excess) if np.isfinite(excess) else np.inf)
+
+
 def weights(hypotheses: Sequence[Hypothesis]) -> Array:
-    """Posterior probabilities among hypotheses, all alike beforehand."""
-    scores = np.array([h.score for h in hypotheses]) / hypotheses[0].excess
+    """Posterior probabilities among hypotheses, all alike beforehand; the best comes first."""
+    scores = np.array([h.score(hypotheses[0].excess) for h in hypotheses])
     weight = np.exp(-0.5 * (scores - scores.min()))
     return weight / weight.sum()

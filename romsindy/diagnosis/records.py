@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -69,6 +69,17 @@ class Measured:
         """Times from the start of the record, s."""
         return self.decay.t - self.decay.t[0]
 
+    def early(self, part: float) -> Measured:
+        """The first part of the record, such as 0.4 of it."""
+        end = part * self.t[-1]
+        grid = self.motion.grid.until(end)
+        n, m = len(grid.fraction), self.motion
+        motion = Trajectory(
+            grid, m.q[: grid.n_steps + 1], m.q_dot[: grid.n_steps + 1], m.q_ddot[: grid.n_steps]
+        )
+        decay = self.decay.between(end=self.decay.t[n - 1])
+        return replace(self, decay=decay, signal=self.signal[:n], motion=motion)
+
     @property
     def amplitude(self) -> float:
         """Largest displacement."""
@@ -80,7 +91,7 @@ def _loud(decay: Decay) -> Decay:
     x = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[_DERIVATIVE[decay.measured]])
     cycle = round(1 / (fundamental_frequency(x, decay.dt) * decay.dt))
     swing = x - uniform_filter1d(x, cycle, mode="mirror")
-    envelope = np.sqrt(uniform_filter1d(swing**2, cycle, mode="mirror"))
+    envelope = np.sqrt(np.maximum(uniform_filter1d(swing**2, cycle, mode="mirror"), 0.0))
     top = int(np.argmax(envelope))
     first = 0
     if envelope[:cycle].max() < _RELEASED * envelope[top]:  # held, or pushed, before the release
@@ -88,7 +99,7 @@ def _loud(decay: Decay) -> Decay:
         first = near.start + int(np.argmax(np.abs(swing[near])))
     quiet = max(_QUIET * envelope[top], 2 * noise_std(x))
     loud = np.flatnonzero(envelope > quiet)
-    if loud[-1] - first < 3 * cycle:
+    if len(loud) == 0 or loud[-1] - first < 3 * cycle:
         raise ValueError(
             f"the vibration stands out of the noise (rms {noise_std(x):.2g}) for less than three"
             " cycles: it is noise, or another channel vibrates"

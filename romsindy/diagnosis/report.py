@@ -27,12 +27,16 @@ _PREDICTED = 1.25
 def verdict_of(
     best: Hypothesis, rivals: Sequence[Hypothesis], left: Remainder, gap: Gap
 ) -> Verdict:
-    """Weigh the best hypothesis, its rivals, and what it leaves."""
+    """Weigh the best hypothesis, its rivals, and what it leaves.
+
+    Stiffness and damping that move together may have one cause that is in no catalogue: a
+    viscoelastic support, a small mass that vibrates along.
+    """
     if not left.closed or gap.after > _PREDICTED:
         return "unknown"
     if not best.names:
         return "none"
-    if len(rivals) > 1 or (not best.effects and len(best.moved) > 1):
+    if len(rivals) > 1 or len(best.moved) > 1:
         return "ambiguous"
     return "named"
 
@@ -179,11 +183,11 @@ class DiagnosisReport:
             return (
                 f"Nothing in the catalogue explains the gap: {self._character}.{nearest}"
             )
-        if not self.best.effects and len(self.best.moved) > 1:
+        if len(self.rivals) == 1 and len(self.best.moved) > 1:
             return (
-                f"The simulation needs {found}: with both, {gap}. One cause may stand behind both,"
-                " such as a viscoelastic support or a small mass that vibrates along; decays at"
-                " another frequency would tell."
+                f"The simulation lacks {found}: with it, {gap}. Linear stiffness and damping moved"
+                " together: one cause may stand behind both, such as a viscoelastic support or a"
+                " small mass that vibrates along; decays at another frequency would tell."
             )
         also = "".join(f" {e.label[0].upper()}{e.label[1:]} fits too." for e in self.moved)
         if self.verdict == "named":

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from romsindy.diagnosis.effects import Effect, Scales
 from romsindy.diagnosis.fitting import Part, Solution, fit
 from romsindy.diagnosis.gap import Remainder, remainder
-from romsindy.diagnosis.ranking import EQUIVALENT, Hypothesis
+from romsindy.diagnosis.ranking import EQUIVALENT, Hypothesis, ranked
 from romsindy.diagnosis.records import Measured, scales
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
 from romsindy.model import ReducedModel
@@ -85,7 +85,7 @@ class Search:
         if s.converged or not np.isfinite(s.chi_squared):
             return hypothesis
         more = fit(self.model, s.parts, self.records, s.motions, iterations=40)
-        return min(hypothesis, self._weighed(more), key=lambda h: h.score)
+        return ranked([hypothesis, self._weighed(more)])[0]
 
     def _weighed(self, solution: Solution) -> Hypothesis:
         left = self._remainder(solution).structure if np.isfinite(solution.chi_squared) else 1.0
@@ -116,7 +116,7 @@ class Search:
             first = first or screening
             tried = self._one_more(best, screening)
             if best is base and tried and not self.remainder(tried[0]).closed:
-                tried = sorted([*tried, *self._pairs(screening)], key=lambda h: h.score)
+                tried = ranked([*tried, *self._pairs(screening)])
             if not tried or not self._worth(best, tried[0]):
                 break
             seen += tried
@@ -127,7 +127,7 @@ class Search:
         seen += tried
         seen += self._replaced(best, first) if first is not None else []
         # An effect beside values that moved is no rival of these alone unless it gains something.
-        seen = [h for h in seen if not (h.effects and h.moved and h.score > base.score)]
+        seen = [h for h in seen if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))]
         rivals = self._rivals(best, seen)
         return rivals[0], rivals, base
 
@@ -161,14 +161,14 @@ class Search:
         """The survivors of a screening, fitted together with what was accepted, best first."""
         singles = screening.singles()
         needed = chi2.isf(self.false_alarm / max(len(self.catalogue), 1), 1)
-        if not singles or min(screening.base, best.solution.chi_squared) - singles[0].chi_squared < 0.5 * needed:
+        if not singles or min(screening.base, best.misfit) - singles[0].chi_squared < 0.5 * needed:
             return []
         trials = [
             [*best.effects, self._part(s, screening)] for s in _survivors(singles, _SURVIVORS)
         ]
-        tried = sorted(self.fitted(trials), key=lambda h: h.score)
+        tried = ranked(self.fitted(trials))
         leaders = self.parallel(delayed(self.polished)(h) for h in tried[:3])
-        return sorted([*leaders, *tried[3:]], key=lambda h: h.score)
+        return ranked([*leaders, *tried[3:]])
 
     def _part(self, screened: Screened, screening: Screening) -> Part:
         return part_of(screened, screening.scales, len(self.records))
@@ -190,12 +190,9 @@ class Search:
         more = len(after.effects) - len(before.effects)
         n_looks = max(len(self.catalogue), 1) ** more
         # Structure that stays unexplained is as large by chance: the test is one of variances.
-        price = after.score - after.solution.chi_squared - before.score
-        gain = (before.solution.chi_squared - after.solution.chi_squared) / after.excess
+        gain = (before.misfit - after.misfit) / after.excess
         alarm = chi2.isf(self.false_alarm / n_looks, more)
-        return bool(
-            gain > alarm and gain > price + before.solution.chi_squared + 2 * np.log(n_looks)
-        )
+        return bool(gain > alarm and gain > after.price - before.price + 2 * np.log(n_looks))
 
     def _pruned(self, best: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
         """Drop effects that the others have made superfluous."""
@@ -204,7 +201,7 @@ class Search:
             parts = best.effects
             fewer = self.fitted([[*parts[:i], *parts[i + 1 :]] for i in range(len(parts))])
             seen += fewer
-            shortest = min(fewer, key=lambda h: h.score)
+            shortest = ranked(fewer)[0]
             if self._worth(shortest, best):
                 break
             best = shortest
@@ -226,15 +223,13 @@ class Search:
 
     def _rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Different hypotheses that the data do not tell apart from the best, best first."""
-        ranked = sorted([best, *seen], key=lambda h: h.score)
         found: dict[frozenset[str], Hypothesis] = {}
-        n = len(best.effects)
-        for h in ranked:
-            if (h.score - best.score) / best.excess < EQUIVALENT and len(h.effects) <= max(n, 1) and h.names:
+        n, excess = len(best.effects), best.excess
+        for h in sorted([best, *seen], key=lambda h: h.score(excess)):
+            near = h.score(excess) - best.score(excess) < EQUIVALENT
+            if near and len(h.effects) <= max(n, 1) and h.names:
                 found.setdefault(frozenset(h.names), h)
-        if not best.names:
-            return [best]
-        return sorted(found.values(), key=lambda h: h.score)
+        return list(found.values()) if best.names else [best]
 
 
 def _leaders(singles: Sequence[Screened], each: int) -> list[Screened]:

@@ -149,12 +149,14 @@ class Whitener:
         """
         order, power = _between_harmonics(rest, cycle)
         power = power + floor**2
-        edges = np.searchsorted(order, [1.5, 3.5, _HARMONICS + 0.5])
-        edges = [*edges, *np.linspace(edges[-1], len(order), 7)[1:-1].astype(int)]
-        blocks = [b for b in np.split(power, edges) if len(b) >= 15]
+        # Between low harmonics the smooth motion takes some of the noise, or leaves some of itself:
+        # whether the noise is white is asked above them, if there is enough.
+        above = power[order > _HARMONICS + 0.5]
+        asked = above if len(above) > 200 else power
+        blocks = np.array_split(asked, max(min(6, len(asked) // 15), 1))
         levels = np.array([np.median(b) / np.log(2) for b in blocks])
         scatter = 1.8 / np.sqrt([len(b) for b in blocks])  # of the log of a median, lines overlap
-        std = float(np.sqrt(_level(power)))
+        std = float(np.sqrt(_level(asked)))
         if np.all(np.abs(np.log(levels / std**2)) < 5 * scatter):
             return cls(std, np.ones(1), std, floor)
         smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)

@@ -156,10 +156,10 @@ class Gap(TermEffect):
     advice = "a decay from just below the gap"
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return _gaps(scales, 0.15)
+        return (*_gaps(scales, 0.15), Shape.near("exponent", 1.0, 0.04))
 
     def term(self, shape: Array) -> Term:
-        return TwoSidedGap(float(shape[0]))
+        return TwoSidedGap(float(shape[0]), float(shape[1]))
 
 
 @dataclass(frozen=True)
