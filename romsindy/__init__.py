@@ -1,7 +1,9 @@
 """romsindy: equations of motion, with nonlinear inertia, from measured free decays."""
 
+from romsindy.adequacy import Adequacy
 from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam import Beam
+from romsindy.bootstrap import Bootstrap, bootstrap
 from romsindy.continuation import Branch, ContinuationError, Steps, continue_branch
 from romsindy.decay import Decay
 from romsindy.files import load_decay, save_decay
@@ -23,18 +25,21 @@ from romsindy.orbits import (
     backbone_curve,
     forced_response,
 )
-from romsindy.refine import Fit, refine
+from romsindy.refine import Band, Fit, refine
 from romsindy.regression import HarmonicSINDy, ScaledOptimizer
 from romsindy.synthetic import add_noise, example_decay
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Adequacy",
     "Backbone",
     "BackboneCurve",
+    "Band",
     "Beam",
     "BeamTheoryLibrary",
     "Bifurcation",
+    "Bootstrap",
     "Branch",
     "Butterworth",
     "ContinuationError",
@@ -55,6 +60,7 @@ __all__ = [
     "StiffnessLibrary",
     "add_noise",
     "backbone_curve",
+    "bootstrap",
     "continue_branch",
     "example_decay",
     "extract_backbone",

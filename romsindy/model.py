@@ -116,19 +116,37 @@ class ReducedModel:
             + self.damping(q, q_dot)
         )
 
+    def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
+        """Residual and its derivatives with respect to q, q_dot and q_ddot, shape of q each."""
+        squared = q_dot * q_dot
+        residual, inertia = np.array(q_ddot), np.ones_like(q_ddot)
+        by_q, by_q_dot = np.zeros_like(q_ddot), np.zeros_like(q_ddot)
+        for term, c in zip(self.terms, self.values, strict=True):
+            if term.has("inertia"):
+                part = c * term.inertia(q)
+                inertia += part
+                residual += part * q_ddot
+                by_q += c * term.inertia_dq(q) * q_ddot
+            if term.has("convection"):
+                part = c * term.convection(q)
+                residual += part * squared
+                by_q += c * term.convection_dq(q) * squared
+                by_q_dot += 2 * part * q_dot
+            if term.has("stiffness"):
+                residual += c * term.stiffness(q)
+                by_q += c * term.stiffness_dq(q)
+            if term.has("damping"):
+                residual += c * term.damping(q, q_dot)
+                by_q += c * term.damping_dq(q, q_dot)
+                by_q_dot += c * term.damping_dq_dot(q, q_dot)
+        return residual, by_q, by_q_dot, inertia
+
     def residual_derivatives(
         self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike
     ) -> tuple[Array, Array, Array]:
         """Derivatives of `residual` with respect to q, q_dot and q_ddot, shape of q each."""
-        q_dot, q_ddot = np.asarray(q_dot, float), np.asarray(q_ddot, float)
-        by_q = (
-            self._total("inertia_dq", q) * q_ddot
-            + self._total("convection_dq", q) * q_dot**2
-            + self._total("stiffness_dq", q)
-            + self._total("damping_dq", q, q_dot)
-        )
-        by_q_dot = 2 * self.convection(q) * q_dot + self._total("damping_dq_dot", q, q_dot)
-        return by_q, by_q_dot, self.inertia(q)
+        arrays = np.broadcast_arrays(*(np.asarray(x, float) for x in (q, q_dot, q_ddot)))
+        return self.linearise(*arrays)[1:]
 
     def undamped(self) -> ReducedModel:
         """Model without its damping terms."""

@@ -9,7 +9,7 @@ model leaves anything that repeats with the vibration.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,19 +36,19 @@ class Window:
     ----------
     samples : slice
         Where in the record.
-    basis : (n, m) array
-        Orthonormal columns that span harmonics with slowly drifting amplitudes.
-    frequency : float
-        Local angular frequency, rad/s.
+    phase : (n,) array
+        Of the fundamental, rad; 0 in the middle.
     smooth, rest : (n,) arrays
         Fitted part of the record, and what is left: noise.
+    n_columns : int
+        Number of functions in the fit.
     """
 
     samples: slice
-    basis: Array
-    frequency: float
+    phase: Array
     smooth: Array
     rest: Array
+    n_columns: int
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ def estimate_noise(x: Array, dt: float) -> Noise:
     candidates = []
     up = crossings(x, dt)[0]
     for cycles, harmonics in itertools.product(_CYCLES, _HARMONICS):
-        windows = tuple(_windows(x, dt, up, cycles, harmonics))
-        freedom = sum(len(w.rest) - w.basis.shape[1] for w in windows)
-        if windows and freedom > 0:
+        windows = tuple(fit_windows(x, up, cycles, harmonics))
+        freedom = sum(len(w.rest) - w.n_columns for w in windows)
+        if sum(len(w.rest) for w in windows) == len(x):
             power = sum(float(w.rest @ w.rest) for w in windows) / freedom
             candidates.append(Noise(float(np.sqrt(power)), windows))
     if not candidates:
@@ -97,38 +97,68 @@ def estimate_noise(x: Array, dt: float) -> Noise:
     return min(candidates, key=lambda noise: noise.std)
 
 
-def _windows(x: Array, dt: float, up: Indices, cycles: int, harmonics: int) -> Iterator[Window]:
+def fit_windows(x: Array, up: Indices, cycles: int, harmonics: int) -> Iterator[Window]:
+    """Fit a record window by window; it ends where too few samples are left for the fit.
+
+    Parameters
+    ----------
+    x : (n,) array
+    up : integer array
+        One sample in each cycle at the same phase, as `romsindy.signals.crossings` finds them.
+    cycles, harmonics : int
+        Cycles in a window, and the highest harmonic (fewer where sampling is coarse).
+    """
     bounds = [0, *up[cycles::cycles], len(x)]
     if len(bounds) > 2 and bounds[-1] - bounds[-2] < 0.5 * (bounds[-2] - bounds[-3]):
         del bounds[-2]  # a short rest joins the last window
     for start, end in itertools.pairwise(bounds):
-        window = _fit_window(x, dt, slice(start, end), up, harmonics)
+        window = _fit_window(x, slice(start, end), up, harmonics)
         if window is None:
             return
         yield window
 
 
-def _fit_window(x: Array, dt: float, samples: slice, up: Indices, most: int) -> Window | None:
+def _fit_window(x: Array, samples: slice, up: Indices, most: int) -> Window | None:
     y = x[samples]
     tau = np.linspace(-1, 1, len(y))
-    phase = _rough_phase(tau, samples, up)
+    phase = rough_phase(tau, samples, up)
     per_cycle = 2 * np.pi * len(y) / (phase[-1] - phase[0])
     harmonics = min(most, int(0.4 * per_cycle))
     if harmonics < 1 or len(y) < 2 * (2 * harmonics + 1) * (_DEGREE + 1):
         return None
     for _ in range(3):  # the phase that makes the amplitude of the fundamental real
-        basis = _basis(tau, phase, 1)
-        coefficients = np.linalg.lstsq(basis, y, rcond=None)[0].reshape(-1, _DEGREE + 1)
-        carrier = legval(tau, coefficients[1] - 1j * coefficients[2])
-        phase = phase + np.unwrap(np.angle(carrier))
-    q, _ = np.linalg.qr(_basis(tau, phase, harmonics))
-    smooth = q @ (q.T @ y)
-    frequency = (phase[-1] - phase[0]) / ((len(y) - 1) * dt)
-    return Window(samples, q, float(frequency), smooth, y - smooth)
+        coefficients = _least_squares(drifting_harmonics(phase, (0, 1), _DEGREE), y)
+        _, even, odd = coefficients.reshape(3, -1)
+        phase = phase + np.unwrap(np.angle(legval(tau, even - 1j * odd)))
+    basis = drifting_harmonics(phase, range(harmonics + 1), _DEGREE)
+    smooth = basis @ _least_squares(basis, y)
+    return Window(samples, phase, smooth, y - smooth, basis.shape[1])
 
 
-def _rough_phase(tau: Array, samples: slice, up: Indices) -> Array:
-    """A parabola through the crossings in and next to a window; the middle counts as 0."""
+def _least_squares(basis: Array, y: Array) -> Array:
+    # Normal equations are fast; a second pass on the residual gives the digits back.
+    normal = basis.T @ basis
+    first = np.linalg.solve(normal, basis.T @ y)
+    return first + np.linalg.solve(normal, basis.T @ (y - basis @ first))
+
+
+def rough_phase(tau: Array, samples: slice, up: Indices) -> Array:
+    """Phase of the fundamental from a parabola through the crossings in and next to a window.
+
+    Parameters
+    ----------
+    tau : (n,) array
+        Times in the window, from -1 to 1.
+    samples : slice
+        The window.
+    up : integer array
+        Samples at the same phase of every cycle of the record.
+
+    Returns
+    -------
+    (n,) array
+        rad, 0 in the middle.
+    """
     near = np.flatnonzero((up >= samples.start) & (up <= samples.stop))
     first = int(np.clip(near[0] - 1 if len(near) else 0, 0, len(up) - 4))
     chosen = slice(first, max(first + 4, int(near[-1]) + 2 if len(near) else 0))
@@ -137,12 +167,28 @@ def _rough_phase(tau: Array, samples: slice, up: Indices) -> Array:
     return 2 * np.pi * (cycles - cycles[len(cycles) // 2])
 
 
-def _basis(tau: Array, phase: Array, harmonics: int) -> Array:
-    """1, cos, sin, cos 2, ... of the phase, times Legendre polynomials in tau."""
-    angle = phase[:, None] * np.arange(1, harmonics + 1)
-    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(len(tau), -1)
-    waves = np.column_stack([np.ones(len(tau)), waves])
-    return (waves[:, :, None] * legvander(tau, _DEGREE)[:, None, :]).reshape(len(tau), -1)
+def drifting_harmonics(phase: Array, orders: Iterable[float], degree: int) -> Array:
+    """cos and sin of multiples of a phase, times Legendre polynomials in time.
+
+    Parameters
+    ----------
+    phase : (n,) array
+        rad, at uniform times.
+    orders : numbers
+        Multiples of the phase; 0 gives one function, all others two.
+    degree : int
+        Of the polynomials.
+
+    Returns
+    -------
+    (n, m) array
+        (degree + 1) columns for each function.
+    """
+    waves = []
+    for order in orders:
+        waves += [np.cos(order * phase), np.sin(order * phase)] if order else [np.ones_like(phase)]
+    drift = legvander(np.linspace(-1, 1, len(phase)), degree)
+    return (np.stack(waves, axis=1)[:, :, None] * drift[:, None, :]).reshape(len(phase), -1)
 
 
 def autoregression(x: Array) -> Array:

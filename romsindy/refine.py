@@ -11,7 +11,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from romsindy.adequacy import Adequacy, examine
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
 from romsindy.noise import Noise
@@ -22,9 +24,9 @@ from romsindy.typing import Array
 _SMOOTHING = 0.01
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """A model fitted by simulation, and how far it explains the data.
+    """A model fitted by simulation, with its errors and how far it explains the data.
 
     Attributes
     ----------
@@ -32,40 +34,127 @@ class Fit:
         With the fitted coefficients.
     free : tuple of str
         Names of the fitted coefficients, in the order of `covariance`.
-    covariance : (n_free, n_free) array
-        Of the fitted coefficients; initial states and offsets are accounted for.
-    states : (n_decays, 2) array
-        q and q_dot at the first sample of each decay.
-    offsets : (n_decays,) array
-        Of the sensor, in the unit of the measured signal; zero unless fitted.
-    noise : tuple of Noise
-        Of each decay, found without the model.
-    adequacy : float
-        Rms of the residual over the noise: 1 where the model explains the data to their noise.
+    problem : OutputError
+        What was made least.
+    values : array
+        Fitted coefficients, states and offsets, in the order of `problem`.
+    all_covariance : array
+        Of `values`.
     residuals : tuple of arrays
-        Measured minus simulated, for every decay.
-    decays : tuple of Decay
-        What was fitted: free parts.
+        Measured minus simulated for every decay, unit of the measured quantity.
+    verdict : Adequacy
+        Whether the data are explained, in numbers and in a sentence.
     message : str
         How the fit ended.
     """
 
     model: ReducedModel
     free: tuple[str, ...]
-    covariance: Array
-    states: Array
-    offsets: Array
-    noise: tuple[Noise, ...]
-    adequacy: float
+    problem: OutputError
+    values: Array
+    all_covariance: Array
     residuals: tuple[Array, ...]
-    decays: tuple[Decay, ...]
+    verdict: Adequacy
     message: str
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the fitted coefficients, (n_free, n_free)."""
+        return self.all_covariance[: len(self.free), : len(self.free)]
 
     @property
     def standard_errors(self) -> dict[str, float]:
         """Standard error of every fitted coefficient, by name."""
         errors = np.sqrt(np.diag(self.covariance))
         return dict(zip(self.free, errors.tolist(), strict=True))
+
+    @property
+    def states(self) -> Array:
+        """q and q_dot at the first sample of each decay, (n_decays, 2)."""
+        return self.problem.split(self.values)[1]
+
+    @property
+    def offsets(self) -> Array:
+        """Offset of the sensor in each decay, unit of the measured quantity; 0 if not fitted."""
+        return self.problem.split(self.values)[2]
+
+    @property
+    def decays(self) -> tuple[Decay, ...]:
+        """What was fitted: the free parts."""
+        return tuple(record.decay for record in self.problem.records)
+
+    @property
+    def noise(self) -> tuple[Noise, ...]:
+        """Noise of each decay, found without the model."""
+        return tuple(record.noise for record in self.problem.records)
+
+    @property
+    def adequacy(self) -> float:
+        """Rms of the residual over the noise; 1 where the model explains the data to it."""
+        return self.verdict.ratio
+
+    def band(self, amplitudes: ArrayLike) -> Band:
+        """Backbone and damping of the model with their standard errors.
+
+        Parameters
+        ----------
+        amplitudes : (n,) array
+            Half peak to peak, positive, unit of q.
+        """
+        a = np.atleast_1d(np.asarray(amplitudes, float))
+        steps = 0.1 * np.sqrt(np.diag(self.covariance))
+        equation = ModelEquation(self.model, self.free)
+        slopes = []
+        for i, step in enumerate(steps):
+            move = np.zeros(len(steps))
+            move[i] = step
+            high, low = (_curves(equation.at(equation.values + s * move), a) for s in (1, -1))
+            slopes.append((high - low) / (2 * step))
+        variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
+        (omega, zeta), (omega_std, zeta_std) = _curves(equation, a), np.sqrt(variance)
+        return Band(a, omega, zeta, omega_std, zeta_std, self.model.unit)
+
+    def __str__(self) -> str:
+        errors = self.standard_errors
+        lines = [f"{self.model.equation()}    (q in {self.model.unit or '[q]'}, t in s)"]
+        for term, value in zip(self.model.terms, self.model.values, strict=True):
+            error = f"+- {errors[term.key]:.2g}" if term.key in errors else "(fixed)"
+            lines.append(
+                f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
+            )
+        return "\n".join([*lines, str(self.verdict)])
+
+    def __repr__(self) -> str:
+        size = f"{len(self.free)} coefficients, {len(self.decays)} decays"
+        return f"<Fit: {size}, adequacy {self.adequacy:.3f}>"
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Backbone and damping ratio of a fitted model, with standard errors.
+
+    Attributes
+    ----------
+    amplitude, frequency, damping_ratio : (n,) arrays
+        Unit of q, rad/s, dimensionless.
+    frequency_std, damping_ratio_std : (n,) arrays
+        Standard errors, by the covariance of the coefficients to first order. The 95 % band is
+        1.96 of them to either side.
+    unit : str or None
+        Of the amplitude.
+    """
+
+    amplitude: Array
+    frequency: Array
+    damping_ratio: Array
+    frequency_std: Array
+    damping_ratio_std: Array
+    unit: str | None
+
+
+def _curves(equation: ModelEquation, amplitudes: Array) -> Array:
+    model = equation.model
+    return np.array([model.backbone(amplitudes), model.damping_ratio(amplitudes)])
 
 
 def refine(
@@ -117,22 +206,21 @@ def refine(
 def _fit(
     problem: OutputError, values: Array, model: ReducedModel, free: tuple[str, ...], message: str
 ) -> Fit:
-    covariance = problem.covariance(values)[: len(free), : len(free)]
-    states, offsets = problem.split(values)[1:]
     residuals = tuple(problem.residuals(values))
     new = {**model.coefficients, **dict(zip(free, values.tolist(), strict=False))}
-    amplitudes = [float(np.abs(r.decay.q).max()) for r in problem.records]
-    limits = model.amplitude_range or (0.0, max(amplitudes))
+    peaks = [float(np.abs(record.decay.q).max()) for record in problem.records]
     return Fit(
-        replace(model, values=tuple(new.values()), amplitude_range=limits),
+        replace(
+            model,
+            values=tuple(new.values()),
+            amplitude_range=model.amplitude_range or (0.0, max(peaks)),
+        ),
         free,
-        covariance,
-        states,
-        offsets,
-        tuple(r.noise for r in problem.records),
-        problem.adequacy(residuals),
+        problem,
+        values,
+        problem.covariance(values),
         residuals,
-        tuple(r.decay for r in problem.records),
+        examine(problem.records, residuals, len(values)),
         message,
     )
 

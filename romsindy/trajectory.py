@@ -197,30 +197,56 @@ def integrate(
     q, q_dot, q_ddot = np.empty(n + 1), np.empty(n + 1), np.empty((n, 3))
     q[0], q_dot[0] = state
     known = min(len(guess.q_ddot), n) if guess is not None else 0
-    first, width = 0, known or _FIRST_WINDOW
+    first, width = 0, max(known, _FIRST_WINDOW)
     while first < n:
-        last = min(first + width, n)
-        if first < known:
-            last = min(last, known)
-            start = guess.q_ddot[first:last]  # type: ignore[union-attr]
+        if guess is not None and first < known:
+            last = min(first + width, known)
+            start = _shifted(guess, first, last, q[first], q_dot[first])
         else:
+            last = min(first + min(width, _FIRST_WINDOW), n)
             start = _linear_motion(equation, grid, first, last, q[first], q_dot[first])
         window = _newton(equation, grid, first, q[first], q_dot[first], start)
-        if window is None:
-            if last - first == 1:
-                time = grid.start + first * grid.step
-                raise TrajectoryError(
-                    f"the motion cannot be followed beyond t = {time:.6g} s, q = {q[first]:.4g},"
-                    " q_dot = {:.4g}: it diverges, or 1 + h(q) is not positive there".format(
-                        q_dot[first]
-                    )
-                )
-            width = max((last - first) // 4, 1)
-            known = 0
-            continue
-        q[first : last + 1], q_dot[first : last + 1], q_ddot[first:last] = window
-        first, width = last, max(min(2 * width, _FIRST_WINDOW), 1)
+        if window is not None and _resolved(
+            grid.step, *window, float(np.abs(q[: first + 1]).max())
+        ):
+            q[first : last + 1], q_dot[first : last + 1], q_ddot[first:last] = window
+            first, width = last, 2 * (last - first)
+        elif last - first > 1:
+            width = (last - first) // 4 or 1
+        elif first < known:
+            known = 0  # the other motion misleads
+        else:
+            raise TrajectoryError(
+                f"the motion cannot be followed beyond t = {grid.start + first * grid.step:.6g} s,"
+                f" q = {q[first]:.4g}, q_dot = {q_dot[first]:.4g}: it diverges, or 1 + h(q) is not"
+                " positive there"
+            )
     return Trajectory(grid, q, q_dot, q_ddot)
+
+
+def _resolved(h: float, q: Array, q_dot: Array, q_ddot: Array, reach: float) -> bool:
+    """Whether steps are short against the motion: else it escapes, or solves the steps only.
+
+    An oscillation at twenty steps a cycle has |q_ddot| h^2 = 0.1 |q|.
+    """
+    reach = max(reach, float(np.abs(q).max())) + h * float(np.abs(q_dot).max())
+    return bool(np.abs(q_ddot).max() * h * h <= reach)
+
+
+def _shifted(guess: Trajectory, first: int, last: int, q: float, q_dot: float) -> Array:
+    """Accelerations of another motion, moved in time and scaled to go through a state.
+
+    After many cycles two motions differ mostly by their phase.
+    """
+    h, a = guess.grid.step, guess.q_ddot[first:last]
+    omega = float(np.sqrt(np.std(a) / (np.std(guess.q[first : last + 1]) + 1e-300))) or 1.0
+    now, then = complex(q, -q_dot / omega), complex(guess.q[first], -guess.q_dot[first] / omega)
+    if now == then or not abs(then) * omega:
+        return a
+    late = np.angle(now / then) / omega
+    times = h * (np.arange(len(guess.q_ddot))[:, None] + _NODES)
+    wanted = times[first:last] + late
+    return abs(now / then) * np.interp(wanted, times.ravel(), guess.q_ddot.ravel())
 
 
 def _linear_motion(
@@ -320,10 +346,25 @@ def at_nodes(h: float, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Ar
 
 def _inverse(a: Array) -> Array:
     """Inverse of many 3 x 3 matrices by cofactors: ten times faster than one LAPACK call each."""
-    rows = [a[:, i] for i in range(3)]
-    columns = [np.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
-    determinant = np.einsum("ni,ni->n", rows[0], columns[0])
-    return np.stack(columns, axis=-1) / determinant[:, None, None]
+    ((a00, a01, a02), (a10, a11, a12), (a20, a21, a22)) = a.transpose(1, 2, 0)
+    out = np.empty_like(a)
+    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = (
+        a11 * a22 - a12 * a21,
+        a02 * a21 - a01 * a22,
+        a01 * a12 - a02 * a11,
+    )
+    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = (
+        a12 * a20 - a10 * a22,
+        a00 * a22 - a02 * a20,
+        a02 * a10 - a00 * a12,
+    )
+    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = (
+        a10 * a21 - a11 * a20,
+        a01 * a20 - a00 * a21,
+        a00 * a11 - a01 * a10,
+    )
+    determinant = a00 * out[:, 0, 0] + a01 * out[:, 1, 0] + a02 * out[:, 2, 0]
+    return out / determinant[:, None, None]
 
 
 def _recursion(transition: Array, force: Array, start: Array | None) -> Array:
