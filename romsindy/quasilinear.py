@@ -71,8 +71,8 @@ def respond(equation: Equation, motion: Trajectory, forces: Array) -> Response:
         Additions to the residual at the Gauss points, each for one column.
     """
     grid, h, n = motion.grid, motion.grid.step, motion.grid.n_steps
-    t, q, q_dot, q_ddot = nodes(motion)
-    system = LinearSteps.at(equation, h, t.reshape(n, 3), motion.q, motion.q_dot, motion.q_ddot)
+    t = grid.node_times(0, n)
+    system = LinearSteps.at(equation, h, t, motion.q, motion.q_dot, motion.q_ddot)
     m = len(forces) + 3
     force = np.zeros((n, 3, m))
     force[..., 0] = -system.residual

@@ -2,9 +2,9 @@
 
     python benchmarks/diagnosis/generator.py single FOLDER --seeds 0 3
 
-writes FOLDER/single_<seed>_<number>.npz (what a diagnosis may see: nominal coefficients, three clean
-decays) and FOLDER/truth/<the same name>.json (what it may not). Kinds: single (26 effects, three
-strengths, one trial each per seed), null (10 per seed), outside (5 effects, three strengths), pair
+writes FOLDER/single_<seed>_<number>.npz (what a diagnosis may see: nominal coefficients, three
+clean decays) and FOLDER/truth/<the same name>.json (what it may not). Kinds: single (26 effects,
+three strengths, one trial each per seed), null (10 per seed), outside (5 effects, three strengths), pair
 (10 per seed, medium). Seeds below 1000 are for development; from 1000 on they were kept for final
 runs.
 """
@@ -110,8 +110,13 @@ def _integrated(rates, y, t, switches) -> np.ndarray:
             events.append(event)
         end = t[-1]
         piece = solve_ivp(
-            lambda s, y, side=tuple(side): rates(s, y, side), (now, end), y,
-            events=events, dense_output=True, max_step=0.05, **options,
+            lambda s, y, side=tuple(side): rates(s, y, side),
+            (now, end),
+            y,
+            events=events,
+            dense_output=True,
+            max_step=0.05,
+            **options,
         )
         inside = (t >= now) & (t <= piece.t[-1])
         if np.any(inside):

@@ -88,7 +88,7 @@ def _scaled(unit: Callable, target: float, omega: float, which: int) -> float:
     return target / _first_harmonic(unit, omega)[which]
 
 
-# -- damping ------------------------------------------------------------------------------------
+# -- damping -------------------------------------------------------------------------------------
 
 
 def _smooth_damping(law: Callable, low: float, high: float):
@@ -101,7 +101,9 @@ def _smooth_damping(law: Callable, low: float, high: float):
         c = _scaled(unit, DAMPING[strength], omega, 1)
         if name == "viscous" and rng.random() < 0.3:
             c = -c  # the simulation may be damped too much
-        return Hidden(name, {"coefficient": c, "exponent": p}, lambda t, q, v, side: c * law(q, v, p))
+        return Hidden(
+            name, {"coefficient": c, "exponent": p}, lambda t, q, v, side: c * law(q, v, p)
+        )
 
     return make
 
@@ -125,7 +127,7 @@ def _velocity(t, q, v):
     return v
 
 
-# -- stiffness and mass ---------------------------------------------------------------------------
+# -- stiffness and mass --------------------------------------------------------------------------
 
 
 def _stiffness(law: Callable, low: float, high: float, either_sign: bool, kinks: Callable):
@@ -164,7 +166,9 @@ def _added_mass(name, strength, omega, rng):
 def _inertia(name, strength, omega, rng):
     # h = u q^2 shifts the frequency by -u/4.
     u = math.copysign(4 * FREQUENCY[strength], rng.uniform(-0.5, 1))
-    return Hidden(name, {"coefficient": u}, mass=lambda q: u * q * q, mass_slope=lambda q: 2 * u * q)
+    return Hidden(
+        name, {"coefficient": u}, mass=lambda q: u * q * q, mass_slope=lambda q: 2 * u * q
+    )
 
 
 def _stop(q, g):
@@ -188,7 +192,7 @@ def _magnet(name, strength, omega, rng):
     )
 
 
-# -- in time and from outside -----------------------------------------------------------------------
+# -- in time and from outside --------------------------------------------------------------------
 
 _LENGTH = 20.0
 
@@ -222,7 +226,9 @@ def _base(name, strength, omega, rng):
     w, phase = ratio * omega, _phases(rng)
     f = READING[strength] * abs(omega**2 - w**2)
     return Hidden(
-        name, {"force": f, "frequency": w}, lambda t, q, v, side: f * math.cos(w * t + phase["now"]),
+        name,
+        {"force": f, "frequency": w},
+        lambda t, q, v, side: f * math.cos(w * t + phase["now"]),
         phases=phase,
     )
 
@@ -249,7 +255,7 @@ def _second_mode(name, strength, omega, rng):
     )
 
 
-# -- measurement --------------------------------------------------------------------------------------
+# -- measurement ---------------------------------------------------------------------------------
 
 
 def _bias(name, strength, omega, rng):
@@ -272,7 +278,7 @@ def _sensor(name, strength, omega, rng):
     return Hidden(name, {"coefficient": b, "power": power}, reading=lambda t, q: q + b * q**power)
 
 
-# -- outside every catalogue ---------------------------------------------------------------------------
+# -- outside every catalogue ---------------------------------------------------------------------
 
 
 def _bouc_wen(name, strength, omega, rng):

@@ -47,7 +47,10 @@ def one(path: Path, snr: str, levels: dict) -> dict:
             float(h.score(report.best.excess) - report.best.score(report.best.excess))
             for h in report.rivals
         ],
-        "effects": [{"name": e.name, "values": e.values, "errors": e.standard_errors} for e in report.effects],
+        "effects": [
+            {"name": e.name, "values": e.values, "errors": e.standard_errors}
+            for e in report.effects
+        ],
         "adequacy": report.remainder.adequacy,
         "structure": report.remainder.structure,
         "p_value": report.remainder.p_value,

@@ -1,6 +1,6 @@
 """Score diagnoses against the truth: tables of right, in the set, confidently wrong.
 
-    python benchmarks/diagnosis/score.py FOLDER single --seed 0
+python benchmarks/diagnosis/score.py FOLDER single --seed 0
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def main() -> None:
     chosen = parser.parse_args()
     for path in sorted(chosen.folder.glob(f"{chosen.kind}_{chosen.seed}_*.jsonl")):
         rows = judged(chosen.folder, path)
-        print(f"== {path.stem}: {len(rows)} trials, {np.mean([r['seconds'] for r in rows]):.2f} s each")
+        seconds = np.mean([r["seconds"] for r in rows])
+        print(f"== {path.stem}: {len(rows)} trials, {seconds:.2f} s each")
         groups = defaultdict(list)
         for row in rows:
             groups[row["truth"]["strength"]].append(row)
@@ -64,7 +65,11 @@ def main() -> None:
             print(f"both named {100 * both:.0f} %, at least one {100 * some:.0f} %")
         if chosen.list:
             for r in rows:
-                bad = not r["right"] if chosen.kind in ("single", "pair") else r["verdict"] in ("named",)
+                bad = (
+                    not r["right"]
+                    if chosen.kind in ("single", "pair")
+                    else r["verdict"] in ("named",)
+                )
                 if bad:
                     print(
                         f"  {r['trial']} {sorted(r['hidden'])} {r['truth']['strength']}:"

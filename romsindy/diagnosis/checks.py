@@ -59,9 +59,7 @@ def _same(a: Decay, b: Decay) -> bool:
     return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
 
 
-def checked_records(
-    model: ReducedModel, decays: Sequence[Decay], floor: float
-) -> list[Measured]:
+def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) -> list[Measured]:
     """Prepare records, and refuse those that the model cannot be about."""
     records = []
     for i, decay in enumerate(decays):

@@ -33,7 +33,7 @@ class State(NamedTuple):
 
 
 class Scales(NamedTuple):
-    """What shapes are measured by: largest amplitude, rad/s, s, and lines in the spectrum, rad/s."""
+    """What shapes are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s)."""
 
     amplitude: float
     omega: float

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 
 from romsindy.backbone import Backbone, extract_backbone
 from romsindy.decay import Decay
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.where import HARMONICS, MissingForce, record_errors
+from romsindy.diagnosis.where import HARMONICS, MissingForce, errors_per_cycle, record_errors
 from romsindy.typing import Array
 
 _BEFORE, _AFTER = "C3", "C0"
@@ -41,7 +43,7 @@ def draw_amplitude(report: DiagnosisReport, axes: tuple[Axes, Axes]) -> str:
     for backbone, color, label in lines:
         if backbone is None:
             continue
-        style = {"color": color, "label": label}
+        style: dict[str, Any] = {"color": color, "label": label}
         style |= {"ls": "", "marker": "o", "ms": 3} if label == "measured" else {"lw": 1.2}
         axes[0].plot(backbone.amplitude, backbone.frequency / (2 * np.pi), **style)
         axes[1].plot(backbone.amplitude, 100 * backbone.damping_ratio, **style)
@@ -66,22 +68,24 @@ def _backbone(t: Array, x: Array) -> Backbone | None:
 
 def draw_phase(report: DiagnosisReport, ax: Axes) -> str:
     """Missing force over the (q, q_dot) plane."""
-    edges, mean = MissingForce.of(report, ()).plane()
+    radius, angle, mean = MissingForce.of(report, ()).plane()
     top = float(np.nanmax(np.abs(mean)))
-    image = ax.pcolormesh(edges, edges, 100 * mean.T, cmap="RdBu_r", vmin=-100 * top, vmax=100 * top)
-    ax.figure.colorbar(image, ax=ax, label="missing force (% of the largest restoring force)")
+    x, y = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
+    image = ax.pcolormesh(x, y, 100 * mean, cmap="RdBu_r", vmin=-100 * top, vmax=100 * top)
+    label = "missing force (% of largest restoring)"
+    figure = ax.figure
+    figure.colorbar(image, ax=ax, label=label)
     ax.set(xlabel="q / largest", ylabel="q_dot / largest", aspect="equal")
-    middle = 0.5 * (edges[1:] + edges[:-1])
+    size, turn = np.meshgrid(*(0.5 * (e[1:] + e[:-1]) for e in (radius, angle)), indexing="ij")
     inside = np.isfinite(mean)
-    q, q_dot = np.meshgrid(middle, middle, indexing="ij")
-    along_q = np.corrcoef(np.sign(q[inside]), mean[inside])[0, 1]
-    along_v = np.corrcoef(np.sign(q_dot[inside]), mean[inside])[0, 1]
+    along_q = float(np.sum((mean * size * np.cos(turn))[inside]))
+    along_v = float(np.sum((mean * size * np.sin(turn))[inside]))
     if abs(along_v) > abs(along_q):
         side = "against" if along_v < 0 else "with"
-        text = f"it follows the velocity ({side} it): damping."
+        text = f"it acts {side} the velocity: damping."
     else:
         side = "inward" if along_q < 0 else "outward"
-        text = f"it follows the displacement ({side}): stiffness, mass or the sensor."
+        text = f"it acts {side}, with the displacement: stiffness, mass or the sensor."
     return f"The missing force reaches {100 * top:.2g} % of the largest restoring force; {text}"
 
 
@@ -97,9 +101,8 @@ def draw_harmonics(report: DiagnosisReport, ax: Axes) -> str:
         (after[1], _AFTER, 0.45, "after, with q_dot"),
     ]
     for i, (values, color, alpha, label) in enumerate(bars):
-        ax.bar(
-            orders + 0.2 * (i - 1.5), 100 * np.abs(values), 0.2, color=color, alpha=alpha, label=label
-        )
+        at = orders + 0.2 * (i - 1.5)
+        ax.bar(at, 100 * np.abs(values), 0.2, color=color, alpha=alpha, label=label)
     ax.set(xlabel="harmonic", ylabel="missing force (%)", xticks=orders)
     ax.legend(frameon=False, fontsize="small")
     size = np.abs(before)
@@ -112,17 +115,17 @@ def draw_harmonics(report: DiagnosisReport, ax: Axes) -> str:
 
 
 def draw_time(report: DiagnosisReport, ax: Axes) -> str:
-    """Missing force of every cycle over time, before and after."""
-    before = MissingForce.of(report, ()).per_cycle()
-    after = MissingForce.of(report, report.best.solution.parts).per_cycle()
-    for (t, force), color, label in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
-        ax.semilogy(t[1:-1], 100 * force[1:-1], color=color, lw=1, label=label)
-    ax.set(xlabel="time (s)", ylabel="missing force per cycle, rms (%)")
+    """Error of every held-out cycle over time, before and after."""
+    t, before, after = errors_per_cycle(report)
+    for errors, color, label in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
+        ax.semilogy(t, errors, color=color, lw=1, label=label)
+    ax.axhline(1.0, color="0.5", lw=0.8)
+    ax.set(xlabel="time (s)", ylabel="error per cycle over noise")
     ax.legend(frameon=False, fontsize="small")
-    early, late = (np.sqrt(np.mean(x**2)) for x in np.array_split(before[1][1:-1], 2))
+    worst = int(np.argmax(after))
     return (
-        f"The missing force is {early / late:.2g} times as large in the first half of the record as"
-        " in the second: what it leaves after is noise where the two lines meet."
+        f"After, no cycle is worse than {after[worst]:.3g} times the noise (at {t[worst]:.3g} s);"
+        f" before, the worst was {before.max():.3g}."
     )
 
 

@@ -7,17 +7,19 @@ the present motion (see `romsindy.quasilinear`), which at first is the smoothed 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from romsindy.diagnosis.effects import Effect, Scales, Shape, State
 from romsindy.diagnosis.records import Measured
 from romsindy.model import ReducedModel
 from romsindy.quasilinear import Response, nodes, respond, sampled
 from romsindy.trajectory import Linearisation, Trajectory
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 _ITERATIONS = 16
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
@@ -87,7 +89,7 @@ class Part:
         function = getattr(self.effect, of)
         unit = function(*arguments, self.shape)
         own = self.own(record)
-        rows = [unit]
+        rows: list[Array] = [unit]
         for i, h in enumerate(self.steps()):
             there = self.shape.copy()
             there[i] += h if self.shape[i] + h <= self.shapes[i].high else -h
@@ -122,7 +124,7 @@ class ExtendedEquation:
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """Derivatives of the residual with respect to the values that act in the record."""
         state = State(t, q, q_dot, q_ddot, self.step)
-        rows = []
+        rows: list[Array] = []
         for part in self.parts:
             if part.effect.forces(state, part.shape) is None:
                 rows.append(np.zeros((len(part.columns(self.record)), len(q))))
@@ -159,12 +161,13 @@ class Solution:
     def slices(self) -> list[slice]:
         """Where the values of each part are."""
         ends = np.cumsum([0, *(p.size for p in self.parts)])
-        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(a, b) for a, b in itertools.pairwise(ends)]
 
 
 def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> tuple[Array, Array, Array]:
     """What the sensor shows of a motion x, (n,): reading, its slope in x, and by values (m, n)."""
-    shown, slope, rows = x, np.ones_like(x), []
+    shown, slope = x, np.ones_like(x)
+    rows: list[Array] = []
     for part in parts:
         added = part.effect.readings(t, x, part.shape)
         if added is None:
@@ -215,11 +218,9 @@ def fit(
                 continue
             if not system.finite:
                 return _failed(parts, motions, n_values)
-            step = system.bounded_step(
-                _held(parts, fixed, first=iteration == 0), *_limits(parts)
-            )
+            step = system.bounded_step(_held(parts, fixed, first=iteration == 0), *_limits(parts))
             weights = tuple(
-                np.concatenate([[1.0], step[_columns(parts, i)], step[n_values + 2 * i :][:2]])
+                np.concatenate([[1.0], step[columns_of(parts, i)], step[n_values + 2 * i :][:2]])
                 for i in range(len(records))
             )
             largest = max(
@@ -288,7 +289,7 @@ def _linearised(
         jacobian = slope[:, None] * change[:, 1:]
         jacobian[:, :-2] += by_value.T
         whitened = record.noise(np.column_stack([record.signal - shown, jacobian]))
-        system.add(i, _columns(parts, i), whitened)
+        system.add(i, columns_of(parts, i), whitened)
         responses.append(response)
     system.add_priors(parts)
     return system, responses
@@ -301,7 +302,7 @@ def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: in
     return Solution(parts, tuple(motions), residuals, np.inf, nothing, False)
 
 
-def _columns(parts: Sequence[Part], record: int) -> Array:
+def columns_of(parts: Sequence[Part], record: int) -> Indices:
     """Values, of all parts, that act in a record."""
     found, first = [], 0
     for part in parts:
@@ -310,9 +311,9 @@ def _columns(parts: Sequence[Part], record: int) -> Array:
     return np.array(found, int)
 
 
-def _held(parts: Sequence[Part], fixed: bool, first: bool) -> Array:
+def _held(parts: Sequence[Part], fixed: bool, first: bool) -> NDArray[np.bool_]:
     """Values that stay: with no strength there is no telling a shape."""
-    held = [np.zeros(0, bool)]
+    held: list[NDArray[np.bool_]] = [np.zeros(0, bool)]
     for p in parts:
         held.append(np.full(p.strengths.size, fixed and not p.effect.per_record))
         held.append(np.full(p.shape.size, fixed or (first and not np.any(p.strengths))))
@@ -358,7 +359,7 @@ class _Normal:
         self.right = np.zeros(self.size)
         self.power = 0.0
 
-    def add(self, record: int, columns: Array, whitened: Array) -> None:
+    def add(self, record: int, columns: Indices, whitened: Array) -> None:
         """Rows of one record: its misfit, then the derivatives by its columns and states."""
         first = self.n_values + 2 * record
         where = np.concatenate([columns, [first, first + 1]]).astype(int)
@@ -371,13 +372,13 @@ class _Normal:
         """What is known beforehand."""
         at = 0
         for part in parts:
-            for value in part.strengths.ravel() if part.tolerance is not None else ():
-                self._know(at, -value, part.tolerance)
+            for value in part.strengths.ravel():
+                if part.tolerance is not None:
+                    self._know(at, -float(value), part.tolerance)
                 at += 1
-            at += part.strengths.size if part.tolerance is None else 0
             for value, shape in zip(part.shape, part.shapes, strict=True):
                 if shape.spread is not None:
-                    self._know(at, shape.starts[0] - value, shape.spread)
+                    self._know(at, shape.starts[0] - float(value), shape.spread)
                 at += 1
 
     def _know(self, at: int, off: float, spread: float) -> None:
@@ -390,7 +391,7 @@ class _Normal:
         """Whether the motions stayed within reach of numbers."""
         return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.right)))
 
-    def bounded_step(self, held: Array, low: Array, high: Array) -> Array:
+    def bounded_step(self, held: NDArray[np.bool_], low: Array, high: Array) -> Array:
         """Least-squares change of all values; values at a limit stay there, and some are held.
 
         ``low`` and ``high`` are the least and largest changes of the values of the parts.
@@ -411,7 +412,7 @@ class _Normal:
             step = self._step(free, fixed)
         return step
 
-    def _step(self, free: Array, fixed: Array) -> Array:
+    def _step(self, free: NDArray[np.bool_], fixed: Array) -> Array:
         a = self.matrix[np.ix_(free, free)]
         b = self.right[free] - self.matrix[np.ix_(free, ~free)] @ fixed[~free]
         scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))

@@ -69,9 +69,7 @@ def remainder(records: Sequence[Measured], residuals: Sequence[Array], n_values:
     )
 
 
-def held_out_solution(
-    model: ReducedModel, parts: Sequence[Part], record: Measured
-) -> Solution:
+def held_out_solution(model: ReducedModel, parts: Sequence[Part], record: Measured) -> Solution:
     """Predict a record that took no part: only its initial state is fitted.
 
     Strengths that differ from record to record, such as the phase of an excitation, are too.

@@ -148,9 +148,7 @@ class DiagnosisReport:
         names = _value_names(part)
         share = weights(self.rivals)
         weight = sum(
-            w
-            for h, w in zip(self.rivals, share, strict=True)
-            if part.effect.name in h.names
+            w for h, w in zip(self.rivals, share, strict=True) if part.effect.name in h.names
         )
         return FoundEffect(
             part.effect.name,
@@ -180,9 +178,7 @@ class DiagnosisReport:
             nearest = (
                 f" The nearest is {found}, but it does not close the gap: {gap}." if found else ""
             )
-            return (
-                f"Nothing in the catalogue explains the gap: {self._character}.{nearest}"
-            )
+            return f"Nothing in the catalogue explains the gap: {self._character}.{nearest}"
         if len(self.rivals) == 1 and len(self.best.moved) > 1:
             return (
                 f"The simulation lacks {found}: with it, {gap}. Linear stiffness and damping moved"
@@ -225,9 +221,7 @@ class DiagnosisReport:
             for effect in self._found(h):
                 for key, value in effect.values.items():
                     error = effect.standard_errors[key]
-                    rows.append(
-                        [effect.name, key, f"{value:.6g}", f"{error:.2g}", f"{share:.3f}"]
-                    )
+                    rows.append([effect.name, key, f"{value:.6g}", f"{error:.2g}", f"{share:.3f}"])
         return rows
 
     def to_json(self) -> str:

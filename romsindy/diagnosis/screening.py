@@ -17,14 +17,14 @@ from romsindy.diagnosis.effects import Effect, Scales, State
 from romsindy.diagnosis.fitting import (
     ExtendedEquation,
     Part,
-    _columns,
+    columns_of,
     read,
 )
 from romsindy.diagnosis.records import Measured, strongest_tones
 from romsindy.model import ReducedModel
 from romsindy.quasilinear import nodes, respond, sampled
 from romsindy.trajectory import Trajectory
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Screening:
     right: Array
     power: float
     n_base: int
-    candidates: tuple[tuple[Effect, tuple[float, ...], Array], ...]
+    candidates: tuple[tuple[Effect, tuple[float, ...], Indices], ...]
     scales: Scales
 
     @property
@@ -71,7 +71,7 @@ class Screening:
         """Sum of squares left with no candidate."""
         return self.power - float(self._solve(np.arange(self.n_base))[1])
 
-    def _solve(self, columns: Array) -> tuple[Array, float]:
+    def _solve(self, columns: Indices) -> tuple[Array, float]:
         a = self.matrix[np.ix_(columns, columns)]
         b = self.right[columns]
         scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
@@ -148,7 +148,8 @@ def screen(
         for e in effects
         for start in itertools.product(*(s.starts for s in e.shapes(tuned)))
     ]
-    first, candidates = n_parts + 2 * n_records, []
+    first = n_parts + 2 * n_records
+    candidates: list[tuple[Effect, tuple[float, ...], Indices]] = []
     for trial in trials:
         n = trial.strengths.size
         shape = tuple(trial.shape.tolist())
@@ -173,7 +174,7 @@ def _rows(
     i: int,
     motion: Trajectory,
     n_parts: int,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Indices]:
     """Whitened misfit and columns of one record, and where the columns belong."""
     equation = ExtendedEquation(model, parts, i, motion.grid.step)
     at = nodes(motion)
@@ -189,7 +190,7 @@ def _rows(
     m = len(own)
     base = np.column_stack([columns[:, :m] + by_value.T, columns[:, -2:]])
     blocks, next_force = [base], m
-    where = [_columns(parts, i), [n_parts + 2 * i, n_parts + 2 * i + 1]]
+    where = [columns_of(parts, i), n_parts + 2 * i + np.arange(2)]
     measured = sampled(motion, record.derivative)
     for trial, force, (effect, _, at_columns) in zip(trials, forces, candidates, strict=True):
         k = effect.n_strengths

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import chi2
 
-from romsindy.diagnosis.effects import Effect, Scales
+from romsindy.diagnosis.effects import Effect
 from romsindy.diagnosis.fitting import Part, Solution, fit
 from romsindy.diagnosis.gap import Remainder, remainder
 from romsindy.diagnosis.ranking import EQUIVALENT, Hypothesis, ranked
@@ -127,7 +127,11 @@ class Search:
         seen += tried
         seen += self._replaced(best, first) if first is not None else []
         # An effect beside values that moved is no rival of these alone unless it gains something.
-        seen = [h for h in seen if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))]
+        seen = [
+            h
+            for h in seen
+            if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))
+        ]
         rivals = self._rivals(best, seen)
         return rivals[0], rivals, base
 
@@ -140,9 +144,7 @@ class Search:
         used = {p.effect.name for p in best.solution.parts}
         left = [e for e in self.catalogue if e.name not in used]
         # Linearised about the measured motion, where all effects have left their mark.
-        return screen(
-            self.model, best.solution.parts, left, self.records, scales(self.records)
-        )
+        return screen(self.model, best.solution.parts, left, self.records, scales(self.records))
 
     def _instead(self, base: Hypothesis) -> list[Hypothesis]:
         """Effects that do what values that moved do, with those at their nominal values."""
@@ -151,9 +153,7 @@ class Search:
         )
         n_free = sum(p.strengths.size for p in self.free)
         leaders = _leaders(screening.singles(held=n_free), 1)
-        near = [
-            s for s in leaders if s.chi_squared < screening.base + 3 * EQUIVALENT * base.excess
-        ]
+        near = [s for s in leaders if s.chi_squared < screening.base + 3 * EQUIVALENT * base.excess]
         trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
         return self.fitted(trials)
 
@@ -247,9 +247,9 @@ def _survivors(singles: Sequence[Screened], count: int) -> list[Screened]:
     names = [s.effect.name for s in leaders[:count]]
     kept = set(names) | _siblings(names[0]) | _siblings(names[min(1, len(names) - 1)])
     chosen = [s for s in leaders if s.effect.name in kept]
-    second = [
-        s for s in singles if s.effect.name in names[:2] and s not in chosen
-    ][:2]  # another start for the leaders
+    second = [s for s in singles if s.effect.name in names[:2] and s not in chosen][
+        :2
+    ]  # another start for the leaders
     return chosen + second
 
 

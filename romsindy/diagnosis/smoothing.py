@@ -58,7 +58,8 @@ class HarmonicSpline:
         carrier = np.exp(self.phase(t)[:, None] * h)
         first = z1 + rate * z
         second = z2 + bend * z + rate * z1 + rate * first
-        return tuple(np.sum(x * carrier, axis=1).real for x in (z, first, second))  # type: ignore
+        q, q_dot, q_ddot = (np.sum(x * carrier, axis=1).real for x in (z, first, second))
+        return q, q_dot, q_ddot
 
     @property
     def n_values(self) -> int:

@@ -13,10 +13,12 @@ import numpy as np
 from romsindy.diagnosis.fitting import ExtendedEquation, Part
 from romsindy.diagnosis.records import Measured
 from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.smoothing import HarmonicSpline
 from romsindy.quasilinear import nodes
 from romsindy.typing import Array
 
-HARMONICS = 4
+HARMONICS = 3
+_CYCLES = 10.0  # between knots
 
 
 @dataclass(frozen=True)
@@ -37,9 +39,15 @@ class MissingForce:
     def of(cls, report: DiagnosisReport, parts: tuple[Part, ...], index: int = 0) -> MissingForce:
         """Of the nominal model with some parts, along a record."""
         record = report.records[index]
-        t, q, q_dot, q_ddot = nodes(record.motion)
+        t = nodes(record.motion)[0]
+        # Fewer knots and harmonics than a fit starts from: accelerations amplify noise.
+        spline = HarmonicSpline.along(
+            record.spline.phase, record.t, record.decay.q, _CYCLES, HARMONICS
+        )
+        q, q_dot, q_ddot = spline(t)
         equation = ExtendedEquation(report.nominal, parts, index, record.motion.grid.step)
-        force = -equation.linearise(t, q, q_dot, q_ddot).residual
+        # What is missing on the right side: positive pushes towards positive q.
+        force = equation.linearise(t, q, q_dot, q_ddot).residual
         scale = float(np.abs(q_ddot).max())
         return cls(
             t,
@@ -49,18 +57,8 @@ class MissingForce:
             force / scale,
         )
 
-    def per_cycle(self) -> tuple[Array, Array]:
-        """Times of the cycles, and rms of the force over each."""
-        cycle = np.floor(self.phase / (2 * np.pi)).astype(int)
-        cycle -= cycle.min()
-        count = np.maximum(np.bincount(cycle), 1)
-        return (
-            np.bincount(cycle, self.t) / count,
-            np.sqrt(np.bincount(cycle, self.force**2) / count),
-        )
-
     def harmonics(self) -> Array:
-        """Amplitudes of the loudest third on harmonics 0 to 4: in phase with q, and with q_dot."""
+        """Amplitudes of the loudest third on harmonics 0 to 3: in phase with q, and with q_dot."""
         loud = self.t <= np.quantile(self.t, 1 / 3)
         phase, force = self.phase[loud], self.force[loud]
         # The phase counts from the up-crossing: q is a sine of it, q_dot a cosine.
@@ -71,17 +69,24 @@ class MissingForce:
         along = np.mean(weight * force * np.sin(orders * shift), axis=1)
         return np.stack([inward, along])
 
-    def plane(self, bins: int = 24) -> tuple[Array, Array]:
-        """Edges, and mean force over the (q, q_dot) plane, nan where the motion never is."""
-        edges = np.linspace(-1.001, 1.001, bins + 1)
-        total = np.histogram2d(self.q, self.q_dot, edges, weights=self.force)[0]
-        count = np.histogram2d(self.q, self.q_dot, edges)[0]
-        return edges, np.where(count > 2, total / np.maximum(count, 1), np.nan)
+    def plane(self, rings: int = 6, sectors: int = 32) -> tuple[Array, Array, Array]:
+        """Mean force over rings and sectors of the (q, q_dot) plane.
+
+        Radii (rings + 1,), angles (sectors + 1,), force (rings, sectors); nan where there is no
+        motion.
+        """
+        edges = (np.linspace(0, 1.001, rings + 1), np.linspace(-np.pi, np.pi, sectors + 1))
+        where = (np.hypot(self.q, self.q_dot), np.arctan2(self.q_dot, self.q))
+        total = np.histogram2d(*where, edges, weights=self.force)[0]
+        count = np.histogram2d(*where, edges)[0]
+        return *edges, np.where(count > 9, total / np.maximum(count, 1), np.nan)
 
 
 def record_errors(report: DiagnosisReport) -> tuple[list[str], Array, Array]:
     """Names, and error over noise before and after, of every record and what was held out."""
-    names, before, after = [], [], []
+    names: list[str] = []
+    before: list[float] = []
+    after: list[float] = []
     fits = [report.base.solution.residuals, report.best.solution.residuals]
     for i, record in enumerate(report.records):
         names.append(f"record {i + 1}")
@@ -92,6 +97,19 @@ def record_errors(report: DiagnosisReport) -> tuple[list[str], Array, Array]:
         before.append(p.error(p.before))
         after.append(p.error(p.after))
     return names, np.array(before), np.array(after)
+
+
+def errors_per_cycle(report: DiagnosisReport) -> tuple[Array, Array, Array]:
+    """Times of the held-out cycles, and their error over noise before and after."""
+    p = report.gap.predictions[0]
+    cycle = np.floor(p.record.spline.phase(p.record.t) / (2 * np.pi)).astype(int)
+    cycle -= cycle.min()
+    count = np.maximum(np.bincount(cycle), 1)
+    rms = [
+        np.sqrt(np.bincount(cycle, p.record.noise(p.record.signal - x) ** 2) / count)
+        for x in (p.before, p.after)
+    ]
+    return np.bincount(cycle, p.record.t) / count, rms[0], rms[1]
 
 
 def _rms(record: Measured, residual: Array) -> float:

@@ -124,7 +124,9 @@ def diagnose(
     rivals = [best, *rivals[1:]]
     parts_of_best = best.solution.parts if best.names else ()
     left = search.remainder(best)
-    gap = Gap(tuple(_prediction(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen)
+    gap = Gap(
+        tuple(_prediction(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen
+    )
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
@@ -242,4 +244,3 @@ def _simulated(
     except TrajectoryError:
         return np.zeros_like(record.signal)
     return read(solution.parts, 0, record.t, sampled(motion, record.derivative))[0]
-
