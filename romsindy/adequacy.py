@@ -103,10 +103,11 @@ def examine(records: Sequence[Record], residuals: Sequence[Array], fitted: int) 
     at, between = np.array([w.at for w in windows]), np.array([w.between for w in windows])
     columns = np.array([w.columns for w in windows])  # (n, harmonics + 1), of each `at`
     floor = np.nansum(between, axis=0) / np.maximum(np.sum(columns, axis=0), 1)
-    power = at / columns / floor
+    floor = np.where(floor > 0, floor, np.nan)
+    power = at / np.where(columns > 0, columns, np.nan) / floor
     share = max(1 - fitted / columns.sum(), 0.1)  # what the fitted values took away
     amplitude = np.array([w.amplitude for w in windows])
-    misfit = np.where(columns > 0, np.sqrt(power), np.nan)
+    misfit = np.sqrt(power)
 
     def probability(some: Array) -> float:
         numerator, denominator = columns[some].sum(), columns.sum()

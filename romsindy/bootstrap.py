@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.signal import lfilter
+from threadpoolctl import threadpool_limits
 
 from romsindy.noise import autoregression
 from romsindy.output_error import OutputError
@@ -132,6 +133,7 @@ def _repeat(
     pairs = zip(clean, colours, strict=True)
     signals = [x + colour.noise(len(x), rng) for x, colour in pairs]
     try:
-        return problem.with_signals(signals).polish(values)
+        with threadpool_limits(limits=1, user_api="blas"):
+            return problem.with_signals(signals).polish(values)
     except TrajectoryError:
         return None

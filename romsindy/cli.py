@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from romsindy import __version__
-from romsindy.backbone import extract_backbone
+from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam.command import simulate
 from romsindy.comparison import coefficient_table, compare_models
 from romsindy.decay import Decay
@@ -133,6 +133,12 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
     type=float,
     help="Cut-off of the low-pass filter, Hz.  [default: ten times the fundamental]",
 )
+@click.option(
+    "--refine/--no-refine",
+    "refined",
+    default=True,
+    help="Refine every model by simulation, with error bars and a verdict.  [default: refine]",
+)
 @click.option("--report", type=click.Path(path_type=Path), help="Name of the HTML report.")
 @click.option(
     "--model", type=click.Path(path_type=Path), help="Write the IC-ROM as JSON to this file."
@@ -157,6 +163,7 @@ def identify(
     harmonics: tuple[int, ...],
     amplitude: tuple[float, float] | None,
     cutoff: float | None,
+    refined: bool,
     report: Path | None,
     model: Path | None,
     figure: Path | None,
@@ -176,9 +183,11 @@ def identify(
         record = example_decay(35.0, seed)
         title, report = "Example: synthetic decay, 35 dB", report or Path("example_report.html")
     projection = HarmonicProjection(harmonics, amplitude=amplitude or None)
-    result = _identified(title, record, order, damping, fix, projection, Butterworth(cutoff))
-    icrom = result.named("IC-ROM").model
-    click.echo(f"\n{result.decay!r}\n{result.backbone!r}\n\n{icrom}\n")
+    method = Butterworth(cutoff)
+    result = _identified(title, record, order, damping, fix, projection, method, refined)
+    best = result.named("IC-ROM")
+    icrom = best.model
+    click.echo(f"\n{result.decay!r}\n{result.backbone!r}\n\n{best.fit or icrom}\n")
     click.echo(_aligned(coefficient_table(result.candidates)))
     click.echo(f"\n{result.verdict()}\n{result.table_note()}")
     write_report(result, report, lambda steps: _bar(steps, "drawing"))
@@ -188,7 +197,8 @@ def identify(
         click.echo(f"Model: {model}")
     if figure is not None:
         canvas = Figure(figsize=(6.4, 4.4), layout="constrained")
-        shown = {name: result.named(name).model for name in ("stiffness", "IC-ROM")}
+        both = (result.named(name) for name in ("stiffness", "IC-ROM"))
+        shown = {c.name: c.fit or c.model for c in both}
         plot_backbone(result.backbone, shown, ax=canvas.subplots())
         canvas.savefig(figure, dpi=130)
         click.echo(f"Figure: {figure}")
@@ -202,13 +212,23 @@ def _identified(
     fixed: dict[str, float],
     projection: HarmonicProjection,
     method: Butterworth,
+    refined: bool,
 ) -> Identification:
     free = record.single().free()
     backbone = extract_backbone(free)
     decay = free.conditioned(method)
-    fits = compare_models(decay, backbone, order, damping, fixed, projection)
+    measured = _within(free, backbone, projection.amplitude) if refined else None
+    fits = compare_models(decay, backbone, order, damping, fixed, projection, measured)
     candidates = list(_bar(fits, "identifying", 4))
     return Identification(title, record, decay, backbone, candidates)
+
+
+def _within(decay: Decay, backbone: Backbone, amplitude: tuple[float, float] | None) -> Decay:
+    """The cycles of a decay with these amplitudes."""
+    if amplitude is None:
+        return decay
+    inside = (backbone.amplitude >= amplitude[0]) & (backbone.amplitude <= amplitude[1])
+    return decay.between(float(backbone.t[inside][0]), float(backbone.t[inside][-1]))
 
 
 def _bar(steps: Any, what: str, total: int | None = None) -> Any:

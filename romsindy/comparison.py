@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,9 @@ from romsindy.decay import Decay
 from romsindy.harmonic import HarmonicProjection
 from romsindy.library import ROMLibrary
 from romsindy.model import ReducedModel
+from romsindy.refine import Fit, refine
 from romsindy.regression import HarmonicSINDy
+from romsindy.trajectory import TrajectoryError
 
 # A cycle whose own frequency is less certain than this does not judge a model.
 CERTAIN = 0.01
@@ -28,20 +30,29 @@ class Candidate:
     name : str
     estimator : HarmonicSINDy
         Fitted.
+        By regression.
+    fit : Fit or None
+        The same model refined by simulation; None where that was not asked for, or did not help.
+    failure : str
+        Why it did not help, empty if it did.
     error : (n_cycles,) array
         Relative deviation of the model's backbone from the extracted one; nan for cycles whose
         frequency is known to less than 1 %, and where the model has no motion.
+    lost : int
+        Number of certain cycles at whose amplitude the model has no motion.
     """
 
     name: str
     estimator: HarmonicSINDy
+    fit: Fit | None
+    failure: str
     error: NDArray[np.float64]
     lost: int
 
     @property
     def model(self) -> ReducedModel:
-        """The identified equation."""
-        return self.estimator.model_
+        """The identified equation: refined where that went well, else from the regression."""
+        return self.fit.model if self.fit else self.estimator.model_
 
     @property
     def rms_error(self) -> float:
@@ -61,6 +72,7 @@ def compare_models(
     damping: Sequence[str] = ("linear",),
     fixed: Mapping[str, float] | None = None,
     projection: HarmonicProjection | None = None,
+    measured: Decay | None = None,
 ) -> Iterator[Candidate]:
     """Identify a stiffness polynomial and an IC-ROM, linear frequency estimated and fixed.
 
@@ -79,6 +91,9 @@ def compare_models(
         the backbone tends to at small amplitude.
     projection : HarmonicProjection, optional
         Harmonics and amplitudes to learn from.
+    measured : Decay, optional
+        The free decay as it was measured, before any filter: every model is refined on it by
+        simulation (see `romsindy.refine`).
 
     Yields
     ------
@@ -99,14 +114,34 @@ def compare_models(
         known = {k: v for k, v in fixed.items() if inertia or not k.startswith("Upsilon")}
         for suffix, values in (("", known), (", omega fixed", known | {"omega^2": omega2})):
             estimator = HarmonicSINDy(library, projection=projection, fixed=values).fit(decay)
-            yield _judged(name + suffix, estimator, backbone)
+            plain = Candidate(
+                name + suffix, estimator, None, "", *_judged(estimator.model_, backbone)
+            )
+            yield plain if measured is None else _refined(plain, measured, backbone)
 
 
-def _judged(name: str, estimator: HarmonicSINDy, backbone: Backbone) -> Candidate:
+def _refined(plain: Candidate, measured: Decay, backbone: Backbone) -> Candidate:
+    try:
+        fit = refine(plain.model, measured, fixed=tuple(plain.estimator.fixed or {}))
+    except TrajectoryError as trouble:  # a model can fit accelerations and yet have no motion
+        return replace(plain, failure=str(trouble))
+    error, lost = _judged(fit.model, backbone)
+    refined = replace(plain, fit=fit, error=error, lost=lost)
+    worse = refined.lost > plain.lost or refined.rms_error > plain.rms_error
+    if worse and not fit.verdict.explained:
+        failure = (
+            f"its structure is wrong (residual {fit.adequacy:.2g} times the noise), and following"
+            " the motion over the whole decay leads away from the measured backbone"
+        )
+        return replace(plain, failure=failure)
+    return refined
+
+
+def _judged(model: ReducedModel, backbone: Backbone) -> tuple[NDArray[np.float64], int]:
+    """Error of a backbone, and at how many certain cycles the model has no motion."""
     certain = backbone.frequency_std < CERTAIN * backbone.frequency
-    error = estimator.model_.backbone(backbone.amplitude) / backbone.frequency - 1
-    lost = int(np.sum(np.isnan(error) & certain))
-    return Candidate(name, estimator, np.where(certain, error, np.nan), lost)
+    error = model.backbone(backbone.amplitude) / backbone.frequency - 1
+    return np.where(certain, error, np.nan), int(np.sum(np.isnan(error) & certain))
 
 
 def coefficient_table(candidates: Sequence[Candidate]) -> list[list[str]]:
@@ -119,16 +154,25 @@ def coefficient_table(candidates: Sequence[Candidate]) -> list[list[str]]:
     ordered = sorted(keys, key=lambda k: (family.get(k.split("_")[0], 4), k))
     rows = [["coefficient", "unit", *(c.name for c in candidates)]]
     for key in ordered:
-        values = [c.model.coefficients.get(key) for c in candidates]
-        known = [key in (c.estimator.fixed or {}) for c in candidates]
-        cells = [
-            "-" if v is None else f"{v:.5g}{' (fixed)' if f else ''}"
-            for v, f in zip(values, known, strict=True)
-        ]
-        rows.append([key, keys[key], *cells])
+        rows.append([key, keys[key], *(_cell(c, key) for c in candidates)])
+    if any(c.fit for c in candidates):
+        ratios = [f"{c.fit.adequacy:.3g}" if c.fit else "-" for c in candidates]
+        rows.append(["residual over noise", "1", *ratios])
     rows.append(["backbone error, rms", "%", *(_percent(c.rms_error) for c in candidates)])
     rows.append(["backbone error, max", "%", *(_percent(c.max_error) for c in candidates)])
     return rows
+
+
+def _cell(candidate: Candidate, key: str) -> str:
+    """Value with its standard error, where there is one."""
+    value = candidate.model.coefficients.get(key)
+    if value is None:
+        return "-"
+    if key in (candidate.estimator.fixed or {}):
+        return f"{value:.5g} (fixed)"
+    if candidate.fit is None:
+        return f"{value:.5g}"
+    return f"{value:.5g} +- {candidate.fit.standard_errors[key]:.2g}"
 
 
 def _percent(x: float) -> str:

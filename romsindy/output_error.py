@@ -34,10 +34,10 @@ _DERIVATIVE = {"displacement": 0, "velocity": 1, "acceleration": 2}
 _FIRST_HORIZON, _GROWTH = 2.5, 1.6
 # A simulated motion this many times the noise away is as bad as none.
 _FAR = 1e9
-_EVALUATIONS = 60
+_EVALUATIONS = 40
 # Sum of squares is about the number of samples: a change of it by this is far below one.
 # Shorter horizons only lead there.
-_TOLERANCE, _ROUGH = 1e-6, 1e-3
+_TOLERANCE, _ROUGH = 1e-5, 1e-2
 # Until the whole record is in sight, no term may change the acceleration by more than about this
 # part of it: few cycles do not tell coefficients apart.
 _LEASH = 0.01
@@ -263,8 +263,8 @@ class OutputError:
                     f"fitted to the first {horizon / _GROWTH:.3g} s" if message else "at the start"
                 )
                 raise TrajectoryError(
-                    f"the model with {len(self.equation.values)} free coefficients, {fitted}, has no"
-                    f" motion after that ({error}): use fewer terms, or start from other ones"
+                    f"the model with {len(self.equation.values)} free coefficients, {fitted}, has"
+                    f" no motion after that ({error}): use fewer terms, or start from other ones"
                 ) from error
             if progress:
                 progress(f"{min(horizon, longest):.3g} s of {longest:.3g} s fitted")

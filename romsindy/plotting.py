@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -10,12 +10,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from romsindy.backbone import Backbone
+from romsindy.backbone import Backbone, extract_backbone
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
 from romsindy.orbits import BackboneCurve, ForcedResponse, PeriodicOrbits
+from romsindy.refine import Fit
 from romsindy.regression import HarmonicSINDy
+from romsindy.typing import Array
 
+_SIGMAS_95 = 1.96
 # How the cycles of a measured decay look in every figure.
 _CYCLES: dict[str, Any] = {
     "fmt": "o",
@@ -33,8 +36,8 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def _styled(
-    models: Mapping[str, ReducedModel] | None,
-) -> Iterator[tuple[ReducedModel, dict[str, Any]]]:
+    models: Mapping[str, ReducedModel | Fit] | None,
+) -> Iterator[tuple[ReducedModel | Fit, dict[str, Any]]]:
     """Models with the look of their curves: a stiffness polynomial is dashed."""
     for i, (label, model) in enumerate((models or {}).items()):
         yield model, {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
@@ -72,8 +75,8 @@ def plot_decay(
 
 
 def plot_backbone(
-    backbone: Backbone,
-    models: Mapping[str, ReducedModel] | None = None,
+    measured: Backbone | Fit,
+    models: Mapping[str, ReducedModel | Fit] | None = None,
     *,
     ax: Axes | None = None,
 ) -> Axes:
@@ -81,51 +84,119 @@ def plot_backbone(
 
     Parameters
     ----------
-    backbone : Backbone
-        Points with their standard errors.
-    models : mapping of str to ReducedModel, optional
-        Curves by label.
+    measured : Backbone or Fit
+        Points with their standard errors. A fit gives the cycles of its decays, and its own curve.
+    models : mapping of str to ReducedModel or Fit, optional
+        Curves by label; a fit has its 95 % band.
     """
     ax = _axes(ax)
-    ax.errorbar(
-        backbone.frequency / (2 * np.pi),
-        backbone.amplitude,
-        xerr=backbone.frequency_std / (2 * np.pi),
-        yerr=backbone.amplitude_std,
-        **_CYCLES,
-    )
-    amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
+    backbones, models = _measured(measured, models)
+    for backbone in backbones:
+        ax.errorbar(
+            backbone.frequency / (2 * np.pi),
+            backbone.amplitude,
+            xerr=backbone.frequency_std / (2 * np.pi),
+            yerr=backbone.amplitude_std,
+            **_CYCLES,
+        )
+    amplitudes = _span(backbones)
     for model, style in _styled(models):
-        ax.plot(model.backbone(amplitudes) / (2 * np.pi), amplitudes, **style)
-    unit = backbone.unit or "unit of q"
+        if isinstance(model, Fit):
+            band = model.band(amplitudes)
+            low, high = (
+                (band.frequency + s * _SIGMAS_95 * band.frequency_std) / (2 * np.pi)
+                for s in (-1, 1)
+            )
+            ax.fill_betweenx(amplitudes, low, high, color=style["color"], alpha=0.25, lw=0)
+            ax.plot(band.frequency / (2 * np.pi), amplitudes, **style)
+        else:
+            ax.plot(model.backbone(amplitudes) / (2 * np.pi), amplitudes, **style)
+    unit = backbones[0].unit or "unit of q"
     ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
     # Single uncertain cycles must not squeeze the picture.
-    sure = backbone.frequency[backbone.frequency_std < 0.01 * backbone.frequency] / (2 * np.pi)
+    sure = np.concatenate(
+        [b.frequency[b.frequency_std < 0.01 * b.frequency] / (2 * np.pi) for b in backbones]
+    )
     if len(sure) > 1:
         margin = 0.08 * max(np.ptp(sure), 1e-4 * sure.mean())
         ax.set_xlim(sure.min() - margin, sure.max() + margin)
-    ax.legend(loc="best", frameon=False)
+    _legend(ax)
     return ax
 
 
+def _measured(
+    measured: Backbone | Fit, models: Mapping[str, ReducedModel | Fit] | None
+) -> tuple[list[Backbone], Mapping[str, ReducedModel | Fit] | None]:
+    if isinstance(measured, Backbone):
+        return [measured], models
+    return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
+
+
+def _span(backbones: Sequence[Backbone]) -> Array:
+    amplitudes = np.concatenate([b.amplitude for b in backbones])
+    return np.linspace(amplitudes.min(), amplitudes.max(), 200)
+
+
+def _legend(ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))  # several decays share one label
+    ax.legend(named.values(), named.keys(), loc="best", frameon=False)
+
+
 def plot_damping(
-    backbone: Backbone, models: Mapping[str, ReducedModel] | None = None, *, ax: Axes | None = None
+    measured: Backbone | Fit,
+    models: Mapping[str, ReducedModel | Fit] | None = None,
+    *,
+    ax: Axes | None = None,
 ) -> Axes:
-    """Damping ratio against amplitude, with the curves of models over it."""
+    """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
     ax = _axes(ax)
-    ax.errorbar(
-        backbone.amplitude,
-        100 * backbone.damping_ratio,
-        yerr=100 * backbone.damping_ratio_std,
-        **_CYCLES,
-    )
-    amplitudes = np.linspace(backbone.amplitude.min(), backbone.amplitude.max(), 200)
+    backbones, models = _measured(measured, models)
+    for backbone in backbones:
+        ax.errorbar(
+            backbone.amplitude,
+            100 * backbone.damping_ratio,
+            yerr=100 * backbone.damping_ratio_std,
+            **_CYCLES,
+        )
+    amplitudes = _span(backbones)
     for model, style in _styled(models):
-        ax.plot(amplitudes, 100 * model.damping_ratio(amplitudes), **style)
-    spread = np.quantile(backbone.damping_ratio, [0.05, 0.95]) * 100
+        if isinstance(model, Fit):
+            band = model.band(amplitudes)
+            reach = _SIGMAS_95 * band.damping_ratio_std
+            low, high = (100 * (band.damping_ratio + s * reach) for s in (-1, 1))
+            ax.fill_between(amplitudes, low, high, color=style["color"], alpha=0.25, lw=0)
+            ax.plot(amplitudes, 100 * band.damping_ratio, **style)
+        else:
+            ax.plot(amplitudes, 100 * model.damping_ratio(amplitudes), **style)
+    ratios = np.concatenate([b.damping_ratio for b in backbones])
+    spread = np.quantile(ratios, [0.05, 0.95]) * 100
     ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
-    ax.set(xlabel=f"amplitude ({backbone.unit or 'unit of q'})", ylabel="damping ratio (%)")
-    ax.legend(loc="best", frameon=False)
+    ax.set(xlabel=f"amplitude ({backbones[0].unit or 'unit of q'})", ylabel="damping ratio (%)")
+    _legend(ax)
+    return ax
+
+
+def plot_misfit(fit: Fit, *, ax: Axes | None = None) -> Axes:
+    """What a fit leaves at each harmonic of the motion, against amplitude.
+
+    Rms of the residual over the noise at the same frequencies, in windows of eight cycles; near 1
+    nothing is missing.
+    """
+    ax = _axes(ax)
+    verdict = fit.verdict
+    order = np.argsort(verdict.amplitude)
+    for k, column in enumerate(verdict.misfit.T):
+        if np.isfinite(column).any():
+            label = "mean position" if k == 0 else f"harmonic {k}"
+            ax.plot(verdict.amplitude[order], column[order], "o-", ms=3, lw=0.8, label=label)
+    ax.axhline(1, color="0.4", lw=0.8, ls=":")
+    ax.set(
+        xlabel=f"amplitude ({verdict.unit or 'unit of q'})",
+        ylabel="residual over noise",
+        yscale="log",
+    )
+    ax.legend(loc="best", frameon=False, ncols=2)
     return ax
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from romsindy.adequacy import Adequacy, examine
 from romsindy.decay import Decay
@@ -196,11 +197,13 @@ def refine(
     TrajectoryError
         If the start itself cannot be simulated over the first cycles.
     """
-    records = _records(decays, model)
-    free = _free_names(model, fixed)
-    problem = OutputError.of(ModelEquation(_smoothed(model, records), free), records, offset)
-    values, message = problem.solve(loss, progress)
-    return _fit(problem, values, model, free, message)
+    # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        records = _records(decays, model)
+        free = _free_names(model, fixed)
+        problem = OutputError.of(ModelEquation(_smoothed(model, records), free), records, offset)
+        values, message = problem.solve(loss, progress)
+        return _fit(problem, values, model, free, message)
 
 
 def _fit(

@@ -17,6 +17,7 @@ from romsindy import plotting
 from romsindy.backbone import Backbone
 from romsindy.comparison import CERTAIN, Candidate, coefficient_table
 from romsindy.decay import Decay
+from romsindy.refine import Fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,8 @@ class Identification:
         stiffness, icrom = self.named("stiffness"), self.named("IC-ROM")
         words = [f"the {c.name} model {_off(c)}" for c in (icrom, stiffness)]
         text = f"Over {len(self.backbone)} cycles {words[0]}; {words[1]}."
-        return text[0].upper() + text[1:]
+        explained = f" IC-ROM: {icrom.fit.verdict}" if icrom.fit else ""
+        return text + explained
 
     def table_note(self) -> str:
         """How the errors in the table were taken."""
@@ -46,9 +48,18 @@ class Identification:
         left_out = f"; cycles known to less than 1 % are left out ({unsure})" if unsure else ""
         return (
             "Backbone error: frequency of the model's undamped motion against that of each cycle,"
-            f" at its amplitude{left_out}. Coefficients have no error bars here: least squares"
-            " would give wrong ones."
+            f" at its amplitude{left_out}. {self._errors()}"
         )
+
+    def _errors(self) -> str:
+        text = (
+            "Standard errors (+-) belong to models refined by simulation; where a model does not"
+            " explain the data they are those of its best fit, not of the structure."
+        )
+        failed = [c for c in self.candidates if c.failure]
+        if all(c.fit is None for c in self.candidates):
+            text = "Coefficients from regression alone have no error bars."
+        return " ".join([text, *(f"{c.name} is not refined: {c.failure}." for c in failed)])
 
 
 def _off(candidate: Candidate) -> str:
@@ -70,7 +81,7 @@ class _Picture:
 def pictures(result: Identification) -> list[_Picture]:
     """The figures of the report: title, caption and how to draw them."""
     both = [result.named("stiffness"), result.named("IC-ROM")]
-    models = {c.name: c.model for c in both}
+    models = {c.name: c.fit or c.model for c in both}
     icrom = result.named("IC-ROM").model
     b = result.backbone
     amplitudes = np.linspace(b.amplitude.min(), b.amplitude.max(), 150)
@@ -82,7 +93,8 @@ def pictures(result: Identification) -> list[_Picture]:
         ),
         _Picture(
             "Backbone",
-            "Each circle is a cycle with its standard error; curves are the undamped models.",
+            "Each circle is a cycle with its standard error; curves are the undamped models, with"
+            " their 95 % bands where they are refined.",
             lambda ax: plotting.plot_backbone(b, models, ax=ax),
         ),
         _Picture(
@@ -101,7 +113,17 @@ def pictures(result: Identification) -> list[_Picture]:
             " from that is a missing term.",
             lambda ax: plotting.plot_residual({c.name: c.estimator for c in both}, ax=ax),
         ),
+        *(_misfit(c.name, c.fit) for c in both if c.fit),
     ]
+
+
+def _misfit(name: str, fit: Fit) -> _Picture:
+    return _Picture(
+        f"What the refined {name} model leaves",
+        "Residual at the harmonics of the motion over the noise, in windows of eight cycles: near"
+        " 1 nothing is missing.",
+        lambda ax: plotting.plot_misfit(fit, ax=ax),
+    )
 
 
 def write_report(

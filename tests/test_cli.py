@@ -26,7 +26,7 @@ def test_example_prints_models_and_writes_a_page(run, tmp_path):
     assert float(errors[1]) < 0.2 < float(errors[2])
     page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(pictures) == 5 and "http" not in page.replace("http-equiv", "")
+    assert len(pictures) == 6 and "http" not in page.replace("http-equiv", "")
     assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)
     assert "gamma_3" in page and __version__ in page
     model = ReducedModel.from_json((tmp_path / "model.json").read_text())
