@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from romsindy.decay import Decay
 from romsindy.diagnosis.records import Measured
 from romsindy.model import ReducedModel
+from romsindy.signals import fundamental_frequency
 
 _FREE = ("omega^2", "c_linear")
 # Fewer cycles than these tell nothing about an effect; frequencies further off are another mode.
@@ -57,6 +59,20 @@ def check_request(
 
 def _same(a: Decay, b: Decay) -> bool:
     return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
+
+
+def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
+    """The part of a decay whose amplitude the model reaches down to, where it says so."""
+    if model.amplitude_range is None:
+        return decay
+    x = decay.single().q
+    cycle = round(1 / (fundamental_frequency(x, decay.dt) * decay.dt))
+    swing = x - uniform_filter1d(x, cycle, mode="mirror")
+    envelope = np.sqrt(2 * np.maximum(uniform_filter1d(swing**2, cycle, mode="mirror"), 0.0))
+    shared = np.flatnonzero(envelope >= 0.9 * model.amplitude_range[0])
+    if len(shared) < 2 * cycle or decay.t[shared[-1]] == decay.t[-1]:
+        return decay  # too little to use is refused later, with the amplitudes named
+    return decay.between(end=float(decay.t[shared[-1]]))
 
 
 def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) -> list[Measured]:

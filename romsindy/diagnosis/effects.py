@@ -13,7 +13,7 @@ values, limits and a prior. ``sign`` = 1 says that a negative strength is unphys
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -54,6 +54,8 @@ class Shape:
         Limits.
     spread : float or None
         Standard deviation of the prior about ``starts[0]``; None: any value within the limits.
+    reach : float or None
+        How far a fit may go from the value that it starts from.
     """
 
     name: str
@@ -61,6 +63,14 @@ class Shape:
     low: float
     high: float
     spread: float | None = None
+    reach: float | None = None
+
+    def from_start(self, start: float) -> Shape:
+        """The same with the limits of a fit that starts from one of the values."""
+        if self.reach is None:
+            return self
+        low, high = max(self.low, start - self.reach), min(self.high, start + self.reach)
+        return replace(self, low=low, high=high)
 
     @classmethod
     def near(cls, name: str, value: float, spread: float) -> Shape:

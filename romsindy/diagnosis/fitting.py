@@ -44,7 +44,8 @@ class Part:
         sets = n_records if effect.per_record else 1
         first = float(getattr(effect, "start", 0.0))
         strengths = np.full((sets, effect.n_strengths), first)
-        return cls(effect, effect.shapes(scales), strengths, np.array(start, float))
+        shapes = tuple(s.from_start(v) for s, v in zip(effect.shapes(scales), start, strict=True))
+        return cls(effect, shapes, strengths, np.array(start, float))
 
     @property
     def size(self) -> int:

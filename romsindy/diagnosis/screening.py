@@ -26,6 +26,9 @@ from romsindy.quasilinear import nodes, respond, sampled
 from romsindy.trajectory import Trajectory
 from romsindy.typing import Array, Indices
 
+# A line this close to the vibration itself beats with it slowly: it could imitate any effect.
+_BEATS = 0.12
+
 
 @dataclass(frozen=True)
 class Screened:
@@ -227,7 +230,8 @@ def _with_tones(
     tones: list[float] = []
     for x, window in ((rest, steady), (rest, fading), (left, steady), (left, fading)):
         for tone in strongest_tones(record.t, x[: len(window)] * window, 2, apart):
-            if all(abs(tone - other) > 0.2 * apart for other in tones):
+            beats = abs(tone / scales.omega - 1) < _BEATS
+            if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
                 tones.append(tone)
     return scales._replace(tones=tuple(tones))
 

@@ -10,7 +10,7 @@ from joblib import Parallel
 
 from romsindy.decay import Decay
 from romsindy.diagnosis.catalogue import CATALOGUE, LinearFrequency, Viscous
-from romsindy.diagnosis.checks import check_request, checked_records
+from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
 from romsindy.diagnosis.effects import Effect, Scales, TermEffect
 from romsindy.diagnosis.fitting import ExtendedEquation, Part, Solution, read
 from romsindy.diagnosis.gap import Gap, Prediction, held_out_solution
@@ -103,6 +103,7 @@ def diagnose(
     """
     several = [measured] if isinstance(measured, Decay) else list(measured)
     check_request(model, several, held_out, free, tolerances or {}, false_alarm)
+    several = [over_shared_amplitudes(model, d) for d in several]
     training, tests, unseen = _split(several, held_out)
     records = checked_records(model, training, floor)
     all_scales = scales(records)

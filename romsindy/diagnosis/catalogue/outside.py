@@ -48,7 +48,8 @@ class SuddenChange(TimedEffect):
 
 
 def _tone(scales: Scales) -> Shape:
-    return Shape("frequency", scales.tones, 0.02 * scales.omega, 60 * scales.omega)
+    omega = scales.omega
+    return Shape("frequency", scales.tones, 0.02 * omega, 60 * omega, reach=0.04 * omega)
 
 
 class BaseExcitation(TimedEffect):
