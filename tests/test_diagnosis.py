@@ -98,8 +98,8 @@ def test_two_effects_are_both_named():
 
 
 def test_an_effect_in_no_catalogue_is_unknown():
-    """A force that pulses eight times a cycle: no term, no line, no sensor fault."""
-    result = report(force=lambda t, q, v: 6.0 * np.sin(8 * np.arctan2(v / OMEGA, q)))
+    """A stiffness that ripples with displacement and comes and goes in time."""
+    result = report(force=lambda t, q, v: 40 * np.sin(12 * q) * (1 + 0.5 * np.sin(0.9 * t)))
     assert result.verdict == "unknown"
     assert "Nothing in the catalogue" in result.sentence
 

@@ -4,9 +4,9 @@
 
 writes FOLDER/single_<seed>_<number>.npz (what a diagnosis may see: nominal coefficients, three
 clean decays) and FOLDER/truth/<the same name>.json (what it may not). Kinds: single (26 effects,
-three strengths, one trial each per seed), null (10 per seed), outside (5 effects, three strengths), pair
-(10 per seed, medium). Seeds below 1000 are for development; from 1000 on they were kept for final
-runs.
+three strengths, one trial each per seed), null (10 per seed), outside (5 effects, three
+strengths), pair (10 per seed, medium). Seeds below 1000 are for development; from 1000 on they were
+kept for final runs.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ from scipy.ndimage import uniform_filter1d
 
 from romsindy.decay import Decay
 from romsindy.diagnosis.records import Measured
+from romsindy.diagnosis.smoothing import swing
 from romsindy.model import ReducedModel
-from romsindy.signals import fundamental_frequency
 
 _FREE = ("omega^2", "c_linear")
 # Fewer cycles than these tell nothing about an effect; frequencies further off are another mode.
@@ -66,9 +66,8 @@ def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
     if model.amplitude_range is None:
         return decay
     x = decay.single().q
-    cycle = round(1 / (fundamental_frequency(x, decay.dt) * decay.dt))
-    swing = x - uniform_filter1d(x, cycle, mode="mirror")
-    envelope = np.sqrt(2 * np.maximum(uniform_filter1d(swing**2, cycle, mode="mirror"), 0.0))
+    centred, cycle = swing(x)
+    envelope = np.sqrt(2 * np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
     shared = np.flatnonzero(envelope >= 0.9 * model.amplitude_range[0])
     if len(shared) < 2 * cycle or decay.t[shared[-1]] == decay.t[-1]:
         return decay  # too little to use is refused later, with the amplitudes named

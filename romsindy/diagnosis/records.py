@@ -10,8 +10,8 @@ from scipy.ndimage import uniform_filter1d
 
 from romsindy.decay import Decay
 from romsindy.diagnosis.effects import Scales
-from romsindy.diagnosis.smoothing import HarmonicSpline, Whitener
-from romsindy.signals import fundamental_frequency, noise_std
+from romsindy.diagnosis.smoothing import HarmonicSpline, Whitener, swing
+from romsindy.signals import noise_std
 from romsindy.trajectory import Grid, Trajectory
 from romsindy.typing import Array
 
@@ -89,14 +89,13 @@ class Measured:
 def _loud(decay: Decay) -> Decay:
     """The part between the release and where the vibration is too small to matter."""
     x = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[_DERIVATIVE[decay.measured]])
-    cycle = round(1 / (fundamental_frequency(x, decay.dt) * decay.dt))
-    swing = x - uniform_filter1d(x, cycle, mode="mirror")
-    envelope = np.sqrt(np.maximum(uniform_filter1d(swing**2, cycle, mode="mirror"), 0.0))
+    centred, cycle = swing(x)
+    envelope = np.sqrt(np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
     top = int(np.argmax(envelope))
     first = 0
     if envelope[:cycle].max() < _RELEASED * envelope[top]:  # held, or pushed, before the release
         near = slice(max(top - cycle, 0), top + cycle)
-        first = near.start + int(np.argmax(np.abs(swing[near])))
+        first = near.start + int(np.argmax(np.abs(centred[near])))
     quiet = max(_QUIET * envelope[top], 2 * noise_std(x))
     loud = np.flatnonzero(envelope > quiet)
     if len(loud) == 0 or loud[-1] - first < 3 * cycle:

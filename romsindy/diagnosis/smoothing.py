@@ -22,6 +22,19 @@ _CYCLES = 3.0  # between knots
 _NOISE_ORDER = 8
 
 
+def swing(x: Array) -> tuple[Array, int]:
+    """A record about its own moving mean, and the samples of a cycle.
+
+    Raises
+    ------
+    ValueError
+        If the record holds fewer than three cycles.
+    """
+    slow = uniform_filter1d(x, max(len(x) // 15, 3), mode="mirror")  # a drift hides the vibration
+    cycle = max(round(1 / fundamental_frequency(x - slow, 1.0)), 2)
+    return x - uniform_filter1d(x, cycle, mode="mirror"), cycle
+
+
 @dataclass(frozen=True)
 class HarmonicSpline:
     """q(t) = Re sum_h Z_h(t) exp(i h phi(t)), with splines Z_h and phi."""
@@ -33,8 +46,7 @@ class HarmonicSpline:
     def fit(cls, t: Array, x: Array, cycles: float = _CYCLES) -> HarmonicSpline:
         """Fit to samples (n,) at uniform times t (s)."""
         dt = t[1] - t[0]
-        cycle = round(1 / (fundamental_frequency(x, dt) * dt))
-        centred = x - uniform_filter1d(x, cycle, mode="mirror")  # an offset may hide crossings
+        centred = swing(x)[0]  # an offset may hide crossings
         up = crossings(centred, dt)[0]
         rise = centred[up + 1] - centred[up]  # so may noise, between two samples
         at = t[up] + dt * np.clip(-centred[up] / np.where(rise > 0, rise, np.inf), 0, 1)
