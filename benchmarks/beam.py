@@ -2,7 +2,7 @@
 
     python benchmarks/beam.py            all of it, about four minutes
     python benchmarks/beam.py speed      only the parts named: statics modes reduction backbone
-                                         accuracy speed exudyn
+                                         normal_mode accuracy speed exudyn
 
 Run it on one thread (OMP_NUM_THREADS=1).  The Exudyn part needs `pip install exudyn`.
 """
@@ -136,6 +136,21 @@ def spline_error(motion: Motion, every: int) -> float:
     coarse = make_interp_spline(t[::every], q[::every], k=7).derivative(2)(t[::every])
     gap = np.abs(coarse - fine[::every])[4:-4]
     return float(gap.max() / np.abs(fine[4:-4]).max())
+
+
+def normal_mode() -> Iterator[Row]:
+    """The beam's own periodic orbits against exact elastica dynamics and the reduced model."""
+    shares, exact = (np.array(list(x)) for x in (oracles.BACKBONE, oracles.BACKBONE.values()))
+    plain = Beam.cantilever(elements=20, gravity=0.0, tip_mass=0.0, spring_stiffness=0.0)
+    orbits = plain.normal_mode((shares * plain.length).tolist())
+    shift = orbits.frequency / orbits.linear_frequency - 1
+    for share, error in zip(shares, np.abs(shift / exact - 1), strict=True):
+        yield f"bare cantilever, shift at w/L = {share:g}", float(error), 5e-3
+    beam = Beam.cantilever(elements=20)
+    orbits = beam.normal_mode([share * beam.length for share in (0.05, 0.1, 0.2, 0.3)])
+    reduced = beam.reduce(order=9, amplitude=0.024).backbone(orbits.amplitude)
+    for a, error in zip(orbits.amplitude, np.abs(reduced / orbits.frequency - 1), strict=True):
+        yield f"default beam, order-9 reduced model at q = {a:.4f}", float(error), 2e-3
 
 
 def accuracy() -> Iterator[Row]:
@@ -281,6 +296,7 @@ PARTS: dict[str, Callable[[], Iterator[Row]]] = {
     "modes": modes,
     "reduction": reduction,
     "backbone": backbone,
+    "normal_mode": normal_mode,
     "accuracy": accuracy,
     "speed": speed,
     "exudyn": exudyn,

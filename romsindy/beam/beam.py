@@ -21,6 +21,7 @@ from romsindy.beam.validation import require_finite, require_position, require_p
 if TYPE_CHECKING:
     from romsindy.beam.collocation import RadauIIA
     from romsindy.beam.motion import Motion
+    from romsindy.beam.orbits import NormalMode
     from romsindy.beam.sensors import Sensor, SensorArray
     from romsindy.model import ReducedModel
 
@@ -360,6 +361,14 @@ class Beam:
             method=method,
             progress=progress,
         )
+
+    def normal_mode(
+        self, tip_displacements: Sequence[float], mode: int = 1, forces: int = 5
+    ) -> NormalMode:
+        """Return periodic orbits of the undamped beam; see `orbits.find_normal_mode`."""
+        from romsindy.beam.orbits import find_normal_mode
+
+        return find_normal_mode(self, tip_displacements, mode, forces)
 
     def reduce(
         self, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int = 41

@@ -1,0 +1,205 @@
+"""Nonlinear normal modes of the beam itself, by shooting over half a period.
+
+Let go at rest, an undamped beam that moves periodically comes to rest again after half a period,
+and goes back the same way. So a periodic orbit is a static shape from which all modes stop at the
+same instant. The shape is held by the modal forces of a few bending modes; how these compare is
+found so that the modes stop together (M. Peeters, R. Viguie, G. Serandour, G. Kerschen, J.-C.
+Golinval, Mech. Syst. Signal Process. 23 (2009) 195, with half a period instead of a whole one).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq, root
+
+from romsindy.beam.modes import ModalBasis
+from romsindy.beam.motion import Motion
+from romsindy.beam.statics import Control, find_displaced
+from romsindy.beam.validation import require_finite
+
+if TYPE_CHECKING:
+    from romsindy.beam.beam import Beam, Shape
+
+# In a period of the linear mode; the highest of five bending modes needs them.
+_STEPS = 480
+_CONVERGED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMode:
+    """Periodic orbits of the undamped beam that grow out of one linear mode.
+
+    Attributes
+    ----------
+    amplitude
+        Half peak to peak of the modal coordinate q [kg^0.5 m], shape (n,).
+    frequency
+        Angular frequency [rad/s], shape (n,).
+    tip_displacement
+        Of the starting shape from equilibrium [m], shape (n,).
+    linear_frequency
+        Of the mode on the same mesh [rad/s].
+    unrest
+        Largest velocity left in the other modes half a period later, relative to the
+        largest velocity of the mode, shape (n,).
+    shapes
+        The shapes at rest, from which `Beam.simulate` follows the orbit.
+    """
+
+    amplitude: np.ndarray
+    frequency: np.ndarray
+    tip_displacement: np.ndarray
+    linear_frequency: float
+    unrest: np.ndarray
+    shapes: tuple[Shape, ...]
+
+    def __repr__(self) -> str:
+        shift = self.frequency / self.linear_frequency - 1
+        return (
+            f"NormalMode({len(self.frequency)} orbits, omega = {self.linear_frequency:.6g} rad/s, "
+            f"shift {shift[0]:.3g} to {shift[-1]:.3g})"
+        )
+
+
+def find_normal_mode(
+    beam: Beam, tip_displacements: Sequence[float], mode: int = 1, forces: int = 5
+) -> NormalMode:
+    """Find periodic orbits of the beam, without its Rayleigh damping.
+
+    Parameters
+    ----------
+    beam
+        The beam; effects that dissipate have no such orbits.
+    tip_displacements
+        Transverse displacement [m] of the tip from equilibrium at one turning point; best in
+        the order of size, since each orbit starts from the one before.
+    mode
+        The linear mode that the orbits grow out of: 1, 2, ...
+    forces
+        Number of bending modes whose modal forces hold the shape.
+
+    Raises
+    ------
+    ValueError
+        For an empty list, a displacement of zero, fewer forces than the mode needs, or a
+        beam whose effects dissipate.
+    RuntimeError
+        If the modes do not come to rest together, as near an internal resonance.
+    """
+    _check(tip_displacements, mode, forces)
+    calm = replace(beam, alpha=0.0, eta=0.0)
+    shooting = _Shooting(calm, mode, forces)
+    ratios = np.zeros(forces - 1)
+    orbits = []
+    for tip in tip_displacements:
+        found = root(shooting.unrest, ratios, args=(tip,), tol=1e-9)
+        ratios = found.x
+        orbit = shooting.follow(ratios, tip)
+        if not np.max(np.abs(orbit.unrest)) < _CONVERGED:
+            raise RuntimeError(
+                f"no periodic orbit found at a tip displacement of {tip:.4g} m: other modes keep "
+                f"{np.max(np.abs(orbit.unrest)):.1e} of the velocity; ask for smaller steps, or "
+                f"more than forces = {forces}"
+            )
+        orbits.append(orbit)
+    return NormalMode(
+        np.array([o.amplitude for o in orbits]),
+        np.array([o.frequency for o in orbits]),
+        np.array(tip_displacements, float),
+        float(shooting.basis.omega[shooting.modes[0]]),
+        np.array([np.max(np.abs(o.unrest)) for o in orbits]),
+        tuple(o.shape for o in orbits),
+    )
+
+
+def _check(tip_displacements: Sequence[float], mode: int, forces: int) -> None:
+    if len(tip_displacements) == 0:
+        raise ValueError("tip_displacements is empty: give at least one [m]")
+    for tip in tip_displacements:
+        require_finite("tip_displacements", tip)
+        if tip == 0.0:
+            raise ValueError("tip_displacements holds 0, where there is no motion; leave it out")
+    if forces < max(mode, 2):
+        raise ValueError(f"forces = {forces} must be at least {max(mode, 2)} for mode {mode}")
+
+
+@dataclass(frozen=True)
+class _Orbit:
+    amplitude: float
+    frequency: float
+    unrest: np.ndarray
+    shape: Shape
+
+
+class _Shooting:
+    """From the ratios of modal forces to how much the modes still move half a period later."""
+
+    def __init__(self, beam: Beam, mode: int, forces: int) -> None:
+        self.beam = beam
+        basis = beam.modes(count=_count(beam, forces))
+        bending = np.flatnonzero(basis.axial < 0.5)[:forces]
+        if len(bending) < forces:
+            raise ValueError(f"forces = {forces}, but the mesh has {len(bending)} bending modes")
+        first = bending[mode - 1]
+        self.modes = [first, *(m for m in bending if m != first)]
+        self.basis: ModalBasis = basis
+        self.period = 2 * np.pi / float(basis.omega[first])
+
+    def unrest(self, ratios: np.ndarray, tip: float) -> np.ndarray:
+        return self.follow(ratios, tip).unrest
+
+    def follow(self, ratios: np.ndarray, tip: float) -> _Orbit:
+        """Let the shape go and follow it until the mode turns."""
+        shape = self._held(ratios, tip)
+        motion = self.beam.simulate(
+            shape, 0.8 * self.period, self.period / _STEPS, modes=self.basis, progress=False
+        )
+        _refuse_loss(motion)
+        h = motion.coordinates
+        velocity = CubicHermiteSpline(motion.t, h.velocity, h.acceleration)
+        turn = _turning_time(motion.t, h.velocity[:, self.modes[0]], velocity, self.modes[0])
+        position = CubicHermiteSpline(motion.t, h.displacement, h.velocity)
+        swing = position(turn) - h.displacement[0]
+        others = velocity(turn)[self.modes[1:]]
+        largest = np.max(np.abs(h.velocity[:, self.modes[0]]))
+        amplitude = float(abs(swing[self.modes[0]])) / 2
+        return _Orbit(amplitude, np.pi / turn, others / largest, shape)
+
+    def _held(self, ratios: np.ndarray, tip: float) -> Shape:
+        momenta = self.basis.momenta[self.modes]
+        pattern = momenta[0] + np.tensordot(ratios, momenta[1:], axes=1)
+        rest = self.beam.equilibrium().displacement
+        control = Control(self.beam.point_load((0.0, 1.0)))
+        goal = control.measure(rest) + tip
+        x, factor = find_displaced(self.beam.assembly, rest, pattern, control, goal)
+        return self.beam.shape(x, factor * pattern)
+
+
+def _count(beam: Beam, forces: int) -> int:
+    """Enough modes to hold the bending ones: axial ones lie among them in short beams."""
+    return min(2 * forces + 2, int(np.count_nonzero(~beam.assembly.fixed)) - 2)
+
+
+def _refuse_loss(motion: Motion) -> None:
+    lost = motion.energy.dissipated[-1] / np.ptp(motion.energy.kinetic)
+    if lost > 1e-8:
+        raise ValueError(
+            f"effects of the beam dissipate {lost:.1e} of the energy in half a period, so it has "
+            "no periodic orbits; ask a beam without them"
+        )
+
+
+def _turning_time(
+    t: np.ndarray, velocity: np.ndarray, spline: CubicHermiteSpline, mode: int
+) -> float:
+    early = len(t) // 4
+    change = np.flatnonzero(np.sign(velocity[early:-1]) != np.sign(velocity[early + 1 :]))
+    if not len(change):
+        raise RuntimeError(f"the mode does not turn within {t[-1]:.4g} s: ask for less amplitude")
+    at = early + int(change[0])
+    return float(brentq(lambda s: spline(s)[mode], t[at], t[at + 1], xtol=1e-15, rtol=1e-14))
