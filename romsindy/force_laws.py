@@ -102,7 +102,8 @@ class HystereticDamping(ForceLaw):
         return _size(q, self.exponent) * np.sign(q_dot)
 
     def damping_dq(self, q: Scalars, q_dot: Scalars) -> Scalars:
-        return self.exponent * np.sign(q) * np.sign(q_dot)
+        slope = self.exponent * _size(q, self.exponent - 1) * np.sign(q)
+        return slope * np.sign(q_dot)
 
 
 @dataclass(frozen=True)

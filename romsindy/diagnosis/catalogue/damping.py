@@ -125,7 +125,7 @@ class Hysteretic(_Jumping):
         return np.abs(state.q) ** shape[0]
 
     def size_dq(self, state: State, shape: Array) -> Array:
-        return shape[0] * np.sign(state.q)
+        return shape[0] * np.abs(state.q) ** (shape[0] - 1) * np.sign(state.q)
 
 
 @dataclass(frozen=True)
