@@ -67,7 +67,8 @@ class FoundEffect:
     def __str__(self) -> str:
         errors = self.standard_errors
         text = ", ".join(f"{k} {_pm(v, errors[k])}" for k, v in self.values.items())
-        return f"{self.label} ({text}; posterior {self.weight:.2f})"
+        weight = f"; posterior {self.weight:.2f}" if self.weight > 0 else ""
+        return f"{self.label} ({text}{weight})"
 
 
 def _pm(value: float, error: float) -> str:
@@ -174,18 +175,18 @@ class DiagnosisReport:
                 " what was held out."
             )
         found = " and ".join(map(str, self.effects))
+        also = "".join(f" Fitted beside it: {e}." for e in self.moved)
         if self.verdict == "unknown":
             nearest = (
                 f" The nearest is {found}, but it does not close the gap: {gap}." if found else ""
             )
-            return f"Nothing in the catalogue explains the gap: {self._character}.{nearest}"
+            return f"Nothing in the catalogue explains the gap: {self._character}.{nearest}{also}"
         if len(self.rivals) == 1 and len(self.best.moved) > 1:
             return (
                 f"The simulation lacks {found}: with it, {gap}. Linear stiffness and damping moved"
                 " together: one cause may stand behind both, such as a viscoelastic support or a"
                 " small mass that vibrates along; decays at another frequency would tell."
             )
-        also = "".join(f" {e.label[0].upper()}{e.label[1:]} fits too." for e in self.moved)
         if self.verdict == "named":
             return f"The simulation lacks {found}: with it, {gap}.{also}"
         others = ", or ".join(

@@ -20,6 +20,8 @@ from romsindy.model import ReducedModel
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _PAIRS = 5
+# Where the gap stays open, an effect must bring the misfit down by this factor to count.
+_WORTH = 2.0
 # Effects that resemble each other for one mode, and are never judged one without the other.
 SIBLINGS = (
     {"cubic_stiffness", "nonlinear_inertia", "gain", "added_mass", "magnet"},
@@ -132,6 +134,8 @@ class Search:
             for h in seen
             if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))
         ]
+        if not self.remainder(best).closed:
+            best = self._plainest([best, *seen])
         rivals = self._rivals(best, seen)
         return rivals[0], rivals, base
 
@@ -221,11 +225,16 @@ class Search:
                     trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
         return self.fitted(trials)
 
+    def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
+        """Where nothing closes the gap: as few effects as explain nearly as much."""
+        best = min(seen, key=lambda h: h.misfit * _WORTH ** len(h.effects))
+        return ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
+
     def _rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Different hypotheses that the data do not tell apart from the best, best first."""
-        found: dict[frozenset[str], Hypothesis] = {}
+        found = {frozenset(best.names): best}
         n, excess = len(best.effects), best.excess
-        for h in sorted([best, *seen], key=lambda h: h.score(excess)):
+        for h in sorted(seen, key=lambda h: h.score(excess)):
             near = h.score(excess) - best.score(excess) < EQUIVALENT
             if near and len(h.effects) <= max(n, 1) and h.names:
                 found.setdefault(frozenset(h.names), h)
