@@ -45,7 +45,7 @@ def named(model: rs.ReducedModel, decays: list[rs.Decay], cutoff: float) -> tupl
             starts = (s.starts for s in effect.shapes(scales))
             for shape in itertools.islice(itertools.product(*starts), 20):
                 column = effect.forces(state, np.array(shape))[0]
-                columns.setdefault(f"{effect.name} {shape}", []).append(column)
+                columns.setdefault(f"{effect.name} {effect.variant} {shape}", []).append(column)
     names = [n for n in columns if n.split()[0] not in ("linear_frequency", "viscous")]
     theta = np.stack([np.concatenate(columns[n]) for n in names], axis=1)
     free = np.concatenate(base, axis=1).T

@@ -118,6 +118,10 @@ class Effect(ABC):
         """The term that it adds to a `ReducedModel`, where it can be one."""
         return None
 
+    def beam_effect(self, coefficient: float) -> Any:
+        """Counterpart in `romsindy.beam.effects`, to be fitted there; None where there is none."""
+        return None
+
 
 class TermEffect(Effect):
     """An effect that is a `Term` of the equation of motion."""

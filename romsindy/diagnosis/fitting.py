@@ -213,6 +213,8 @@ def fit(
             system, responses = _linearised(model, parts, records, motions)
             if kept is not None and not system.power <= _WORSE * kept.power:
                 if kept.short < _SHORTEST:
+                    parts, system = kept.parts, kept.system
+                    motions = [r.motion for r in kept.responses]
                     break
                 kept = replace(kept, short=0.3 * kept.short)  # a step too far: go back
                 parts, motions = kept.moved()
@@ -231,7 +233,7 @@ def fit(
             if not np.isfinite(largest) or largest > _LOST:
                 return _failed(parts, motions, n_values)
             short = min(1.0, _LEASH / max(largest, 1e-300))
-            kept = _Stage(parts, tuple(responses), weights, step[:n_values], short, system.power)
+            kept = _Stage(parts, tuple(responses), weights, step[:n_values], short, system)
             parts, motions = kept.moved()
         chi_squared = system.chi_squared(step)
         converged = short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared
@@ -262,7 +264,12 @@ class _Stage:
     weights: tuple[Array, ...]
     step: Array
     short: float
-    power: float
+    system: _Normal
+
+    @property
+    def power(self) -> float:
+        """Misfit before the step."""
+        return self.system.power
 
     def moved(self) -> tuple[tuple[Part, ...], list[Trajectory]]:
         """Values and motions after the step."""
