@@ -167,12 +167,13 @@ class DiagnosisReport:
     def sentence(self) -> str:
         """The finding in one or two sentences."""
         before, after = f"{self.gap.before:.3g}", f"{self.gap.after:.3g}"
-        gap = f"the error on what was held out falls from {before} to {after} times the noise"
+        where = "what was held out" if self.gap.unseen else "the records themselves"
+        gap = f"the error on {where} falls from {before} to {after} times the noise"
         if self.verdict == "none":
             return (
                 "The simulation lacks nothing that these data can show: what it leaves is"
                 f" {self.remainder.adequacy:.3g} times the noise, {self.gap.after:.3g} times on"
-                " what was held out."
+                f" {where}."
             )
         found = " and ".join(map(str, self.effects))
         also = "".join(f" Fitted beside it: {e}." for e in self.moved)
@@ -207,7 +208,7 @@ class DiagnosisReport:
         if left.structure > 1.3:
             parts.append(f"it repeats with the vibration ({left.structure:.3g} times by chance)")
         if self.gap.after > _PREDICTED:
-            parts.append(f"the held-out error stays at {self.gap.after:.3g} times the noise")
+            parts.append(f"the error to be predicted stays at {self.gap.after:.3g} times the noise")
         return ", ".join(parts) or "the residual is not noise"
 
     def __repr__(self) -> str:

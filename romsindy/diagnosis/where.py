@@ -18,7 +18,7 @@ from romsindy.quasilinear import nodes
 from romsindy.typing import Array
 
 HARMONICS = 3
-_CYCLES = 10.0  # between knots
+_CYCLES = (2.0, 10.0)  # between knots, in short and in long records
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,10 @@ class MissingForce:
         record = report.records[index]
         t = nodes(record.motion)[0]
         # Fewer knots and harmonics than a fit starts from: accelerations amplify noise.
-        spline = HarmonicSpline.along(
-            record.spline.phase, record.t, record.decay.q, _CYCLES, HARMONICS
-        )
+        phase = record.spline.phase
+        n_cycles = float(phase(record.t[-1]) - phase(0.0)) / (2 * np.pi)
+        cycles = min(max(n_cycles / 10, _CYCLES[0]), _CYCLES[1])
+        spline = HarmonicSpline.along(phase, record.t, record.decay.q, cycles, HARMONICS)
         q, q_dot, q_ddot = spline(t)
         equation = ExtendedEquation(report.nominal, parts, index, record.motion.grid.step)
         # What is missing on the right side: positive pushes towards positive q.
