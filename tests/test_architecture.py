@@ -19,6 +19,7 @@ MODULES = [m.name for m in pkgutil.iter_modules(romsindy.__path__) if m.name != 
 # Each layer may import from itself, upwards in this list, and nothing below.
 LAYERS = [
     {"typing", "terms", "continuation", "trajectory"},
+    {"force_laws", "quasilinear"},
     {"signals"},
     {"filters"},
     {"decay"},
@@ -31,6 +32,7 @@ LAYERS = [
     {"synthetic", "library", "beam", "harmonic_balance"},
     {"stability", "families"},
     {"orbits"},
+    {"diagnosis"},
     {"harmonic"},
     {"regression"},
     {"comparison", "tangent"},
@@ -68,7 +70,7 @@ def test_imports_run_one_way(module):
 
 def test_only_drawing_modules_know_matplotlib():
     knowing = {m for m in MODULES if any(n.startswith("matplotlib") for n in imported(m))}
-    assert knowing == {"beam", "plotting", "report", "study", "cli"}
+    assert knowing == {"beam", "diagnosis", "plotting", "report", "study", "cli"}
 
 
 def test_models_and_signals_know_no_regression():
