@@ -28,6 +28,7 @@ from romsindy.orbits import (
 )
 from romsindy.refine import Band, Fit, refine
 from romsindy.regression import HarmonicSINDy, ScaledOptimizer
+from romsindy.selection import Selection, default_candidates, select_model
 from romsindy.synthetic import add_noise, example_decay
 
 __version__ = "0.1.0"
@@ -57,6 +58,7 @@ __all__ = [
     "ReducedModel",
     "SavitzkyGolay",
     "ScaledOptimizer",
+    "Selection",
     "SingularInertiaError",
     "Steps",
     "StiffnessLibrary",
@@ -64,6 +66,7 @@ __all__ = [
     "backbone_curve",
     "bootstrap",
     "continue_branch",
+    "default_candidates",
     "diagnose",
     "example_decay",
     "extract_backbone",
@@ -72,4 +75,5 @@ __all__ = [
     "load_decay",
     "refine",
     "save_decay",
+    "select_model",
 ]

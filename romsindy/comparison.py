@@ -114,10 +114,13 @@ def compare_models(
         known = {k: v for k, v in fixed.items() if inertia or not k.startswith("Upsilon")}
         for suffix, values in (("", known), (", omega fixed", known | {"omega^2": omega2})):
             estimator = HarmonicSINDy(library, projection=projection, fixed=values).fit(decay)
-            plain = Candidate(
-                name + suffix, estimator, None, "", *_judged(estimator.model_, backbone)
-            )
+            plain = judge(name + suffix, estimator, backbone)
             yield plain if measured is None else _refined(plain, measured, backbone)
+
+
+def judge(name: str, estimator: HarmonicSINDy, backbone: Backbone) -> Candidate:
+    """Hold the backbone of a fitted model against an extracted one."""
+    return Candidate(name, estimator, None, "", *_errors(estimator.model_, backbone))
 
 
 def _refined(plain: Candidate, measured: Decay, backbone: Backbone) -> Candidate:
@@ -125,7 +128,7 @@ def _refined(plain: Candidate, measured: Decay, backbone: Backbone) -> Candidate
         fit = refine(plain.model, measured, fixed=tuple(plain.estimator.fixed or {}))
     except TrajectoryError as trouble:  # a model can fit accelerations and yet have no motion
         return replace(plain, failure=str(trouble))
-    error, lost = _judged(fit.model, backbone)
+    error, lost = _errors(fit.model, backbone)
     refined = replace(plain, fit=fit, error=error, lost=lost)
     worse = refined.lost > plain.lost or refined.rms_error > plain.rms_error
     if worse and not fit.verdict.explained:
@@ -137,7 +140,7 @@ def _refined(plain: Candidate, measured: Decay, backbone: Backbone) -> Candidate
     return refined
 
 
-def _judged(model: ReducedModel, backbone: Backbone) -> tuple[NDArray[np.float64], int]:
+def _errors(model: ReducedModel, backbone: Backbone) -> tuple[NDArray[np.float64], int]:
     """Error of a backbone, and at how many certain cycles the model has no motion."""
     certain = backbone.frequency_std < CERTAIN * backbone.frequency
     error = model.backbone(backbone.amplitude) / backbone.frequency - 1

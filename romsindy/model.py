@@ -274,14 +274,26 @@ class ReducedModel:
         if all(term.conservative_inertia for term in self.terms):
             return self.inertia, lambda q: self._total("potential", q)
         # d(q_dot^2)/dq + 2 N/M q_dot^2 = -2 K/M  has the factor  mu = exp(int 2 N/M dq).
-        domain = [-reach or -1.0, reach or 1.0]
+        low, high = -self._regular(-reach or -1.0), self._regular(reach or 1.0)
 
         def integral(f: Callable) -> Chebyshev:
-            return Chebyshev.interpolate(f, 120, domain=domain).integ(lbnd=0.0)
+            return Chebyshev.interpolate(f, 120, domain=[low, high]).integ(lbnd=0.0)
 
         log_factor = integral(lambda q: 2 * self.convection(q) / self.inertia(q))
         potential = integral(lambda q: np.exp(log_factor(q)) * self.stiffness(q) / self.inertia(q))
-        return lambda q: np.exp(log_factor(q)), potential
+
+        def factor(q: Array) -> Array:
+            return np.where(
+                (q >= low) & (q <= high), np.exp(log_factor(np.clip(q, low, high))), np.nan
+            )
+
+        return factor, lambda q: potential(np.clip(q, low, high))
+
+    def _regular(self, reach: float) -> float:
+        """How far from 0 towards ``reach`` the inertia stays positive; polynomials end at poles."""
+        q = np.linspace(0.0, reach, 2000)
+        singular = np.flatnonzero(self.inertia(q) <= 0)
+        return abs(reach) if not len(singular) else 0.98 * abs(float(q[singular[0]]))
 
     def backbone(self, amplitudes: ArrayLike) -> Array:
         """Angular frequency of the undamped model, by energy quadrature.

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.legendre import legval, legvander
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
+from scipy.signal import lfilter, welch
 
 from romsindy.signals import crossings
 from romsindy.typing import Array, Indices
@@ -26,6 +26,8 @@ _DEGREE = 4  # of the polynomials in time: phase may bend, amplitude may fall
 _CYCLES = (3, 6, 12, 24)
 _HARMONICS = (5, 12)
 _MAX_ORDER = 30
+# Power of a line over the median of its surroundings; averaged noise stays far below.
+_LINE = 20.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,39 @@ def estimate_noise(x: Array, dt: float) -> Noise:
             " vibration: record longer, or sample faster"
         )
     return min(candidates, key=lambda noise: noise.std)
+
+
+@dataclass(frozen=True)
+class Line:
+    """Another vibration in a record: frequency in Hz, rms in the unit of the record."""
+
+    frequency: float
+    rms: float
+
+
+def find_line(noise: Noise, dt: float) -> Line | None:
+    """The strongest line in what the harmonics leave, if it stands out as noise never does.
+
+    Parameters
+    ----------
+    noise : Noise
+    dt : float
+        Sampling interval, s.
+    """
+    rest = np.concatenate([w.rest for w in noise.windows])
+    frequencies, power = welch(rest, 1 / dt, nperseg=min(len(rest), 2048))
+    # What lies close to a harmonic is the vibration itself, badly followed.
+    cycles = sum(float(w.phase[-1] - w.phase[0]) for w in noise.windows) / (2 * np.pi)
+    order = frequencies * len(rest) * dt / cycles
+    own = (np.abs(order - np.round(order)) < 0.25) & (order < max(_HARMONICS) + 0.5)
+    peak = int(np.argmax(np.where(own, 0.0, power)))
+    # The floor near the peak, so that coloured noise is no line.
+    near = power[max(peak - 40, 0) : peak + 41]
+    if power[peak] < _LINE * np.median(near):
+        return None
+    around = slice(max(peak - 3, 0), peak + 4)
+    rms = np.sqrt(np.sum(power[around]) * (frequencies[1] - frequencies[0]))
+    return Line(float(frequencies[peak]), float(rms))
 
 
 def fit_windows(x: Array, up: Indices, cycles: int, harmonics: int) -> Iterator[Window]:

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
 from romsindy.noise import Noise, autoregression, coloured_product, estimate_noise
-from romsindy.signals import crossings
+from romsindy.signals import clipped, crossings
 from romsindy.trajectory import (
     Equation,
     Grid,
@@ -99,6 +100,8 @@ class Record:
         Free part.
     signal : (n,) array
         The measured quantity.
+    valid : (n,) array of bool
+        False where the sensor was at the end of its range: such samples take no part.
     derivative : int
         0, 1, 2 for displacement, velocity, acceleration.
     noise : Noise
@@ -111,6 +114,7 @@ class Record:
 
     decay: Decay
     signal: Array
+    valid: NDArray[np.bool_]
     derivative: int
     noise: Noise
     grid: Grid
@@ -131,6 +135,7 @@ class Record:
         return cls(
             record,
             signal,
+            ~clipped(signal),
             derivative,
             noise,
             Grid.over(record.t, float(np.quantile(lengths, 0.1)), _steps_per_cycle(share)),
@@ -206,14 +211,13 @@ class OutputError:
         """Measured minus simulated signal of each decay."""
         coefficients, _, offsets = self.split(values)
         equation = self.equation.at(coefficients)
-        return [
-            record.signal[: len(motion.grid.fraction)]
-            - motion.samples(equation, record.derivative)
-            - offset
-            for record, motion, offset in zip(
-                self.records, self.motions(values, horizon), offsets, strict=True
-            )
-        ]
+        parts = []
+        triples = zip(self.records, self.motions(values, horizon), offsets, strict=True)
+        for record, motion, offset in triples:
+            simulated = motion.samples(equation, record.derivative) + offset
+            n = len(simulated)
+            parts.append((record.signal[:n] - simulated) * record.valid[:n])
+        return parts
 
     def jacobians(self, values: Array, horizon: float = np.inf) -> list[Array]:
         """Derivatives of each simulated signal with respect to all values, (n, n_values)."""
@@ -228,7 +232,7 @@ class OutputError:
             block[:, p + 2 * i : p + 2 * i + 2] = slopes[:, p:]
             if self.offset:
                 block[:, p + 2 * d + i] = 1.0
-            blocks.append(block)
+            blocks.append(block * self.records[i].valid[: len(slopes), None])
         return blocks
 
     def with_signals(self, signals: Sequence[Array]) -> OutputError:
@@ -256,8 +260,11 @@ class OutputError:
             horizon = np.inf if whole else horizon
             try:
                 values, message = self._minimise(values, horizon, loss, not whole)
+                if progress:
+                    progress(f"{min(horizon, longest):.3g} s of {longest:.3g} s fitted")
             except KeyboardInterrupt:
-                return values, f"interrupted before a horizon of {min(horizon, longest):.3g} s"
+                done = f"interrupted at a horizon of {min(horizon, longest):.3g} s"
+                return values, f"{done} of {longest:.3g} s: not the best fit"
             except TrajectoryError as error:
                 fitted = (
                     f"fitted to the first {horizon / _GROWTH:.3g} s" if message else "at the start"
@@ -266,8 +273,6 @@ class OutputError:
                     f"the model with {len(self.equation.values)} free coefficients, {fitted}, has"
                     f" no motion after that ({error}): use fewer terms, or start from other ones"
                 ) from error
-            if progress:
-                progress(f"{min(horizon, longest):.3g} s of {longest:.3g} s fitted")
             if whole:
                 return values, message
             horizon *= _GROWTH

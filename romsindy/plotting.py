@@ -8,14 +8,17 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from romsindy.backbone import Backbone, extract_backbone
+from romsindy.contenders import CHOSEN, EQUIVALENT
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
 from romsindy.orbits import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.refine import Fit
 from romsindy.regression import HarmonicSINDy
+from romsindy.selection import Selection
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
@@ -239,6 +242,34 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
         ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
         ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
     ax.set(xlabel="harmonic", ylabel="rms residual / rms target", yscale="log")
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
+    """Held-out error of every structure against its number of coefficients.
+
+    The error is squared error over noise of held-out cycles, beyond that of the best, with one
+    standard error to either side: a structure whose bar reaches zero predicts as well as the best.
+    """
+    ax = _axes(ax)
+    looks: dict[str, dict[str, Any]] = {
+        CHOSEN: {"color": "C3", "ms": 9, "fmt": "*", "zorder": 3, "label": CHOSEN},
+        EQUIVALENT: {"color": "C0", "ms": 4, "fmt": "o", "zorder": 2, "label": EQUIVALENT},
+        "": {"color": "0.6", "ms": 4, "fmt": "o", "mfc": "white", "zorder": 1, "label": "worse"},
+    }
+    for verdict, look in looks.items():
+        some = [c for c in selection.path if (c.verdict if c.verdict in looks else "") == verdict]
+        if some:
+            count = [len(c.keys) for c in some]
+            error = [c.excess_std for c in some]
+            ax.errorbar(count, [c.excess for c in some], yerr=error, lw=0.8, **look)
+    ax.axhline(0, color="0.25", lw=0.8)
+    ax.set_yscale("symlog", linthresh=10)
+    ax.set_ylim(bottom=-30)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ylabel = "squared error of held-out cycles over noise, beyond the best"
+    ax.set(xlabel="number of coefficients", ylabel=ylabel)
     ax.legend(loc="best", frameon=False)
     return ax
 

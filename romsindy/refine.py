@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.adequacy import Adequacy, examine
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
-from romsindy.noise import Noise
+from romsindy.noise import Noise, find_line
 from romsindy.output_error import ModelEquation, OutputError, Record
 from romsindy.typing import Array
 
@@ -90,6 +90,25 @@ class Fit:
         return tuple(record.noise for record in self.problem.records)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader must know of the records and of the fit."""
+        notes = [] if "termination" in self.message else [self.message]
+        for i, record in enumerate(self.problem.records):
+            lost = int(np.sum(~record.valid))
+            if lost:
+                notes.append(
+                    f"decay {i}: {lost} samples stick to the end of the sensor's range and take no"
+                    " part"
+                )
+            line = find_line(record.noise, record.decay.dt)
+            if line is not None:
+                notes.append(
+                    f"decay {i}: another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g},"
+                    " is counted as noise; it is no part of this model"
+                )
+        return tuple(notes)
+
+    @property
     def adequacy(self) -> float:
         """Rms of the residual over the noise; 1 where the model explains the data to it."""
         return self.verdict.ratio
@@ -123,7 +142,8 @@ class Fit:
             lines.append(
                 f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
             )
-        return "\n".join([*lines, str(self.verdict)])
+        notes = [f"Note: {note}." for note in self.notes]
+        return "\n".join([*lines, str(self.verdict), *notes])
 
     def __repr__(self) -> str:
         size = f"{len(self.free)} coefficients, {len(self.decays)} decays"
@@ -201,7 +221,7 @@ def refine(
     with threadpool_limits(limits=1, user_api="blas"):
         records = _records(decays, model)
         free = _free_names(model, fixed)
-        problem = OutputError.of(ModelEquation(_smoothed(model, records), free), records, offset)
+        problem = OutputError.of(ModelEquation(smoothed(model, records), free), records, offset)
         values, message = problem.solve(loss, progress)
         return _fit(problem, values, model, free, message)
 
@@ -260,7 +280,8 @@ def _same(a: Decay, b: Decay) -> bool:
     return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
 
 
-def _smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
+def smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
+    """Model whose dry friction is smooth at the speeds of the records."""
     if all(term.smooth for term in model.terms):
         return model
     speed = max(float(np.abs(np.gradient(r.decay.q, r.decay.dt)).max()) for r in records)

@@ -185,7 +185,7 @@ class HarmonicSINDy(BaseEstimator):
                 " use fewer terms, more harmonics or a longer record"
             )
         _refuse_absurd(fixed, terms, rows)
-        weights = _row_weights(rows) if self.weighted else None
+        weights = row_weights(rows) if self.weighted else None
         optimizer = ScaledOptimizer(self.optimizer, fixed)
         optimizer.fit(rows.theta, rows.target, sample_weight=weights)
         self.optimizer_ = optimizer
@@ -248,7 +248,7 @@ class HarmonicSINDy(BaseEstimator):
         print(*self.equations(precision), sep="\n")
 
 
-def _row_weights(rows: Rows) -> Array:
+def row_weights(rows: Rows) -> Array:
     """One over the variance that is expected of a row's error.
 
     Noise is the same at every amplitude, and differentiating it favours high harmonics; what a

@@ -7,6 +7,7 @@ import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
@@ -18,6 +19,7 @@ from romsindy.backbone import Backbone
 from romsindy.comparison import CERTAIN, Candidate, coefficient_table
 from romsindy.decay import Decay
 from romsindy.refine import Fit
+from romsindy.selection import Selection
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,7 @@ class Identification:
     decay: Decay
     backbone: Backbone
     candidates: Sequence[Candidate]
+    selection: Selection | None = None
 
     def named(self, name: str) -> Candidate:
         """The candidate of that name."""
@@ -39,7 +42,9 @@ class Identification:
         stiffness, icrom = self.named("stiffness"), self.named("IC-ROM")
         words = [f"the {c.name} model {_off(c)}" for c in (icrom, stiffness)]
         text = f"Over {len(self.backbone)} cycles {words[0]}; {words[1]}."
-        explained = f" IC-ROM: {icrom.fit.verdict}" if icrom.fit else ""
+        fit = self.selection.fit if self.selection else icrom.fit
+        name = f"Chosen, {self.selection.chosen.name}" if self.selection else "IC-ROM"
+        explained = f" {name}: {fit.verdict}" if fit else ""
         return text + explained
 
     def table_note(self) -> str:
@@ -114,6 +119,20 @@ def pictures(result: Identification) -> list[_Picture]:
             lambda ax: plotting.plot_residual({c.name: c.estimator for c in both}, ax=ax),
         ),
         *(_misfit(c.name, c.fit) for c in both if c.fit),
+        *(_choice(result.selection) if result.selection else ()),
+    ]
+
+
+def _choice(selection: Selection) -> list[_Picture]:
+    name = f"chosen ({selection.chosen.name})"
+    return [
+        _Picture(
+            "Terms that the data ask for",
+            f"Chosen: {selection.chosen.name}; {len(selection.equivalent)} others cannot be told"
+            " from it. Error of held-out cycles, in squared noise, against size.",
+            lambda ax: plotting.plot_selection(selection, ax=ax),
+        ),
+        _misfit(name, selection.fit),
     ]
 
 
@@ -130,16 +149,12 @@ def write_report(
     result: Identification, path: str | Path, progress: Callable[[Iterable], Iterable] = iter
 ) -> None:
     """Write the page; ``progress`` may wrap the figures in a progress bar."""
-    from romsindy import __version__
-
     figures = [
         {"title": p.title, "caption": p.caption, "png": _png(p.draw)}
         for p in progress(pictures(result))
     ]
-    environment = Environment(
-        loader=PackageLoader("romsindy", "."), autoescape=select_autoescape(["j2"])
-    )
-    page = environment.get_template("report.html.j2").render(
+    page = render(
+        "report.html.j2",
         title=result.title,
         verdict=result.verdict(),
         equation=str(result.named("IC-ROM").model),
@@ -147,9 +162,18 @@ def write_report(
         table_note=result.table_note(),
         figures=figures,
         notes=[repr(result.decay).splitlines()[0].strip("<>"), *result.decay.notes],
-        version=__version__,
     )
     Path(path).write_text(page, encoding="utf-8")
+
+
+def render(template: str, **content: Any) -> str:
+    """The text of a page from one of the package's templates."""
+    from romsindy import __version__
+
+    environment = Environment(
+        loader=PackageLoader("romsindy", "."), autoescape=select_autoescape(["j2"])
+    )
+    return environment.get_template(template).render(version=__version__, **content)
 
 
 def _png(draw: Callable[[Axes], Axes]) -> str:

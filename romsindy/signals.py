@@ -8,11 +8,15 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline, make_lsq_spline
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt, welch
 
 from romsindy.typing import Array, Indices
+
+# Equal samples in a row at the very extreme: fewer may be chance, or steps of an encoder.
+_CLIPPED_RUN = 4
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -292,9 +296,39 @@ def _refuse_late_start(x: Array, start: int, dt: float) -> None:
 
 def _refuse_growth(amplitude: Array, period: int) -> None:
     ends = slice(period, -period) if len(amplitude) > 4 * period else slice(None)
-    growth = np.polyfit(np.linspace(0, 1, len(amplitude[ends])), np.log(amplitude[ends]), 1)[0]
+    floor = 1e-6 * amplitude.max()  # where noise was taken off, nothing may be left
+    growth = np.polyfit(
+        np.linspace(0, 1, len(amplitude[ends])), np.log(np.maximum(amplitude[ends], floor)), 1
+    )[0]
     if growth > 0.05:
         raise ValueError(
             f"the amplitude grows by {np.expm1(growth):.0%} over the record: it is forced or not a"
             " free decay; cut it with start= and end="
         )
+
+
+def clipped(x: Array) -> NDArray[np.bool_]:
+    """Samples that stick to the end of a sensor's range.
+
+    A sensor that clips shows the very same extreme value for several samples in several cycles,
+    while the turning points of a decay differ. No sample is marked unless two cycles do so.
+
+    Parameters
+    ----------
+    x : (n,) array
+        One channel.
+
+    Returns
+    -------
+    (n,) array of bool
+    """
+    marked = np.zeros(len(x), bool)
+    for extreme in (x.max(), x.min()):
+        flat = np.abs(x - extreme) <= 1e-9 * np.ptp(x)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.astype(int), [0]])))
+        starts, ends = edges[::2], edges[1::2]
+        runs = [(a, b) for a, b in zip(starts, ends, strict=True) if b - a >= _CLIPPED_RUN]
+        # One run may be a hold before the release; later ones come after a reversal.
+        if len(runs) > 1 and np.any(np.signbit(x[runs[0][1] : runs[-1][0]]) != np.signbit(extreme)):
+            marked |= flat
+    return marked

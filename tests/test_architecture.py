@@ -35,9 +35,12 @@ LAYERS = [
     {"diagnosis"},
     {"harmonic"},
     {"regression"},
-    {"comparison"},
+    {"comparison", "tangent"},
+    {"contenders"},
+    {"selection"},
     {"plotting"},
     {"report"},
+    {"study"},
     {"cli"},
 ]
 
@@ -67,7 +70,7 @@ def test_imports_run_one_way(module):
 
 def test_only_drawing_modules_know_matplotlib():
     knowing = {m for m in MODULES if any(n.startswith("matplotlib") for n in imported(m))}
-    assert knowing == {"beam", "diagnosis", "plotting", "report", "cli"}
+    assert knowing == {"beam", "diagnosis", "plotting", "report", "study", "cli"}
 
 
 def test_models_and_signals_know_no_regression():
@@ -75,7 +78,7 @@ def test_models_and_signals_know_no_regression():
     knowing = {
         m for m in MODULES if any(n.split(".")[0] in {"pysindy", "sklearn"} for n in imported(m))
     }
-    assert knowing == {"library", "harmonic", "regression"}
+    assert knowing == {"library", "harmonic", "regression", "study", "tangent"}
 
 
 def test_importing_the_package_draws_nothing():

@@ -16,6 +16,7 @@ from romsindy.beam.plotting import (
     plot_coupling,
     plot_modal_responses,
     plot_modes,
+    plot_normal_mode,
     plot_shapes,
 )
 
@@ -67,3 +68,14 @@ def test_modal_responses_and_coupling(motion):
 def test_modes_that_are_not_there(motion):
     with pytest.raises(ValueError, match="mode = 11"):
         plot_modal_responses(motion, 11)
+
+
+def test_normal_mode_goes_on_the_axes_of_a_backbone(beam):
+    orbits = beam.normal_mode([0.02], progress=False)
+    ax = plt.figure().add_subplot()
+    ax.plot([6.1, 6.2], [0.0, 0.01], label="a backbone")
+    assert plot_normal_mode(orbits, ax) is ax
+    marks = ax.lines[1]
+    assert_allclose(marks.get_xdata(), orbits.frequency / (2 * np.pi))
+    assert_allclose(marks.get_ydata(), orbits.amplitude)
+    assert [t.get_text() for t in ax.get_legend().get_texts()][0] == "a backbone"

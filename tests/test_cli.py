@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from romsindy import ReducedModel, __version__, example_decay, save_decay
+from romsindy import ReducedModel, __version__, add_noise, example_decay, save_decay
 from romsindy.cli import main
 
 
@@ -35,8 +35,22 @@ def test_example_prints_models_and_writes_a_page(run, tmp_path):
 
 
 def test_same_seed_same_numbers(run):
-    first, second = (run("identify", "--example", "--seed", 4).output for _ in range(2))
-    assert first == second != run("identify", "--example", "--seed", 5).output
+    first, second = (
+        run("identify", "--example", "--seed", 4, "--no-refine").output for _ in range(2)
+    )
+    assert first == second != run("identify", "--example", "--seed", 5, "--no-refine").output
+
+
+def test_terms_are_chosen(run, tmp_path):
+    model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0, "c_linear": 0.1})
+    decay = add_noise(model.simulate(1.0, 0.0, np.arange(0, 40, 0.02)), 40, seed=0)
+    save_decay(decay, tmp_path / "decay.npz")
+    result = run("identify", "decay.npz", "--order", 3, "--select", "--model", "model.json")
+    assert result.exit_code == 0, result.output
+    chosen = ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert set(chosen.coefficients) >= {"omega^2", "gamma_3", "c_linear"}
+    assert "Chosen of" in result.output and "not told apart" in result.output
+    assert "Terms that the data ask for" in (tmp_path / "decay_report.html").read_text()
 
 
 def test_file_with_options(run, tmp_path):
@@ -54,7 +68,7 @@ def test_file_with_options(run, tmp_path):
 
 def test_measured_velocity(run, measured):
     result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
-                 "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
+                 "--no-refine", "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "displacement integrated from velocity, drift removed" in result.output
 
@@ -143,7 +157,7 @@ def test_neither_or_both_of_file_and_example(run):
 
 def test_saved_decays_are_read_back(run, tmp_path):
     save_decay(example_decay(), tmp_path / "clean.npz")
-    result = run("identify", "clean.npz")
+    result = run("identify", "clean.npz", "--no-refine")
     assert result.exit_code == 0, result.output
     assert "IC-ROM model misses the measured frequency by 0.001" in result.output
 

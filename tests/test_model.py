@@ -80,6 +80,20 @@ def test_free_inertia_and_convection_equal_the_tied_pair():
     np.testing.assert_allclose(free.energy(a, 2 * a), tied.energy(a, 2 * a), rtol=1e-10)
 
 
+def test_inertia_that_vanishes_just_beyond_the_motion():
+    """A negative beta_1, as identified from a cantilever: M = 0 at q = 0.0255, amplitude 0.0215."""
+    free = model(omega2=1518.0, gamma_3=-2.212e6, beta_1=-1537.0, beta_2=217.7)
+    amplitudes = np.array([0.0035, 0.01, 0.0215, 0.026])
+    frequency = free.backbone(amplitudes)
+    assert np.isnan(frequency[-1])  # beyond
+    t = np.linspace(0, 0.2, 20_001)
+    for a, omega in zip(amplitudes[:3], frequency[:3], strict=True):
+        q, _ = integrate(lambda q, v: float(free.acceleration(q, v)), a, 0.0, t)
+        falling = np.flatnonzero((q[:-1] > 0) & (q[1:] <= 0))[0]
+        quarter = np.interp(0.0, -q[falling : falling + 2], t[falling : falling + 2])
+        assert np.pi / (2 * quarter) == pytest.approx(omega, rel=1e-6)  # chords of 1e-5 s
+
+
 @pytest.mark.parametrize("beta_2", [0.3, 0.1, -0.2])
 def test_energy_is_conserved_without_damping(beta_2):
     free = model(omega2=36.0, gamma_2=2.0, gamma_3=9.0, beta_1=0.3, beta_2=beta_2)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import romsindy as rs
 from romsindy.refine import refine
 from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.trajectory import TrajectoryError
 
 AMPLITUDES = np.linspace(0.2, 1.7, 40)
 
@@ -113,3 +117,113 @@ def test_bad_input_is_named() -> None:
     millimetres = rs.Decay(decay.t, 1e3 * decay.q, unit="mm")
     with pytest.raises(ValueError, match="decay 0 is in mm, the model in m"):
         refine(EXAMPLE_MODEL, millimetres)
+
+
+def within(fit: rs.Fit, sigmas: float = 4.5) -> bool:
+    truth = EXAMPLE_MODEL.coefficients
+    pairs = fit.standard_errors.items()
+    return all(abs(fit.model.coefficients[k] - truth[k]) < sigmas * s for k, s in pairs)
+
+
+def test_a_clipped_sensor_is_noticed_and_left_out() -> None:
+    decay = noisy(5, 45)
+    clipped = rs.Decay(decay.t, np.clip(decay.q, -1.5, 1.5), unit="m")
+    fit = refine(EXAMPLE_MODEL, clipped)
+    assert any("stick to the end of the sensor's range" in note for note in fit.notes)
+    assert within(fit)
+    assert not any("stick" in note for note in refine(EXAMPLE_MODEL, decay).notes)
+
+
+def test_a_second_vibration_is_named() -> None:
+    decay = noisy(6, 45)
+    hum = 0.02 * np.sin(2 * np.pi * 17.7 * decay.t)
+    fit = refine(EXAMPLE_MODEL, rs.Decay(decay.t, decay.q + hum, unit="m"))
+    notes = [note for note in fit.notes if "another vibration" in note]
+    assert len(notes) == 1
+    frequency, rms = (float(x) for x in re.findall(r"at (\S+) Hz, rms ([\d.]+),", notes[0])[0])
+    assert frequency == pytest.approx(17.7, abs=0.1)
+    assert rms == pytest.approx(0.02 / np.sqrt(2), rel=0.1)
+    assert within(fit)
+    assert not refine(EXAMPLE_MODEL, decay).notes
+
+
+def test_ten_decibels_of_noise_give_large_but_true_errors() -> None:
+    fit = refine(EXAMPLE_MODEL, noisy(7, 10))
+    assert within(fit)
+    assert fit.verdict.explained
+
+
+def test_three_cycles_give_an_answer_with_its_uncertainty() -> None:
+    decay = noisy(8).between(0.0, 4.8)
+    model = rs.ReducedModel.from_coefficients(
+        {k: v for k, v in EXAMPLE_MODEL.coefficients.items() if k != "c_linear"}, unit="m"
+    )
+    fit = refine(EXAMPLE_MODEL, decay, fixed=("Upsilon_4", "Upsilon_5", "gamma_2"))
+    assert within(fit)
+    assert fit.standard_errors["omega^2"] > 0.01  # 150 cycles know it to 0.0005
+    assert refine(model, decay).verdict.ratio > 1
+
+
+def test_a_model_that_becomes_singular_on_the_way_is_refused_with_a_remedy() -> None:
+    singular = {**EXAMPLE_MODEL.coefficients, "Upsilon_3": -0.4, "Upsilon_5": 0.0}
+    model = rs.ReducedModel.from_coefficients(singular, unit="m")
+    with pytest.raises(TrajectoryError, match=r"no motion.*use fewer terms"):
+        refine(model, noisy(0))
+
+
+def test_an_interrupt_keeps_what_was_fitted() -> None:
+    lines: list[str] = []
+
+    def stop(line: str) -> None:
+        lines.append(line)
+        if len(lines) == 7:
+            raise KeyboardInterrupt
+
+    fit = refine(regressed(noisy(9)), noisy(9), progress=stop)
+    assert any("interrupted at a horizon" in note for note in fit.notes)
+    assert fit.model.coefficients["omega^2"] == pytest.approx(36, rel=1e-3)
+
+
+def test_robust_loss_forgives_outliers() -> None:
+    decay = noisy(10, 40)
+    q = decay.q.copy()
+    rng = np.random.default_rng(0)
+    q[rng.choice(len(q), 100, replace=False)] += 0.5 * rng.choice([-1, 1], 100)
+    record = rs.Decay(decay.t, q, unit="m")
+    plain, robust = (refine(EXAMPLE_MODEL, record, loss=loss) for loss in ("linear", "soft_l1"))
+    exact = EXAMPLE_MODEL.backbone(AMPLITUDES)
+    errors = [np.abs(f.model.backbone(AMPLITUDES) / exact - 1).max() for f in (plain, robust)]
+    assert errors[1] < errors[0]
+
+
+def test_bootstrap_confirms_the_covariance() -> None:
+    t = np.arange(0, 30, 0.02)
+    model = rs.ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 3.0, "c_linear": 0.1})
+    clean = model.simulate(1.0, 0.0, t)
+    rng = np.random.default_rng(2)
+    white = 0.02 * rng.standard_normal(len(t) + 50)
+    coloured = lfilter([1.0], [1.0, -0.9], white)[50:]  # errors of low frequency: OLS is wrong
+    fit = refine(model, rs.Decay(t, clean.q + coloured))
+    repeats = rs.bootstrap(fit, 60, seed=1)
+    assert repeats.failed == 0
+    ratio = np.array(list(repeats.standard_errors.values())) / list(fit.standard_errors.values())
+    # 60 repetitions know a standard deviation to 9 %; three of these.
+    np.testing.assert_allclose(ratio, 1, atol=0.28)
+    again = rs.bootstrap(fit, 4, seed=1, n_jobs=2)
+    np.testing.assert_array_equal(again.values, rs.bootstrap(fit, 4, seed=1).values)
+    with pytest.raises(ValueError, match="repetitions = 1 must be at least 2"):
+        rs.bootstrap(fit, 1)
+
+
+def test_band_is_the_spread_of_refits() -> None:
+    """Backbones of bootstrap repetitions scatter as the band says."""
+    fit = refine(EXAMPLE_MODEL, noisy(11))
+    amplitudes = np.array([0.3, 1.0, 1.6])
+    band = fit.band(amplitudes)
+    repeats = rs.bootstrap(fit, 30, seed=0)
+    curves = [
+        rs.ReducedModel(fit.model.terms, tuple(v), "m").backbone(amplitudes) for v in repeats.values
+    ]
+    # 30 repetitions know a standard deviation to 13 %; three of these.
+    np.testing.assert_allclose(np.std(curves, axis=0, ddof=1), band.frequency_std, rtol=0.4)
+    assert np.abs(band.frequency / EXAMPLE_MODEL.backbone(amplitudes) - 1).max() < 1e-4

@@ -363,12 +363,17 @@ class Beam:
         )
 
     def normal_mode(
-        self, tip_displacements: Sequence[float], mode: int = 1, forces: int = 5
+        self,
+        tip_displacements: Sequence[float],
+        mode: int = 1,
+        forces: int = 5,
+        *,
+        progress: bool = True,
     ) -> NormalMode:
         """Return periodic orbits of the undamped beam; see `orbits.find_normal_mode`."""
         from romsindy.beam.orbits import find_normal_mode
 
-        return find_normal_mode(self, tip_displacements, mode, forces)
+        return find_normal_mode(self, tip_displacements, mode, forces, progress=progress)
 
     def reduce(
         self, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int = 41

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq, root
+from tqdm import tqdm
 
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import Motion
@@ -49,6 +50,8 @@ class NormalMode:
         largest velocity of the mode, shape (n,).
     shapes
         The shapes at rest, from which `Beam.simulate` follows the orbit.
+    stop_reason
+        "completed", or why it ended early.
     """
 
     amplitude: np.ndarray
@@ -57,6 +60,7 @@ class NormalMode:
     linear_frequency: float
     unrest: np.ndarray
     shapes: tuple[Shape, ...]
+    stop_reason: str
 
     def __repr__(self) -> str:
         shift = self.frequency / self.linear_frequency - 1
@@ -67,7 +71,12 @@ class NormalMode:
 
 
 def find_normal_mode(
-    beam: Beam, tip_displacements: Sequence[float], mode: int = 1, forces: int = 5
+    beam: Beam,
+    tip_displacements: Sequence[float],
+    mode: int = 1,
+    forces: int = 5,
+    *,
+    progress: bool = True,
 ) -> NormalMode:
     """Find periodic orbits of the beam, without its Rayleigh damping.
 
@@ -82,6 +91,8 @@ def find_normal_mode(
         The linear mode that the orbits grow out of: 1, 2, ...
     forces
         Number of bending modes whose modal forces hold the shape.
+    progress
+        Whether to show a progress bar.
 
     Raises
     ------
@@ -90,30 +101,31 @@ def find_normal_mode(
         beam whose effects dissipate.
     RuntimeError
         If the modes do not come to rest together, as near an internal resonance.
+    KeyboardInterrupt
+        Before the first orbit; later, what has been found is returned.
     """
     _check(tip_displacements, mode, forces)
     calm = replace(beam, alpha=0.0, eta=0.0)
     shooting = _Shooting(calm, mode, forces)
     ratios = np.zeros(forces - 1)
     orbits = []
-    for tip in tip_displacements:
-        found = root(shooting.unrest, ratios, args=(tip,), tol=1e-9)
-        ratios = found.x
-        orbit = shooting.follow(ratios, tip)
-        if not np.max(np.abs(orbit.unrest)) < _CONVERGED:
-            raise RuntimeError(
-                f"no periodic orbit found at a tip displacement of {tip:.4g} m: other modes keep "
-                f"{np.max(np.abs(orbit.unrest)):.1e} of the velocity; ask for smaller steps, or "
-                f"more than forces = {forces}"
-            )
-        orbits.append(orbit)
+    stop_reason = "completed"
+    try:
+        for tip in tqdm(tip_displacements, desc="normal mode", unit="orbit", disable=not progress):
+            orbit, ratios = _solve(shooting, ratios, tip)
+            orbits.append(orbit)
+    except KeyboardInterrupt:
+        if not orbits:
+            raise
+        stop_reason = f"interrupted after {len(orbits)} of {len(tip_displacements)} orbits"
     return NormalMode(
         np.array([o.amplitude for o in orbits]),
         np.array([o.frequency for o in orbits]),
-        np.array(tip_displacements, float),
+        np.array(tip_displacements[: len(orbits)], float),
         float(shooting.basis.omega[shooting.modes[0]]),
         np.array([np.max(np.abs(o.unrest)) for o in orbits]),
         tuple(o.shape for o in orbits),
+        stop_reason,
     )
 
 
@@ -126,6 +138,27 @@ def _check(tip_displacements: Sequence[float], mode: int, forces: int) -> None:
             raise ValueError("tip_displacements holds 0, where there is no motion; leave it out")
     if forces < max(mode, 2):
         raise ValueError(f"forces = {forces} must be at least {max(mode, 2)} for mode {mode}")
+
+
+def _solve(shooting: _Shooting, ratios: np.ndarray, tip: float) -> tuple[_Orbit, np.ndarray]:
+    """Return the orbit, found from the ratios of the orbit before, and its own ratios."""
+    try:
+        ratios = root(shooting.unrest, ratios, args=(tip,), tol=1e-9).x
+        orbit = shooting.follow(ratios, tip)
+    except RuntimeError as trouble:  # a trial shape that cannot be held or followed
+        raise _none_found(tip, str(trouble)) from trouble
+    left = float(np.max(np.abs(orbit.unrest)))
+    if not left < _CONVERGED:
+        raise _none_found(tip, f"other modes keep {left:.1e} of the velocity")
+    return orbit, ratios
+
+
+def _none_found(tip: float, why: str) -> RuntimeError:
+    return RuntimeError(
+        f"no periodic orbit found at a tip displacement of {tip:.4g} m: go there in smaller steps "
+        "of tip_displacements, or stay below. Where a higher mode comes to a whole multiple of "
+        f"the frequency (internal resonance) the family turns away. The search ended with: {why}"
+    )
 
 
 @dataclass(frozen=True)
@@ -159,6 +192,8 @@ class _Shooting:
         motion = self.beam.simulate(
             shape, 0.8 * self.period, self.period / _STEPS, modes=self.basis, progress=False
         )
+        if motion.stop_reason != "completed":  # `simulate` keeps what it has, and hands it back
+            raise KeyboardInterrupt
         _refuse_loss(motion)
         h = motion.coordinates
         velocity = CubicHermiteSpline(motion.t, h.velocity, h.acceleration)

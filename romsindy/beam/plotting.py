@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from romsindy.beam.beam import Shape
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import Motion
+from romsindy.beam.orbits import NormalMode
 
 
 def _axes(ax: Axes | None) -> Axes:
@@ -103,4 +104,23 @@ def plot_coupling(
     unit = "(kg$^{1/2}$ m)"
     ax.set(xlabel=f"$q_1$ / {unit}", ylabel="$q_n$ / max" if scale else f"$q_n$ / {unit}")
     ax.legend()
+    return ax
+
+
+def plot_normal_mode(
+    orbits: NormalMode, ax: Axes | None = None, *, label: str = "normal mode of the beam"
+) -> Axes:
+    """Mark the beam's own periodic orbits; given the axes of `plot_backbone`, on top of it.
+
+    Parameters
+    ----------
+    orbits : NormalMode
+    ax : Axes, optional
+    label : str
+    """
+    ax = _axes(ax)
+    # Above the curves that it judges.
+    ax.plot(orbits.frequency / (2 * np.pi), orbits.amplitude, "kD", ms=5, zorder=4, label=label)
+    ax.set(xlabel="frequency (Hz)", ylabel="amplitude (kg^0.5 m)", ylim=(0, None))
+    ax.legend(loc="best", frameon=False)
     return ax

@@ -1,0 +1,81 @@
+"""The command ``romsindy study``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+from joblib import parallel_config
+from tqdm import tqdm
+
+from romsindy.study.content import Check
+from romsindy.study.pages import Written, checks_table, write_chapter, write_page
+from romsindy.study.story import tell
+
+QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "orbits": 3, "both_releases": False}
+_QUICK_SEEDS, _SEEDS = 10, 100
+_QUICK_SECONDS, _SECONDS = 60.0, 300.0
+
+
+@click.command()
+@click.option(
+    "--out",
+    default="study",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for report.html, tables (CSV) and figures (PNG, SVG).",
+)
+@click.option("--quick", is_flag=True, help="Coarser beam, shorter decay, ten seeds.")
+@click.option(
+    "--seeds", type=click.IntRange(2), help="Noisy experiments.  [default: 100, quick 10]"
+)
+@click.option("--seed", default=0, show_default=True, help="First seed.")
+@click.option("--jobs", type=int, help="Processes.  [default: all processors, quick: 1]")
+def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int | None) -> None:
+    """Run the study of the method's paper on the default beam and write its report.
+
+    Simulates the decay, identifies stiffness polynomials, beam theory and IC-ROM, repeats the noisy
+    experiment over seeds. An interruption (Ctrl-C) writes the report of what is finished.
+    """
+    started = time.perf_counter()
+    out.mkdir(parents=True, exist_ok=True)
+    size = QUICK if quick else {}
+    seeds = seeds or (_QUICK_SEEDS if quick else _SEEDS)
+    jobs = jobs or (1 if quick else -1)  # starting processes takes longer than ten seeds
+    settings = f"romsindy study --seed {seed} --seeds {seeds}{' --quick' * quick}"
+    written: list[Written] = []
+    checks: list[Check] = []
+    ending = "stopped early: chapters are missing"
+    try:
+        with parallel_config(n_jobs=jobs):
+            for chapter in tell(_progress, seeds=seeds, seed=seed, **size):
+                written.append(write_chapter(chapter, out))
+                checks += chapter.checks
+                _say(chapter.title, started)
+        seconds = time.perf_counter() - started
+        limit = _QUICK_SECONDS if quick else _SECONDS
+        checks.append(Check("the whole study", seconds, limit, "s"))
+        ending = f"{seconds:.0f} s"
+    except KeyboardInterrupt:
+        raise click.exceptions.Exit(130) from None
+    finally:  # what is finished is not lost
+        write_page(written, checks, out, f"{settings}; {ending}")
+        _print(checks)
+        click.echo(f"Report: {out / 'report.html'}")
+
+
+def _print(checks: list[Check]) -> None:
+    for what, measured, unit, asked, verdict in checks_table(checks).formatted():
+        click.echo(f"{verdict:<5} {what}: {measured} {unit}, asked {asked}")
+
+
+def _progress(steps: Iterable, what: str, total: int) -> Iterable:
+    return tqdm(steps, desc=what, total=total, leave=False, disable=not sys.stderr.isatty())
+
+
+def _say(title: str, started: float) -> None:
+    click.echo(f"{time.perf_counter() - started:5.0f} s  {title}", err=True)

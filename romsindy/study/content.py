@@ -1,0 +1,121 @@
+"""What the chapters of the study are made of: tables, pictures and checks."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+Cell = str | float | None
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers with a header.
+
+    Attributes
+    ----------
+    name : str
+        Of the CSV file.
+    title, note : str
+        Above and below it in the report; the note says what the numbers mean.
+    header : sequence of str
+    rows : sequence of sequences
+        Text, numbers, None for what does not exist, nan for a model without motion.
+    """
+
+    name: str
+    title: str
+    note: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+
+    def formatted(self) -> list[list[str]]:
+        """Rows of text for the report."""
+        return [[_text(cell) for cell in row] for row in self.rows]
+
+    def write_csv(self, folder: Path) -> Path:
+        """Write full precision to ``folder/name.csv``."""
+        path = folder / f"{self.name}.csv"
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerows([self.header, *self.rows])
+        return path
+
+
+def _text(cell: Cell) -> str:
+    if cell is None:
+        return "–"
+    if isinstance(cell, str):
+        return cell
+    return "no motion" if math.isnan(cell) else f"{cell:.4g}"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that is drawn when it is written.
+
+    Attributes
+    ----------
+    name : str
+        Of the files.
+    title, caption : str
+    draw : callable
+        Draws into an empty Figure.
+    size : (float, float)
+        Inches.
+    """
+
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[Figure], None]
+    size: tuple[float, float] = (8.0, 4.2)
+
+
+@dataclass(frozen=True)
+class Check:
+    """A number that the study is asked for.
+
+    Attributes
+    ----------
+    what : str
+    measured : float
+    bound : float
+    unit : str
+    at_most : bool
+        Whether the bound is an upper one.
+    """
+
+    what: str
+    measured: float
+    bound: float
+    unit: str = "%"
+    at_most: bool = True
+
+    @property
+    def passed(self) -> bool:
+        """Whether the number keeps its bound; nan does not."""
+        if self.at_most:
+            return self.measured <= self.bound
+        return self.measured > self.bound
+
+    @property
+    def asked(self) -> str:
+        """The bound in words."""
+        return f"{'at most' if self.at_most else 'above'} {self.bound:g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A part of the report."""
+
+    title: str
+    text: str
+    tables: Sequence[Table] = ()
+    pictures: Sequence[Picture] = ()
+    checks: Sequence[Check] = field(default_factory=list)

@@ -1,0 +1,95 @@
+"""The models that the study compares: three families, four orders, two recipes of regression."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from sklearn.base import clone
+from sklearn.linear_model import LinearRegression
+
+from romsindy.backbone import Backbone
+from romsindy.comparison import Candidate, judge
+from romsindy.decay import Decay
+from romsindy.harmonic import HarmonicProjection
+from romsindy.library import BeamTheoryLibrary, DampingLibrary, ICROMLibrary, StiffnessLibrary
+from romsindy.regression import HarmonicSINDy
+
+ORDERS = (3, 5, 7, 9)
+FAMILIES = ("stiffness", "beam theory", "IC-ROM")
+
+# Regression as in the paper: terms projected as they stand on harmonics 0 to 5, least squares.
+PAPER = HarmonicSINDy(
+    optimizer=LinearRegression(),
+    projection=HarmonicProjection(tuple(range(6)), form="strong"),
+    weighted=False,
+)
+# This package's own: weak form, harmonics 0 to 3, rows weighted by the noise expected in them.
+DEFAULT = HarmonicSINDy(projection=HarmonicProjection())
+
+
+def library(family: str, order: int, damping: Sequence[str] = ()) -> Any:
+    """The terms of a family of models up to an order.
+
+    Parameters
+    ----------
+    family : str
+        "stiffness" (a polynomial alone), "beam theory" (the paper's eq. 8: q^2 q_ddot and
+        q q_dot^2 with coefficients apart) or "IC-ROM".
+    order : int
+        Highest power of q in the force; the IC-ROM's inertia goes to q^(order - 1).
+    damping : sequence of str
+        Kinds of damping.
+
+    Raises
+    ------
+    ValueError
+        For a family that does not exist.
+    """
+    if family not in FAMILIES:
+        raise ValueError(f"family = {family!r} must be one of {FAMILIES}")
+    terms = StiffnessLibrary(tuple(range(1, order + 1)))
+    if damping:
+        terms = terms + DampingLibrary(tuple(damping))
+    if family == "beam theory":
+        return BeamTheoryLibrary() + terms
+    return ICROMLibrary(tuple(range(3, order + 1))) + terms if family == "IC-ROM" else terms
+
+
+def identify(
+    decay: Decay,
+    backbone: Backbone,
+    family: str,
+    order: int,
+    *,
+    recipe: HarmonicSINDy = PAPER,
+    omega: float | None = None,
+    damping: Sequence[str] = (),
+) -> Candidate:
+    """Identify one model and hold its backbone against the extracted one.
+
+    Parameters
+    ----------
+    decay, backbone : Decay, Backbone
+        What is learnt from, and what judges.
+    family, order, damping
+        See `library`.
+    recipe : HarmonicSINDy
+        How to regress.
+    omega : float, optional
+        Linear frequency that is known, rad/s; estimated by default.
+    """
+    fixed = {} if omega is None else {"omega^2": omega**2}
+    estimator = clone(recipe).set_params(library=library(family, order, damping), fixed=fixed)
+    name = f"{family} {order}" + (", omega fixed" if omega is not None else "")
+    return judge(name, estimator.fit(decay), backbone)
+
+
+def identify_all(
+    decay: Decay, backbone: Backbone, omega: float, recipe: HarmonicSINDy = PAPER
+) -> Iterator[Candidate]:
+    """All families and orders, the linear frequency estimated and fixed to ``omega`` (rad/s)."""
+    for family in FAMILIES:
+        for order in ORDERS:
+            for known in (None, omega):
+                yield identify(decay, backbone, family, order, recipe=recipe, omega=known)

@@ -1,0 +1,68 @@
+"""Files of the study: CSV, PNG, SVG and one self-contained HTML page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from romsindy.report import render
+from romsindy.study.content import Chapter, Check, Picture, Table
+
+
+@dataclass(frozen=True)
+class Written:
+    """A chapter with its pictures as PNG in base64, by name."""
+
+    chapter: Chapter
+    images: dict[str, str]
+
+
+def write_chapter(chapter: Chapter, folder: Path) -> Written:
+    """Write every table as CSV and every picture as PNG and SVG into the folder."""
+    for table in chapter.tables:
+        table.write_csv(folder)
+    return Written(chapter, {p.name: _write_picture(p, folder) for p in chapter.pictures})
+
+
+def _write_picture(picture: Picture, folder: Path) -> str:
+    figure = Figure(figsize=picture.size, layout="constrained")
+    picture.draw(figure)
+    path = folder / f"{picture.name}.png"
+    figure.savefig(path, dpi=110)
+    figure.set_layout_engine("none")  # as laid out, once
+    figure.savefig(path.with_suffix(".svg"))
+    return base64.b64encode(path.read_bytes()).decode()
+
+
+def checks_table(checks: Sequence[Check]) -> Table:
+    """What was asked for, what was measured."""
+    return Table(
+        "checks",
+        "Asked for and measured",
+        "Whether a number is kept is decided here, not in the text.",
+        ["what", "measured", "unit", "asked", "verdict"],
+        [
+            [c.what, c.measured, c.unit, c.asked, "pass" if c.passed else "FAIL"]
+            for c in checks
+        ],
+    )  # fmt: skip
+
+
+def write_page(
+    written: Sequence[Written], checks: Sequence[Check], folder: Path, settings: str
+) -> None:
+    """Write report.html about the chapters that there are, and checks.csv."""
+    table = checks_table(checks)
+    table.write_csv(folder)
+    page = render(
+        "study.html.j2",
+        title="From a decay to an equation of motion: the study of the default beam",
+        checks=table,
+        written=written,
+        settings=settings,
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")

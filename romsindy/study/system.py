@@ -1,0 +1,131 @@
+"""The structure of the study: its decay, its backbone and its direct reduced-order models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from romsindy.backbone import Backbone, extract_backbone
+from romsindy.beam import Beam, ModalBasis, Motion
+from romsindy.beam.orbits import NormalMode
+from romsindy.decay import Decay
+from romsindy.model import ReducedModel
+from romsindy.study.models import ORDERS
+
+# Sensors of the simulated experiment, m; each reads the vertical and the axial displacement.
+SENSORS = (0.03, 0.135, 0.24, 0.345, 0.45)
+# An undamped stretch that shows how other modes follow the first, s.
+COUPLING_DURATION = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """What is known about the structure before anything is identified.
+
+    Attributes
+    ----------
+    beam : Beam
+    modes : ModalBasis
+        The first ten modes about the sagged equilibrium.
+    motion : Motion
+        Damped decay, with the sensors of the simulated experiment.
+    undamped : Motion
+        A short undamped motion from a release by the modal force, where only slaves sound along.
+    decay : Decay
+        q, q_dot, q_ddot of mode 1, kg^0.5 m.
+    backbone : Backbone
+        Read off the decay.
+    direct : mapping of int to ReducedModel
+        Direct reduced-order models by order, fitted over the amplitudes of the decay.
+    normal_mode : NormalMode
+        Periodic orbits of the undamped beam: the backbone that no reduction and no decay blurs.
+    """
+
+    beam: Beam
+    modes: ModalBasis
+    motion: Motion
+    undamped: Motion
+    decay: Decay
+    backbone: Backbone
+    direct: Mapping[int, ReducedModel]
+    normal_mode: NormalMode
+
+    @property
+    def omega(self) -> float:
+        """True linear frequency of mode 1, rad/s."""
+        return float(self.modes.omega[0])
+
+
+def simulate_release(
+    beam: Beam,
+    modes: ModalBasis,
+    duration: float,
+    release_mode: int | None = None,
+    *,
+    progress: bool = False,
+) -> Motion:
+    """Let a beam go from a tip displacement of a third of its length.
+
+    Parameters
+    ----------
+    beam, modes : Beam, ModalBasis
+        What moves, and the modes to record.
+    duration : float
+        s.
+    release_mode : int, optional
+        Hold by the modal force of this mode before the release; by default by a force at the tip,
+        which lets mode 2 sound along (6 % of mode 1).
+    progress : bool
+        Whether to show a bar.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the simulation was interrupted: a part of the decay is no basis for the study.
+    """
+    shape = beam.release_shape(beam.length / 3, mode=release_mode)
+    sensors = beam.sensors(SENSORS)
+    motion = beam.simulate(shape, duration, modes=modes, sensors=sensors, progress=progress)
+    if motion.stop_reason != "completed":
+        raise KeyboardInterrupt(motion.stop_reason)
+    return motion
+
+
+def simulate_system(
+    elements: int = 150, duration: float = 25.0, orbits: int = 5, *, progress: bool = False
+) -> System:
+    """Simulate the default beam, let go by a force at its tip, and compute what is true of it.
+
+    Parameters
+    ----------
+    elements : int
+        Quadratic elements; 150 in the paper.
+    duration : float
+        Of the decay, s.
+    orbits : int
+        Number of periodic orbits of the beam itself, evenly spaced in tip displacement.
+    progress : bool
+        Whether to show bars.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        As `simulate_release`.
+    """
+    beam = Beam.cantilever(elements=elements)
+    modes = beam.modes(count=10)
+    motion = simulate_release(beam, modes, duration, progress=progress)
+    undamped = simulate_release(
+        replace(beam, alpha=0.0, eta=0.0), modes, COUPLING_DURATION, 1, progress=progress
+    )
+    decay = modes.project(motion)
+    reach = float(np.abs(decay.q).max())
+    direct = {order: beam.reduce(order=order, amplitude=reach) for order in ORDERS}
+    # Up to 90 % of the release, the amplitude of the first whole cycles.
+    tips = 0.9 * beam.length / 3 * np.arange(1, orbits + 1) / orbits
+    normal_mode = beam.normal_mode(tips.tolist())
+    return System(
+        beam, modes, motion, undamped, decay, extract_backbone(decay), direct, normal_mode
+    )
