@@ -63,6 +63,8 @@ def main() -> None:
 main.add_command(simulate)
 main.add_command(study)
 main.add_command(diagnose)
+main.add_command(diagnose)
+main.add_command(study)
 
 
 def _coefficients(

@@ -1,4 +1,4 @@
-"""From the reduced model back to the beam: the physical effect, with its coefficient fitted there."""
+"""From the reduced model back to the beam: the physical effect, its coefficient fitted there."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def record_errors(report: DiagnosisReport) -> tuple[list[str], Array, Array]:
         names.append(f"record {i + 1}")
         for residuals, values in zip(fits, (before, after), strict=True):
             values.append(_rms(record, residuals[i]))
-    for i, p in enumerate(report.gap.predictions):
+    for i, p in enumerate(report.gap.predictions if report.gap.unseen else ()):
         names.append("held out" if len(report.gap.predictions) == 1 else f"held out {i + 1}")
         before.append(p.error(p.before))
         after.append(p.error(p.after))
