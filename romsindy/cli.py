@@ -63,8 +63,6 @@ def main() -> None:
 main.add_command(simulate)
 main.add_command(study)
 main.add_command(diagnose)
-main.add_command(diagnose)
-main.add_command(study)
 
 
 def _coefficients(
