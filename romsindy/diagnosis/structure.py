@@ -214,9 +214,7 @@ def diagnose_beam(
     fault = find_fault(
         np.concatenate([d.q for d in several]), simulated, setup.shapes, sensors.labels
     )
-    channels = tuple(
-        i for i in range(len(sensors.sensors)) if fault is None or i != fault.channel
-    )
+    channels = tuple(i for i in range(len(sensors.sensors)) if fault is None or i != fault.channel)
     setup = setup.keeping(channels)
     decays = [setup.decay(d, d.q[:, list(channels)]) for d in everything]
     simulated = simulated[:, list(channels)]
