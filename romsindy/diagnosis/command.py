@@ -9,6 +9,7 @@ import click
 from tqdm import tqdm
 
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
+from romsindy.diagnosis.structure import diagnose_beam, load_beam
 from romsindy.diagnosis.workflow import diagnose as run_diagnosis
 from romsindy.files import load_decay
 from romsindy.model import ReducedModel
@@ -22,6 +23,7 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 )
 @click.option("--simulated", type=_FILE, help="The simulation as a decay in a file.")
 @click.option("--model", "model_file", type=_FILE, help="The simulation as a model (JSON).")
+@click.option("--beam", "beam_file", type=_FILE, help="The simulation as a beam (TOML).")
 @click.option("--held-out", type=_FILE, help="Decay to judge by, which takes no part otherwise.")
 @click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...')
 @click.option("--column", help="Name of the measured column.")
@@ -45,6 +47,7 @@ def diagnose(
     measured: tuple[Path, ...],
     simulated: Path | None,
     model_file: Path | None,
+    beam_file: Path | None,
     held_out: Path | None,
     unit: str | None,
     column: str | None,
@@ -60,34 +63,41 @@ def diagnose(
 ) -> None:
     """Name what a simulation lacks, from measured free decays.
 
-    The simulation is a model (--model) or a simulated decay (--simulated).
+    The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
+    one measured column per sensor, whose linear frequency and damping are taken as known.
     """
-    if (simulated is None) == (model_file is None):
-        raise click.UsageError("name one of --simulated and --model")
-    decays = [load_decay(f, unit, column=column, start=start, end=end) for f in measured]
-    test = None if held_out is None else load_decay(held_out, unit, column=column)
-    if simulated is not None:
-        known = model_of_simulation(load_decay(simulated, unit))
-    else:
-        text = model_file.read_text(encoding="utf-8")  # type: ignore[union-attr]
-        known = SimulationModel(ReducedModel.from_json(text), {}, 2e-4)
+    if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
+        raise click.UsageError("name one of --simulated, --model and --beam")
+    columns: str | list[str] | None = column
+    if beam_file is not None:
+        beam, sensors, columns = load_beam(beam_file)
+    decays = [load_decay(f, unit, column=columns, start=start, end=end) for f in measured]
+    test = None if held_out is None else load_decay(held_out, unit, column=columns)
     with tqdm(desc="candidates", leave=False, disable=not sys.stderr.isatty()) as bar:
 
         def progress(candidate: str) -> None:
             bar.set_postfix_str(candidate)
             bar.update()
 
-        result = run_diagnosis(
-            known.model,
-            decays,
-            held_out=test,
-            free=() if exact else free,
-            tolerances=known.tolerances,
-            floor=floor or known.floor,
-            n_jobs=jobs,
-            progress=progress,
-        )
-    click.echo(f"{result.verdict}: {result.sentence}\n")
+        if beam_file is not None:
+            seen = diagnose_beam(
+                beam, sensors, decays, held_out=test, n_jobs=jobs, progress=progress
+            )
+            result, verdict, sentence = seen.reduced, seen.verdict, seen.sentence
+        else:
+            known = _simulation(simulated, model_file, unit)
+            result = run_diagnosis(
+                known.model,
+                decays,
+                held_out=test,
+                free=() if exact else free,
+                tolerances=known.tolerances,
+                floor=floor or known.floor,
+                n_jobs=jobs,
+                progress=progress,
+            )
+            verdict, sentence = result.verdict, result.sentence
+    click.echo(f"{verdict}: {sentence}\n")
     for row in [*result.gap.table(), [], *result.table()]:
         click.echo("  ".join(cell.ljust(22) for cell in row).rstrip())
     page = report or Path(f"{measured[0].stem}_diagnosis.html")
@@ -97,3 +107,12 @@ def diagnose(
         json_file.write_text(result.to_json() + "\n", encoding="utf-8")
     if csv_file is not None:
         result.to_csv(csv_file)
+
+
+def _simulation(
+    simulated: Path | None, model_file: Path | None, unit: str | None
+) -> SimulationModel:
+    if simulated is not None:
+        return model_of_simulation(load_decay(simulated, unit))
+    text = model_file.read_text(encoding="utf-8")  # type: ignore[union-attr]
+    return SimulationModel(ReducedModel.from_json(text), {}, 2e-4)

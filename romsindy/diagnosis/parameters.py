@@ -22,6 +22,7 @@ from romsindy.terms import Scalars, Term, WeakForm
 from romsindy.typing import Array
 
 _ORDER = 7
+_FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,11 @@ class Combination(Term):
         pairs = zip(self.terms, self.weights, strict=True)
         return sum(w * getattr(term, part)(*arguments) for term, w in pairs)
 
+    def linear_shift(self, omega2: float) -> float:
+        """Change of omega^2 for a unit of the coefficient."""
+        weights = dict(zip((t.key for t in self.terms), self.weights, strict=True))
+        return weights["omega^2"] - omega2 * weights["mu"]
+
     def inertia(self, q: Scalars) -> Scalars:
         return self._sum("inertia", q)
 
@@ -90,6 +96,12 @@ class Combination(Term):
 
     def stiffness_dq(self, q: Scalars) -> Scalars:
         return self._sum("stiffness_dq", q)
+
+    def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return self._sum("damping", q, q_dot)
+
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return self._sum("damping_dq_dot", q, q_dot)
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         """Sum of the weak forms."""
@@ -138,7 +150,7 @@ _OF_A_SPRING = (
 
 
 def parameter_effects(
-    beam: Beam, sensors: SensorArray, amplitude: float
+    beam: Beam, sensors: SensorArray, amplitude: float, shift: float = 0.0
 ) -> tuple[ParameterEffect, ...]:
     """Effects of the parameters that a beam has.
 
@@ -149,15 +161,27 @@ def parameter_effects(
         Through which the coordinate is seen, which a changed mode shape changes.
     amplitude : float
         Largest coordinate, kg^0.5 m.
+    shift : float
+        By how much omega^2 was found to differ, 1/s^2: the differences are taken over the change
+        of each parameter that would cause this, so that they are exact there.
     """
     springs = [e for e in beam.effects if isinstance(e, on_beam.Spring)]
     start = _seen_coefficients(beam, beam, sensors, amplitude)
     found = []
     for name, label, law, step, sign in _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ()):
-        changed = beam.with_effect(changed_by(law, step))
-        there = _seen_coefficients(beam, changed, sensors, amplitude)
-        direction = _direction(name, start, there, step)
-        found.append(ParameterEffect(direction, law, name, label, sign))
+
+        def direction(step: float, name: str = name, law: type = law) -> Combination:
+            changed = beam.with_effect(changed_by(law, step))
+            there = _seen_coefficients(beam, changed, sensors, amplitude)
+            return _direction(name, start, there, step)
+
+        tangent = direction(step)
+        needed = shift / tangent.linear_shift(start["omega^2"])
+        # Steps that the frequency does not ask for stay small.
+        chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
+        found.append(
+            ParameterEffect(direction(needed) if chord else tangent, law, name, label, sign)
+        )
     return tuple(found)
 
 
@@ -176,11 +200,16 @@ def _seen_coefficients(
     seen = sensors.mode_shapes(beam.modes(count=modes), modes)
     used = sensors.mode_shapes(nominal.modes(count=modes), modes)
     scale = float((np.linalg.pinv(used) @ seen)[0, 0])
-    model = beam.reduce(order=_ORDER, amplitude=amplitude)
-    return {
-        key: value if key == "omega^2" else value * scale ** (1 - int(key.split("_")[1]))
-        for key, value in model.coefficients.items()
+    # In the coordinate that is seen the modal mass is 1 / scale^2; with it kept, and not divided
+    # by, a mass changes the inertia alone.
+    mass = scale**-2
+    model = beam.reduce(order=_ORDER, amplitude=amplitude).coefficients
+    found = {
+        key: mass * (value if key == "omega^2" else value * scale ** (1 - int(key.split("_")[1])))
+        for key, value in model.items()
     }
+    damping = beam.alpha + beam.eta * model["omega^2"]
+    return {"mu": mass - 1.0, "c_linear": mass * damping, **found}
 
 
 def projected_modes(n_sensors: int) -> int:

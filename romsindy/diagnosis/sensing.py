@@ -77,7 +77,8 @@ def find_fault(
     best = min(found, key=lambda row: row[0])
     cost, channel, kind, value, part = best
     all_of_it = float(np.sum(_repeated(left, measured[:, channel]) ** 2))
-    small = np.std(part) + abs(np.mean(part)) < _FAULT * np.std(measured[:, channel])
+    worst = float(np.mean(np.abs(part[np.abs(part) > 0]))) if np.any(part) else 0.0
+    small = worst < _FAULT * np.std(measured[:, channel])
     if small or cost > (1 - _EXPLAINED) * all_of_it:
         return None
     return SensorFault(channel, labels[channel], kind, value)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from romsindy.beam import Beam
 from romsindy.beam.modes import ModalBasis
-from romsindy.beam.sensors import SensorArray
+from romsindy.beam.sensors import Sensor, SensorArray
 from romsindy.decay import Decay
 from romsindy.diagnosis.catalogue import CATALOGUE
 from romsindy.diagnosis.effects import Effect
@@ -28,6 +31,11 @@ from romsindy.diagnosis.workflow import diagnose
 from romsindy.model import ReducedModel
 from romsindy.refine import refine
 from romsindy.typing import Array
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 _UNIT = "kg^0.5 m"
 _ORDER = 7
@@ -92,6 +100,8 @@ class BeamReport:
         The beam with the sensors that were used.
     channels : tuple of int
         Which of the measured channels these are.
+    start, duration, step : float
+        Release that the simulation is compared from: coordinate [kg^0.5 m], length and step [s].
     """
 
     reduced: DiagnosisReport
@@ -221,22 +231,60 @@ def diagnose_beam(
     own = Decay(step * np.arange(len(simulated)), setup.coordinate(simulated), unit=_UNIT)
     model, floor = calibrated(beam, own)
     reach = float(np.abs(own.q).max())
-    parameters = parameter_effects(beam, setup.sensors, reach)
+    shift = _frequency_shift(model, decays[: len(several)])
+    parameters = parameter_effects(beam, setup.sensors, reach, shift)
     unneeded = (*_GENERIC, *(p.name for p in parameters))
-    reduced = diagnose(
-        model,
-        decays[: len(several)],
-        held_out=decays[-1] if held_out is not None else None,
-        free=free,
-        catalogue=(*without(catalogue, unneeded), *parameters),
-        false_alarm=false_alarm,
-        floor=floor,
-        n_jobs=n_jobs,
-        progress=progress,
-    )
+    # The directions of the parameters are exact to first order only: one effect that closes the
+    # gap counts more than several that fit a little better.
+    for most in (1, 3):
+        reduced = diagnose(
+            model,
+            decays[: len(several)],
+            held_out=decays[-1] if held_out is not None else None,
+            free=free,
+            catalogue=(*without(catalogue, unneeded), *parameters),
+            false_alarm=false_alarm,
+            max_effects=most,
+            floor=floor,
+            n_jobs=n_jobs,
+            progress=progress,
+        )
+        if reduced.verdict != "unknown":
+            break
     return BeamReport(
         reduced, () if fault is None else (fault,), setup, channels, start, duration, step
     )
+
+
+def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:
+    """Read a cantilever, its sensors and the columns that they are measured in from a TOML file.
+
+    The table ``[beam]`` holds arguments of `Beam.cantilever`, ``[sensors]`` a list ``positions``
+    [m] of transverse sensors and a list ``columns`` of names in the measured files.
+
+    Raises
+    ------
+    ValueError
+        For a file that is no TOML, an unknown argument, or no positions.
+    """
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path} is no TOML: {error}") from error
+    known = list(inspect.signature(Beam.cantilever).parameters)
+    values = content.get("beam", {})
+    unknown = sorted(set(values) - set(known))
+    if unknown:
+        raise ValueError(f"{path}: [beam] has {unknown}, which are none of {known}")
+    table = content.get("sensors", {})
+    positions, columns = table.get("positions", []), table.get("columns", [])
+    if not positions or len(columns) != len(positions):
+        raise ValueError(
+            f"{path}: [sensors] has {len(positions)} positions and {len(columns)} columns: give"
+            " positions = [...], in m, and as many columns = [...], names in the measured files"
+        )
+    beam = Beam.cantilever(**values)
+    return beam, beam.sensors([Sensor(float(x)) for x in positions]), columns
 
 
 def calibrated(beam: Beam, simulated: Decay) -> tuple[ReducedModel, float]:
@@ -253,6 +301,13 @@ def calibrated(beam: Beam, simulated: Decay) -> tuple[ReducedModel, float]:
     fitted = refine(start, simulated, fixed=("Upsilon_6", "Upsilon_7"))
     left = float(np.std(fitted.residuals[0])) / reach
     return replace(fitted.model, amplitude_range=None), max(2 * left, 2e-4)
+
+
+def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:
+    """By how much omega^2 of the measured decays differs from the model's, 1/s^2."""
+    fixed = [key for key in model.coefficients if key not in ("omega^2", "c_linear")]
+    fitted = refine(model, [d.free() for d in decays], fixed=fixed)
+    return fitted.model.coefficients["omega^2"] - model.coefficients["omega^2"]
 
 
 def _check(sensors: SensorArray, several: Sequence[Decay], everything: Sequence[Decay]) -> None:
