@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -121,3 +125,13 @@ def test_command_line_reads_a_beam(heavier, tmp_path):
     file.write_text("[beam]\nelements = 8\n")
     with pytest.raises(ValueError, match="positions"):
         load_beam(file)
+
+
+def test_blind_trials_run():
+    """One trial of the benchmark, short; a gain of at least 3.5 % is far above 30 dB of noise."""
+    script = Path(__file__).resolve().parents[1] / "benchmarks" / "diagnosis" / "structure.py"
+    arguments = ["--effects", "sensor_gain", "--duration", "4", "--jobs", "1"]
+    done = subprocess.run(
+        [sys.executable, str(script), *arguments], capture_output=True, text=True, check=True
+    )
+    assert "headline right 1 of 1" in done.stdout

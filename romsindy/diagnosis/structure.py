@@ -18,6 +18,7 @@ from romsindy.decay import Decay
 from romsindy.diagnosis.catalogue import CATALOGUE
 from romsindy.diagnosis.effects import Effect
 from romsindy.diagnosis.fitting import Part
+from romsindy.diagnosis.gap import ADEQUATE
 from romsindy.diagnosis.parameters import (
     ParameterEffect,
     parameter_effects,
@@ -39,6 +40,7 @@ else:
 
 _UNIT = "kg^0.5 m"
 _ORDER = 7
+_USEFUL = 0.95  # of the held-out error, to be left by an effect where there was no gap
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 
@@ -115,20 +117,38 @@ class BeamReport:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of what is missing: faults of sensors first, then effects."""
-        found = () if self.reduced.verdict == "none" else self.reduced.best.names
+        found = () if self.complete else self.reduced.best.names
         return (*(f"sensor_{fault.kind}" for fault in self.faults), *found)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the beam lacks nothing.
+
+        An effect that does not predict the held-out record better is not named where the beam
+        as it was is within the noise: what the release excites beside the first mode is no effect.
+        """
+        gap = self.reduced.gap
+        useless = gap.before <= ADEQUATE and gap.after > _USEFUL * gap.before
+        return self.reduced.verdict == "none" or useless
 
     @property
     def verdict(self) -> str:
         """As of the reduced model; "named" where a sensor alone is to blame."""
-        only_a_sensor = self.faults and self.reduced.verdict == "none"
-        return "named" if only_a_sensor else self.reduced.verdict
+        if self.complete:
+            return "named" if self.faults else "none"
+        return self.reduced.verdict
 
     @property
     def sentence(self) -> str:
         """The finding in words, sensors first."""
-        left_out = "".join(f"{str(f).capitalize()} and was left out. " for f in self.faults)
-        return left_out + self.reduced.sentence
+        left_out = "".join(f"The {fault} and was left out. " for fault in self.faults)
+        if not self.complete:
+            return left_out + self.reduced.sentence
+        error = f"{self.reduced.gap.before:.3g}"
+        return (
+            f"{left_out}The beam lacks nothing that these data can show: its error is {error} times"
+            " the noise."
+        )
 
     def improved(self) -> tuple[Beam, float]:
         """The beam with the physical effect, and its coefficient fitted there.
