@@ -68,8 +68,8 @@ def cycles(system: System) -> Chapter:
         "Decay and backbone",
         f"{system.backbone!r}".strip("<>") + ". At the amplitudes of the periodic orbits of the"
         f" undamped beam its cycles lie within {decay:.2g} % of them: what is read off the decay is"
-        f" the structure's own backbone. The direct model of order 9 lies within {high:.2g} %, while"
-        " a polynomial of low order cannot follow the spring over these amplitudes.",
+        f" the structure's own backbone. The direct model of order 9 lies within {high:.2g} %,"
+        " while a polynomial of low order cannot follow the spring over these amplitudes.",
         [orbits],
         [
             Picture(
@@ -78,8 +78,8 @@ def cycles(system: System) -> Chapter:
             ),
             Picture(
                 "backbone", "Backbone and damping of the cycles",
-                "Each circle is one cycle, each diamond a periodic orbit of the beam itself. Curves:"
-                " direct reduced-order models.",
+                "Each circle is one cycle, each diamond a periodic orbit of the beam itself."
+                " Curves: direct reduced-order models.",
                 partial(figures.cycles, system=system), (10, 4.2),
             ),
         ],
