@@ -61,8 +61,8 @@ def main() -> None:
 
 
 main.add_command(simulate)
-main.add_command(diagnose)
 main.add_command(study)
+main.add_command(diagnose)
 
 
 def _coefficients(

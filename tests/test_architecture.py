@@ -120,7 +120,7 @@ def test_python_examples_in_the_readme_run(capsys):
     for block in blocks:
         exec(compile(block, "README.md", "exec"), names)
     printed = capsys.readouterr().out
-    assert len(blocks) == 2 and printed.count("omega^2") == 2
+    assert len(blocks) == 3 and printed.count("omega^2") == 3
     # The static reduction of the beam and the reference for it (order 5, tip within 0.15 m).
     assert names["truth"].coefficients["omega^2"] == pytest.approx(1482.2, rel=1e-3)
 
