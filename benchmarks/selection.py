@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,25 +104,27 @@ def _print_trials(name: str, seeds: Sequence[int], trials: Sequence[Trial]) -> N
     for seed, t in zip(seeds, trials, strict=True):
         if not t.held or not t.explained:
             print(f"  seed {seed}: held {t.held}, explained {t.explained}, chosen {t.chosen}")
-    print(f"  true structure chosen or not told apart and held   {sum(t.held for t in trials)}/{n}")
-    print(
-        f"  true structure chosen exactly                      {sum(t.exact for t in trials)}/{n}"
-    )
-    print(
-        f"  part of the true structure chosen                  {sum(t.subset for t in trials)}/{n}"
-    )
-    print(
-        f"  chosen model explains the data                     {sum(t.explained for t in trials)}/{n}"
-    )
-    print(
-        f"  structures not told apart, median and most         {np.median([t.equivalent for t in trials]):.0f}, {max(t.equivalent for t in trials)}"
-    )
-    print(
-        f"  backbone error of the chosen model, median, worst  {np.median([t.error for t in trials]):.1e}, {max(t.error for t in trials):.1e}"
-    )
-    print(
-        f"  time, median, longest, s                           {np.median([t.seconds for t in trials]):.1f}, {max(t.seconds for t in trials):.1f}"
-    )
+    show("true structure chosen, or not told apart and held", count(t.held for t in trials))
+    show("true structure chosen exactly", count(t.exact for t in trials))
+    show("part of the true structure chosen", count(t.subset for t in trials))
+    show("chosen model explains the data", count(t.explained for t in trials))
+    show("structures not told apart", median_worst([t.equivalent for t in trials]))
+    show("backbone error of the chosen model", median_worst([t.error for t in trials]))
+    show("time, s", median_worst([t.seconds for t in trials]), "20")
+
+
+def count(flags: Iterable[bool]) -> str:
+    values = list(flags)
+    return f"{sum(values)} of {len(values)}"
+
+
+def median_worst(values: Sequence[float]) -> str:
+    return f"median {np.median(values):.3g}, largest {max(values):.3g}"
+
+
+def show(what: str, found: str, asked: str = "") -> None:
+    line = f"  {what:<56} {found:<32} {f'asked: {asked}' if asked else ''}"
+    print(line.rstrip(), flush=True)
 
 
 @dataclass(frozen=True)
@@ -223,44 +225,30 @@ def beam(seeds: Sequence[int], jobs: int, elements: int) -> None:
     linear = np.array([e.linear for e in found])
     std = np.array([e.linear_std for e in found])
     print(f"\ndefault beam, {elements} elements, simulated experiment at 35 dB, {n} seeds")
-    print(
-        f"  omega_1 off, mean, worst, %                        {100 * np.mean(np.abs(linear)):.2g}, {100 * np.abs(linear).max():.2g}   asked: mean 0.1 (paper 0.6)"
+    off = 100 * np.abs(linear)
+    show("omega_1 off, %", f"mean {off.mean():.2g}, largest {off.max():.2g}", "mean 0.1")
+    backbone, scaled = (
+        median_worst([100 * getattr(e, name) for e in found]) for name in ("backbone", "scaled")
     )
-    print(
-        f"  backbone error, rms, median, worst, %              {100 * np.median([e.backbone for e in found]):.2g}, {100 * max(e.backbone for e in found):.2g}   asked: 0.2"
-    )
-    print(
-        f"  the same against q without noise on the shapes, %  {100 * np.median([e.scaled for e in found]):.2g}, {100 * max(e.scaled for e in found):.2g}"
-    )
-    print(
-        f"  95 % band holds the truth, % of amplitudes         {100 * np.mean([e.covered for e in found]):.0f}   asked: 90"
-    )
-    print(
-        f"  band of the chosen model alone, % of amplitudes    {100 * np.mean([e.covered_fit for e in found]):.0f}"
-    )
-    print(
-        f"  95 % interval of omega_1 holds the truth, %        {100 * np.mean(np.abs(linear) <= 1.96 * std):.0f}   asked: 90"
-    )
-    print(
-        f"  residual over noise, median, worst                 {np.median([e.adequacy for e in found]):.3f}, {max(e.adequacy for e in found):.3f}"
-    )
-    print(
-        f"  explained to the noise                             {sum(e.explained for e in found)}/{n}"
-    )
-    print(
-        f"  structures not told apart, median and most         {np.median([e.equivalent for e in found]):.0f}, {max(e.equivalent for e in found)}"
-    )
-    print(
-        f"  time, median, longest, s                           {np.median([e.seconds for e in found]):.1f}, {max(e.seconds for e in found):.1f}   asked: 20"
-    )
-    for name, count in Counter(e.chosen for e in found).most_common(6):
-        print(f"    {count:3d} times  {name}")
+    show("backbone off, rms, %", backbone, "0.2")
+    show("the same against q without noise on the shapes, %", scaled)
+    covered = [float(np.mean([getattr(e, k) for e in found])) for k in ("covered", "covered_fit")]
+    show("95 % band holds the true backbone, of all amplitudes", f"{covered[0]:.1%}", "90 %")
+    show("band of the chosen model alone", f"{covered[1]:.1%}")
+    show("95 % interval holds omega_1", count(np.abs(linear) <= 1.96 * std), "90 %")
+    show("residual over noise", median_worst([e.adequacy for e in found]))
+    show("explained to the noise", count(e.explained for e in found))
+    show("structures not told apart", median_worst([e.equivalent for e in found]))
+    show("time, s", median_worst([e.seconds for e in found]), "20")
+    for name, times in Counter(e.chosen for e in found).most_common(6):
+        print(f"    {times:3d} times  {name}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", default=["oscillators", "beam"])
     parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0, help="first seed of the oscillators")
     parser.add_argument("--beam-seeds", type=int, default=100)
     parser.add_argument("--elements", type=int, default=150)
     parser.add_argument("--jobs", type=int, default=1)
@@ -268,7 +256,7 @@ def main() -> None:
     if "beam" in options.parts:
         beam(range(options.beam_seeds), options.jobs, options.elements)
     if "oscillators" in options.parts:
-        oscillators(range(options.seeds), options.jobs)
+        oscillators(range(options.first, options.first + options.seeds), options.jobs)
 
 
 if __name__ == "__main__":

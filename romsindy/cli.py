@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,13 @@ from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam.command import simulate
 from romsindy.comparison import coefficient_table, compare_models
 from romsindy.decay import Decay
+from romsindy.diagnosis.command import diagnose
 from romsindy.files import load_decay
 from romsindy.filters import Butterworth
 from romsindy.harmonic import HarmonicProjection
 from romsindy.plotting import plot_backbone
 from romsindy.report import Identification, write_report
+from romsindy.selection import Selection, select_model
 from romsindy.study.command import study
 from romsindy.synthetic import example_decay
 from romsindy.terms import DAMPING_KINDS
@@ -59,6 +62,7 @@ def main() -> None:
 
 main.add_command(simulate)
 main.add_command(study)
+main.add_command(diagnose)
 
 
 def _coefficients(
@@ -141,6 +145,11 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
     default=True,
     help="Refine every model by simulation, with error bars and a verdict.  [default: refine]",
 )
+@click.option(
+    "--select",
+    is_flag=True,
+    help="Let the data choose the terms: orders 3 to 13, dampings, subsets. Takes about 20 s.",
+)
 @click.option("--report", type=click.Path(path_type=Path), help="Name of the HTML report.")
 @click.option(
     "--model", type=click.Path(path_type=Path), help="Write the IC-ROM as JSON to this file."
@@ -166,6 +175,7 @@ def identify(
     amplitude: tuple[float, float] | None,
     cutoff: float | None,
     refined: bool,
+    select: bool,
     report: Path | None,
     model: Path | None,
     figure: Path | None,
@@ -192,6 +202,10 @@ def identify(
     click.echo(f"\n{result.decay!r}\n{result.backbone!r}\n\n{best.fit or icrom}\n")
     click.echo(_aligned(coefficient_table(result.candidates)))
     click.echo(f"\n{result.verdict()}\n{result.table_note()}")
+    if select:
+        selection = _selected(result, fix, projection)
+        result, icrom = replace(result, selection=selection), selection.model
+        click.echo(f"\n{selection}")
     write_report(result, report, lambda steps: _bar(steps, "drawing"))
     click.echo(f"Report: {report}")
     if model is not None:
@@ -201,6 +215,8 @@ def identify(
         canvas = Figure(figsize=(6.4, 4.4), layout="constrained")
         both = (result.named(name) for name in ("stiffness", "IC-ROM"))
         shown = {c.name: c.fit or c.model for c in both}
+        if result.selection:
+            shown["chosen terms"] = result.selection.fit
         plot_backbone(result.backbone, shown, ax=canvas.subplots())
         canvas.savefig(figure, dpi=130)
         click.echo(f"Figure: {figure}")
@@ -223,6 +239,14 @@ def _identified(
     fits = compare_models(decay, backbone, order, damping, fixed, projection, measured)
     candidates = list(_bar(fits, "identifying", 4))
     return Identification(title, record, decay, backbone, candidates)
+
+
+def _selected(
+    result: Identification, fixed: dict[str, float], projection: HarmonicProjection
+) -> Selection:
+    measured = _within(result.record.single().free(), result.backbone, projection.amplitude)
+    with _bar(None, "choosing terms") as bar:
+        return select_model(measured, fixed=fixed or None, progress=bar.set_postfix_str)
 
 
 def _within(decay: Decay, backbone: Backbone, amplitude: tuple[float, float] | None) -> Decay:

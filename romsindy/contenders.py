@@ -9,6 +9,10 @@ from romsindy.adequacy import FALSE_ALARM
 from romsindy.refine import Fit
 from romsindy.tangent import Keys
 
+# Models are told apart where one predicts worse by more than this many standard errors. The choice
+# itself obeys the usual rule of one.
+TOLD_APART = 2.0
+
 CHOSEN = "chosen"
 EQUIVALENT = "not told apart"
 WORSE = "predicts cycles worse"
@@ -25,11 +29,14 @@ class Contender:
     ----------
     keys : tuple of str
         Its free coefficients.
+    size : int
+        Number of coefficients of the smallest candidate that has all of its terms: a model of
+        order 3 with a term of order 9 is one of order 9.
     adequacy : float
         Rms of the residual over the noise.
     excess, excess_std : float
         Squared error over noise of cycles that are each predicted from all others, summed over
-        the cycles: what it has more than that of the best contender, and the standard error of
+        the cycles: what it has more than that of the best candidate, and the standard error of
         this difference. A useless coefficient costs about one; a needed one that lacks costs the
         square of its value over its standard error.
     forecast : float
@@ -43,6 +50,7 @@ class Contender:
     """
 
     keys: Keys
+    size: int
     adequacy: float
     excess: float
     excess_std: float
@@ -63,10 +71,12 @@ class Contender:
 
 
 def best(contenders: Sequence[Contender]) -> Contender:
-    """Fewest coefficients among those that predict as well as the best (`judged`)."""
-    good = [c for c in judged(contenders) if c.verdict == EQUIVALENT]
-    chosen = min(good, key=lambda c: (len(c.keys), c.excess))
-    return next(c for c in contenders if c.keys == chosen.keys)
+    """Smallest candidate, then fewest of its terms, within one standard error of the best."""
+    left = {c.keys for c in judged(contenders) if c.verdict == EQUIVALENT}
+    good = [c for c in contenders if c.keys in left and c.excess <= c.excess_std]
+    if not good:  # the best prediction failed another test
+        good = [min((c for c in contenders if c.keys in left), key=lambda c: c.excess)]
+    return min(good, key=lambda c: (c.size, len(c.keys), c.excess))
 
 
 def judged(contenders: Sequence[Contender], chosen: Contender | None = None) -> list[Contender]:
@@ -80,7 +90,7 @@ def judged(contenders: Sequence[Contender], chosen: Contender | None = None) -> 
     explaining = any(c.explained for c in left)
     tests = (
         (INADEQUATE, lambda c: c.explained or c.fit is None or not explaining),
-        (WORSE, lambda c: c.excess <= c.excess_std),
+        (WORSE, lambda c: c.excess <= TOLD_APART * c.excess_std),
         (NARROW, lambda c: c.forecast_p >= FALSE_ALARM),
     )
     for name, passes in tests:

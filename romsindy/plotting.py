@@ -249,8 +249,8 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
 def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
     """Held-out error of every structure against its number of coefficients.
 
-    The error is squared error over noise of held-out cycles, beyond that of the best. Where the
-    bar, one standard error, reaches zero a structure predicts as well as the best.
+    The error is squared error over noise of held-out cycles, beyond that of the best, with one
+    standard error to either side: a structure whose bar reaches zero predicts as well as the best.
     """
     ax = _axes(ax)
     looks: dict[str, dict[str, Any]] = {

@@ -19,6 +19,7 @@ from romsindy.backbone import Backbone
 from romsindy.comparison import CERTAIN, Candidate, coefficient_table
 from romsindy.decay import Decay
 from romsindy.refine import Fit
+from romsindy.selection import Selection
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class Identification:
     decay: Decay
     backbone: Backbone
     candidates: Sequence[Candidate]
+    selection: Selection | None = None
 
     def named(self, name: str) -> Candidate:
         """The candidate of that name."""
@@ -40,7 +42,9 @@ class Identification:
         stiffness, icrom = self.named("stiffness"), self.named("IC-ROM")
         words = [f"the {c.name} model {_off(c)}" for c in (icrom, stiffness)]
         text = f"Over {len(self.backbone)} cycles {words[0]}; {words[1]}."
-        explained = f" IC-ROM: {icrom.fit.verdict}" if icrom.fit else ""
+        fit = self.selection.fit if self.selection else icrom.fit
+        name = f"Chosen, {self.selection.chosen.name}" if self.selection else "IC-ROM"
+        explained = f" {name}: {fit.verdict}" if fit else ""
         return text + explained
 
     def table_note(self) -> str:
@@ -115,6 +119,20 @@ def pictures(result: Identification) -> list[_Picture]:
             lambda ax: plotting.plot_residual({c.name: c.estimator for c in both}, ax=ax),
         ),
         *(_misfit(c.name, c.fit) for c in both if c.fit),
+        *(_choice(result.selection) if result.selection else ()),
+    ]
+
+
+def _choice(selection: Selection) -> list[_Picture]:
+    name = f"chosen ({selection.chosen.name})"
+    return [
+        _Picture(
+            "Terms that the data ask for",
+            f"Chosen: {selection.chosen.name}; {len(selection.equivalent)} others cannot be told"
+            " from it. Error of held-out cycles, in squared noise, against size.",
+            lambda ax: plotting.plot_selection(selection, ax=ax),
+        ),
+        _misfit(name, selection.fit),
     ]
 
 

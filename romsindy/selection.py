@@ -37,8 +37,9 @@ from romsindy.trajectory import TrajectoryError
 from romsindy.typing import Array, Indices
 
 ORDERS = (3, 5, 7, 9)
-# Higher ones join, up to the last of these, where the choice uses the highest there is.
-_MORE_ORDERS = (11, 13)
+# Higher ones join, up to the last of these, where the choice uses the highest there is and leaves
+# little: much misfit is not for want of powers.
+_MORE_ORDERS, _LITTLE = (11, 13), 1.1
 DAMPING = ("quadratic", "coulomb", "q^2 q_dot")
 # Cycles are dealt into this many parts for the screening by regression.
 _FOLDS = 5
@@ -182,9 +183,11 @@ def select_model(
     """Find the smallest model that explains the data and predicts as well as the best one.
 
     Every contender is judged by cycles that were left out of its fit, each predicted from all
-    others, and by the largest amplitudes, predicted from those below. Of those within one standard
-    error of the best, the one with fewest coefficients that explains the data is chosen; where
-    none explains them, the smallest one that predicts as well as the best.
+    others, and by the largest amplitudes, predicted from those below. Of the contenders that
+    explain the data and predict within one standard error of the best candidate, that of the
+    smallest candidate is chosen, with the fewest of its terms. Where none explains the data, the
+    same holds without that condition. Models within two standard errors are reported as not told
+    apart.
 
     Parameters
     ----------
@@ -236,7 +239,8 @@ def select_model(
         for _ in range(_ROUNDS):
             path = search.compare(fit, structures, sparse)
             winner = best(path)
-            if stages and _highest(structures) & set(winner.keys):
+            grown = winner.adequacy < _LITTLE and _highest(structures) & set(winner.keys)
+            if stages and grown:
                 structures = stages.pop(0)
             elif winner.fit is not None:
                 break
@@ -286,7 +290,7 @@ class _Screen:
 
     columns: dict[str, Array]
     target: Array
-    fold: Indices
+    cycle: Indices
     fixed: Mapping[str, float]
     unit: str | None
 
@@ -302,17 +306,25 @@ class _Screen:
         target = rows.target * weights
         for key, value in fixed.items():
             target = target - value * columns[key]
-        return cls(columns, target, rows.cycle % _FOLDS, fixed, decays[0].unit)
+        return cls(columns, target, rows.cycle, fixed, decays[0].unit)
 
-    def error(self, keys: Keys) -> float:
-        """Squared error of held-out cycles."""
+    def ranked(self, structures: Sequence[Keys]) -> list[Keys]:
+        """The smallest within one standard error of the best first, then by error."""
+        errors = {keys: self._errors(keys) for keys in structures}
+        ranked = sorted(structures, key=lambda keys: float(errors[keys].sum()))
+        excess = {keys: errors[keys] - errors[ranked[0]] for keys in ranked}
+        good = [k for k, e in excess.items() if e.sum() <= e.std() * np.sqrt(len(e))]
+        return list(dict.fromkeys([min(good, key=len), *ranked]))
+
+    def _errors(self, keys: Keys) -> Array:
+        """Squared error of every cycle, predicted from others, (n_cycles,)."""
         x, _ = self._scaled(keys)
-        total = 0.0
+        rest = np.empty_like(self.target)
         for fold in range(_FOLDS):
-            out = self.fold == fold
+            out = self.cycle % _FOLDS == fold
             solution = lstsq(x[~out], self.target[~out], cond=1e-12)[0]
-            total += float(np.sum((self.target[out] - x[out] @ solution) ** 2))
-        return total
+            rest[out] = self.target[out] - x[out] @ solution
+        return np.asarray(np.bincount(self.cycle, rest**2), float)
 
     def solve(self, keys: Keys) -> dict[str, float]:
         """Coefficients by least squares."""
@@ -339,9 +351,9 @@ class _Search:
     fits: dict[Keys, Fit | None] = field(default_factory=dict)
 
     def first(self, structures: Sequence[Keys]) -> Fit:
-        """Fit the candidate whose regression predicts held-out cycles best."""
+        """Fit a candidate whose regression predicts held-out cycles well."""
         self.progress(f"screening {len(structures)} candidates by regression")
-        order = sorted(structures, key=self.screen.error)[:_TRIES]
+        order = self.screen.ranked(structures)[:_TRIES]
         for keys in order:
             fit = self.fit(keys)
             if fit is not None:
@@ -374,13 +386,17 @@ class _Search:
                     if step not in errors:
                         errors[step] = tangent.cycle_errors(step)
         self.progress(f"compared {len(errors)} structures, seen from {describe(fit.free)}")
-        return self._contenders(tangent, errors)
+        return self._contenders(tangent, errors, structures)
 
-    def _contenders(self, tangent: Tangent, errors: Mapping[Keys, Array]) -> list[Contender]:
+    def _contenders(
+        self, tangent: Tangent, errors: Mapping[Keys, Array], structures: Sequence[Keys]
+    ) -> list[Contender]:
         # Where a model was fitted by simulation, what the tangent has not seen is added.
         bent = {keys: self._bend(tangent, keys) for keys in errors}
         totals = {keys: float(e.sum()) + bent[keys] for keys, e in errors.items()}
-        leader = min(totals, key=lambda keys: totals[keys])
+        # Sparse subsets were sought for their small error: they are no fair measure of the others.
+        leader = min(structures, key=lambda keys: totals[keys])
+        sizes = [(len(keys), set(keys)) for keys in structures]
         contenders = []
         for keys, error in errors.items():
             difference = error - errors[leader]
@@ -389,6 +405,7 @@ class _Search:
             contenders.append(
                 Contender(
                     keys,
+                    min(size for size, whole in sizes if whole >= set(keys)),
                     fit.adequacy if fit else float(np.sqrt(residual)),
                     totals[keys] - totals[leader],
                     float(np.std(difference) * np.sqrt(len(difference))),

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from romsindy import ReducedModel, __version__, example_decay, save_decay
+from romsindy import ReducedModel, __version__, add_noise, example_decay, save_decay
 from romsindy.cli import main
 
 
@@ -41,6 +41,18 @@ def test_same_seed_same_numbers(run):
     assert first == second != run("identify", "--example", "--seed", 5, "--no-refine").output
 
 
+def test_terms_are_chosen(run, tmp_path):
+    model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0, "c_linear": 0.1})
+    decay = add_noise(model.simulate(1.0, 0.0, np.arange(0, 40, 0.02)), 40, seed=0)
+    save_decay(decay, tmp_path / "decay.npz")
+    result = run("identify", "decay.npz", "--order", 3, "--select", "--model", "model.json")
+    assert result.exit_code == 0, result.output
+    chosen = ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert set(chosen.coefficients) >= {"omega^2", "gamma_3", "c_linear"}
+    assert "Chosen of" in result.output and "not told apart" in result.output
+    assert "Terms that the data ask for" in (tmp_path / "decay_report.html").read_text()
+
+
 def test_file_with_options(run, tmp_path):
     decay = example_decay(40.0, 1)
     table = np.stack([decay.t, 1000 * decay.q], axis=1)
@@ -55,8 +67,8 @@ def test_file_with_options(run, tmp_path):
 
 
 def test_measured_velocity(run, measured):
-    result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300, "--no-refine",
-                 "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
+    result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
+                 "--no-refine", "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "displacement integrated from velocity, drift removed" in result.output
 

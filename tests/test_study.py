@@ -35,7 +35,7 @@ from romsindy.study.models import DEFAULT, PAPER
 
 # Ten quadratic elements have the linear frequency of the default beam within 1e-4, and twelve
 # seconds hold a decade of amplitudes.
-SMALL = {"elements": 10, "duration": 12.0}
+SMALL = {"elements": 10, "duration": 12.0, "orbits": 1}
 
 
 @pytest.fixture(scope="module")

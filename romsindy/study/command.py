@@ -16,7 +16,7 @@ from romsindy.study.content import Check
 from romsindy.study.pages import Written, checks_table, write_chapter, write_page
 from romsindy.study.story import tell
 
-QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "both_releases": False}
+QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "orbits": 3, "both_releases": False}
 _QUICK_SEEDS, _SEEDS = 10, 100
 _QUICK_SECONDS, _SECONDS = 60.0, 300.0
 

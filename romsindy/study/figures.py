@@ -49,6 +49,7 @@ def cycles(figure: Figure, system: System) -> None:
     left, right = figure.subplots(1, 2)
     models = {f"direct, order {o}": system.direct[o] for o in (5, 9)}
     plotting.plot_backbone(system.backbone, models, ax=left)
+    beam_plotting.plot_normal_mode(system.normal_mode, left)
     plotting.plot_damping(system.backbone, ax=right)
 
 
@@ -78,6 +79,7 @@ def headline(figure: Figure, system: System, candidates: Sequence[Candidate]) ->
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
     names = {c.name.replace(" 5", ", order 5"): c.model for c in candidates}
     plotting.plot_backbone(system.backbone, names, ax=left)
+    beam_plotting.plot_normal_mode(system.normal_mode, left)
     errors(right, system.backbone, candidates)
 
 

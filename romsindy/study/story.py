@@ -8,7 +8,7 @@ from romsindy.study import chapters
 from romsindy.study.content import Chapter
 from romsindy.study.experiment import Trial, trials
 from romsindy.study.models import DEFAULT, FAMILIES, ORDERS, PAPER, identify_all
-from romsindy.study.system import System, simulate_system
+from romsindy.study.system import System, simulate_release, simulate_system
 
 Progress = Callable[[Iterable, str, int], Iterable]
 
@@ -18,6 +18,7 @@ def tell(
     *,
     elements: int = 150,
     duration: float = 25.0,
+    orbits: int = 5,
     seeds: int = 100,
     seed: int = 0,
     both_releases: bool = True,
@@ -28,14 +29,14 @@ def tell(
     ----------
     progress : callable
         ``progress(steps, what, total)`` wraps what takes time, as tqdm does.
-    elements, duration : int, float
-        Of the simulated decay; see `simulate_system`.
+    elements, duration, orbits : int, float, int
+        See `simulate_system`.
     seeds, seed : int
         Number of noisy experiments, and the first seed. An experiment takes two seeds.
     both_releases : bool
         Whether to simulate a release by a modal force too.
     """
-    system = simulate_system(elements, duration, progress=True)
+    system = simulate_system(elements, duration, orbits, progress=True)
     yield chapters.structure(system)
     yield chapters.cycles(system)
     fits = {}
@@ -46,7 +47,7 @@ def tell(
     yield chapters.comparison(system, fits["plain"])
     yield chapters.recipes(system, fits["plain"], fits["weighted"])
     if both_releases:
-        modal = simulate_system(elements, duration, release_mode=1, progress=True)
+        modal = simulate_release(system.beam, system.modes, duration, 1, progress=True)
         yield chapters.releases(system, modal)
     finished = finished_trials(system, range(seed, seed + 2 * seeds, 2), progress)
     yield chapters.experiment(system, finished, seeds)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.backbone import Backbone, extract_backbone
-from romsindy.beam import Beam, ModalBasis, Motion, Shape
+from romsindy.beam import Beam, ModalBasis, Motion
+from romsindy.beam.orbits import NormalMode
 from romsindy.decay import Decay
 from romsindy.model import ReducedModel
 from romsindy.study.models import ORDERS
@@ -38,6 +39,8 @@ class System:
         Read off the decay.
     direct : mapping of int to ReducedModel
         Direct reduced-order models by order, fitted over the amplitudes of the decay.
+    normal_mode : NormalMode
+        Periodic orbits of the undamped beam: the backbone that no reduction and no decay blurs.
     """
 
     beam: Beam
@@ -47,6 +50,7 @@ class System:
     decay: Decay
     backbone: Backbone
     direct: Mapping[int, ReducedModel]
+    normal_mode: NormalMode
 
     @property
     def omega(self) -> float:
@@ -54,14 +58,45 @@ class System:
         return float(self.modes.omega[0])
 
 
-def simulate_system(
-    elements: int = 150,
-    duration: float = 25.0,
+def simulate_release(
+    beam: Beam,
+    modes: ModalBasis,
+    duration: float,
     release_mode: int | None = None,
     *,
     progress: bool = False,
+) -> Motion:
+    """Let a beam go from a tip displacement of a third of its length.
+
+    Parameters
+    ----------
+    beam, modes : Beam, ModalBasis
+        What moves, and the modes to record.
+    duration : float
+        s.
+    release_mode : int, optional
+        Hold by the modal force of this mode before the release; by default by a force at the tip,
+        which lets mode 2 sound along (6 % of mode 1).
+    progress : bool
+        Whether to show a bar.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If the simulation was interrupted: a part of the decay is no basis for the study.
+    """
+    shape = beam.release_shape(beam.length / 3, mode=release_mode)
+    sensors = beam.sensors(SENSORS)
+    motion = beam.simulate(shape, duration, modes=modes, sensors=sensors, progress=progress)
+    if motion.stop_reason != "completed":
+        raise KeyboardInterrupt(motion.stop_reason)
+    return motion
+
+
+def simulate_system(
+    elements: int = 150, duration: float = 25.0, orbits: int = 5, *, progress: bool = False
 ) -> System:
-    """Simulate the default beam from a tip displacement of a third of its length.
+    """Simulate the default beam, let go by a force at its tip, and compute what is true of it.
 
     Parameters
     ----------
@@ -69,32 +104,30 @@ def simulate_system(
         Quadratic elements; 150 in the paper.
     duration : float
         Of the decay, s.
-    release_mode : int, optional
-        Hold by the modal force of this mode before the release; by default by a force at the tip,
-        which lets mode 2 sound along (6 % of mode 1).
+    orbits : int
+        Number of periodic orbits of the beam itself, evenly spaced in tip displacement.
     progress : bool
         Whether to show bars.
 
     Raises
     ------
     KeyboardInterrupt
-        If a simulation was interrupted: a part of the decay is no basis for the study.
+        As `simulate_release`.
     """
     beam = Beam.cantilever(elements=elements)
     modes = beam.modes(count=10)
-    shape = beam.release_shape(beam.length / 3, mode=release_mode)
-    sensors = beam.sensors(SENSORS)
-
-    def simulate(system: Beam, shape: Shape, seconds: float) -> Motion:
-        motion = system.simulate(shape, seconds, modes=modes, sensors=sensors, progress=progress)
-        if motion.stop_reason != "completed":
-            raise KeyboardInterrupt(motion.stop_reason)
-        return motion
-
-    motion = simulate(beam, shape, duration)
-    calm = beam.release_shape(beam.length / 3, mode=1)
-    undamped = simulate(replace(beam, alpha=0.0, eta=0.0), calm, COUPLING_DURATION)
+    motion = simulate_release(beam, modes, duration, progress=progress)
+    undamped = simulate_release(
+        replace(beam, alpha=0.0, eta=0.0), modes, COUPLING_DURATION, 1, progress=progress
+    )
     decay = modes.project(motion)
     reach = float(np.abs(decay.q).max())
     direct = {order: beam.reduce(order=order, amplitude=reach) for order in ORDERS}
-    return System(beam, modes, motion, undamped, decay, extract_backbone(decay), direct)
+    # Up to 90 % of the release, the amplitude of the first whole cycles.
+    tips = 0.9 * beam.length / 3 * np.arange(1, orbits + 1) / orbits
+    normal_mode = beam.normal_mode(tips.tolist(), progress=progress)
+    if normal_mode.stop_reason != "completed":
+        raise KeyboardInterrupt(normal_mode.stop_reason)
+    return System(
+        beam, modes, motion, undamped, decay, extract_backbone(decay), direct, normal_mode
+    )

@@ -70,6 +70,27 @@ def direct(system: System) -> Table:
     )
 
 
+def normal_mode(system: System) -> Table:
+    """The beam's own backbone beside that of the decay and of the direct models."""
+    mode, backbone = system.normal_mode, system.backbone
+    order = np.argsort(backbone.amplitude)
+    cycles = np.interp(mode.amplitude, backbone.amplitude[order], backbone.frequency[order])
+    models = {o: m.backbone(mode.amplitude) for o, m in system.direct.items()}
+    columns = [cycles, *models.values()]
+    rows: list[list[Cell]] = [
+        [float(a), float(w), *(100 * float(c[i] / w - 1) for c in columns)]
+        for i, (a, w) in enumerate(zip(mode.amplitude, mode.frequency, strict=True))
+    ]
+    return Table(
+        "normal_mode",
+        "Periodic orbits of the beam itself",
+        "Found by shooting on the finite elements, without damping. Relative deviation from them,"
+        " %, of the cycles of the decay and of the direct reduced-order models.",
+        ["amplitude, kg^0.5 m", "rad/s", "cycles", *(f"direct, order {o}" for o in models)],
+        rows,
+    )
+
+
 def backbone_errors(fits: Fits, system: System) -> Table:
     """Error of the backbone and of the linear frequency for every model."""
     rows: list[list[Cell]] = []
