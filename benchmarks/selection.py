@@ -123,7 +123,8 @@ def median_worst(values: Sequence[float]) -> str:
 
 
 def show(what: str, found: str, asked: str = "") -> None:
-    print(f"  {what:<56} {found:<32} {f'asked: {asked}' if asked else ''}".rstrip())
+    line = f"  {what:<56} {found:<32} {f'asked: {asked}' if asked else ''}"
+    print(line.rstrip(), flush=True)
 
 
 @dataclass(frozen=True)
@@ -247,6 +248,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", default=["oscillators", "beam"])
     parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0, help="first seed of the oscillators")
     parser.add_argument("--beam-seeds", type=int, default=100)
     parser.add_argument("--elements", type=int, default=150)
     parser.add_argument("--jobs", type=int, default=1)
@@ -254,7 +256,7 @@ def main() -> None:
     if "beam" in options.parts:
         beam(range(options.beam_seeds), options.jobs, options.elements)
     if "oscillators" in options.parts:
-        oscillators(range(options.seeds), options.jobs)
+        oscillators(range(options.first, options.first + options.seeds), options.jobs)
 
 
 if __name__ == "__main__":

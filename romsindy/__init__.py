@@ -6,6 +6,7 @@ from romsindy.beam import Beam
 from romsindy.bootstrap import Bootstrap, bootstrap
 from romsindy.continuation import Branch, ContinuationError, Steps, continue_branch
 from romsindy.decay import Decay
+from romsindy.diagnosis import DiagnosisReport, diagnose
 from romsindy.files import load_decay, save_decay
 from romsindy.filters import Butterworth, SavitzkyGolay
 from romsindy.harmonic import HarmonicLibrary, HarmonicProjection
@@ -46,6 +47,7 @@ __all__ = [
     "ContinuationError",
     "DampingLibrary",
     "Decay",
+    "DiagnosisReport",
     "Fit",
     "ForcedResponse",
     "HarmonicLibrary",
@@ -65,6 +67,7 @@ __all__ = [
     "bootstrap",
     "continue_branch",
     "default_candidates",
+    "diagnose",
     "example_decay",
     "extract_backbone",
     "forced_response",

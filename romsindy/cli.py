@@ -17,6 +17,7 @@ from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam.command import simulate
 from romsindy.comparison import coefficient_table, compare_models
 from romsindy.decay import Decay
+from romsindy.diagnosis.command import diagnose
 from romsindy.files import load_decay
 from romsindy.filters import Butterworth
 from romsindy.harmonic import HarmonicProjection
@@ -61,6 +62,7 @@ def main() -> None:
 
 main.add_command(simulate)
 main.add_command(study)
+main.add_command(diagnose)
 
 
 def _coefficients(

@@ -29,11 +29,14 @@ class Contender:
     ----------
     keys : tuple of str
         Its free coefficients.
+    size : int
+        Number of coefficients of the smallest candidate that has all of its terms: a model of
+        order 3 with a term of order 9 is one of order 9.
     adequacy : float
         Rms of the residual over the noise.
     excess, excess_std : float
         Squared error over noise of cycles that are each predicted from all others, summed over
-        the cycles: what it has more than that of the best contender, and the standard error of
+        the cycles: what it has more than that of the best candidate, and the standard error of
         this difference. A useless coefficient costs about one; a needed one that lacks costs the
         square of its value over its standard error.
     forecast : float
@@ -47,6 +50,7 @@ class Contender:
     """
 
     keys: Keys
+    size: int
     adequacy: float
     excess: float
     excess_std: float
@@ -67,12 +71,12 @@ class Contender:
 
 
 def best(contenders: Sequence[Contender]) -> Contender:
-    """Fewest coefficients among those within one standard error of the best prediction."""
+    """Smallest candidate, then fewest of its terms, within one standard error of the best."""
     left = {c.keys for c in judged(contenders) if c.verdict == EQUIVALENT}
     good = [c for c in contenders if c.keys in left and c.excess <= c.excess_std]
     if not good:  # the best prediction failed another test
         good = [min((c for c in contenders if c.keys in left), key=lambda c: c.excess)]
-    return min(good, key=lambda c: (len(c.keys), c.excess))
+    return min(good, key=lambda c: (c.size, len(c.keys), c.excess))
 
 
 def judged(contenders: Sequence[Contender], chosen: Contender | None = None) -> list[Contender]:

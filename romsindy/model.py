@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
 from romsindy.decay import Decay
+from romsindy.force_laws import term_from_key
 from romsindy.integration import integrate_smooth, integrate_strokes
-from romsindy.terms import Term, term_from_key
+from romsindy.terms import Term
 from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.

@@ -183,9 +183,11 @@ def select_model(
     """Find the smallest model that explains the data and predicts as well as the best one.
 
     Every contender is judged by cycles that were left out of its fit, each predicted from all
-    others, and by the largest amplitudes, predicted from those below. Of those within one standard
-    error of the best, the one with fewest coefficients that explains the data is chosen; where
-    none explains them, the smallest one that predicts as well as the best.
+    others, and by the largest amplitudes, predicted from those below. Of the contenders that
+    explain the data and predict within one standard error of the best candidate, that of the
+    smallest candidate is chosen, with the fewest of its terms. Where none explains the data, the
+    same holds without that condition. Models within two standard errors are reported as not told
+    apart.
 
     Parameters
     ----------
@@ -384,13 +386,17 @@ class _Search:
                     if step not in errors:
                         errors[step] = tangent.cycle_errors(step)
         self.progress(f"compared {len(errors)} structures, seen from {describe(fit.free)}")
-        return self._contenders(tangent, errors)
+        return self._contenders(tangent, errors, structures)
 
-    def _contenders(self, tangent: Tangent, errors: Mapping[Keys, Array]) -> list[Contender]:
+    def _contenders(
+        self, tangent: Tangent, errors: Mapping[Keys, Array], structures: Sequence[Keys]
+    ) -> list[Contender]:
         # Where a model was fitted by simulation, what the tangent has not seen is added.
         bent = {keys: self._bend(tangent, keys) for keys in errors}
         totals = {keys: float(e.sum()) + bent[keys] for keys, e in errors.items()}
-        leader = min(totals, key=lambda keys: totals[keys])
+        # Sparse subsets were sought for their small error: they are no fair measure of the others.
+        leader = min(structures, key=lambda keys: totals[keys])
+        sizes = [(len(keys), set(keys)) for keys in structures]
         contenders = []
         for keys, error in errors.items():
             difference = error - errors[leader]
@@ -399,6 +405,7 @@ class _Search:
             contenders.append(
                 Contender(
                     keys,
+                    min(size for size, whole in sizes if whole >= set(keys)),
                     fit.adequacy if fit else float(np.sqrt(residual)),
                     totals[keys] - totals[leader],
                     float(np.std(difference) * np.sqrt(len(difference))),

@@ -274,7 +274,7 @@ def _newton(
     for _ in range(_ITERATIONS):
         q, q_dot = _states(grid.step, q0, q_dot0, q_ddot)
         with np.errstate(all="ignore"):
-            system = _System.at(equation, grid.step, t, q, q_dot, q_ddot)
+            system = LinearSteps.at(equation, grid.step, t, q, q_dot, q_ddot)
             correction = system.solve(-system.residual[..., None])[2][..., 0]
         size = float(np.abs(correction).max())
         scale = float(np.abs(q_ddot).max()) + size
@@ -296,7 +296,7 @@ def _states(h: float, q0: float, q_dot0: float, q_ddot: Array) -> tuple[Array, A
 
 
 @dataclass(frozen=True)
-class _System:
+class LinearSteps:
     """The linearised equations of all steps of a window."""
 
     h: float
@@ -308,8 +308,8 @@ class _System:
     @classmethod
     def at(
         cls, equation: Equation, h: float, t: Array, q: Array, q_dot: Array, q_ddot: Array
-    ) -> _System:
-        q_node, v_node = _at_nodes(h, q, q_dot, q_ddot)
+    ) -> LinearSteps:
+        q_node, v_node = at_nodes(h, q, q_dot, q_ddot)
         flat = equation.linearise(t.ravel(), q_node.ravel(), v_node.ravel(), q_ddot.ravel())
         residual, by_q, by_v, by_a = (x.reshape(t.shape) for x in flat)
         stages = by_q[..., None] * (h * h * _TWICE) + by_v[..., None] * (h * _ONCE)
@@ -318,10 +318,13 @@ class _System:
         by_state = np.stack([by_q, by_v + h * _NODES * by_q], axis=-1)
         return cls(h, residual, stages, by_state, bool(np.all(by_a > 0)))
 
-    def solve(self, force: Array, start: Array | None = None) -> tuple[Array, Array, Array]:
+    def solve(
+        self, force: Array, start: Array | None = None, jump: Array | None = None
+    ) -> tuple[Array, Array, Array]:
         """Small changes of q, q_dot (n + 1, m) and q_ddot (n, 3, m) due to a residual -force.
 
-        ``force`` has shape (n, 3, m), ``start`` the change of the first state, (2, m).
+        ``force`` has shape (n, 3, m), ``start`` the change of the first state, (2, m), ``jump``
+        (n, 2, m) what is added to q and q_dot at the end of each step.
         """
         n, h = len(force), self.h
         inverse = _inverse(self.stages)
@@ -329,12 +332,13 @@ class _System:
         by_state = -inverse @ self.by_state
         end = np.array([h * h * _END_TWICE, h * _WEIGHTS])  # (2, 3): accelerations to the end
         transition = end @ by_state + np.array([[1.0, h], [0.0, 1.0]])
-        states = _recursion(transition, end @ direct, start)
+        steps = end @ direct
+        states = _recursion(transition, steps if jump is None else steps + jump, start)
         q_ddot = direct + by_state @ states[:n]
         return states[:, 0], states[:, 1], q_ddot
 
 
-def _at_nodes(h: float, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array]:
+def at_nodes(h: float, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array]:
     v_node = q_dot[:-1, None] + h * q_ddot @ _ONCE.T
     q_node = q[:-1, None] + h * q_dot[:-1, None] * _NODES + h * h * q_ddot @ _TWICE.T
     return q_node, v_node
@@ -399,8 +403,8 @@ def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> 
     """
     grid, h = motion.grid, motion.grid.step
     t = grid.node_times(0, grid.n_steps)
-    system = _System.at(equation, h, t, motion.q, motion.q_dot, motion.q_ddot)
-    q_node, v_node = _at_nodes(h, motion.q, motion.q_dot, motion.q_ddot)
+    system = LinearSteps.at(equation, h, t, motion.q, motion.q_dot, motion.q_ddot)
+    q_node, v_node = at_nodes(h, motion.q, motion.q_dot, motion.q_ddot)
     slopes = equation.by_parameter(t.ravel(), q_node.ravel(), v_node.ravel(), motion.q_ddot.ravel())
     p = len(slopes)
     force = np.zeros((*t.shape, p + 2))

@@ -19,6 +19,7 @@ MODULES = [m.name for m in pkgutil.iter_modules(romsindy.__path__) if m.name != 
 # Each layer may import from itself, upwards in this list, and nothing below.
 LAYERS = [
     {"typing", "terms", "continuation", "trajectory"},
+    {"force_laws", "quasilinear"},
     {"signals"},
     {"filters"},
     {"decay"},
@@ -31,6 +32,7 @@ LAYERS = [
     {"synthetic", "library", "beam", "harmonic_balance"},
     {"stability", "families"},
     {"orbits"},
+    {"diagnosis"},
     {"harmonic"},
     {"regression"},
     {"comparison", "tangent"},
@@ -68,7 +70,7 @@ def test_imports_run_one_way(module):
 
 def test_only_drawing_modules_know_matplotlib():
     knowing = {m for m in MODULES if any(n.startswith("matplotlib") for n in imported(m))}
-    assert knowing == {"beam", "plotting", "report", "study", "cli"}
+    assert knowing == {"beam", "diagnosis", "plotting", "report", "study", "cli"}
 
 
 def test_models_and_signals_know_no_regression():
@@ -118,7 +120,7 @@ def test_python_examples_in_the_readme_run(capsys):
     for block in blocks:
         exec(compile(block, "README.md", "exec"), names)
     printed = capsys.readouterr().out
-    assert len(blocks) == 2 and printed.count("omega^2") == 2
+    assert len(blocks) == 3 and printed.count("omega^2") == 3
     # The static reduction of the beam and the reference for it (order 5, tip within 0.15 m).
     assert names["truth"].coefficients["omega^2"] == pytest.approx(1482.2, rel=1e-3)
 

@@ -78,4 +78,4 @@ def test_normal_mode_goes_on_the_axes_of_a_backbone(beam):
     marks = ax.lines[1]
     assert_allclose(marks.get_xdata(), orbits.frequency / (2 * np.pi))
     assert_allclose(marks.get_ydata(), orbits.amplitude)
-    assert [t.get_text() for t in ax.get_legend().get_texts()][0] == "a backbone"
+    assert ax.get_legend().get_texts()[0].get_text() == "a backbone"

@@ -17,6 +17,7 @@ from romsindy.tangent import LARGE, Tangent
 
 TRUE = set(EXAMPLE_MODEL.coefficients)
 DECAY = rs.example_decay(snr_db=35.0, seed=1)
+SHORT = [rs.example_decay(snr_db=35.0, seed=s, periods=50) for s in (1, 2)]
 FULL = rs.ROMLibrary((3, 4, 5), (1, 2, 3, 4, 5), ("linear", "coulomb"))
 SMALL = [FULL, rs.ROMLibrary((3,), (1, 2, 3)), rs.ROMLibrary((), (1, 2, 3, 4, 5))]
 
@@ -123,15 +124,14 @@ def test_dry_friction_is_found() -> None:
 
 
 def test_known_coefficients_and_several_decays() -> None:
-    decays = [DECAY, rs.example_decay(snr_db=35.0, seed=2)]
-    choice = select_model(decays, SMALL, fixed={"omega^2": 36.0})
+    choice = select_model(SHORT, SMALL, fixed={"omega^2": 36.0}, survivors=1)
     assert choice.model.coefficients["omega^2"] == 36.0
     assert {*choice.chosen.keys, "omega^2"} == TRUE
     assert len(choice.fit.states) == 2
 
 
 def test_where_all_are_wrong_the_best_is_chosen_and_said_not_to_explain() -> None:
-    choice = select_model(DECAY, SMALL[2:])
+    choice = select_model(SHORT[0], SMALL[2:], sparse=False)
     assert not choice.fit.verdict.explained
     assert "does not explain the data" in str(choice)
 
@@ -144,7 +144,7 @@ def test_interrupt_keeps_what_it_had() -> None:
         if sum(text.startswith("fitting") for text in lines) == 2:
             raise KeyboardInterrupt
 
-    choice = select_model(DECAY, SMALL, progress=impatient)
+    choice = select_model(SHORT[0], SMALL, progress=impatient)
     assert choice.message.startswith("interrupted")
     assert set(choice.chosen.keys) == set(choice.fit.free)
 
@@ -166,8 +166,8 @@ def test_bad_input_is_named() -> None:
         select_model(DECAY, ["IC-ROM"])
 
 
-def contender(keys: str, excess: float, std: float, p: float = 0.5) -> Contender:
-    return Contender(tuple(keys.split()), 1.0, excess, std, 1.0, p)
+def contender(keys: str, excess: float, std: float, p: float = 0.5, size: int = 0) -> Contender:
+    return Contender(tuple(keys.split()), size or len(keys.split()), 1.0, excess, std, 1.0, p)
 
 
 def test_smallest_within_one_standard_error_wins() -> None:
@@ -182,6 +182,11 @@ def test_smallest_within_one_standard_error_wins() -> None:
         ("a", "b"): contenders.CHOSEN,
         ("a", "b", "c"): same,
     }
+
+
+def test_term_of_high_order_counts_as_that_order() -> None:
+    some = [contender("a b c", 0, 0), contender("a z", -1, 2, size=9)]
+    assert best(some).keys == ("a", "b", "c")
 
 
 def test_model_that_fails_at_large_amplitudes_is_passed_over() -> None:

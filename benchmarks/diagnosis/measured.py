@@ -1,0 +1,110 @@
+"""Diagnoses of measured decays: ship roll, pendulum, clamped beam.
+
+    python benchmarks/diagnosis/measured.py ../shared/data
+
+The folder holds kvlcc2_roll_decay.npz, pendulum_free_swing.npz and cc_beam_bristol.npz.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+import romsindy as rs
+from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.refine import refine
+
+
+def ship(folder: Path, run: str, start: float) -> tuple[rs.DiagnosisReport, float, float]:
+    """Simulated roll decay against a measured run: report, envelope error before and after, deg.
+
+    The envelope errors are those of the logarithmic decay cycle by cycle, over the amplitudes
+    that simulation and measurement share.
+    """
+    content = np.load(folder / "kvlcc2_roll_decay.npz")
+    name = "sim_fnpf_inviscid_0kn"
+    simulated = rs.Decay(content[f"{name}_t"], content[f"{name}_phi"], unit="rad")
+    name = f"test_{run}_0kn"
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="t is not uniform")
+        test = rs.Decay(content[f"{name}_t"], content[f"{name}_phi"], unit="rad")
+    test = test.between(start).free()
+    known = model_of_simulation(simulated)
+    report = rs.diagnose(known.model, test, tolerances=known.tolerances, floor=known.floor)
+    backbone = rs.extract_backbone(test)
+    low, high = known.model.amplitude_range
+    shared = (backbone.amplitude > low) & (backbone.amplitude < high)
+    errors = [
+        np.rad2deg(_envelope_error(model, backbone, shared))
+        for model in (known.model, report.model)
+    ]
+    return report, errors[0], errors[1]
+
+
+def _envelope_error(model: rs.ReducedModel, backbone: rs.Backbone, shared: np.ndarray) -> float:
+    """Rms difference of the envelopes, the model started at the first shared amplitude."""
+    t, a = backbone.t[shared], backbone.amplitude[shared]
+    grid = np.linspace(0, a.max() * 1.2, 200)[1:]
+    zeta, omega = model.damping_ratio(grid), model.backbone(grid)
+    said = [a[0]]
+    for step in np.diff(t):
+        rate = np.interp(said[-1], grid, zeta * omega)
+        half = said[-1] * (1 - 0.5 * step * rate)
+        said.append(said[-1] - step * half * np.interp(half, grid, zeta * omega))
+    return float(np.sqrt(np.mean((np.array(said) - a) ** 2)))
+
+
+def pendulum(folder: Path) -> tuple[rs.DiagnosisReport, float, float]:
+    """Viscous model against three releases: report, rms error before and after, deg."""
+    content = np.load(folder / "pendulum_free_swing.npz")
+    swings = []
+    for angle, start in ((45, 0.29), (90, 0.54), (135, 0.41)):
+        q = np.deg2rad(content[f"release_{angle}deg_theta_deg"])
+        swings.append(rs.Decay(np.arange(len(q)) / 1000, q, unit="rad").between(start))
+    q = np.linspace(0, 2.6, 400)
+    powers = np.arange(1, 12, 2)
+    sine = np.linalg.lstsq(q[:, None] ** powers, np.sin(q), rcond=None)[0]
+    names = ["omega^2", *(f"gamma_{p}" for p in powers[1:])]
+    stiffness = dict(zip(names, sine * (2 * np.pi * 1.745) ** 2, strict=True))
+    model = rs.ReducedModel.from_coefficients(stiffness | {"c_linear": 0.9}, unit="rad")
+    report = rs.diagnose(model, swings, floor=0.01)
+    fits = (report.base.solution.residuals, report.best.solution.residuals)
+    before, after = (float(np.rad2deg(np.sqrt(np.mean(np.concatenate(r) ** 2)))) for r in fits)
+    return report, before, after
+
+
+def clamped_beam(folder: Path) -> tuple[rs.DiagnosisReport, float, float]:
+    """Model of run b against run a: report, linear frequency before and after, Hz.
+
+    Both without their first 0.6 s, in which the frequency falls from 100 to 65 Hz.
+    """
+    content = np.load(folder / "cc_beam_bristol.npz")
+    runs = {}
+    for run, skipped in (("a", 0.6), ("b", 0.85)):
+        t, v = content[f"mode1{run}_t"], content[f"mode1{run}_v"]
+        decay = rs.Decay.from_velocity(t, v, unit="m").free()
+        runs[run] = decay.between(decay.t[0] + skipped)
+    library = rs.ROMLibrary(inertia=(), stiffness=(1, 3, 5), damping=("linear", "quadratic"))
+    model = refine(rs.HarmonicSINDy(library).fit(runs["b"]).model_, runs["b"]).model
+    report = rs.diagnose(model, runs["a"], floor=0.01, max_effects=1)
+    shift = report.base.solution.parts[0].strengths[0, 0]
+    squares = model.coefficients["omega^2"] + np.array([0.0, shift])
+    before, after = np.sqrt(squares) / (2 * np.pi)
+    return report, float(before), float(after)
+
+
+def main(folder: Path) -> None:
+    for run, start in (("21338", 9.5), ("21337", 26.5)):
+        report, before, after = ship(folder, run, start)
+        print(f"ship, run {run}: envelope error {before:.3g} -> {after:.3g} degrees\n{report}\n")
+    report, before, after = pendulum(folder)
+    print(f"pendulum: rms {before:.3g} -> {after:.3g} degrees\n{report}\n")
+    report, before, after = clamped_beam(folder)
+    print(f"clamped beam: linear frequency {before:.4g} -> {after:.4g} Hz\n{report}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,91 @@
+"""The usual recipe on the same blind trials: low-pass, differentiate, regress the residual force.
+
+    python benchmarks/diagnosis/recipe.py FOLDER --seed 1000 --noise 40
+
+The residual acceleration of the nominal model is regressed on every candidate force of the
+catalogue by forward orthogonal least squares (FROLS; linear stiffness and viscous damping always
+free), and by STLSQ; the first choice, and the largest term left, are the names.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+from pathlib import Path
+
+import numpy as np
+import pysindy as ps
+from run import records
+
+import romsindy as rs
+from romsindy.diagnosis import CATALOGUE
+from romsindy.diagnosis.effects import Scales, State
+
+_CUTOFFS = (6.0, 10.0, 20.0)  # of the low-pass, in fundamentals
+
+
+def named(model: rs.ReducedModel, decays: list[rs.Decay], cutoff: float) -> tuple[str, str]:
+    """First choice of FROLS, and the largest normalised term of STLSQ."""
+    omega = np.sqrt(model.coefficients["omega^2"])
+    scales = Scales(1.0, omega, 20.0, (2 * np.pi * 50.0, 2.2 * omega, 0.5 * omega))
+    columns: dict[str, list[np.ndarray]] = {}
+    base, target = [], []
+    for decay in decays:
+        smooth = decay.differentiated(rs.Butterworth(cutoff * omega / (2 * np.pi)))
+        inside = slice(100, -100)  # the filter rings at the ends
+        state = State(
+            smooth.t[inside], smooth.q[inside], smooth.q_dot[inside], smooth.q_ddot[inside], 0.0025
+        )
+        target.append(-model.residual(state.q, state.q_dot, state.q_ddot))
+        base.append(np.stack([state.q, state.q_dot]))
+        for effect in CATALOGUE:
+            if effect.per_record or effect.readings(state.t, state.q, np.ones(2)) is not None:
+                continue  # not a force: outside the recipe
+            starts = (s.starts for s in effect.shapes(scales))
+            for shape in itertools.islice(itertools.product(*starts), 20):
+                column = effect.forces(state, np.array(shape))[0]
+                columns.setdefault(f"{effect.name} {effect.variant} {shape}", []).append(column)
+    names = [n for n in columns if n.split()[0] not in ("linear_frequency", "viscous")]
+    theta = np.stack([np.concatenate(columns[n]) for n in names], axis=1)
+    free = np.concatenate(base, axis=1).T
+    y = np.concatenate(target)
+    q = np.linalg.qr(free)[0]
+    theta, y = theta - q @ (q.T @ theta), y - q @ (q.T @ y)
+    theta /= np.linalg.norm(theta, axis=0)
+    frols = names[int(np.argmax(np.abs(theta.T @ y)))].split()[0]
+    best = {n.split()[0]: i for i, n in reversed(list(enumerate(names)))}
+    kept = list(best.values())
+    threshold = 0.2 * np.abs(theta[:, kept].T @ y).max()
+    stlsq = ps.STLSQ(threshold=threshold, alpha=1e-6).fit(theta[:, kept], y[:, None])
+    largest = int(np.argmax(np.abs(stlsq.coef_)))
+    return frols, names[kept[largest]].split()[0]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--noise", default="40")
+    chosen = parser.parse_args()
+    hits = {(c, k): 0 for c in _CUTOFFS for k in ("FROLS", "STLSQ")}
+    total = 0
+    for path in sorted(chosen.folder.glob(f"single_{chosen.seed}_*.npz")):
+        truth = json.loads((chosen.folder / "truth" / f"{path.stem}.json").read_text())
+        (name,) = truth["effects"]
+        effect = next(e for e in CATALOGUE if e.name == name)
+        is_force = effect.readings(np.zeros(1), np.zeros(1), np.ones(2)) is None
+        if not is_force or effect.per_record or name in ("linear_frequency", "viscous"):
+            continue
+        total += 1
+        model, decays = records(path, chosen.noise, 1)
+        for cutoff in _CUTOFFS:
+            frols, stlsq = named(model, decays[:2], cutoff)
+            hits[cutoff, "FROLS"] += frols == name
+            hits[cutoff, "STLSQ"] += stlsq == name
+    for (cutoff, kind), n in hits.items():
+        print(f"{kind}, low-pass at {cutoff:g} fundamentals: {n} of {total} right")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,133 @@
+"""Requests that make no sense are refused, with a hint, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from romsindy.decay import Decay
+from romsindy.diagnosis.records import Measured
+from romsindy.diagnosis.smoothing import swing
+from romsindy.model import ReducedModel
+
+_FREE = ("omega^2", "c_linear")
+# Fewer cycles than these tell nothing about an effect; frequencies further off are another mode.
+_CYCLES, _MODE = 3, 1.5
+
+
+def check_request(
+    model: ReducedModel,
+    measured: Sequence[Decay],
+    held_out: Decay | None,
+    free: Sequence[str],
+    tolerances: Mapping[str, float],
+    false_alarm: float,
+) -> None:
+    """Raise a ValueError for arguments that cannot be meant."""
+    if not measured:
+        raise ValueError("measured is empty: give at least one Decay")
+    unknown = [name for name in free if name not in _FREE]
+    if unknown:
+        raise ValueError(
+            f"free = {list(free)}: {unknown} cannot be free; use names of {list(_FREE)}, and"
+            " tolerances for other coefficients"
+        )
+    for name, relative in tolerances.items():
+        if name not in model.coefficients:
+            raise ValueError(
+                f"tolerances name {name!r}, but the model has {list(model.coefficients)}"
+            )
+        if not relative > 0:
+            raise ValueError(f"tolerances[{name!r}] = {relative!r} must be positive (relative)")
+    if not 0 < false_alarm < 1:
+        raise ValueError(f"false_alarm = {false_alarm!r} must be a probability between 0 and 1")
+    everything = [*measured, *([held_out] if held_out is not None else [])]
+    for i, decay in enumerate(everything):
+        if decay.unit is not None and model.unit is not None and decay.unit != model.unit:
+            raise ValueError(
+                f"decay {i} is in {decay.unit}, the model in {model.unit}: load the decay with"
+                f" unit={model.unit!r}, or convert the model"
+            )
+        if any(_same(decay, other) for other in everything[:i]):
+            raise ValueError(
+                f"decay {i} is the same record as an earlier one: give it once, and hold out"
+                " another"
+            )
+
+
+def _same(a: Decay, b: Decay) -> bool:
+    return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
+
+
+def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
+    """The part of a decay whose amplitude the model reaches down to, where it says so."""
+    if model.amplitude_range is None:
+        return decay
+    x = decay.single().q
+    centred, cycle = swing(x)
+    envelope = np.sqrt(2 * np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
+    shared = np.flatnonzero(envelope >= 0.9 * model.amplitude_range[0])
+    if len(shared) < 2 * cycle or decay.t[shared[-1]] == decay.t[-1]:
+        return decay  # too little to use is refused later, with the amplitudes named
+    return decay.between(end=float(decay.t[shared[-1]]))
+
+
+def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) -> list[Measured]:
+    """Prepare records, and refuse those that the model cannot be about."""
+    records = []
+    for i, decay in enumerate(decays):
+        try:
+            record = Measured.of(decay, floor)
+        except ValueError as error:
+            raise ValueError(f"decay {i} cannot be analysed: {error}") from error
+        n_cycles = _turns(record) / (2 * np.pi)
+        if n_cycles < _CYCLES:
+            raise ValueError(
+                f"decay {i} holds {n_cycles:.1f} cycles, at least {_CYCLES} are needed: record"
+                " longer, or start earlier"
+            )
+        signal = record.spline(record.t)[0]
+        if np.std(signal) < 2 * record.noise.std:
+            raise ValueError(
+                f"decay {i} is noise: its vibration (rms {np.std(signal):.3g}) is below twice the"
+                f" noise (rms {record.noise.std:.3g}); check the channel, or excite more"
+            )
+        _check_frequency(model, record, i)
+        records.append(record)
+    return records
+
+
+def _turns(record: Measured) -> float:
+    t = record.t
+    return float(record.spline.phase(t[-1]) - record.spline.phase(t[0]))
+
+
+def _check_frequency(model: ReducedModel, record: Measured, i: int) -> None:
+    measured = _turns(record) / record.t[-1]
+    amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
+    said = model.backbone(amplitudes)
+    reach = model.amplitude_range
+    if reach is not None and record.amplitude < 0.5 * reach[0]:
+        raise ValueError(
+            f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
+            f" {reach[1]:.3g}: no overlap in amplitude; check the unit, or excite more"
+        )
+    if reach is not None and record.amplitude > 5 * reach[1]:
+        raise ValueError(
+            f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
+            f" {reach[1]:.3g}: other scale; check the unit of the decay"
+        )
+    if np.all(np.isnan(said)):
+        raise ValueError(
+            f"the model has no periodic motion at the amplitudes of decay {i} (up to"
+            f" {record.amplitude:.3g}): check the unit of the decay, or its scale"
+        )
+    ratio = measured / np.nanmedian(said)
+    if not 1 / _MODE < ratio < _MODE:
+        raise ValueError(
+            f"decay {i} vibrates at {measured / 2 / np.pi:.4g} Hz, the model at"
+            f" {np.nanmedian(said) / 2 / np.pi:.4g} Hz: another mode, another time unit, or another"
+            " scale of the displacement"
+        )

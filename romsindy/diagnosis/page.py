@@ -1,0 +1,68 @@
+"""One self-contained HTML page about a diagnosis."""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+from matplotlib.figure import Figure
+
+from romsindy.diagnosis import figures
+from romsindy.diagnosis.report import DiagnosisReport
+
+
+def drawn(report: DiagnosisReport) -> list[tuple[str, Figure, str]]:
+    """Title, figure and line of reading of every picture."""
+    single = (
+        ("Before and after", figures.draw_gap),
+        ("By phase", figures.draw_phase),
+        ("By harmonic", figures.draw_harmonics),
+        ("Over time", figures.draw_time),
+        ("By record", figures.draw_records),
+    )
+    pictures = []
+    for title, draw in single:
+        figure = Figure(figsize=(5.4, 3.8), layout="constrained")
+        pictures.append((title, figure, draw(report, figure.subplots())))
+    figure = Figure(figsize=(5.4, 4.6), layout="constrained")
+    reading = figures.draw_amplitude(report, figure.subplots(2, 1, sharex=True))
+    pictures.insert(1, ("By amplitude", figure, reading))
+    return pictures
+
+
+def write_page(report: DiagnosisReport, path: str | Path) -> None:
+    """Write the page."""
+    from romsindy import __version__
+
+    environment = Environment(
+        loader=PackageLoader("romsindy.diagnosis", "."), autoescape=select_autoescape(["j2"])
+    )
+    page = environment.get_template("page.html.j2").render(
+        title="What the simulation lacks",
+        verdict=report.verdict,
+        sentence=report.sentence,
+        gap=report.gap.table(),
+        table=report.table(),
+        equation=str(report.model),
+        outside=[e.label for e in report.effects if not _in_model(report, e.name)],
+        figures=[
+            {"title": title, "caption": reading, "png": _png(figure)}
+            for title, figure, reading in drawn(report)
+        ],
+        notes=[repr(r.decay).splitlines()[0].strip("<>") for r in report.records],
+        version=__version__,
+    )
+    Path(path).write_text(page, encoding="utf-8")
+
+
+def _in_model(report: DiagnosisReport, name: str) -> bool:
+    parts = [p for p in report.best.solution.parts if p.effect.name == name]
+    return all(p.effect.term(p.shape) is not None for p in parts)
+
+
+def _png(figure: Figure) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=130)
+    return base64.b64encode(buffer.getvalue()).decode()

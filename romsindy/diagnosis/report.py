@@ -1,0 +1,261 @@
+"""What a diagnosis found, in words, tables and files."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from romsindy.diagnosis.effects import Scales
+from romsindy.diagnosis.fitting import Part
+from romsindy.diagnosis.gap import ADEQUATE, Gap, Remainder
+from romsindy.diagnosis.ranking import Hypothesis, weights
+from romsindy.diagnosis.records import Measured
+from romsindy.model import ReducedModel
+
+Verdict = Literal["none", "named", "ambiguous", "unknown"]
+# A held-out record must be predicted as well as this.
+_PREDICTED = 1.25
+
+
+def verdict_of(
+    best: Hypothesis, rivals: Sequence[Hypothesis], left: Remainder, gap: Gap
+) -> Verdict:
+    """Weigh the best hypothesis, its rivals, and what it leaves.
+
+    Stiffness and damping that move together may have one cause that is in no catalogue: a
+    viscoelastic support, a small mass that vibrates along.
+    """
+    if not left.closed or gap.after > _PREDICTED:
+        return "unknown"
+    if not best.names:
+        return "none"
+    if len(rivals) > 1 or len(best.moved) > 1:
+        return "ambiguous"
+    return "named"
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """One effect with its values.
+
+    Attributes
+    ----------
+    name, label, family : str
+    values, standard_errors : dict of str to float
+        Strength and shape values by name, in the unit of q and seconds.
+    weight : float
+        Posterior probability among the hypotheses compared.
+    advice : str
+        What would separate it from its rivals.
+    """
+
+    name: str
+    label: str
+    family: str
+    values: dict[str, float]
+    standard_errors: dict[str, float]
+    weight: float
+    advice: str
+
+    def __str__(self) -> str:
+        errors = self.standard_errors
+        text = ", ".join(f"{k} {_pm(v, errors[k])}" for k, v in self.values.items())
+        weight = f"; posterior {self.weight:.2f}" if self.weight > 0 else ""
+        return f"{self.label} ({text}{weight})"
+
+
+def _pm(value: float, error: float) -> str:
+    if not error > 0:
+        return f"{value:.4g}"
+    digits = max(int(np.floor(np.log10(max(abs(value), 1e-300) / error))) + 2, 2)
+    return f"{value:.{min(digits, 8)}g} +- {error:.2g}"
+
+
+@dataclass(frozen=True)
+class DiagnosisReport:
+    """What a simulation lacks.
+
+    Attributes
+    ----------
+    verdict : "none", "named", "ambiguous" or "unknown"
+        No gap; one explanation that closes it; several that do; none that does.
+    nominal, model : ReducedModel
+        Before, and with the effects added that are terms of the equation.
+    best : Hypothesis
+    rivals : tuple of Hypothesis
+        What the data do not tell apart from the best, itself first.
+    base : Hypothesis
+        Only what the simulation is unsure of, fitted.
+    remainder : Remainder
+        What the best leaves of the records it was fitted to.
+    gap : Gap
+        Before and after, on what took no part.
+    records : tuple of Measured
+    scales : Scales
+    """
+
+    verdict: Verdict
+    nominal: ReducedModel
+    model: ReducedModel
+    best: Hypothesis
+    rivals: tuple[Hypothesis, ...]
+    base: Hypothesis
+    remainder: Remainder
+    gap: Gap
+    records: tuple[Measured, ...]
+    scales: Scales
+
+    @cached_property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """Effects of the best hypothesis; values that moved where nothing else is needed."""
+        return self._found(self.best)
+
+    @property
+    def moved(self) -> tuple[FoundEffect, ...]:
+        """Values that the simulation was unsure of and that moved, beside the effects."""
+        if not self.best.effects:
+            return ()
+        parts = self.best.solution.parts[: self.best.n_free]
+        chosen = [i for i, p in enumerate(parts) if p.effect.name in self.best.moved]
+        return tuple(self._effect(self.best, i) for i in chosen)
+
+    @property
+    def equivalent(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the explanations that the data do not tell apart, best first."""
+        return tuple(h.names for h in self.rivals if h.names)
+
+    def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
+        n = hypothesis.n_free
+        parts = hypothesis.solution.parts
+        if len(parts) > n:
+            chosen = list(range(n, len(parts)))
+        else:
+            chosen = [i for i in range(n) if parts[i].effect.name in hypothesis.moved]
+        return tuple(self._effect(hypothesis, i) for i in chosen)
+
+    def _effect(self, hypothesis: Hypothesis, index: int) -> FoundEffect:
+        solution = hypothesis.solution
+        part, where = solution.parts[index], solution.slices()[index]
+        # Where the residual is above the noise, the errors grow with it.
+        grow = max(self.remainder.adequacy, 1.0)
+        std = grow * np.sqrt(np.diag(solution.covariance[where, where]))
+        names = _value_names(part)
+        share = weights(self.rivals)
+        weight = sum(
+            w for h, w in zip(self.rivals, share, strict=True) if part.effect.name in h.names
+        )
+        return FoundEffect(
+            part.effect.name,
+            part.effect.label,
+            part.effect.family,
+            dict(zip(names, part.values.tolist(), strict=True)),
+            dict(zip(names, std.tolist(), strict=True)),
+            float(weight),
+            part.effect.advice,
+        )
+
+    # -- words ---------------------------------------------------------------------------------
+
+    @property
+    def sentence(self) -> str:
+        """The finding in one or two sentences."""
+        before, after = f"{self.gap.before:.3g}", f"{self.gap.after:.3g}"
+        where = "what was held out" if self.gap.unseen else "the records themselves"
+        gap = f"the error on {where} falls from {before} to {after} times the noise"
+        if self.verdict == "none":
+            return (
+                "The simulation lacks nothing that these data can show: what it leaves is"
+                f" {self.remainder.adequacy:.3g} times the noise, {self.gap.after:.3g} times on"
+                f" {where}."
+            )
+        found = " and ".join(map(str, self.effects))
+        also = "".join(f" Fitted beside it: {e}." for e in self.moved)
+        if self.verdict == "unknown":
+            nearest = (
+                f" The nearest is {found}, but it does not close the gap: {gap}." if found else ""
+            )
+            return f"Nothing in the catalogue explains the gap: {self._character}.{nearest}{also}"
+        if len(self.rivals) == 1 and len(self.best.moved) > 1:
+            return (
+                f"The simulation lacks {found}: with it, {gap}. Linear stiffness and damping moved"
+                " together: one cause may stand behind both, such as a viscoelastic support or a"
+                " small mass that vibrates along; decays at another frequency would tell."
+            )
+        if self.verdict == "named":
+            return f"The simulation lacks {found}: with it, {gap}.{also}"
+        others = ", or ".join(
+            " and ".join(e.label for e in self._found(h)) for h in self.rivals[1:]
+        )
+        advice = self._found(self.rivals[0])[0].advice
+        return (
+            f"The simulation lacks {found}, or {others}; these data do not tell them apart."
+            f" With the first, {gap}. To separate them: {advice}.{also}"
+        )
+
+    @property
+    def _character(self) -> str:
+        left = self.remainder
+        parts = []
+        if left.adequacy > ADEQUATE:
+            parts.append(f"the residual is {left.adequacy:.3g} times the noise")
+        if left.structure > 1.3:
+            parts.append(f"it repeats with the vibration ({left.structure:.3g} times by chance)")
+        if self.gap.after > _PREDICTED:
+            parts.append(f"the error to be predicted stays at {self.gap.after:.3g} times the noise")
+        return ", ".join(parts) or "the residual is not noise"
+
+    def __repr__(self) -> str:
+        return f"<DiagnosisReport: {self.verdict}: {self.sentence}>"
+
+    # -- tables and files ------------------------------------------------------------------------
+
+    def table(self) -> list[list[str]]:
+        """Rows of text: every explanation that the data allow, with its values."""
+        rows = [["explanation", "value", "estimate", "standard error", "posterior"]]
+        for h, share in zip(self.rivals, weights(self.rivals), strict=True):
+            for effect in self._found(h):
+                for key, value in effect.values.items():
+                    error = effect.standard_errors[key]
+                    rows.append([effect.name, key, f"{value:.6g}", f"{error:.2g}", f"{share:.3f}"])
+        return rows
+
+    def to_json(self) -> str:
+        """Verdict, effects, explanations and gap as JSON text."""
+        content = {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "effects": [vars(e) for e in self.effects],
+            "moved": [vars(e) for e in self.moved],
+            "equivalent": [list(names) for names in self.equivalent],
+            "adequacy": self.remainder.adequacy,
+            "structure": self.remainder.structure,
+            "gap": {"before": self.gap.before, "after": self.gap.after},
+            "model": json.loads(self.model.to_json()),
+        }
+        return json.dumps(content, indent=2)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table of explanations."""
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows(self.table())
+
+    def to_html(self, path: str | Path) -> None:
+        """Write one self-contained page with figures."""
+        from romsindy.diagnosis.page import write_page
+
+        write_page(self, path)
+
+
+def _value_names(part: Part) -> list[str]:
+    k = part.effect.n_strengths
+    kinds = ["strength"] if k == 1 else ["cosine", "sine"] if k == 2 else list(map(str, range(k)))
+    sets = len(part.strengths)
+    names = [f"{n} {i + 1}" if sets > 1 else n for i in range(sets) for n in kinds]
+    return names + [s.name for s in part.shapes]

@@ -1,0 +1,247 @@
+"""All candidates at once, by linear least squares about one motion.
+
+The response of the measured motion to every candidate force is one column of a linear problem
+whose rows are samples, weighted by their noise. What a candidate, or a pair, would gain is read off
+its normal equations. Linear in everything, it takes about as long as one fit.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from romsindy.diagnosis.effects import Effect, Scales, State
+from romsindy.diagnosis.fitting import (
+    ExtendedEquation,
+    Part,
+    columns_of,
+    read,
+)
+from romsindy.diagnosis.records import Measured, strongest_tones
+from romsindy.model import ReducedModel
+from romsindy.quasilinear import nodes, respond, sampled
+from romsindy.trajectory import Trajectory
+from romsindy.typing import Array, Indices
+
+# A line this close to the vibration itself beats with it slowly: it could imitate any effect.
+_BEATS = 0.12
+
+
+@dataclass(frozen=True)
+class Screened:
+    """One effect with one set of shape values, screened.
+
+    Attributes
+    ----------
+    effect : Effect
+    shape : tuple of float
+    chi_squared : float
+        What the linear problem leaves with it.
+    strengths : (n_sets, k) array
+    """
+
+    effect: Effect
+    shape: tuple[float, ...]
+    chi_squared: float
+    strengths: Array
+
+
+@dataclass(frozen=True)
+class Screening:
+    """Normal equations of always-free columns (first) and candidates.
+
+    Attributes
+    ----------
+    matrix, right, power
+        Of the normal equations; the first ``n_base`` columns are always free.
+    candidates : tuple of (Effect, shape, columns)
+    scales : Scales
+        With the lines of the spectrum.
+    """
+
+    matrix: Array
+    right: Array
+    power: float
+    n_base: int
+    candidates: tuple[tuple[Effect, tuple[float, ...], Indices], ...]
+    scales: Scales
+
+    @property
+    def base(self) -> float:
+        """Sum of squares left with no candidate."""
+        return self.power - float(self._solve(np.arange(self.n_base))[1])
+
+    def _solve(self, columns: Indices) -> tuple[Array, float]:
+        a = self.matrix[np.ix_(columns, columns)]
+        b = self.right[columns]
+        scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+        x = np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=1e-12)[0] * scale
+        return x, float(2 * x @ b - x @ a @ x)
+
+    def singles(self, held: int = 0) -> list[Screened]:
+        """Every candidate by itself, best first; the first ``held`` free columns stay out."""
+        found = []
+        always = np.arange(held, self.n_base)
+        for effect, shape, columns in self.candidates:
+            x, gain = self._solve(np.concatenate([always, columns]))
+            own = x[len(always) :]
+            if effect.sign and np.all(own < 0) and not hasattr(effect, "start"):
+                gain = self.power - self.base
+            strengths = own.reshape(-1, effect.n_strengths)
+            found.append(Screened(effect, shape, self.power - gain, strengths))
+        return sorted(found, key=lambda s: s.chi_squared)
+
+    def pairs(self, chosen: Sequence[Screened]) -> list[tuple[float, Screened, Screened]]:
+        """Pairs of different effects among some candidates: what is left, best first."""
+        where = {(c[0], c[1]): c[2] for c in self.candidates}
+        found = []
+        for a, b in itertools.combinations(chosen, 2):
+            if a.effect.name == b.effect.name:
+                continue
+            columns = [np.arange(self.n_base), where[a.effect, a.shape], where[b.effect, b.shape]]
+            x, gain = self._solve(np.concatenate(columns))
+            k = len(columns[1])
+            own = (x[self.n_base : self.n_base + k], x[self.n_base + k :])
+            if any(
+                s.effect.sign and np.all(v < 0) and not hasattr(s.effect, "start")
+                for s, v in zip((a, b), own, strict=True)
+            ):
+                continue
+            left = self.power - gain
+            first, second = (
+                Screened(s.effect, s.shape, left, v.reshape(-1, s.effect.n_strengths))
+                for s, v in zip((a, b), own, strict=True)
+            )
+            found.append((left, first, second))
+        return sorted(found, key=lambda p: p[0])
+
+
+def screen(
+    model: ReducedModel,
+    parts: Sequence[Part],
+    effects: Sequence[Effect],
+    records: Sequence[Measured],
+    scales: Scales,
+    motions: Sequence[Trajectory] | None = None,
+) -> Screening:
+    """Screen effects as additions to a model with its parts (which stay free).
+
+    Parameters
+    ----------
+    model : ReducedModel
+    parts : sequence of Part
+        Always free: their values now, and what was accepted already.
+    effects : sequence of Effect
+        Candidates.
+    records : sequence of Measured
+    scales : Scales
+        Without lines; those are found in what the parts leave.
+    motions : sequence of Trajectory, optional
+        To linearise about; the smoothed measurement by default.
+    """
+    motions = motions or [r.motion for r in records]
+    parts = tuple(parts)
+    n_parts, n_records = sum(p.size for p in parts), len(records)
+    tuned = _with_tones(model, parts, records, scales, motions)
+    trials = [
+        Part.of(e, tuned, n_records, start)
+        for e in effects
+        for start in itertools.product(*(s.starts for s in e.shapes(tuned)))
+    ]
+    first = n_parts + 2 * n_records
+    candidates: list[tuple[Effect, tuple[float, ...], Indices]] = []
+    for trial in trials:
+        n = trial.strengths.size
+        shape = tuple(trial.shape.tolist())
+        candidates.append((trial.effect, shape, np.arange(first, first + n)))
+        first += n
+    matrix, right, power = np.zeros((first, first)), np.zeros(first), 0.0
+    for i, record in enumerate(records):
+        rows, where = _rows(model, parts, trials, candidates, record, i, motions[i], n_parts)
+        gram = rows.T @ rows
+        power += gram[0, 0]
+        right[where] += gram[0, 1:]
+        matrix[np.ix_(where, where)] += gram[1:, 1:]
+    return Screening(matrix, right, float(power), n_parts + 2 * n_records, tuple(candidates), tuned)
+
+
+def _rows(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    trials: Sequence[Part],
+    candidates: Sequence[tuple],
+    record: Measured,
+    i: int,
+    motion: Trajectory,
+    n_parts: int,
+) -> tuple[Array, Indices]:
+    """Whitened misfit and columns of one record, and where the columns belong."""
+    equation = ExtendedEquation(model, parts, i, motion.grid.step)
+    at = nodes(motion)
+    state = State(*at, motion.grid.step)
+    own = equation.by_parameter(*at)
+    forces = [t.effect.forces(state, t.shape) for t in trials]
+    pushed = [f for f in forces if f is not None]
+    response = respond(equation, motion, np.concatenate([own, *pushed]))
+    change = response.samples(record.derivative)
+    x = sampled(motion, record.derivative) + change[:, 0]
+    shown, slope, by_value = read(parts, i, record.t, x)
+    columns = slope[:, None] * change[:, 1:]
+    m = len(own)
+    base = np.column_stack([columns[:, :m] + by_value.T, columns[:, -2:]])
+    blocks, next_force = [base], m
+    where = [columns_of(parts, i), n_parts + 2 * i + np.arange(2)]
+    measured = sampled(motion, record.derivative)
+    for trial, force, (effect, _, at_columns) in zip(trials, forces, candidates, strict=True):
+        k = effect.n_strengths
+        if force is not None:
+            blocks.append(columns[:, next_force : next_force + k])
+            next_force += k
+        else:
+            blocks.append(effect.readings(record.t, measured, trial.shape).T)
+        where.append(at_columns[k * i : k * i + k] if effect.per_record else at_columns)
+    return record.noise(np.column_stack([record.signal - shown, *blocks])), np.concatenate(
+        where
+    ).astype(int)
+
+
+def _with_tones(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    records: Sequence[Measured],
+    scales: Scales,
+    motions: Sequence[Trajectory],
+) -> Scales:
+    """The strongest lines: beside the harmonics, and in what the parts leave."""
+    record, motion = records[0], motions[0]
+    rest = record.signal - record.spline(record.t)[0]
+    equation = ExtendedEquation(model, parts, 0, motion.grid.step)
+    response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
+    change = response.samples(record.derivative)
+    left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]
+    basis = change[:, 1:]
+    left = left - change[:, 0]
+    left = left - basis @ np.linalg.lstsq(basis, left, rcond=1e-10)[0]
+    apart = 0.15 * scales.omega
+    steady, fading = np.hanning(len(rest)), np.hanning(len(rest) // 2)[len(rest) // 4 :]
+    tones: list[float] = []
+    for x, window in ((rest, steady), (rest, fading), (left, steady), (left, fading)):
+        for tone in strongest_tones(record.t, x[: len(window)] * window, 2, apart):
+            beats = abs(tone / scales.omega - 1) < _BEATS
+            if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
+                tones.append(tone)
+    return scales._replace(tones=tuple(tones))
+
+
+def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:
+    """A part to start a fit from."""
+    part = Part.of(screened.effect, scales, n_records, screened.shape)
+    if hasattr(screened.effect, "start"):
+        return part
+    strengths = screened.strengths
+    if screened.effect.sign:
+        strengths = np.maximum(strengths, 0.0)
+    return replace(part, strengths=strengths)

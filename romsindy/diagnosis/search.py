@@ -1,0 +1,266 @@
+"""The search for what is missing: effects accepted one after another, pairs, and rivals of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.stats import chi2
+
+from romsindy.diagnosis.effects import Effect
+from romsindy.diagnosis.fitting import Part, Solution, fit
+from romsindy.diagnosis.gap import Remainder, remainder
+from romsindy.diagnosis.ranking import EQUIVALENT, Hypothesis, ranked
+from romsindy.diagnosis.records import Measured, scales
+from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
+from romsindy.model import ReducedModel
+
+# So many candidates are simulated again after each screening.
+_SURVIVORS = 8
+_PAIRS = 5
+# Where the gap stays open, an effect must bring the misfit down by this factor to count.
+_WORTH = 2.0
+# Effects that resemble each other for one mode, and are never judged one without the other.
+SIBLINGS = (
+    {"cubic_stiffness", "nonlinear_inertia", "gain", "added_mass", "magnet"},
+    {"quintic_stiffness", "two_sided_gap", "stop", "cubic_stiffness", "saturation"},
+    {"quadratic_drag", "amplitude_damping", "cubic_damping"},
+    {"dry_friction", "rubbing", "hysteretic"},
+    {"quadratic_stiffness", "bilinear", "constant_force", "bias", "sensor_nonlinearity"},
+    {"drift", "sudden_change"},
+    {"base_excitation", "mains_hum", "second_mode"},
+)
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect accepted: the hypotheses compared, best first, and what was gained."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Search:
+    """Looks for effects that a model lacks in some records.
+
+    Parameters
+    ----------
+    model : ReducedModel
+    records : sequence of Measured
+    free : tuple of Part
+        What the simulation is unsure of: always free, blamed only if nothing else is.
+    catalogue : sequence of Effect
+    false_alarm : float
+        Probability of naming an effect where there is none.
+    max_effects : int
+    parallel : Parallel
+    progress : callable
+        Called with a line of text for every candidate under test.
+    """
+
+    model: ReducedModel
+    records: Sequence[Measured]
+    free: tuple[Part, ...]
+    catalogue: tuple[Effect, ...]
+    false_alarm: float
+    max_effects: int
+    parallel: Parallel
+    progress: Progress
+
+    @property
+    def n_samples(self) -> int:
+        """Samples of all records."""
+        return sum(len(r.signal) for r in self.records)
+
+    def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
+        """Fit and weigh the unsure values together with some effects."""
+        return self._weighed(fit(self.model, [*self.free, *parts], self.records))
+
+    def polished(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Fit on where a fit has not come to its end."""
+        s = hypothesis.solution
+        if s.converged or not np.isfinite(s.chi_squared):
+            return hypothesis
+        more = fit(self.model, s.parts, self.records, s.motions, iterations=40)
+        return ranked([hypothesis, self._weighed(more)])[0]
+
+    def _weighed(self, solution: Solution) -> Hypothesis:
+        left = self._remainder(solution).structure if np.isfinite(solution.chi_squared) else 1.0
+        return Hypothesis.of(solution, len(self.free), self.n_samples, left)
+
+    def fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
+        """Fit several, in parallel."""
+        for parts in trials:
+            self.progress(" + ".join(p.effect.name for p in parts))
+        return list(self.parallel(delayed(self.hypothesis)(parts) for parts in trials))
+
+    def remainder(self, hypothesis: Hypothesis) -> Remainder:
+        """What a hypothesis leaves."""
+        return self._remainder(hypothesis.solution)
+
+    def _remainder(self, solution: Solution) -> Remainder:
+        n = sum(p.size for p in solution.parts) + 2 * len(self.records)
+        return remainder(self.records, solution.residuals, n)
+
+    def run(self) -> tuple[Hypothesis, list[Hypothesis], Hypothesis]:
+        """Best hypothesis, its rivals (itself first), and the one without any effect."""
+        base = self.hypothesis([])
+        best = base
+        seen: list[Hypothesis] = [base]
+        first: Screening | None = None
+        while len(best.effects) < self.max_effects and not self._negligible(best):
+            screening = self._screened(best)
+            first = first or screening
+            tried = self._one_more(best, screening)
+            if best is base and tried and not self.remainder(tried[0]).closed:
+                tried = ranked([*tried, *self._pairs(screening)])
+            if not tried or not self._worth(best, tried[0]):
+                break
+            seen += tried
+            best = tried[0]
+        if best is base and base.moved:
+            seen += self._instead(base)
+        best, tried = self._pruned(best)
+        seen += tried
+        seen += self._replaced(best, first) if first is not None else []
+        # An effect beside values that moved is no rival of these alone unless it gains something.
+        seen = [
+            h
+            for h in seen
+            if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))
+        ]
+        if not self.remainder(best).closed:
+            best = self._plainest([best, *seen])
+        rivals = self._rivals(best, seen)
+        return rivals[0], rivals, base
+
+    def _negligible(self, best: Hypothesis) -> bool:
+        """Whether what a hypothesis leaves is too small to matter."""
+        left = self.remainder(best)
+        return left.closed and left.below_floor
+
+    def _screened(self, best: Hypothesis) -> Screening:
+        used = {p.effect.name for p in best.solution.parts}
+        left = [e for e in self.catalogue if e.name not in used]
+        # Linearised about the measured motion, where all effects have left their mark.
+        return screen(self.model, best.solution.parts, left, self.records, scales(self.records))
+
+    def _instead(self, base: Hypothesis) -> list[Hypothesis]:
+        """Effects that do what values that moved do, with those at their nominal values."""
+        screening = screen(
+            self.model, self.free, self.catalogue, self.records, scales(self.records)
+        )
+        n_free = sum(p.strengths.size for p in self.free)
+        leaders = _leaders(screening.singles(held=n_free), 1)
+        near = [s for s in leaders if s.chi_squared < screening.base + 3 * EQUIVALENT * base.excess]
+        trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
+        return self.fitted(trials)
+
+    def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
+        """The survivors of a screening, fitted together with what was accepted, best first."""
+        singles = screening.singles()
+        needed = chi2.isf(self.false_alarm / max(len(self.catalogue), 1), 1)
+        if not singles or min(screening.base, best.misfit) - singles[0].chi_squared < 0.5 * needed:
+            return []
+        trials = [
+            [*best.effects, self._part(s, screening)] for s in _survivors(singles, _SURVIVORS)
+        ]
+        tried = ranked(self.fitted(trials))
+        leaders = self.parallel(delayed(self.polished)(h) for h in tried[:3])
+        return ranked([*leaders, *tried[3:]])
+
+    def _part(self, screened: Screened, screening: Screening) -> Part:
+        return part_of(screened, screening.scales, len(self.records))
+
+    def _pairs(self, screening: Screening) -> list[Hypothesis]:
+        chosen = _leaders(screening.singles(), 3)
+        trials, names = [], set()
+        for _, a, b in screening.pairs(chosen):
+            key = frozenset((a.effect.name, b.effect.name))
+            if key not in names:
+                names.add(key)
+                trials.append([self._part(a, screening), self._part(b, screening)])
+            if len(trials) == _PAIRS:
+                break
+        return self.fitted(trials)
+
+    def _worth(self, before: Hypothesis, after: Hypothesis) -> bool:
+        """Whether more effects gain more than chance would, over all that was looked at."""
+        more = len(after.effects) - len(before.effects)
+        n_looks = max(len(self.catalogue), 1) ** more
+        # Structure that stays unexplained is as large by chance: the test is one of variances.
+        gain = (before.misfit - after.misfit) / after.excess
+        alarm = chi2.isf(self.false_alarm / n_looks, more)
+        return bool(gain > alarm and gain > after.price - before.price + 2 * np.log(n_looks))
+
+    def _pruned(self, best: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
+        """Drop effects that the others have made superfluous."""
+        seen: list[Hypothesis] = []
+        while len(best.effects) > 1:
+            parts = best.effects
+            fewer = self.fitted([[*parts[:i], *parts[i + 1 :]] for i in range(len(parts))])
+            seen += fewer
+            shortest = ranked(fewer)[0]
+            if self._worth(shortest, best):
+                break
+            best = shortest
+        return best, seen
+
+    def _replaced(self, best: Hypothesis, first: Screening) -> list[Hypothesis]:
+        """Where several effects were accepted: siblings of each in its place."""
+        if len(best.effects) < 2:
+            return []
+        leaders = {s.effect.name: s for s in reversed(first.singles())}
+        used = {p.effect.name for p in best.effects}
+        trials = []
+        for i, part in enumerate(best.effects):
+            for name in sorted(_siblings(part.effect.name) - used):
+                if name in leaders:
+                    other = self._part(leaders[name], first)
+                    trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
+        return self.fitted(trials)
+
+    def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
+        """Where nothing closes the gap: as few effects as explain nearly as much."""
+        best = min(seen, key=lambda h: h.misfit * _WORTH ** len(h.effects))
+        return ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
+
+    def _rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Different hypotheses that the data do not tell apart from the best, best first."""
+        found = {frozenset(best.names): best}
+        n, excess = len(best.effects), best.excess
+        for h in sorted(seen, key=lambda h: h.score(excess)):
+            near = h.score(excess) - best.score(excess) < EQUIVALENT
+            if near and len(h.effects) <= max(n, 1) and h.names:
+                found.setdefault(frozenset(h.names), h)
+        return list(found.values()) if best.names else [best]
+
+
+def _leaders(singles: Sequence[Screened], each: int) -> list[Screened]:
+    """The best few shapes of every effect."""
+    found: dict[str, list[Screened]] = {}
+    for s in singles:
+        if len(found.setdefault(s.effect.name, [])) < each:
+            found[s.effect.name].append(s)
+    return [s for group in found.values() for s in group]
+
+
+def _survivors(singles: Sequence[Screened], count: int) -> list[Screened]:
+    """The best shape of the best effects, of their siblings, and of a sensor that saturates."""
+    leaders = _leaders(singles, 1)
+    names = [s.effect.name for s in leaders[:count]]
+    kept = set(names) | _siblings(names[0]) | _siblings(names[min(1, len(names) - 1)])
+    chosen = [s for s in leaders if s.effect.name in kept]
+    second = [s for s in singles if s.effect.name in names[:2] and s not in chosen][
+        :2
+    ]  # another start for the leaders
+    return chosen + second
+
+
+def _siblings(name: str) -> set[str]:
+    return set().union(*(group for group in SIBLINGS if name in group))

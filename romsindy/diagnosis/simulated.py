@@ -1,0 +1,71 @@
+"""A simulation known only as a time series: the reduced model that stands for it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.backbone import extract_backbone
+from romsindy.decay import Decay
+from romsindy.diagnosis.catalogue import LinearFrequency, Viscous
+from romsindy.diagnosis.effects import Effect
+from romsindy.diagnosis.fitting import Part, Solution, fit
+from romsindy.diagnosis.records import Measured, scales
+from romsindy.diagnosis.workflow import CoefficientError, extended_model
+from romsindy.model import ReducedModel
+
+_STIFFNESS = ("gamma_3",)
+_RICH = ("gamma_2", "gamma_3", "gamma_4", "gamma_5", "Upsilon_3", "Upsilon_5", "c_quadratic")
+
+
+class SimulationModel(NamedTuple):
+    """Arguments of `diagnose` that stand for a simulated series.
+
+    Attributes
+    ----------
+    model : ReducedModel
+        Linear and cubic stiffness, viscous damping, over the amplitudes of the simulation.
+    tolerances : dict
+        Nonlinear stiffness is known from the series to its own size only.
+    floor : float
+        Twice what the richest equation leaves of the series, as a part of the amplitude: the
+        simulation itself is no better known.
+    """
+
+    model: ReducedModel
+    tolerances: dict[str, float]
+    floor: float
+
+
+def model_of_simulation(simulated: Decay) -> SimulationModel:
+    """Reduce a simulated decay to an equation of motion.
+
+    Raises
+    ------
+    ValueError
+        If no equation of motion of one coordinate follows the series.
+    """
+    record = Measured.of(simulated, 1e-4)
+    start = ReducedModel.from_coefficients({"omega^2": scales([record]).omega ** 2}, simulated.unit)
+    plain, rich = (_fitted(start, names, record) for names in (_STIFFNESS, _RICH))
+    left = min(_misfit(s, record) for s in (plain, rich))
+    if not left < 0.05:
+        raise ValueError(
+            "no equation of motion follows the simulated series: is it the free decay of one mode?"
+        )
+    model = extended_model(start, plain.parts)
+    amplitudes = extract_backbone(record.decay).amplitude
+    reach = (float(amplitudes.min()), float(amplitudes.max()))
+    model = ReducedModel(model.terms, model.values, model.unit, reach)
+    return SimulationModel(model, dict.fromkeys(_STIFFNESS, 1.0), max(2 * left, 2e-4))
+
+
+def _fitted(start: ReducedModel, names: tuple[str, ...], record: Measured) -> Solution:
+    effects: list[Effect] = [LinearFrequency(), Viscous(), *map(CoefficientError, names)]
+    parts = [Part.of(e, scales([record]), 1, ()) for e in effects]
+    return fit(start, parts, [record], iterations=30)
+
+
+def _misfit(solution: Solution, record: Measured) -> float:
+    return float(np.sqrt(np.mean(solution.residuals[0] ** 2))) / record.amplitude

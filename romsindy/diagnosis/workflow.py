@@ -1,0 +1,247 @@
+"""What a simulation lacks, from measured free decays: the workflow from records to a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel
+
+from romsindy.decay import Decay
+from romsindy.diagnosis.catalogue import CATALOGUE, LinearFrequency, Viscous
+from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
+from romsindy.diagnosis.effects import Effect, Scales, TermEffect
+from romsindy.diagnosis.fitting import ExtendedEquation, Part, Solution, read
+from romsindy.diagnosis.gap import Gap, Prediction, held_out_solution
+from romsindy.diagnosis.ranking import Hypothesis
+from romsindy.diagnosis.records import Measured, scales
+from romsindy.diagnosis.report import DiagnosisReport, verdict_of
+from romsindy.diagnosis.search import Search
+from romsindy.force_laws import term_from_key
+from romsindy.model import ReducedModel
+from romsindy.quasilinear import sampled
+from romsindy.signals import fundamental_frequency
+from romsindy.terms import Term
+from romsindy.trajectory import TrajectoryError, integrate
+from romsindy.typing import Array
+
+_TRAINING = 0.75  # of each record, where no other record is held out
+_LEAST_CYCLES = 6  # of a part that is held out
+
+
+@dataclass(frozen=True)
+class CoefficientError(TermEffect):
+    """An error of one coefficient of the model."""
+
+    key: str
+
+    name, family = "coefficient", "stiffness"
+    label = "another coefficient than assumed"
+
+    @property
+    def variant(self) -> str:
+        return self.key
+
+    def term(self, shape: Array) -> Term:
+        return term_from_key(self.key)
+
+
+def diagnose(
+    model: ReducedModel,
+    measured: Decay | Sequence[Decay],
+    *,
+    held_out: Decay | None = None,
+    free: Sequence[str] = ("omega^2", "c_linear"),
+    tolerances: Mapping[str, float] | None = None,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    false_alarm: float = 0.01,
+    max_effects: int = 3,
+    floor: float = 2e-4,
+    n_jobs: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> DiagnosisReport:
+    """Find, name and add what a simulation lacks.
+
+    Parameters
+    ----------
+    model : ReducedModel
+        The simulation.
+    measured : Decay or sequence of Decay
+        One channel each, in the unit of the model.
+    held_out : Decay, optional
+        A decay to judge by, which takes no part otherwise. Without it the last quarter of each
+        record is held out, if it holds six cycles.
+    free : names
+        Coefficients that the simulation is unsure of, of "omega^2" and "c_linear". They follow the
+        data under every hypothesis, and are blamed only where nothing else is needed. Empty: the
+        model is taken as exact.
+    tolerances : mapping of str to float, optional
+        Relative standard deviations of other coefficients.
+    catalogue : sequence of Effect
+        What to look for; add your own.
+    false_alarm : float
+        Probability of naming an effect where there is none.
+    max_effects : int
+        Most effects at once.
+    floor : float
+        Disagreement that does not matter, as a part of the largest amplitude.
+    n_jobs : int
+        Processes for the candidates (joblib).
+    progress : callable, optional
+        Called with a line of text for every candidate under test.
+
+    Returns
+    -------
+    DiagnosisReport
+
+    Raises
+    ------
+    ValueError
+        For records that cannot be compared with the model: other unit, sign, scale or mode, too
+        few cycles, noise alone. The message names the remedy.
+    """
+    several = [measured] if isinstance(measured, Decay) else list(measured)
+    check_request(model, several, held_out, free, tolerances or {}, false_alarm)
+    several = [over_shared_amplitudes(model, d) for d in several]
+    training, tests, unseen = _split(several, held_out)
+    records = checked_records(model, training, floor)
+    all_scales = scales(records)
+    model = _smooth_model(model, all_scales)
+    parts = _unsure(model, free, tolerances or {}, all_scales, len(records))
+    names = {p.effect.name for p in parts}
+    search = Search(
+        model,
+        records,
+        parts,
+        tuple(e for e in catalogue if e.name not in names),
+        false_alarm,
+        max_effects,
+        Parallel(n_jobs),
+        progress or (lambda _: None),
+    )
+    best, rivals, base = search.run()
+    best = _snapped(search, best)
+    rivals = [best, *rivals[1:]]
+    parts_of_best = best.solution.parts if best.names else ()
+    left = search.remainder(best)
+    gap = Gap(
+        tuple(_prediction(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen
+    )
+    return DiagnosisReport(
+        verdict=verdict_of(best, rivals, left, gap),
+        nominal=model,
+        model=extended_model(model, parts_of_best),
+        best=best,
+        rivals=tuple(rivals),
+        base=base,
+        remainder=left,
+        gap=gap,
+        records=tuple(records),
+        scales=all_scales,
+    )
+
+
+def _split(
+    several: Sequence[Decay], held_out: Decay | None
+) -> tuple[list[Decay], list[Decay], bool]:
+    """Records to learn from, records to judge by, and whether these took no part."""
+    if held_out is not None:
+        return list(several), [held_out], True
+    early, late = [], []
+    for decay in several:
+        cut = decay.t[0] + _TRAINING * (decay.t[-1] - decay.t[0])
+        cycles = fundamental_frequency(decay.single().q, decay.dt) * (decay.t[-1] - cut)
+        if cycles < _LEAST_CYCLES:
+            early.append(decay)
+        else:
+            early.append(decay.between(end=cut))
+            late.append(decay.between(start=cut))
+    return early, late or early, bool(late)
+
+
+def _smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
+    """Dry friction that the model has already must not jump."""
+    if all(term.smooth for term in model.terms):
+        return model
+    return model.regularised(0.01 * all_scales.amplitude * all_scales.omega)
+
+
+def _unsure(
+    model: ReducedModel,
+    free: Sequence[str],
+    tolerances: Mapping[str, float],
+    all_scales: Scales,
+    n_records: int,
+) -> tuple[Part, ...]:
+    known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
+    parts = [
+        Part.of(known[name], all_scales, n_records, ()) for name in free if name not in tolerances
+    ]
+    for name, relative in tolerances.items():
+        effect = known.get(name) or CoefficientError(name)
+        part = Part.of(effect, all_scales, n_records, ())
+        parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
+    return tuple(parts)
+
+
+def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
+    """Round exponents back to those of the textbook where the data do not object."""
+    fixed = [
+        replace(
+            p,
+            shapes=tuple(
+                replace(s, low=s.starts[0], high=s.starts[0]) if s.name == "exponent" else s
+                for s in p.shapes
+            ),
+            shape=np.array(
+                [
+                    s.starts[0] if s.name == "exponent" else v
+                    for s, v in zip(p.shapes, p.shape, strict=True)
+                ]
+            ),
+        )
+        for p in best.effects
+    ]
+    if not any(s.name == "exponent" for p in fixed for s in p.shapes):
+        return best
+    trial = search.hypothesis(fixed)
+    rise = trial.solution.chi_squared - best.solution.chi_squared
+    return trial if trial.solution.converged and rise < 4.0 else best
+
+
+def extended_model(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
+    """The model with the terms of the parts added; parts that are no terms are left out."""
+    terms = {t.key: t for t in model.terms}
+    values = model.coefficients
+    for part in parts:
+        term = part.effect.term(part.shape)
+        if term is not None:
+            terms[term.key] = terms.get(term.key, term)
+            values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])
+    return replace(model, terms=tuple(terms.values()), values=tuple(values[k] for k in terms))
+
+
+def _prediction(model: ReducedModel, parts: Sequence[Part], record: Measured) -> Prediction:
+    """What the simulation before and after says about a record that took no part."""
+    before = _simulated(model, (), record, held_out_solution(model, (), record))
+    after = before
+    if parts:
+        own = [replace(p, strengths=p.strengths[:1]) for p in parts]
+        after = _simulated(model, own, record, held_out_solution(model, own, record))
+    return Prediction(record, before, after)
+
+
+def _simulated(
+    model: ReducedModel, parts: Sequence[Part], record: Measured, solution: Solution
+) -> Array:
+    if np.isfinite(solution.chi_squared) and solution.converged:
+        return record.signal - solution.residuals[0]
+    # The initial state cannot be fitted where the phase is lost: take that of the measurement.
+    motion = record.motion
+    equation = ExtendedEquation(model, tuple(solution.parts), 0, motion.grid.step)
+    try:
+        motion = integrate(equation, (motion.q[0], motion.q_dot[0]), motion.grid)
+    except TrajectoryError:
+        return np.zeros_like(record.signal)
+    return read(solution.parts, 0, record.t, sampled(motion, record.derivative))[0]
