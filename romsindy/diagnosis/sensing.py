@@ -1,0 +1,112 @@
+"""Are the sensors right? Each against the others, through the curve of the simulated beam.
+
+Combinations of the channels that a motion of the first modes does not reach (parity relations)
+vanish but for noise and for what curves with the amplitude, which the simulation tells. A faulty
+channel drives them along a direction of its own.
+
+[1] J. Gertler, Fault Detection and Diagnosis in Engineering Systems, Marcel Dekker (1998), ch. 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import null_space
+
+from romsindy.typing import Array
+
+# A fault is named above this part of the channel's rms, and where one channel explains this part
+# of what does not fit: a beam that bends otherwise than simulated is no fault of a sensor.
+_FAULT, _EXPLAINED = 0.01, 0.8
+_FOLDS = 40  # blocks of the record over which what repeats is told from noise
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """A channel that disagrees with the others.
+
+    Attributes
+    ----------
+    channel : int
+    label : str
+    kind : "gain", "offset" or "saturation"
+    value : float
+        Relative error of the gain; offset, m; limit, m.
+    """
+
+    channel: int
+    label: str
+    kind: str
+    value: float
+
+    def __str__(self) -> str:
+        unit = "" if self.kind == "gain" else " m"
+        return f"sensor {self.label} is faulty ({self.kind} {self.value:.3g}{unit})"
+
+
+def find_fault(
+    measured: Array, simulated: Array, shapes: Array, labels: list[str]
+) -> SensorFault | None:
+    """Find the channel that is faulty, if there is one.
+
+    Parameters
+    ----------
+    measured : (n, n_sensors) array
+        Displacements from equilibrium, m.
+    simulated : (m, n_sensors) array
+        Of the beam over the same amplitudes, m.
+    shapes : (n_sensors, n_modes) array
+        Mode shapes at the sensors; two sensors more than modes are needed to say which is wrong.
+    labels : list of str
+    """
+    parity = null_space(shapes.T).T
+    if len(parity) < 2:
+        return None
+    project = np.linalg.pinv(shapes)[0]
+    curve, *_ = np.linalg.lstsq(_powers(simulated @ project), simulated @ parity.T, rcond=None)
+    left = measured @ parity.T - _powers(measured @ project) @ curve
+    found = []
+    for channel, y in enumerate(measured.T):
+        # A fault of the channel drives the relations, and the coordinate that the curve uses.
+        column = parity[:, channel]
+        f = left @ column / (column @ column)
+        for kind, value, part in _explanations(y, f):
+            rest = left - np.outer(part, column)
+            found.append((float(np.sum(_repeated(rest, y) ** 2)), channel, kind, value, part))
+    best = min(found, key=lambda row: row[0])
+    cost, channel, kind, value, part = best
+    all_of_it = float(np.sum(_repeated(left, measured[:, channel]) ** 2))
+    small = np.std(part) + abs(np.mean(part)) < _FAULT * np.std(measured[:, channel])
+    if small or cost > (1 - _EXPLAINED) * all_of_it:
+        return None
+    return SensorFault(channel, labels[channel], kind, value)
+
+
+def _powers(q: Array) -> Array:
+    return np.stack([q, q**2, q**3], axis=1)
+
+
+def _explanations(y: Array, f: Array) -> list[tuple[str, float, Array]]:
+    """Kinds of fault of a channel with their least-squares values and what they add to it."""
+    shown = float(f @ y / (y @ y))
+    kinds = [
+        ("gain", shown / (1 - shown), shown * y),  # y is (1 + gain) of the true displacement
+        ("offset", float(np.mean(f)), np.full_like(y, np.mean(f))),
+    ]
+    # A channel that clips stays within a hair of its limit for a good part of its largest swings.
+    limit = float(np.quantile(np.abs(y), 0.999))
+    clipped = np.abs(y) > 0.98 * limit
+    missing = np.where(clipped, np.minimum(f * np.sign(y), 0.0) * np.sign(y), 0.0)
+    if np.count_nonzero(clipped) > 0.01 * len(y):
+        kinds.append(("saturation", limit, missing))
+    return kinds
+
+
+def _repeated(left: Array, y: Array) -> Array:
+    """Parts of the relations that follow the channel: means over its size, one row per bin."""
+    edges = np.quantile(y, np.linspace(0, 1, _FOLDS + 1)[1:-1])
+    bins = np.digitize(y, edges)
+    counts = np.maximum(np.bincount(bins, minlength=_FOLDS), 1)
+    sums = np.stack([np.bincount(bins, x, minlength=_FOLDS) for x in left.T], axis=1)
+    return sums / np.sqrt(counts)[:, None]
