@@ -123,7 +123,8 @@ def plot_normal_mode(
     # Above the curves that it judges.
     ax.plot(hz, orbits.amplitude, "kD", ms=5, zorder=4, label=label)
     # A figure of a backbone has limits of its own, which may cut marks off.
-    (left, right), top, margin = ax.get_xlim(), ax.get_ylim()[1], 0.05 * np.ptp(hz)
+    (left, right), top = ax.get_xlim(), ax.get_ylim()[1]
+    margin = 0.05 * np.ptp([left, right, *hz])
     ax.set_xlim(min(left, hz.min() - margin), max(right, hz.max() + margin))
     ax.set_ylim(0, max(top, 1.05 * orbits.amplitude.max()))
     ax.set(xlabel="frequency (Hz)", ylabel="amplitude (kg^0.5 m)")
