@@ -142,7 +142,7 @@ class Fit:
             lines.append(
                 f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
             )
-        notes = [f"Note: {note}." for note in self.notes]
+        notes = [f"Note: {note.rstrip('.')}." for note in self.notes]
         return "\n".join([*lines, str(self.verdict), *notes])
 
     def __repr__(self) -> str:

@@ -37,6 +37,7 @@ LAYERS = [
     {"regression"},
     {"comparison", "tangent"},
     {"contenders"},
+    {"contest"},
     {"selection"},
     {"plotting"},
     {"report"},

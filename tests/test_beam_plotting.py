@@ -74,8 +74,12 @@ def test_normal_mode_goes_on_the_axes_of_a_backbone(beam):
     orbits = beam.normal_mode([0.02], progress=False)
     ax = plt.figure().add_subplot()
     ax.plot([6.1, 6.2], [0.0, 0.01], label="a backbone")
+    ax.set(xlim=(6.1, 6.11), ylim=(0, 1e-4))
     assert plot_normal_mode(orbits, ax) is ax
     marks = ax.lines[1]
     assert_allclose(marks.get_xdata(), orbits.frequency / (2 * np.pi))
     assert_allclose(marks.get_ydata(), orbits.amplitude)
     assert ax.get_legend().get_texts()[0].get_text() == "a backbone"
+    low, high = ax.viewLim.get_points()
+    assert np.all(low < [orbits.frequency[0] / (2 * np.pi), orbits.amplitude[0]])
+    assert np.all(high > [orbits.frequency[0] / (2 * np.pi), orbits.amplitude[0]])

@@ -119,8 +119,14 @@ def plot_normal_mode(
     label : str
     """
     ax = _axes(ax)
+    hz = orbits.frequency / (2 * np.pi)
     # Above the curves that it judges.
-    ax.plot(orbits.frequency / (2 * np.pi), orbits.amplitude, "kD", ms=5, zorder=4, label=label)
-    ax.set(xlabel="frequency (Hz)", ylabel="amplitude (kg^0.5 m)", ylim=(0, None))
+    ax.plot(hz, orbits.amplitude, "kD", ms=5, zorder=4, label=label)
+    # A figure of a backbone has limits of its own, which may cut marks off.
+    (left, right), top = ax.get_xlim(), ax.get_ylim()[1]
+    margin = 0.05 * np.ptp([left, right, *hz])
+    ax.set_xlim(min(left, hz.min() - margin), max(right, hz.max() + margin))
+    ax.set_ylim(0, max(top, 1.05 * orbits.amplitude.max()))
+    ax.set(xlabel="frequency (Hz)", ylabel="amplitude (kg^0.5 m)")
     ax.legend(loc="best", frameon=False)
     return ax

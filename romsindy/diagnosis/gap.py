@@ -114,7 +114,7 @@ class Prediction:
         return float(np.sqrt(np.mean(frequency**2))), float(np.sqrt(np.mean(damping**2)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Gap:
     """Before and after, on what took no part in the fit."""
 
@@ -130,6 +130,10 @@ class Gap:
     def after(self) -> float:
         """Displacement error over noise with the effects added."""
         return max(p.error(p.after) for p in self.predictions)
+
+    def __repr__(self) -> str:
+        where = "held out" if self.unseen else "fitted"
+        return f"<Gap: error over noise {self.before:.3g} to {self.after:.3g}, {where}>"
 
     def table(self) -> list[list[str]]:
         """Rows of text: what, before, after."""

@@ -54,6 +54,8 @@ class FoundEffect:
         Posterior probability among the hypotheses compared.
     advice : str
         What would separate it from its rivals.
+    unit : str
+        Of the strength, where the effect is a term of the equation.
     """
 
     name: str
@@ -63,12 +65,16 @@ class FoundEffect:
     standard_errors: dict[str, float]
     weight: float
     advice: str
+    unit: str = ""
 
     def __str__(self) -> str:
-        errors = self.standard_errors
-        text = ", ".join(f"{k} {_pm(v, errors[k])}" for k, v in self.values.items())
+        text = ", ".join(f"{k} {self._value(k)}" for k in self.values)
         weight = f"; posterior {self.weight:.2f}" if self.weight > 0 else ""
         return f"{self.label} ({text}{weight})"
+
+    def _value(self, name: str) -> str:
+        text = _pm(self.values[name], self.standard_errors[name])
+        return f"{text} {self.unit}" if self.unit and name.startswith("strength") else text
 
 
 def _pm(value: float, error: float) -> str:
@@ -147,6 +153,7 @@ class DiagnosisReport:
         grow = max(self.remainder.adequacy, 1.0)
         std = grow * np.sqrt(np.diag(solution.covariance[where, where]))
         names = _value_names(part)
+        term, unit = part.effect.term(part.shape), self.nominal.unit
         share = weights(self.rivals)
         weight = sum(
             w for h, w in zip(self.rivals, share, strict=True) if part.effect.name in h.names
@@ -159,6 +166,7 @@ class DiagnosisReport:
             dict(zip(names, std.tolist(), strict=True)),
             float(weight),
             part.effect.advice,
+            "" if term is None or term.unit(unit) == "1" else term.unit(unit),
         )
 
     # -- words ---------------------------------------------------------------------------------
@@ -218,12 +226,14 @@ class DiagnosisReport:
 
     def table(self) -> list[list[str]]:
         """Rows of text: every explanation that the data allow, with its values."""
-        rows = [["explanation", "value", "estimate", "standard error", "posterior"]]
+        rows = [["explanation", "value", "estimate", "standard error", "unit", "posterior"]]
         for h, share in zip(self.rivals, weights(self.rivals), strict=True):
             for effect in self._found(h):
                 for key, value in effect.values.items():
                     error = effect.standard_errors[key]
-                    rows.append([effect.name, key, f"{value:.6g}", f"{error:.2g}", f"{share:.3f}"])
+                    unit = effect.unit if key.startswith("strength") else ""
+                    numbers = (f"{value:.6g}", f"{error:.2g}", unit, f"{share:.3f}")
+                    rows.append([effect.name, key, *numbers])
         return rows
 
     def to_json(self) -> str:

@@ -49,16 +49,8 @@ def cycles(figure: Figure, system: System) -> None:
     left, right = figure.subplots(1, 2)
     models = {f"direct, order {o}": system.direct[o] for o in (5, 9)}
     plotting.plot_backbone(system.backbone, models, ax=left)
-    orbits(left, system)
+    beam_plotting.plot_normal_mode(system.normal_mode, left)
     plotting.plot_damping(system.backbone, ax=right)
-
-
-def orbits(ax: Axes, system: System) -> None:
-    """Periodic orbits of the beam itself, on a plot of frequency and amplitude."""
-    mode = system.normal_mode
-    hz = mode.frequency / (2 * np.pi)
-    ax.plot(hz, mode.amplitude, "kx", ms=7, mew=1.6, label="normal mode of the beam", zorder=4)
-    ax.legend(loc="best", frameon=False)
 
 
 def backbones(
@@ -87,7 +79,7 @@ def headline(figure: Figure, system: System, candidates: Sequence[Candidate]) ->
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
     names = {c.name.replace(" 5", ", order 5"): c.model for c in candidates}
     plotting.plot_backbone(system.backbone, names, ax=left)
-    orbits(left, system)
+    beam_plotting.plot_normal_mode(system.normal_mode, left)
     errors(right, system.backbone, candidates)
 
 

@@ -13,7 +13,7 @@ from romsindy.decay import Decay
 from romsindy.regression import HarmonicSINDy
 from romsindy.signals import crossings
 
-CHOICES = tuple(tuple(range(top + 1)) for top in range(2, 10))
+CHOICES = tuple(tuple(range(top + 1)) for top in range(2, 8))
 # Cycles of a block: enough to read a backbone off each on its own.
 _BLOCK = 12
 

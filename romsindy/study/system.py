@@ -125,7 +125,9 @@ def simulate_system(
     direct = {order: beam.reduce(order=order, amplitude=reach) for order in ORDERS}
     # Up to 90 % of the release, the amplitude of the first whole cycles.
     tips = 0.9 * beam.length / 3 * np.arange(1, orbits + 1) / orbits
-    normal_mode = beam.normal_mode(tips.tolist())
+    normal_mode = beam.normal_mode(tips.tolist(), progress=progress)
+    if normal_mode.stop_reason != "completed":
+        raise KeyboardInterrupt(normal_mode.stop_reason)
     return System(
         beam, modes, motion, undamped, decay, extract_backbone(decay), direct, normal_mode
     )
