@@ -7,6 +7,7 @@ from romsindy.bootstrap import Bootstrap, bootstrap
 from romsindy.continuation import Branch, ContinuationError, Steps, continue_branch
 from romsindy.decay import Decay
 from romsindy.diagnosis import DiagnosisReport, diagnose
+from romsindy.diagnosis.structure import diagnose_beam
 from romsindy.files import load_decay, save_decay
 from romsindy.filters import Butterworth, SavitzkyGolay
 from romsindy.harmonic import HarmonicLibrary, HarmonicProjection
@@ -68,6 +69,7 @@ __all__ = [
     "continue_branch",
     "default_candidates",
     "diagnose",
+    "diagnose_beam",
     "example_decay",
     "extract_backbone",
     "forced_response",
