@@ -58,6 +58,8 @@ def hidden(name: str, beam: Beam, rng: np.random.Generator) -> Beam:
         return replace(beam, effects=tuple(new if e is spring else e for e in beam.effects))
     if name == "mass_damping":
         return replace(beam, alpha=beam.alpha + 0.1 * size)
+    if name == "material_damping":
+        return replace(beam, eta=beam.eta + 8e-5 * size)
     gap = rng.uniform(0.4, 0.7) * reach
     effect = {
         "quadratic_drag": lambda: on_beam.Drag(coefficient=1.2 * size),
@@ -87,6 +89,7 @@ EFFECTS = (
     "none",
     "viscous",
     "mass_damping",
+    "material_damping",
     "quadratic_drag",
     "dry_friction",
     "spring_friction",
@@ -103,9 +106,6 @@ EFFECTS = (
     "sensor_offset",
     "sensor_saturation",
 )
-# Other words for the same: mass-proportional damping is viscous; friction along the spring's slope
-# has no entry of its own.
-MEANS = {"mass_damping": "viscous", "none": ""}
 
 
 def spoilt(name: str, readings: list[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
@@ -167,7 +167,7 @@ def _per_sensor(report) -> list[list[float]]:
 
 def judge(row: dict) -> dict:
     """Add the marks to a result."""
-    truth = MEANS.get(row["hidden"], row["hidden"])
+    truth = "" if row["hidden"] == "none" else row["hidden"]
     right = row["said"] == truth and (row["verdict"] != "unknown" or not truth)
     return row | {"right": right, "in_set": right or truth in row["set"]}
 
@@ -192,7 +192,8 @@ def main() -> None:
         r = rows[-1]
         print(
             f"{r['hidden']:18} {r['seed']:3} {mark:7} {r['verdict']:10} {r['said'] or 'nothing'}"
-            f"  {r['before']:.3g} -> {r['after']:.3g}, sensors {r['sensors'][1]:.3g}  {r['seconds']:.0f} s",
+            f"  {r['before']:.3g} -> {r['after']:.3g}, sensors {r['sensors'][1]:.3g}"
+            f"  {r['seconds']:.0f} s",
             flush=True,
         )
     show(rows)

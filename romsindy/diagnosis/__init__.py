@@ -3,10 +3,12 @@
 from romsindy.diagnosis.catalogue import CATALOGUE
 from romsindy.diagnosis.effects import Effect, ReadingEffect, Shape, TermEffect, TimedEffect
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect
+from romsindy.diagnosis.structure import BeamReport, diagnose_beam
 from romsindy.diagnosis.workflow import diagnose
 
 __all__ = [
     "CATALOGUE",
+    "BeamReport",
     "DiagnosisReport",
     "Effect",
     "FoundEffect",
@@ -15,4 +17,5 @@ __all__ = [
     "TermEffect",
     "TimedEffect",
     "diagnose",
+    "diagnose_beam",
 ]

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import click
 from tqdm import tqdm
 
 from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
-from romsindy.diagnosis.structure import diagnose_beam, load_beam
+from romsindy.diagnosis.structure import BeamReport, load_beam
 from romsindy.diagnosis.workflow import diagnose as run_diagnosis
 from romsindy.files import load_decay
 from romsindy.model import ReducedModel
 
+_FLOOR = 2e-4
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -32,12 +34,10 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--free",
     multiple=True,
-    default=("omega^2", "c_linear"),
-    show_default=True,
-    type=click.Choice(["omega^2", "c_linear"]),
-    help="What the simulation is unsure of; repeatable.",
+    type=click.Choice(["omega^2", "c_linear", "nothing"]),
+    help="What the simulation is unsure of; repeatable."
+    " [default: omega^2 and c_linear of a model, nothing of a beam]",
 )
-@click.option("--exact", is_flag=True, help="The simulation is sure of everything.")
 @click.option("--floor", type=float, help="Disagreement that does not matter, per amplitude.")
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
 @click.option("--report", type=click.Path(path_type=Path), help="Name of the HTML report.")
@@ -54,7 +54,6 @@ def diagnose(
     start: float | None,
     end: float | None,
     free: tuple[str, ...],
-    exact: bool,
     floor: float | None,
     jobs: int,
     report: Path | None,
@@ -64,7 +63,8 @@ def diagnose(
     """Name what a simulation lacks, from measured free decays.
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
-    one measured column per sensor, whose linear frequency and damping are taken as known.
+    one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
+    and the damping in proportion to mass.
     """
     if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
         raise click.UsageError("name one of --simulated, --model and --beam")
@@ -73,32 +73,28 @@ def diagnose(
         beam, sensors, columns = load_beam(beam_file)
     decays = [load_decay(f, unit, column=columns, start=start, end=end) for f in measured]
     test = None if held_out is None else load_decay(held_out, unit, column=columns)
+    unsure = [name for name in free if name != "nothing"]
     with tqdm(desc="candidates", leave=False, disable=not sys.stderr.isatty()) as bar:
 
         def progress(candidate: str) -> None:
             bar.set_postfix_str(candidate)
             bar.update()
 
+        diagnosis = partial(run_diagnosis, held_out=test, n_jobs=jobs, progress=progress)
         if beam_file is not None:
-            seen = diagnose_beam(
-                beam, sensors, decays, held_out=test, n_jobs=jobs, progress=progress
-            )
-            result, verdict, sentence = seen.reduced, seen.verdict, seen.sentence
+            result = diagnosis(beam, decays, sensors=sensors, free=unsure, floor=floor or _FLOOR)
         else:
             known = _simulation(simulated, model_file, unit)
-            result = run_diagnosis(
+            result = diagnosis(
                 known.model,
                 decays,
-                held_out=test,
-                free=() if exact else free,
+                free=unsure if free else ("omega^2", "c_linear"),
                 tolerances=known.tolerances,
                 floor=floor or known.floor,
-                n_jobs=jobs,
-                progress=progress,
             )
-            verdict, sentence = result.verdict, result.sentence
-    click.echo(f"{verdict}: {sentence}\n")
-    for row in [*result.gap.table(), [], *result.table()]:
+    click.echo(f"{result.verdict}: {result.sentence}\n")
+    of_sensors = [[], *result.sensor_table()] if isinstance(result, BeamReport) else []
+    for row in [*result.gap.table(), *of_sensors, [], *result.table()]:
         click.echo("  ".join(cell.ljust(22) for cell in row).rstrip())
     page = report or Path(f"{measured[0].stem}_diagnosis.html")
     result.to_html(page)
@@ -115,4 +111,4 @@ def _simulation(
     if simulated is not None:
         return model_of_simulation(load_decay(simulated, unit))
     text = model_file.read_text(encoding="utf-8")  # type: ignore[union-attr]
-    return SimulationModel(ReducedModel.from_json(text), {}, 2e-4)
+    return SimulationModel(ReducedModel.from_json(text), {}, _FLOOR)

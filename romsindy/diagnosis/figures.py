@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,11 @@ def draw_time(report: DiagnosisReport, ax: Axes) -> str:
 
 def draw_records(report: DiagnosisReport, ax: Axes) -> str:
     """Error over noise of every record, before and after."""
-    names, before, after = record_errors(report)
+    return draw_errors(*record_errors(report), ax)
+
+
+def draw_errors(names: Sequence[str], before: Array, after: Array, ax: Axes) -> str:
+    """Errors over noise of records or sensors, before and after."""
     at = np.arange(len(names))
     ax.bar(at - 0.2, before, 0.4, color=_BEFORE, label="before")
     ax.bar(at + 0.2, after, 0.4, color=_AFTER, label="after")

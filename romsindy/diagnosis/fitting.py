@@ -218,6 +218,7 @@ def fit(
                     break
                 kept = replace(kept, short=0.3 * kept.short)  # a step too far: go back
                 parts, motions = kept.moved()
+                system = kept.system  # should this be the last step
                 continue
             if not system.finite:
                 return _failed(parts, motions, n_values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, select_autoescape
@@ -32,24 +33,43 @@ def drawn(report: DiagnosisReport) -> list[tuple[str, Figure, str]]:
     return pictures
 
 
-def write_page(report: DiagnosisReport, path: str | Path) -> None:
-    """Write the page."""
+def write_page(
+    report: DiagnosisReport,
+    path: str | Path,
+    *,
+    verdict: str | None = None,
+    sentence: str | None = None,
+    simulation: str | None = None,
+    tables: Sequence[tuple[str, list[list[str]]]] = (),
+    pictures: Sequence[tuple[str, Figure, str]] = (),
+) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    report : DiagnosisReport
+    path : str or Path
+    verdict, sentence, simulation : str, optional
+        Instead of those of the report; the simulation is that with the effects added.
+    tables, pictures
+        More tables (title, rows) and pictures (title, figure, line of reading).
+    """
     from romsindy import __version__
 
     environment = Environment(
         loader=PackageLoader("romsindy.diagnosis", "."), autoescape=select_autoescape(["j2"])
     )
+    gaps = [("The gap, before and after", report.gap.table()), *tables]
     page = environment.get_template("page.html.j2").render(
         title="What the simulation lacks",
-        verdict=report.verdict,
-        sentence=report.sentence,
-        gap=report.gap.table(),
-        table=report.table(),
-        equation=str(report.model),
-        outside=[e.label for e in report.effects if not _in_model(report, e.name)],
+        verdict=verdict or report.verdict,
+        sentence=sentence or report.sentence,
+        tables=[*gaps, ("Explanations that the data allow", report.table())],
+        simulation=simulation or str(report.model),
+        outside=[] if simulation else _outside(report),
         figures=[
             {"title": title, "caption": reading, "png": _png(figure)}
-            for title, figure, reading in drawn(report)
+            for title, figure, reading in (*drawn(report), *pictures)
         ],
         notes=[repr(r.decay).splitlines()[0].strip("<>") for r in report.records],
         version=__version__,
@@ -57,9 +77,11 @@ def write_page(report: DiagnosisReport, path: str | Path) -> None:
     Path(path).write_text(page, encoding="utf-8")
 
 
-def _in_model(report: DiagnosisReport, name: str) -> bool:
-    parts = [p for p in report.best.solution.parts if p.effect.name == name]
-    return all(p.effect.term(p.shape) is not None for p in parts)
+def _outside(report: DiagnosisReport) -> list[str]:
+    """Labels of the effects that are no terms of the equation of motion."""
+    parts = report.best.solution.parts
+    terms = {p.effect.name for p in parts if p.effect.term(p.shape) is not None}
+    return [e.label for e in report.effects if e.name not in terms]
 
 
 def _png(figure: Figure) -> str:

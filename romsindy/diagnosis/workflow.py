@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 
 import numpy as np
 from joblib import Parallel
 
+from romsindy.beam import Beam
 from romsindy.decay import Decay
 from romsindy.diagnosis.catalogue import CATALOGUE, LinearFrequency, Viscous
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
@@ -47,8 +49,9 @@ class CoefficientError(TermEffect):
         return term_from_key(self.key)
 
 
+@singledispatch
 def diagnose(
-    model: ReducedModel,
+    model: ReducedModel | Beam,
     measured: Decay | Sequence[Decay],
     *,
     held_out: Decay | None = None,
@@ -65,8 +68,8 @@ def diagnose(
 
     Parameters
     ----------
-    model : ReducedModel
-        The simulation.
+    model : ReducedModel or Beam
+        The simulation; for a `Beam` see `diagnose_beam`, which this calls.
     measured : Decay or sequence of Decay
         One channel each, in the unit of the model.
     held_out : Decay, optional
@@ -97,10 +100,14 @@ def diagnose(
 
     Raises
     ------
+    TypeError
+        For a simulation that is neither a ReducedModel nor a Beam.
     ValueError
         For records that cannot be compared with the model: other unit, sign, scale or mode, too
         few cycles, noise alone. The message names the remedy.
     """
+    if not isinstance(model, ReducedModel):
+        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
     several = [measured] if isinstance(measured, Decay) else list(measured)
     check_request(model, several, held_out, free, tolerances or {}, false_alarm)
     several = [over_shared_amplitudes(model, d) for d in several]

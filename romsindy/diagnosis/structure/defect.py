@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.beam import Beam
+from romsindy.beam.effects import Effect
 from romsindy.decay import Decay
 from romsindy.diagnosis.fitting import ExtendedEquation, Part, read
 from romsindy.diagnosis.gap import held_out_solution
@@ -38,15 +39,20 @@ def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
     return tuple(p for p in parts if np.any(p.strengths) and _effect(p) is not None)
 
 
-def _effect(part: Part) -> Any:
-    return part.effect.beam_effect(float(part.strengths[0, 0]), part.shape)
+def effects_of(parts: Sequence[Part]) -> list[Effect]:
+    """Effects on a beam of some parts."""
+    return [_effect(p) for p in on_the_beam(parts)]
 
 
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
     """The beam with the effects of some parts."""
-    for part in on_the_beam(parts):
-        beam = beam.with_effect(_effect(part))
+    for effect in effects_of(parts):
+        beam = beam.with_effect(effect)
     return beam
+
+
+def _effect(part: Part) -> Any:
+    return part.effect.beam_effect(float(part.strengths[0, 0]), part.shape)
 
 
 def corrected(

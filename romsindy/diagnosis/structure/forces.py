@@ -35,6 +35,17 @@ class MassDamping(on_beam.Effect):
         return replace(beam, alpha=max(beam.alpha + self.change, 0.0))
 
 
+@dataclass(frozen=True)
+class MaterialDamping(on_beam.Effect):
+    """A change of the stiffness-proportional damping, s."""
+
+    change: float
+
+    def applied_to(self, beam: Beam) -> Beam:
+        """Return `beam` with another eta, at least zero."""
+        return replace(beam, eta=max(beam.eta + self.change, 0.0))
+
+
 @dataclass(frozen=True, eq=False)
 class BeamForce(Effect):
     """A force on a beam, felt along the curve of its shapes."""
@@ -123,14 +134,35 @@ class FrictionForce(BeamForce):
         return mean_sign(state.q_dot, turn), mean_sign_slope(state.q_dot, turn)
 
 
-class Viscous(ViscousForce):
+class OtherMassDamping(ViscousForce):
     """Damping in proportion to the mass."""
 
-    name, family = "viscous", "damping"
-    label, unit = "other viscous damping than assumed", "1/s"
+    name, family = "mass_damping", "damping"
+    label, unit = "other damping in proportion to mass (alpha) than assumed", "1/s"
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
         return MassDamping(strength)
+
+
+class OtherMaterialDamping(ViscousForce):
+    """Damping in proportion to stiffness."""
+
+    name, family = "material_damping", "damping"
+    label, unit = "other damping in proportion to stiffness (eta) than assumed", "s"
+    advice = "a second mode: it damps that more"
+
+    def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
+        return MaterialDamping(strength)
+
+
+class Damper(ViscousForce):
+    """A viscous damper at the tip."""
+
+    name, family, sign = "viscous", "damping", 1
+    label, unit = "a viscous damper at the tip", "N s/m"
+
+    def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
+        return on_beam.Dashpot(coefficient=max(strength, 0.0))
 
 
 class Drag(SquaredForce):
@@ -237,7 +269,9 @@ def beam_forces(curve: StaticCurve) -> tuple[BeamForce, ...]:
     """Forces that a beam may lack."""
     springs = [e for e in curve.beam.effects if isinstance(e, on_beam.Spring)]
     return (
-        Viscous(curve),
+        OtherMassDamping(curve),
+        OtherMaterialDamping(curve),
+        Damper(curve),
         Drag(curve),
         Friction(curve),
         *((SpringFriction(curve),) if len(springs) == 1 else ()),

@@ -6,11 +6,9 @@ changed one about its own equilibrium and brought to the coordinate of the senso
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
-
-import numpy as np
 
 from romsindy.beam import Beam
 from romsindy.beam import effects as on_beam
@@ -193,9 +191,7 @@ def _direction(
     return Combination(name, terms, tuple((there[key] - start[key]) / step for key in start))
 
 
-def _seen_coefficients(
-    seen: InstrumentedBeam, beam: Beam, amplitude: float
-) -> dict[str, float]:
+def _seen_coefficients(seen: InstrumentedBeam, beam: Beam, amplitude: float) -> dict[str, float]:
     """Coefficients of a reduced beam in the coordinate that the sensors show."""
     modes = seen.shapes.shape[1]
     shapes = seen.sensors.mode_shapes(beam.modes(count=modes), modes)

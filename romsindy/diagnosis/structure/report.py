@@ -7,13 +7,17 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from romsindy.beam import Beam
 from romsindy.diagnosis.fitting import Part
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect, Verdict
-from romsindy.diagnosis.structure.defect import beam_with
+from romsindy.diagnosis.structure.defect import beam_with, effects_of
 from romsindy.diagnosis.structure.instrumented import InstrumentedBeam
 from romsindy.diagnosis.structure.sensing import SensorFault
+
+_SIDES = ("before", "after")
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,12 @@ class BeamReport:
         return beam_with(self.seen.beam, self.parts)
 
     @property
+    def recipe(self) -> str:
+        """The lines of Python that make `model` from the beam as it was."""
+        lines = [f"beam = beam.with_effect({effect!r})" for effect in effects_of(self.parts)]
+        return "\n".join(lines) or "# the beam as it was"
+
+    @property
     def gap(self) -> Gap:
         """Before and after, in the coordinate of the first mode, on what took no part."""
         return self.reduced.gap
@@ -115,6 +125,21 @@ class BeamReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.diagnosis.structure.page import write_page
+        from matplotlib.figure import Figure
 
-        write_page(self, path)
+        from romsindy.diagnosis.figures import draw_errors
+        from romsindy.diagnosis.page import write_page
+
+        figure = Figure(figsize=(5.4, 3.8), layout="constrained")
+        before, after = (np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES)
+        labels = [e.label for e in self.sensor_errors]
+        reading = draw_errors(labels, before, after, figure.subplots())
+        write_page(
+            self.reduced,
+            path,
+            verdict=self.verdict,
+            sentence=self.sentence,
+            simulation=self.recipe,
+            tables=[("Sensors of the beam", self.sensor_table())],
+            pictures=[("By sensor", figure, reading)],
+        )

@@ -36,9 +36,10 @@ _FLOOR = 2e-4
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 # Parameters of a beam that stand for the coefficients of a reduced model.
-_FREE = {"omega^2": "bending_stiffness", "c_linear": "viscous"}
+_FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 
+@diagnose.register(Beam)
 def diagnose_beam(
     beam: Beam,
     measured: Decay | Sequence[Decay],
