@@ -50,15 +50,11 @@ def check_request(
                 f"decay {i} is in {decay.unit}, the model in {model.unit}: load the decay with"
                 f" unit={model.unit!r}, or convert the model"
             )
-        if any(_same(decay, other) for other in everything[:i]):
+        if any(decay.same_record(other) for other in everything[:i]):
             raise ValueError(
                 f"decay {i} is the same record as an earlier one: give it once, and hold out"
                 " another"
             )
-
-
-def _same(a: Decay, b: Decay) -> bool:
-    return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
 
 
 def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
