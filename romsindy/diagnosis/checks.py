@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.decay import Decay
+from romsindy.diagnosis.effects import Effect
 from romsindy.diagnosis.records import Measured
 from romsindy.diagnosis.smoothing import HarmonicSpline, swing
 from romsindy.model import ReducedModel
@@ -28,14 +29,14 @@ def check_request(
     model: ReducedModel,
     measured: Sequence[Decay],
     held_out: Decay | None,
-    free: Sequence[str],
+    free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     false_alarm: float,
 ) -> None:
     """Raise a ValueError for arguments that cannot be meant."""
     if not measured:
         raise ValueError("measured is empty: give at least one Decay")
-    unknown = [name for name in free if name not in _FREE]
+    unknown = [name for name in free if isinstance(name, str) and name not in _FREE]
     if unknown:
         raise ValueError(
             f"free = {list(free)}: {unknown} cannot be free; use names of {list(_FREE)}, and"

@@ -87,6 +87,7 @@ class Effect(ABC):
     sign: ClassVar[int] = 0
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
+    unit: ClassVar[str] = ""  # of the strength, where it does not follow from the term
     advice: ClassVar[str] = "a longer decay from a larger amplitude"
 
     @property
@@ -118,8 +119,8 @@ class Effect(ABC):
         """The term that it adds to a `ReducedModel`, where it can be one."""
         return None
 
-    def beam_effect(self, coefficient: float) -> Any:
-        """Counterpart in `romsindy.beam.effects`, to be fitted there; None where there is none."""
+    def beam_effect(self, strength: float, shape: Array) -> Any:
+        """What the beam is given, by `Beam.with_effect`; None where there is no counterpart."""
         return None
 
 

@@ -55,7 +55,7 @@ class FoundEffect:
     advice : str
         What would separate it from its rivals.
     unit : str
-        Of the strength, where the effect is a term of the equation.
+        Of the strength; empty where it has none.
     """
 
     name: str
@@ -97,6 +97,8 @@ class DiagnosisReport:
     best : Hypothesis
     rivals : tuple of Hypothesis
         What the data do not tell apart from the best, itself first.
+    compared : tuple of Hypothesis
+        All that were fitted, the best first.
     base : Hypothesis
         Only what the simulation is unsure of, fitted.
     remainder : Remainder
@@ -112,6 +114,7 @@ class DiagnosisReport:
     model: ReducedModel
     best: Hypothesis
     rivals: tuple[Hypothesis, ...]
+    compared: tuple[Hypothesis, ...]
     base: Hypothesis
     remainder: Remainder
     gap: Gap
@@ -153,7 +156,8 @@ class DiagnosisReport:
         grow = max(self.remainder.adequacy, 1.0)
         std = grow * np.sqrt(np.diag(solution.covariance[where, where]))
         names = _value_names(part)
-        term, unit = part.effect.term(part.shape), self.nominal.unit
+        term = part.effect.term(part.shape)
+        of_term = "" if term is None else term.unit(self.nominal.unit)
         share = weights(self.rivals)
         weight = sum(
             w for h, w in zip(self.rivals, share, strict=True) if part.effect.name in h.names
@@ -166,7 +170,7 @@ class DiagnosisReport:
             dict(zip(names, std.tolist(), strict=True)),
             float(weight),
             part.effect.advice,
-            "" if term is None or term.unit(unit) == "1" else term.unit(unit),
+            part.effect.unit or ("" if of_term == "1" else of_term),
         )
 
     # -- words ---------------------------------------------------------------------------------

@@ -197,11 +197,14 @@ def _rows(
     measured = sampled(motion, record.derivative)
     for trial, force, (effect, _, at_columns) in zip(trials, forces, candidates, strict=True):
         k = effect.n_strengths
+        block = np.zeros((len(record.t), k))
         if force is not None:
-            blocks.append(columns[:, next_force : next_force + k])
+            block += columns[:, next_force : next_force + k]
             next_force += k
-        else:
-            blocks.append(effect.readings(record.t, measured, trial.shape).T)
+        shown_too = effect.readings(record.t, measured, trial.shape)
+        if shown_too is not None:
+            block += shown_too.T
+        blocks.append(block)
         where.append(at_columns[k * i : k * i + k] if effect.per_record else at_columns)
     return record.noise(np.column_stack([record.signal - shown, *blocks])), np.concatenate(
         where

@@ -37,11 +37,22 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Step:
-    """One effect accepted: the hypotheses compared, best first, and what was gained."""
+class Finding:
+    """What a search found.
 
-    hypotheses: tuple[Hypothesis, ...]
-    gain: float
+    Attributes
+    ----------
+    rivals : list of Hypothesis
+        What the data do not tell apart, best first.
+    compared : list of Hypothesis
+        All that were fitted, best first.
+    base : Hypothesis
+        Without any effect.
+    """
+
+    rivals: list[Hypothesis]
+    compared: list[Hypothesis]
+    base: Hypothesis
 
 
 @dataclass(frozen=True)
@@ -107,8 +118,8 @@ class Search:
         n = sum(p.size for p in solution.parts) + 2 * len(self.records)
         return remainder(self.records, solution.residuals, n)
 
-    def run(self) -> tuple[Hypothesis, list[Hypothesis], Hypothesis]:
-        """Best hypothesis, its rivals (itself first), and the one without any effect."""
+    def run(self) -> Finding:
+        """Look for the best hypothesis."""
         base = self.hypothesis([])
         best = base
         seen: list[Hypothesis] = [base]
@@ -136,8 +147,7 @@ class Search:
         ]
         if not self.remainder(best).closed:
             best = self._plainest([best, *seen])
-        rivals = self._rivals(best, seen)
-        return rivals[0], rivals, base
+        return Finding(self._rivals(best, seen), ranked(seen), base)
 
     def _negligible(self, best: Hypothesis) -> bool:
         """Whether what a hypothesis leaves is too small to matter."""

@@ -52,7 +52,7 @@ def diagnose(
     measured: Decay | Sequence[Decay],
     *,
     held_out: Decay | None = None,
-    free: Sequence[str] = ("omega^2", "c_linear"),
+    free: Sequence[str | Effect] = ("omega^2", "c_linear"),
     tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = 0.01,
@@ -72,10 +72,10 @@ def diagnose(
     held_out : Decay, optional
         A decay to judge by, which takes no part otherwise. Without it the last quarter of each
         record is held out, if it holds six cycles.
-    free : names
-        Coefficients that the simulation is unsure of, of "omega^2" and "c_linear". They follow the
-        data under every hypothesis, and are blamed only where nothing else is needed. Empty: the
-        model is taken as exact.
+    free : names or effects
+        Coefficients that the simulation is unsure of, of "omega^2" and "c_linear", or effects
+        without shape values. They follow the data under every hypothesis, and are blamed only
+        where nothing else is needed. Empty: the model is taken as exact.
     tolerances : mapping of str to float, optional
         Relative standard deviations of other coefficients.
     catalogue : sequence of Effect
@@ -120,9 +120,9 @@ def diagnose(
         Parallel(n_jobs),
         progress or (lambda _: None),
     )
-    best, rivals, base = search.run()
-    best = _snapped(search, best)
-    rivals = [best, *rivals[1:]]
+    found = search.run()
+    best = _snapped(search, found.rivals[0])
+    rivals = [best, *found.rivals[1:]]
     parts_of_best = best.solution.parts if best.names else ()
     left = search.remainder(best)
     gap = Gap(
@@ -134,7 +134,8 @@ def diagnose(
         model=extended_model(model, parts_of_best),
         best=best,
         rivals=tuple(rivals),
-        base=base,
+        compared=tuple(found.compared),
+        base=found.base,
         remainder=left,
         gap=gap,
         records=tuple(records),
@@ -169,17 +170,16 @@ def _smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
 
 def _unsure(
     model: ReducedModel,
-    free: Sequence[str],
+    free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     all_scales: Scales,
     n_records: int,
 ) -> tuple[Part, ...]:
     known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
-    parts = [
-        Part.of(known[name], all_scales, n_records, ()) for name in free if name not in tolerances
-    ]
+    unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
+    parts = [Part.of(effect, all_scales, n_records, ()) for effect in unsure]
     for name, relative in tolerances.items():
-        effect = known.get(name) or CoefficientError(name)
+        effect: Effect = known.get(name) or CoefficientError(name)
         part = Part.of(effect, all_scales, n_records, ())
         parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
     return tuple(parts)

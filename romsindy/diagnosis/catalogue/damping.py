@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.beam import effects as on_beam
 from romsindy.diagnosis.effects import (
     Scales,
     Shape,
@@ -35,9 +34,6 @@ class Viscous(TermEffect):
     def term(self, shape: Array) -> Term:
         return LinearDamping()
 
-    def beam_effect(self, coefficient: float) -> Any:
-        return on_beam.Dashpot(coefficient=coefficient)
-
 
 class QuadraticDrag(TermEffect):
     """Air drag."""
@@ -45,9 +41,6 @@ class QuadraticDrag(TermEffect):
     name, family, sign = "quadratic_drag", "damping", 1
     label = "air drag proportional to speed squared"
     advice = "a decay from a larger amplitude, or one in thinner air"
-
-    def beam_effect(self, coefficient: float) -> Any:
-        return on_beam.Drag(coefficient=coefficient)
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         return (Shape.near("exponent", 2.0, 0.07),)
@@ -113,9 +106,6 @@ class DryFriction(_Jumping):
 
     def term(self, shape: Array) -> Term:
         return CoulombDamping()
-
-    def beam_effect(self, coefficient: float) -> Any:
-        return on_beam.Friction(limit=coefficient)
 
 
 class Hysteretic(_Jumping):

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from romsindy.beam import effects as on_beam
 from romsindy.diagnosis.effects import Scales, Shape, TermEffect
 from romsindy.force_laws import (
     AddedMass,
@@ -42,9 +40,6 @@ class MoreMass(TermEffect):
     def term(self, shape: Array) -> Term:
         return AddedMass()
 
-    def beam_effect(self, coefficient: float) -> Any:
-        return on_beam.AddedMass(mass=coefficient)
-
 
 class CubicStiffness(TermEffect):
     """Hardening or softening with the cube of displacement."""
@@ -58,9 +53,6 @@ class CubicStiffness(TermEffect):
 
     def term(self, shape: Array) -> Term:
         return PowerStiffness(float(shape[0]))
-
-    def beam_effect(self, coefficient: float) -> Any:
-        return on_beam.CubicSpring(cubic=coefficient)
 
 
 class QuinticStiffness(TermEffect):

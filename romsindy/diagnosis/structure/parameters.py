@@ -15,13 +15,14 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.beam import effects as on_beam
 from romsindy.beam.effects.spring import find_spring
-from romsindy.beam.sensors import SensorArray
 from romsindy.diagnosis.effects import TermEffect
+from romsindy.diagnosis.structure.instrumented import InstrumentedBeam
 from romsindy.force_laws import term_from_key
 from romsindy.terms import Scalars, Term, WeakForm
 from romsindy.typing import Array
 
 _ORDER = 7
+_LEAST = 1e-12  # an effect that must be positive, and is zero
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
@@ -116,9 +117,9 @@ class ParameterEffect(TermEffect):
 
     direction: Combination
     law: type  # the effect on a beam, which takes the change as its first argument
-
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
+    unit: str  # type: ignore[misc]
     sign: int = 0  # type: ignore[misc]
 
     family = "beam"
@@ -127,8 +128,8 @@ class ParameterEffect(TermEffect):
     def term(self, shape: Array) -> Term:
         return self.direction
 
-    def beam_effect(self, coefficient: float) -> Any:
-        return changed_by(self.law, coefficient)
+    def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
+        return changed_by(self.law, max(strength, _LEAST) if self.sign else strength)
 
 
 def changed_by(law: type, value: float) -> Any:
@@ -136,43 +137,43 @@ def changed_by(law: type, value: float) -> Any:
     return law(cubic=value) if law is on_beam.CubicSpring else law(value)
 
 
-# name, label, effect on the beam, step of the difference, sign
+# name, label, unit, effect on the beam, step of the difference, sign
 _OF_ANY_BEAM = (
-    ("bending_stiffness", "another bending stiffness (relative change)", Stiffer, 0.01, 0),
-    ("added_mass", "more mass at the tip (kg)", on_beam.AddedMass, 1e-4, 1),
-    ("clamp_compliance", "a clamp that gives way (rad/(N m))", on_beam.ClampCompliance, 1e-3, 1),
-    ("cubic_stiffness", "a cubic spring at the tip (N/m^3)", on_beam.CubicSpring, 100.0, 0),
+    ("bending_stiffness", "another bending stiffness", "of the assumed one", Stiffer, 0.01, 0),
+    ("added_mass", "more mass at the tip", "kg", on_beam.AddedMass, 1e-4, 1),
+    ("clamp_compliance", "a clamp that gives way", "rad/(N m)", on_beam.ClampCompliance, 1e-3, 1),
+    ("cubic_stiffness", "a cubic spring at the tip", "N/m^3", on_beam.CubicSpring, 100.0, 0),
 )
 _OF_A_SPRING = (
-    ("spring_stiffness", "another spring stiffness (relative change)", StifferSpring, 0.01, 0),
-    ("pre_tension", "another tension in the spring (N)", on_beam.ExtraTension, 0.01, 0),
+    ("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring, 0.01, 0),
+    ("pre_tension", "another tension in the spring", "N", on_beam.ExtraTension, 0.01, 0),
 )
 
 
 def parameter_effects(
-    beam: Beam, sensors: SensorArray, amplitude: float, shift: float = 0.0
+    seen: InstrumentedBeam, amplitude: float, shift: float = 0.0
 ) -> tuple[ParameterEffect, ...]:
     """Effects of the parameters that a beam has.
 
     Parameters
     ----------
-    beam : Beam
-    sensors : SensorArray
-        Through which the coordinate is seen, which a changed mode shape changes.
+    seen : InstrumentedBeam
+        Through its sensors a changed mode shape changes the coordinate.
     amplitude : float
         Largest coordinate, kg^0.5 m.
     shift : float
         By how much omega^2 was found to differ, 1/s^2: the differences are taken over the change
         of each parameter that would cause this, so that they are exact there.
     """
-    springs = [e for e in beam.effects if isinstance(e, on_beam.Spring)]
-    start = _seen_coefficients(beam, beam, sensors, amplitude)
+    springs = [e for e in seen.beam.effects if isinstance(e, on_beam.Spring)]
+    start = _seen_coefficients(seen, seen.beam, amplitude)
     found = []
-    for name, label, law, step, sign in _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ()):
+    known = _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ())
+    for name, label, unit, law, step, sign in known:
 
         def direction(step: float, name: str = name, law: type = law) -> Combination:
-            changed = beam.with_effect(changed_by(law, step))
-            there = _seen_coefficients(beam, changed, sensors, amplitude)
+            changed = seen.beam.with_effect(changed_by(law, step))
+            there = _seen_coefficients(seen, changed, amplitude)
             return _direction(name, start, there, step)
 
         tangent = direction(step)
@@ -180,7 +181,7 @@ def parameter_effects(
         # Steps that the frequency does not ask for stay small.
         chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
         found.append(
-            ParameterEffect(direction(needed) if chord else tangent, law, name, label, sign)
+            ParameterEffect(direction(needed) if chord else tangent, law, name, label, unit, sign)
         )
     return tuple(found)
 
@@ -193,13 +194,12 @@ def _direction(
 
 
 def _seen_coefficients(
-    nominal: Beam, beam: Beam, sensors: SensorArray, amplitude: float
+    seen: InstrumentedBeam, beam: Beam, amplitude: float
 ) -> dict[str, float]:
-    """Coefficients of the reduced beam in the coordinate that the nominal mode shapes give."""
-    modes = projected_modes(len(sensors.sensors))
-    seen = sensors.mode_shapes(beam.modes(count=modes), modes)
-    used = sensors.mode_shapes(nominal.modes(count=modes), modes)
-    scale = float((np.linalg.pinv(used) @ seen)[0, 0])
+    """Coefficients of a reduced beam in the coordinate that the sensors show."""
+    modes = seen.shapes.shape[1]
+    shapes = seen.sensors.mode_shapes(beam.modes(count=modes), modes)
+    scale = float(seen.coordinate(shapes[:, 0]))
     # In the coordinate that is seen the modal mass is 1 / scale^2; with it kept, and not divided
     # by, a mass changes the inertia alone.
     mass = scale**-2
@@ -210,13 +210,3 @@ def _seen_coefficients(
     }
     damping = beam.alpha + beam.eta * model["omega^2"]
     return {"mu": mass - 1.0, "c_linear": mass * damping, **found}
-
-
-def projected_modes(n_sensors: int) -> int:
-    """Modes that so many sensors tell apart, with some sensors to spare."""
-    return max(1, min(2, n_sensors - 2))
-
-
-def without(catalogue: Sequence[Any], names: Sequence[str]) -> tuple[Any, ...]:
-    """A catalogue without what the beam explains in its own way."""
-    return tuple(e for e in catalogue if e.name not in names)

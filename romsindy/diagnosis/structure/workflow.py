@@ -1,0 +1,223 @@
+"""What a beam lacks, from decays measured by several sensors: from the records to a better beam."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from romsindy.beam import Beam
+from romsindy.beam.sensors import SensorArray
+from romsindy.decay import Decay
+from romsindy.diagnosis.catalogue import CATALOGUE
+from romsindy.diagnosis.effects import Effect
+from romsindy.diagnosis.fitting import Part
+from romsindy.diagnosis.records import Measured
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.structure.curve import StaticCurve
+from romsindy.diagnosis.structure.defect import Corrected, corrected, on_the_beam
+from romsindy.diagnosis.structure.forces import beam_forces
+from romsindy.diagnosis.structure.instrumented import UNIT, InstrumentedBeam
+from romsindy.diagnosis.structure.parameters import parameter_effects
+from romsindy.diagnosis.structure.report import BeamReport, SensorError
+from romsindy.diagnosis.structure.sensing import find_fault
+from romsindy.diagnosis.workflow import diagnose
+from romsindy.model import ReducedModel
+from romsindy.refine import refine
+from romsindy.signals import noise_std
+from romsindy.typing import Array
+
+_ORDER = 7
+_ROUNDS = 5
+_FLOOR = 2e-4
+# What a beam explains by its own parameters, and a sensor by comparison with the others.
+_GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
+# Parameters of a beam that stand for the coefficients of a reduced model.
+_FREE = {"omega^2": "bending_stiffness", "c_linear": "viscous"}
+
+
+def diagnose_beam(
+    beam: Beam,
+    measured: Decay | Sequence[Decay],
+    *,
+    sensors: SensorArray,
+    held_out: Decay | None = None,
+    free: Sequence[str] = (),
+    catalogue: Sequence[Effect] = CATALOGUE,
+    false_alarm: float = 0.01,
+    max_effects: int = 3,
+    floor: float = _FLOOR,
+    n_jobs: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> BeamReport:
+    """Find, name and add what a beam lacks; `diagnose` calls this for a `Beam`.
+
+    The measurement is looked at in the coordinate of the first mode, beside a reduced model of the
+    beam. What the beam does beside that model is simulated with the effects that were found, and
+    taken off, until the effects stay: they are then fitted to the beam.
+
+    Parameters
+    ----------
+    beam : Beam
+        The simulation.
+    measured : Decay or sequence of Decay
+        Displacements from the equilibrium [m], one channel per sensor. The first mode rings down
+        from rest at the first sample.
+    sensors : SensorArray
+        Where the displacements were measured.
+    held_out : Decay, optional
+        As `measured`, to judge by.
+    free : names
+        As in `diagnose`: "omega^2" leaves the bending stiffness free, "c_linear" the damping in
+        proportion to mass. Empty: the parameters of the beam are those assumed, or are to blame.
+    catalogue, false_alarm, max_effects, floor, n_jobs, progress
+        As in `diagnose`; effects of the catalogue that a beam has in a form of its own are
+        replaced by that.
+
+    Raises
+    ------
+    ValueError
+        For records that do not fit the sensors, or that cannot be compared with the beam.
+    """
+    several = [measured] if isinstance(measured, Decay) else list(measured)
+    everything = [*several, *([held_out] if held_out is not None else [])]
+    _check(sensors, several, everything, free)
+    seen = InstrumentedBeam(beam, sensors)
+    largest = max(several, key=lambda d: float(np.abs(seen.coordinate(d.q)[0])))
+    start = float(seen.coordinate(largest.q[0]))
+    own = seen.readings(beam, start, float(largest.t[-1] - largest.t[0]), largest.dt)
+    fault = find_fault(np.concatenate([d.q for d in several]), own, seen.shapes, sensors.labels)
+    channels = tuple(i for i in range(len(sensors.sensors)) if fault is None or i != fault.channel)
+    seen = seen.keeping(channels)
+    decays = [Decay(d.t, d.q[:, list(channels)], unit=d.unit) for d in everything]
+    coordinates = [seen.decay(d) for d in decays]
+    simulated = seen.coordinate(own[:, list(channels)])
+    model, rough = calibrated(beam, Decay(largest.dt * np.arange(len(own)), simulated, unit=UNIT))
+    effects = _effects(seen, model, coordinates[: len(several)], float(np.abs(simulated).max()))
+    unneeded = {*_GENERIC, *(e.name for e in effects)}
+    unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
+    parallel = Parallel(n_jobs)
+
+    def look(records: Sequence[Decay], most: int, floor: float) -> DiagnosisReport:
+        return diagnose(
+            model,
+            records[: len(several)],
+            held_out=records[-1] if held_out is not None else None,
+            free=unsure,
+            catalogue=(*(e for e in catalogue if e.name not in unneeded), *effects),
+            false_alarm=false_alarm,
+            max_effects=most,
+            floor=floor,
+            n_jobs=n_jobs,
+            progress=progress,
+        )
+
+    records = [Measured.of(d, floor) for d in coordinates]
+    most = 1
+    report = look(coordinates, most, max(rough, floor))
+    for _ in range(_ROUNDS):
+        parts = _physical(report)
+        if progress is not None:
+            progress("beam with " + (" + ".join(p.effect.name for p in parts) or "nothing more"))
+        found: list[Corrected] = parallel(
+            delayed(corrected)(seen, model, parts, r) for r in records
+        )
+        report = look([c.decay for c in found], most, floor)
+        if _settled(parts, report):
+            if report.verdict != "unknown" or most == max_effects:
+                break
+            most = max_effects
+    errors = _sensor_errors(seen, model, records[-1], decays[-1], found[-1])
+    return BeamReport(report, () if fault is None else (fault,), seen, tuple(parts), errors)
+
+
+def _effects(
+    seen: InstrumentedBeam, model: ReducedModel, decays: Sequence[Decay], reach: float
+) -> tuple[Effect, ...]:
+    """Effects in the form that they have on this beam."""
+    shift = _frequency_shift(model, decays)
+    return (*beam_forces(StaticCurve.of(seen, reach)), *parameter_effects(seen, reach, shift))
+
+
+def _physical(report: DiagnosisReport) -> tuple[Part, ...]:
+    """Parts of the best hypothesis all of whose effects exist on a beam."""
+    for h in (report.best, *report.compared):
+        parts = on_the_beam(h.effects)
+        if len(parts) == len(h.effects) and np.isfinite(h.misfit):
+            return on_the_beam(h.solution.parts)
+    return ()
+
+
+def _sensor_errors(
+    seen: InstrumentedBeam, model: ReducedModel, record: Measured, decay: Decay, after: Corrected
+) -> tuple[SensorError, ...]:
+    """Every sensor against the beam before and after, in one record."""
+    readings = decay.between(record.decay.t[0], record.decay.t[-1]).q
+    before = corrected(seen, model, (), record)
+
+    def errors(simulated: Array) -> Array:
+        misfit = np.sqrt(np.mean((readings - simulated) ** 2, axis=0))
+        return misfit / np.array([noise_std(y) for y in readings.T])
+
+    both = (errors(c.readings) for c in (before, after))
+    return tuple(itertools.starmap(SensorError, zip(seen.sensors.labels, *both, strict=True)))
+
+
+def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
+    """Whether the effects that were simulated are those found, within a standard error."""
+    after = {(p.effect.name, p.effect.variant): p for p in _physical(report)}
+    before = {(p.effect.name, p.effect.variant): p for p in parts}
+    if set(before) != set(after):
+        return False
+    errors = {e.name: list(e.standard_errors.values()) for e in (*report.effects, *report.moved)}
+    return all(
+        np.all(np.abs(p.values - after[k].values) < errors.get(k[0], [np.inf]))
+        for k, p in before.items()
+    )
+
+
+def calibrated(beam: Beam, simulated: Decay) -> tuple[ReducedModel, float]:
+    """Reduced model of a beam that follows its own simulated decay, and what it leaves.
+
+    The static reduction is the start; the highest inertia terms stay as they are there. Twice the
+    rms of what is left, as a part of the amplitude, is the floor of a first diagnosis.
+    """
+    reach = float(np.abs(simulated.q).max())
+    static = beam.reduce(order=_ORDER, amplitude=1.05 * reach).coefficients
+    omega2 = static["omega^2"]
+    damping = {"c_linear": beam.alpha + beam.eta * omega2, "c_q^2 q_dot": 0.0}
+    start = ReducedModel.from_coefficients({**static, **damping}, unit=UNIT)
+    fitted = refine(start, simulated, fixed=("Upsilon_6", "Upsilon_7"))
+    left = float(np.std(fitted.residuals[0])) / reach
+    return replace(fitted.model, amplitude_range=None), 2 * left
+
+
+def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:
+    """By how much omega^2 of the measured decays differs from the model's, 1/s^2."""
+    fixed = [key for key in model.coefficients if key not in ("omega^2", "c_linear")]
+    fitted = refine(model, [d.free() for d in decays], fixed=fixed)
+    return fitted.model.coefficients["omega^2"] - model.coefficients["omega^2"]
+
+
+def _check(
+    sensors: SensorArray, several: Sequence[Decay], everything: Sequence[Decay], free: Sequence[str]
+) -> None:
+    if not several:
+        raise ValueError("measured is empty: give at least one Decay")
+    if not set(free) <= set(_FREE):
+        raise ValueError(f"free = {list(free)}: of a beam, {list(_FREE)} can be free")
+    n = len(sensors.sensors)
+    for i, decay in enumerate(everything):
+        if decay.q.ndim != 2 or decay.q.shape[1] != n:
+            channels = 1 if decay.q.ndim == 1 else decay.q.shape[1]
+            raise ValueError(
+                f"decay {i} has {channels} channels, but there are {n} sensors: give one channel"
+                " per sensor, in the order of the sensors"
+            )
+        if decay.measured != "displacement":
+            raise ValueError(
+                f"decay {i} holds {decay.measured}: displacements are needed; integrate it first"
+            )
