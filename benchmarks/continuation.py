@@ -9,41 +9,27 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
-from scipy.special import ellipk
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from oracles import ORDER_5, ORDER_9, duffing_frequency
+from timing import fastest
 
 import romsindy as rs
 
 AUTO_DIR = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 LOW, HIGH = 0.01, 2.9
 DUFFING = rs.ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0})
-ORDER_5 = {
-    "omega^2": 1482.2,
-    "gamma_2": -3.05e3,
-    "gamma_3": 9.6e5,
-    "gamma_4": 3.6e6,
-    "gamma_5": -6.2e8,
-    "Upsilon_3": 226.9,
-    "Upsilon_4": 12.3,
-    "Upsilon_5": 5.05e4,
-}  # the paper's beam
-ORDER_9 = ORDER_5 | {
-    "gamma_6": 1e10,
-    "gamma_7": 2e11,
-    "gamma_8": -1e13,
-    "gamma_9": 3e14,
-    "Upsilon_6": 1e6,
-    "Upsilon_7": 2e7,
-    "Upsilon_8": 1e9,
-    "Upsilon_9": 2e10,
-}  # made up, of the size of the order-5 terms at the largest amplitude
+exact_duffing = partial(duffing_frequency, 1.0, 1.0)
 HARMONICS = (None, 3, 5, 11, 21, 41)
 FORCED = {"omega^2": 1.0, "gamma_3": 1.0, "c_linear": 0.02}
 FORCE = 0.1
@@ -57,21 +43,6 @@ class Row(NamedTuple):
     error: float
     residual: float = np.nan
     note: str = ""
-
-
-def exact_duffing(amplitude: np.ndarray) -> np.ndarray:
-    stiff = 1 + amplitude**2
-    return np.pi * np.sqrt(stiff) / (2 * ellipk(amplitude**2 / (2 * stiff)))
-
-
-def fastest(action: Callable[[], object], repeats: int) -> float:
-    """Shortest of several runs, s: the machine may be doing something else too."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def ours(

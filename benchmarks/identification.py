@@ -7,14 +7,14 @@ folder of measured decays. Seeds are fixed: the same command gives the same numb
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pysindy as ps
 from scipy.special import ellipk
 from sklearn.linear_model import LinearRegression
+from timing import fastest
 
 import romsindy as rs
 from romsindy.synthetic import EXAMPLE_MODEL
@@ -174,16 +174,6 @@ def pendulum(folder: Path) -> dict[str, tuple[float, str]]:
         "pendulum: dry friction, rad/s^2": (model.coefficients["c_coulomb"], "-"),
         "pendulum: viscous damping, 1/s": (model.coefficients["c_linear"], "-"),
     }
-
-
-def fastest(action: Callable[[], object], repeats: int = 5) -> float:
-    """Shortest of several runs, s: the machine may be doing something else too."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def speed() -> dict[str, tuple[float, str]]:

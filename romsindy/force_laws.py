@@ -20,6 +20,16 @@ def _size(x: Scalars, power: float) -> Scalars:
     return np.abs(x) ** power
 
 
+def _superscript(exponent: float) -> str:
+    return "" if exponent == 1 else f"^{exponent:.6g}"
+
+
+def _slope_beyond(depth: Scalars, exponent: float) -> Scalars:
+    """Derivative of max(depth, 0)^p; 0 up to contact, whatever p."""
+    slope = exponent * np.where(depth > 0, depth, 1.0) ** (exponent - 1)
+    return np.where(depth > 0, slope, 0.0)
+
+
 class ForceLaw(Term):
     """A force of q and q_dot; its weak form is itself."""
 
@@ -198,8 +208,8 @@ class StopStiffness(ForceLaw):
 
     @property
     def key(self) -> str:
-        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
-        return f"k_{'above' if self.side > 0 else 'below'} {self.gap:.6g}{power}"
+        side = "above" if self.side > 0 else "below"
+        return f"k_{side} {self.gap:.6g}{_superscript(self.exponent)}"
 
     @property
     def dimension(self) -> tuple[float, float]:  # type: ignore[override]
@@ -207,8 +217,8 @@ class StopStiffness(ForceLaw):
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
         inner = f"{q} - {self.gap:.6g}" if self.side > 0 else f"{self.gap:.6g} - {q}"
-        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
-        return f"{'' if self.side > 0 else '(-1) '}max({inner}, 0){power}"
+        sign = "" if self.side > 0 else "(-1) "
+        return f"{sign}max({inner}, 0){_superscript(self.exponent)}"
 
     def _depth(self, q: Scalars) -> Scalars:
         return np.maximum(self.side * (q - self.gap), 0.0)
@@ -221,9 +231,7 @@ class StopStiffness(ForceLaw):
         return (self._depth(q) ** p - self._depth(np.zeros_like(q)) ** p) / p
 
     def stiffness_dq(self, q: Scalars) -> Scalars:
-        depth = self._depth(q)
-        slope = self.exponent * np.where(depth > 0, depth, 1.0) ** (self.exponent - 1)
-        return np.where(depth > 0, slope, 0.0)
+        return _slope_beyond(self._depth(q), self.exponent)
 
 
 @dataclass(frozen=True)
@@ -235,16 +243,14 @@ class TwoSidedGap(ForceLaw):
 
     @property
     def key(self) -> str:
-        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
-        return f"k_gap {self.gap:.6g}{power}"
+        return f"k_gap {self.gap:.6g}{_superscript(self.exponent)}"
 
     @property
     def dimension(self) -> tuple[float, float]:  # type: ignore[override]
         return self.exponent, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        power = "" if self.exponent == 1 else f"^{self.exponent:.6g}"
-        return f"sign({q}) max(|{q}| - {self.gap:.6g}, 0){power}"
+        return f"sign({q}) max(|{q}| - {self.gap:.6g}, 0){_superscript(self.exponent)}"
 
     def _depth(self, q: Scalars) -> Scalars:
         return np.maximum(np.abs(q) - self.gap, 0.0)
@@ -256,9 +262,7 @@ class TwoSidedGap(ForceLaw):
         return self._depth(q) ** (self.exponent + 1) / (self.exponent + 1)
 
     def stiffness_dq(self, q: Scalars) -> Scalars:
-        depth = self._depth(q)
-        slope = self.exponent * np.where(depth > 0, depth, 1.0) ** (self.exponent - 1)
-        return np.where(depth > 0, slope, 0.0)
+        return _slope_beyond(self._depth(q), self.exponent)
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ class HarmonicBalance:
         """Derivatives of `residual` by c, (2 H + 1, 2 H + 1), and by omega, (2 H + 1,)."""
         b = self.basis
         q, q_dot, q_ddot = self.motion(c, omega)
-        by_q, by_q_dot, by_q_ddot = self.model.residual_derivatives(q, q_dot, q_ddot)
+        _, by_q, by_q_dot, by_q_ddot = self.model.linearise(q, q_dot, q_ddot)
         by_c = (
             by_q[:, None] * b.values
             + (omega * by_q_dot)[:, None] * b.first

@@ -141,13 +141,6 @@ class ReducedModel:
                 by_q_dot += c * term.damping_dq_dot(q, q_dot)
         return residual, by_q, by_q_dot, inertia
 
-    def residual_derivatives(
-        self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike
-    ) -> tuple[Array, Array, Array]:
-        """Derivatives of `residual` with respect to q, q_dot and q_ddot, shape of q each."""
-        arrays = np.broadcast_arrays(*(np.asarray(x, float) for x in (q, q_dot, q_ddot)))
-        return self.linearise(*arrays)[1:]
-
     def undamped(self) -> ReducedModel:
         """Model without its damping terms."""
         pairs = zip(self.terms, self.values, strict=True)

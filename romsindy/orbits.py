@@ -260,7 +260,7 @@ def forced_response(
     ladder = _ladder(n_harmonics)
     smooth = _smooth(model, velocity_scale)
     omega = (first + last) / 2
-    zeta = smooth.residual_derivatives(0.0, 0.0, 0.0)[1] / (2 * omega)
+    zeta = float(smooth.linearise(*np.zeros((3, 1)))[2][0]) / (2 * omega)
     size = force / (2 * omega**2 * float(np.clip(zeta, 0.01, 0.5)))  # of a linear resonance
 
     def family(path: Path, n: int) -> Family:
@@ -313,7 +313,7 @@ def _smooth(model: ReducedModel, velocity_scale: float | None) -> ReducedModel:
 
 
 def _linear_frequency(model: ReducedModel) -> float:
-    squared = float(model.residual_derivatives(0.0, 0.0, 0.0)[0])
+    squared = float(model.linearise(*np.zeros((3, 1)))[1][0])
     if not squared > 0:
         raise ValueError(
             f"omega^2 = {squared:.6g} is not positive: orbits are followed around a stable q = 0;"

@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from romsindy.backbone import Backbone, extract_backbone
@@ -36,6 +36,14 @@ _CYCLES: dict[str, Any] = {
 
 def _axes(ax: Axes | None) -> Axes:
     return plt.subplots(layout="constrained")[1] if ax is None else ax
+
+
+def _log_ratio(ax: Axes) -> None:
+    """Ratios near 1 on a log axis: 0.4 rather than 4 x 10^-1."""
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _styled(
@@ -197,8 +205,8 @@ def plot_misfit(fit: Fit, *, ax: Axes | None = None) -> Axes:
     ax.set(
         xlabel=f"amplitude ({verdict.unit or 'unit of q'})",
         ylabel="residual over noise",
-        yscale="log",
     )
+    _log_ratio(ax)
     ax.legend(loc="best", frameon=False, ncols=2)
     return ax
 
@@ -241,7 +249,8 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
         scale = np.sqrt(np.mean(rows.target**2))
         ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
         ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
-    ax.set(xlabel="harmonic", ylabel="rms residual / rms target", yscale="log")
+    ax.set(xlabel="harmonic", ylabel="rms residual / rms target")
+    _log_ratio(ax)
     ax.legend(loc="best", frameon=False)
     return ax
 
@@ -268,7 +277,7 @@ def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
     ax.set_yscale("symlog", linthresh=10)
     ax.set_ylim(bottom=-30)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ylabel = "squared error of held-out cycles over noise, beyond the best"
+    ylabel = "squared error of held-out cycles\nover noise, beyond the best"
     ax.set(xlabel="number of coefficients", ylabel=ylabel)
     ax.legend(loc="best", frameon=False)
     return ax

@@ -268,16 +268,12 @@ def _records(decays: Decay | Sequence[Decay], model: ReducedModel) -> tuple[Reco
                 f"decay {i} is in {decay.unit or 'an unknown unit'}, the model in"
                 f" {model.unit or 'an unknown unit'}: load the decay with unit={model.unit!r}"
             )
-        if any(_same(decay, other) for other in several[:i]):
+        if any(decay.same_record(other) for other in several[:i]):
             raise ValueError(
                 f"decay {i} is the same record as an earlier one: counted twice, it would make"
                 " every error bar too small; give it once"
             )
     return tuple(Record.of(decay) for decay in several)
-
-
-def _same(a: Decay, b: Decay) -> bool:
-    return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
 
 
 def smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:

@@ -64,7 +64,7 @@ def _generator(model: ReducedModel, coefficients: Array, omega: Array, phase: Ar
         w**order * (coefficients @ matrix.T)
         for order, matrix in enumerate((basis.values, basis.first, basis.second))
     )
-    by_q, by_q_dot, by_q_ddot = model.residual_derivatives(q, q_dot, q_ddot)
+    _, by_q, by_q_dot, by_q_ddot = model.linearise(q, q_dot, q_ddot)
     generator = np.zeros((*q.shape, 2, 2))
     generator[..., 0, 1] = 1.0
     generator[..., 1, 0] = -by_q / (by_q_ddot * w**2)

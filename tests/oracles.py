@@ -8,6 +8,29 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
+# The paper's beam, an asymmetric IC-ROM fitted to order 5.
+ORDER_5 = {
+    "omega^2": 1482.2,
+    "gamma_2": -3.05e3,
+    "gamma_3": 9.6e5,
+    "gamma_4": 3.6e6,
+    "gamma_5": -6.2e8,
+    "Upsilon_3": 226.9,
+    "Upsilon_4": 12.3,
+    "Upsilon_5": 5.05e4,
+}
+# Made up, of the size of the order-5 terms at the largest amplitude.
+ORDER_9 = ORDER_5 | {
+    "gamma_6": 1e10,
+    "gamma_7": 2e11,
+    "gamma_8": -1e13,
+    "gamma_9": 3e14,
+    "Upsilon_6": 1e6,
+    "Upsilon_7": 2e7,
+    "Upsilon_8": 1e9,
+    "Upsilon_9": 2e10,
+}
+
 
 def duffing_frequency(omega2: float, gamma3: float, amplitude: np.ndarray) -> np.ndarray:
     """Angular frequency of q'' + omega2 q + gamma3 q^3 = 0, exact."""

@@ -68,11 +68,14 @@ def test_notebook_is_stored_executed_and_small(path: Path) -> None:
     assert not [o for o in outputs if o.output_type == "error" or o.get("name") == "stderr"]
 
 
+@pytest.mark.parametrize("name", ["measured_clamped_beam", "diagnosis"])
 @pytest.mark.filterwarnings("default")
 def test_notebook_without_its_data_says_what_to_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROMSINDY_DATA", str(tmp_path))
-    notebook = read(EXAMPLES / "measured_clamped_beam.ipynb")
-    with pytest.raises(CellExecutionError, match="set ROMSINDY_DATA to its folder"):
+    notebook = read(EXAMPLES / f"{name}.ipynb")
+    with pytest.raises(CellExecutionError) as stopped:
         run(notebook, monkeypatch)
+    assert stopped.value.ename == "SystemExit"
+    assert "is not there: set ROMSINDY_DATA to its folder" in stopped.value.evalue

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from oracles import duffing_frequency
+from oracles import ORDER_5, ORDER_9, duffing_frequency
 from scipy.integrate import odeint, solve_ivp
 
 from romsindy import ContinuationError, ReducedModel, backbone_curve, forced_response
@@ -12,27 +12,6 @@ from romsindy.stability import floquet_multipliers
 from romsindy.synthetic import EXAMPLE_MODEL
 
 DUFFING = {"omega^2": 1.0, "gamma_3": 1.0}
-# The paper's beam, fitted to order 5, and a made-up continuation of it to order 9.
-ORDER_5 = {
-    "omega^2": 1482.2,
-    "gamma_2": -3.05e3,
-    "gamma_3": 9.6e5,
-    "gamma_4": 3.6e6,
-    "gamma_5": -6.2e8,
-    "Upsilon_3": 226.9,
-    "Upsilon_4": 12.3,
-    "Upsilon_5": 5.05e4,
-}
-ORDER_9 = ORDER_5 | {
-    "gamma_6": 1e10,
-    "gamma_7": 2e11,
-    "gamma_8": -1e13,
-    "gamma_9": 3e14,
-    "Upsilon_6": 1e6,
-    "Upsilon_7": 2e7,
-    "Upsilon_8": 1e9,
-    "Upsilon_9": 2e10,
-}
 CASES = {
     "duffing": (DUFFING, (0.01, 2.9)),
     "order 5": (ORDER_5, (1e-4, 0.022)),
@@ -207,7 +186,7 @@ def monodromy(equation, q0, v0, omega, force):
     def rates(t, y):
         q, v = y[:2]
         a = equation.acceleration(q, v) + force * np.cos(omega * t) / equation.inertia(q)
-        by_q, by_v, by_a = equation.residual_derivatives(q, v, a)
+        _, by_q, by_v, by_a = equation.linearise(q, v, a)
         lower = -(by_q * y[2:4] + by_v * y[4:6]) / by_a
         return [v, a, *y[4:6], *lower]
 

@@ -10,12 +10,19 @@ from scipy.ndimage import uniform_filter1d
 from romsindy.decay import Decay
 from romsindy.diagnosis.effects import Effect
 from romsindy.diagnosis.records import Measured
-from romsindy.diagnosis.smoothing import swing
+from romsindy.diagnosis.smoothing import HarmonicSpline, swing
 from romsindy.model import ReducedModel
+from romsindy.quasilinear import nodes
+from romsindy.typing import Array
 
 _FREE = ("omega^2", "c_linear")
 # Fewer cycles than these tell nothing about an effect; frequencies further off are another mode.
 _CYCLES, _MODE = 3, 1.5
+# Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
+_ASYMMETRY_CYCLES = 20.0
+# How near to -1 times the asymmetry of the model that of a reversed record is; its standard error
+# must be half of this at most.
+_REVERSED = 0.3
 
 
 def check_request(
@@ -51,15 +58,11 @@ def check_request(
                 f"decay {i} is in {decay.unit}, the model in {model.unit}: load the decay with"
                 f" unit={model.unit!r}, or convert the model"
             )
-        if any(_same(decay, other) for other in everything[:i]):
+        if any(decay.same_record(other) for other in everything[:i]):
             raise ValueError(
                 f"decay {i} is the same record as an earlier one: give it once, and hold out"
                 " another"
             )
-
-
-def _same(a: Decay, b: Decay) -> bool:
-    return a.q.shape == b.q.shape and bool(np.all(a.q == b.q))
 
 
 def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
@@ -96,6 +99,7 @@ def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) 
                 f" noise (rms {record.noise.std:.3g}); check the channel, or excite more"
             )
         _check_frequency(model, record, i)
+        _check_sign(model, record, i)
         records.append(record)
     return records
 
@@ -132,3 +136,36 @@ def _check_frequency(model: ReducedModel, record: Measured, i: int) -> None:
             f" {np.nanmedian(said) / 2 / np.pi:.4g} Hz: another mode, another time unit, or another"
             " scale of the displacement"
         )
+
+
+def _check_sign(model: ReducedModel, record: Measured, i: int) -> None:
+    """Refuse a record whose asymmetry is that of the model, mirrored.
+
+    Even forces deflect the vibration by a mean and a second harmonic. What of them the odd forces
+    of the measured motion balance is -1 times what the even forces say, or +1 if q has the other
+    sign; an effect that is missing makes it anything.
+    """
+    t, q, q_dot, q_ddot = nodes(record.motion)
+    residual, mirrored = model.residual(q, q_dot, q_ddot), model.residual(-q, -q_dot, -q_ddot)
+    even = _asymmetry(record, t, (residual + mirrored) / 2)
+    odd = _asymmetry(record, t, (residual - mirrored) / 2)
+    size = float(even @ even)
+    if size == 0:
+        return
+    part = float(even @ odd) / size
+    left = odd - part * even
+    if abs(part - 1) < _REVERSED and np.sqrt(np.mean(left**2) / size) < _REVERSED / 2:
+        raise ValueError(
+            f"decay {i} fits the model better with its sign reversed: pass Decay(t, -q); if the"
+            " sign is certain, the model's even terms (gamma_2, Upsilon_4, ...) have the wrong one"
+        )
+
+
+def _asymmetry(record: Measured, t: Array, force: Array) -> Array:
+    """Mean and second harmonic of the deflection by a force, unit of q times omega^2.
+
+    The mean of the mean is left out: it may be an offset of the sensor.
+    """
+    z = HarmonicSpline.along(record.spline.phase, t, force, _ASYMMETRY_CYCLES, 2).amplitudes.c
+    mean, second = z[:, 0].real, z[:, 2] / (1 - 2**2)
+    return np.concatenate([mean - np.mean(mean), second.real, second.imag])

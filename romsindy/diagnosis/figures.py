@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from romsindy.backbone import Backbone, extract_backbone
 from romsindy.decay import Decay
@@ -36,16 +37,15 @@ def draw_gap(report: DiagnosisReport, ax: Axes) -> str:
 def draw_amplitude(report: DiagnosisReport, axes: tuple[Axes, Axes]) -> str:
     """Frequency and damping ratio of every cycle, measured and simulated."""
     p = report.gap.predictions[0]
-    lines = [
-        (_backbone(p.record.t, p.record.signal), "0.4", "measured"),
-        (_backbone(p.record.t, p.before), _BEFORE, "before"),
-        (_backbone(p.record.t, p.after), _AFTER, "after"),
+    lines: list[tuple[Array, dict[str, Any]]] = [
+        (p.record.signal, {"color": "0.4", "label": "measured", "ls": "", "marker": "o", "ms": 3}),
+        (p.before, {"color": _BEFORE, "label": "before", "lw": 2.4}),  # seen where both agree
+        (p.after, {"color": _AFTER, "label": "after", "lw": 1.2}),
     ]
-    for backbone, color, label in lines:
+    for signal, style in lines:
+        backbone = _backbone(p.record.t, signal)
         if backbone is None:
             continue
-        style: dict[str, Any] = {"color": color, "label": label}
-        style |= {"ls": "", "marker": "o", "ms": 3} if label == "measured" else {"lw": 1.2}
         axes[0].plot(backbone.amplitude, backbone.frequency / (2 * np.pi), **style)
         axes[1].plot(backbone.amplitude, 100 * backbone.damping_ratio, **style)
     unit = p.record.decay.unit or "unit of q"
@@ -92,8 +92,8 @@ def draw_phase(report: DiagnosisReport, ax: Axes) -> str:
 
 def draw_harmonics(report: DiagnosisReport, ax: Axes) -> str:
     """Missing force by harmonic, before and after."""
-    before = MissingForce.of(report, ()).harmonics()
-    after = MissingForce.of(report, report.best.solution.parts).harmonics()
+    parts = report.best.solution.parts
+    before, after = (MissingForce.of(report, p).harmonics() for p in ((), parts))
     orders = np.arange(HARMONICS + 1)
     bars = [
         (before[0], _BEFORE, 1.0, "before, with q"),
@@ -106,12 +106,15 @@ def draw_harmonics(report: DiagnosisReport, ax: Axes) -> str:
         ax.bar(at, 100 * np.abs(values), 0.2, color=color, alpha=alpha, label=label)
     ax.set(xlabel="harmonic", ylabel="missing force (%)", xticks=orders)
     ax.legend(frameon=False, fontsize="small")
-    size = np.abs(before)
+    # Noise, which grows with the square of the harmonic, is in both alike.
+    what, size = "force that is added", np.abs(before - after)
+    if not report.effects:
+        what, size = "missing force", np.abs(before)
     kind, order = np.unravel_index(int(np.argmax(size)), size.shape)
     with_ = ("displacement", "velocity")[kind]
     return (
-        f"Over the loudest third the missing force is largest on harmonic {order}, in phase with"
-        f" the {with_}."
+        f"Over the loudest third the {what} is largest on harmonic {order}, in phase with the"
+        f" {with_}. What noise leaves grows with the square of the harmonic."
     )
 
 
@@ -119,9 +122,10 @@ def draw_time(report: DiagnosisReport, ax: Axes) -> str:
     """Error of every held-out cycle over time, before and after."""
     t, before, after = errors_per_cycle(report)
     for errors, color, label in ((before, _BEFORE, "before"), (after, _AFTER, "after")):
-        ax.semilogy(t, errors, color=color, lw=1, label=label)
+        ax.plot(t, errors, color=color, lw=1, label=label)
     ax.axhline(1.0, color="0.5", lw=0.8)
     ax.set(xlabel="time (s)", ylabel="error per cycle over noise")
+    _log_ratio(ax)
     ax.legend(frameon=False, fontsize="small")
     worst = int(np.argmax(after))
     return (
@@ -141,7 +145,17 @@ def draw_errors(names: Sequence[str], before: Array, after: Array, ax: Axes) -> 
     ax.bar(at - 0.2, before, 0.4, color=_BEFORE, label="before")
     ax.bar(at + 0.2, after, 0.4, color=_AFTER, label="after")
     ax.axhline(1.0, color="0.5", lw=0.8)
-    ax.set(ylabel="error over noise", xticks=at, xticklabels=names, yscale="log")
+    ax.set(ylabel="error over noise", xticks=at, xticklabels=names)
+    _log_ratio(ax)
+    ax.set_ylim(bottom=min(0.5, 0.7 * float(np.nanmin(after))))
     ax.legend(frameon=False, fontsize="small")
     worst = names[int(np.nanargmax(after))]
     return f"After, the worst is {worst} at {np.nanmax(after):.3g} times its noise (line: 1)."
+
+
+def _log_ratio(ax: Axes) -> None:
+    """Ratios near 1 on a log axis: 0.4 rather than 4 x 10^-1."""
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())

@@ -110,8 +110,7 @@ class ExtendedEquation:
 
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
         """Residual and its derivatives, (n,) each."""
-        residual = self.model.residual(q, q_dot, q_ddot)
-        slopes = list(self.model.residual_derivatives(q, q_dot, q_ddot))
+        residual, *slopes = self.model.linearise(q, q_dot, q_ddot)
         state = State(t, q, q_dot, q_ddot, self.step)
         for part in self.parts:
             own = part.own(self.record)

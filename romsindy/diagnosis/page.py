@@ -28,7 +28,9 @@ def drawn(report: DiagnosisReport) -> list[tuple[str, Figure, str]]:
         figure = Figure(figsize=(5.4, 3.8), layout="constrained")
         pictures.append((title, figure, draw(report, figure.subplots())))
     figure = Figure(figsize=(5.4, 4.6), layout="constrained")
-    reading = figures.draw_amplitude(report, figure.subplots(2, 1, sharex=True))
+    axes = figure.subplots(2, 1, sharex=True)
+    reading = figures.draw_amplitude(report, axes)
+    axes[0].set_xlabel("")
     pictures.insert(1, ("By amplitude", figure, reading))
     return pictures
 

@@ -19,6 +19,7 @@ from romsindy.typing import Array
 
 HARMONICS = 3
 _CYCLES = (2.0, 10.0)  # between knots, in short and in long records
+_LEAST_NODES = 2  # in a cell of the plane of q and q_dot; one cycle leaves about three
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class MissingForce:
         where = (np.hypot(self.q, self.q_dot), np.arctan2(self.q_dot, self.q))
         total = np.histogram2d(*where, edges, weights=self.force)[0]
         count = np.histogram2d(*where, edges)[0]
-        return *edges, np.where(count > 9, total / np.maximum(count, 1), np.nan)
+        return *edges, np.where(count >= _LEAST_NODES, total / np.maximum(count, 1), np.nan)
 
 
 def record_errors(report: DiagnosisReport) -> tuple[list[str], Array, Array]:
