@@ -31,6 +31,14 @@ def test_noise_is_found_under_a_decay(sigma):
     assert noise_std(q) < 1e-4
 
 
+@pytest.mark.parametrize("n", [300, 1250, 1600, 5001])
+def test_noise_is_not_underestimated_in_short_records(n):
+    """Mean over 300 records: its own error is below 0.6 %."""
+    rng = np.random.default_rng(0)
+    found = np.mean([noise_std(rng.standard_normal(n)) for _ in range(300)])
+    assert found == pytest.approx(1.0, abs=0.015)
+
+
 def test_lowpass_has_no_phase_and_the_butterworth_gain():
     """Forward and backward: gain 1 / (1 + (f/fc)^8), no shift."""
     f, cutoff, t = 2.0, 4.0, np.arange(20000) * 1e-3

@@ -93,7 +93,9 @@ def diagnose(
                 floor=floor or known.floor,
             )
     click.echo(f"{result.verdict}: {result.sentence}\n")
-    of_sensors = [[], *result.sensor_table()] if isinstance(result, BeamReport) else []
+    of_sensors: list[list[str]] = (
+        [[], *result.sensor_table()] if isinstance(result, BeamReport) else []
+    )
     for row in [*result.gap.table(), *of_sensors, [], *result.table()]:
         click.echo("  ".join(cell.ljust(22) for cell in row).rstrip())
     page = report or Path(f"{measured[0].stem}_diagnosis.html")
