@@ -150,12 +150,12 @@ def _unit_text(powers: dict[str, int]) -> str:
     return f"{' '.join(above) or '1'}/{f'({text})' if len(below) > 1 else text}"
 
 
-def _power(name: str, power: int) -> str:
+def _power(name: str, power: float) -> str:
     """Text of name^power; products in brackets, and nothing where the power is 0."""
     if power == 0:
         return ""
     base = f"({name})" if " " in name else name
-    return base if power == 1 else f"{base}^{power}"
+    return base if power == 1 else f"{base}^{power:.4g}"
 
 
 def _product(*factors: str) -> str:

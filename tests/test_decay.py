@@ -107,7 +107,7 @@ def test_offset_is_removed_and_said():
 def test_tail_in_the_noise_is_cut_and_said():
     decay = Decay(T, Q + np.random.default_rng(0).normal(0, 0.1, len(T))).free()
     assert decay.t[-1] < 27  # the amplitude is 0.2, twice the noise, at 23 s
-    assert "tail after" in decay.notes[-1] and "noise (rms 0.09" in decay.notes[-1]
+    assert "tail after" in decay.notes[-1] and "noise (rms 0.1 " in decay.notes[-1]
 
 
 def test_upsampled_keeps_the_samples():

@@ -13,11 +13,12 @@ from click.testing import CliRunner
 
 import romsindy as rs
 from romsindy.beam import Beam
-from romsindy.beam.effects import AddedMass, ClampCompliance, Drag
+from romsindy.beam.effects import AddedMass, ClampCompliance, Dashpot, Drag
 from romsindy.beam.sensors import Sensor
 from romsindy.cli import main
+from romsindy.diagnosis.catalogue import CATALOGUE
 from romsindy.diagnosis.effects import Scales, State
-from romsindy.diagnosis.structure import InstrumentedBeam, load_beam
+from romsindy.diagnosis.structure import InstrumentedBeam, ViscousForce, load_beam
 from romsindy.diagnosis.structure.curve import StaticCurve
 from romsindy.diagnosis.structure.forces import OtherMassDamping, beam_forces
 from romsindy.diagnosis.structure.parameters import Stiffer, parameter_effects
@@ -94,16 +95,47 @@ def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     assert [e.label for e in report.sensor_errors] == ["y(0.12)", "y(0.28)", "y(0.36)", "y(0.45)"]
 
 
+class MiddleDamper(ViscousForce):
+    """A force of one's own: a damper at mid-span."""
+
+    name, family, sign = "middle_damper", "damping", 1
+    label, unit = "a damper at mid-span", "N s/m"
+
+    def beam_effect(self, strength, shape):
+        return Dashpot(coefficient=max(strength, 0.0), at=0.225)
+
+
+def test_a_force_of_ones_own_is_found():
+    """At mid-span a damper acts along another curve than at the tip, which drops faster."""
+    truth = BEAM.with_effect(Dashpot(coefficient=0.02, at=0.225))
+    decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.011, 0.013))]
+    report = rs.diagnose(
+        BEAM,
+        decays[:2],
+        sensors=SEEN.sensors,
+        held_out=decays[2],
+        catalogue=(*CATALOGUE, MiddleDamper),
+    )
+    assert ("middle_damper",) in report.equivalent
+    best = {h.names: h.effects[0].strengths[0, 0] for h in report.reduced.rivals}
+    assert best[("middle_damper",)] == pytest.approx(0.02, rel=0.02)
+
+
 def test_forces_do_the_work_of_the_beam():
-    """Mass damping of unit strength feels the kinetic energy, 2 T = (1 + h) q_dot^2."""
+    """Mass damping of unit strength takes the power 2 T, and the mode has unit mass."""
     curve = StaticCurve.of(SEEN, 0.016)
-    q = np.linspace(-0.015, 0.015, 7)
-    model = BEAM.reduce(order=9, amplitude=0.018)
-    h = sum(t.inertia(q) * v for t, v in zip(model.terms, model.values, strict=True))
-    damping = OtherMassDamping(curve)
-    state = State(np.zeros(7), q, np.full(7, 0.3), np.zeros(7), 1e-3)
-    # The polynomial of the reduction is good to 1e-4; the sensors show q + O(1e-3 q).
-    np.testing.assert_allclose(damping.forces(state, np.zeros(0))[0], 0.3 * (1 + h), rtol=2e-3)
+    at = np.arange(3, len(curve.q) - 3, 19)
+    steps = (curve.shapes[at + 1] - curve.shapes[at - 1]) / (curve.q[2] - curve.q[0])
+    power = [2 * BEAM.assembly.kinetic(v) for v in steps]
+    zero = np.zeros(len(at))
+    rate = 0.3
+    state = State(zero, curve.q[at], zero + rate, zero, 1e-3)
+    force = OtherMassDamping(curve).forces(state, np.zeros(0))[0]
+    # Differences over 1/60 of the reach; the spline of 42 shapes.
+    np.testing.assert_allclose(force, rate * np.array(power), rtol=1e-4)
+    middle = State(zero, zero, zero + 1.0, zero, 1e-3)
+    unit = OtherMassDamping(curve).forces(middle, np.zeros(0))[0]
+    np.testing.assert_allclose(unit, 1.0, rtol=1e-4)
 
 
 @pytest.mark.parametrize("force", beam_forces(StaticCurve.of(SEEN, 0.016)), ids=lambda f: f.name)
@@ -154,6 +186,20 @@ def test_faulty_sensor_is_told_from_the_others(own, kind, spoil, value):
     fault = find_fault(readings, own, SEEN.shapes, SEEN.sensors.labels)
     assert (fault.channel, fault.kind) == (2, kind)
     assert fault.value == pytest.approx(value, rel=0.1)
+
+
+def test_few_clipped_swings_are_seen(own):
+    """The first three swings to either side, 8 % below the top: too little for the parity test."""
+    readings = with_noise(own, 30, 0)
+    limit = 0.92 * np.abs(readings[:, 3]).max()
+    readings[:, 3] = np.clip(readings[:, 3], -limit, limit)
+    fault = find_fault(readings, own, SEEN.shapes, SEEN.sensors.labels)
+    assert (fault.channel, fault.kind) == (3, "saturation")
+    assert fault.value == pytest.approx(limit)
+    # Rounded to 12 bits, a decay that is let go from rest does not clip.
+    step = np.abs(own).max() / 2048
+    rounded = step * np.round(own / step)
+    assert find_fault(rounded, own, SEEN.shapes, SEEN.sensors.labels) is None
 
 
 def test_physics_is_no_fault_of_a_sensor(own):

@@ -19,6 +19,8 @@ from romsindy.typing import Array
 # A fault is named above this part of the channel's rms, and where one channel explains this part
 # of what does not fit: a beam that bends otherwise than simulated is no fault of a sensor.
 _FAULT, _EXPLAINED = 0.01, 0.8
+# Swings that end at exactly the same value are clipped: those of a decay differ.
+_SAME, _SWINGS = 1e-9, 4
 _FOLDS = 40  # parts of a channel's range over which what repeats is told from noise
 
 
@@ -60,6 +62,9 @@ def find_fault(
         Mode shapes at the sensors; two sensors more than modes are needed to say which is wrong.
     labels : list of str
     """
+    for channel, y in enumerate(measured.T):
+        if _clips(y):
+            return SensorFault(channel, labels[channel], "saturation", float(np.abs(y).max()))
     parity = null_space(shapes.T).T
     if len(parity) < 2:
         return None
@@ -82,6 +87,12 @@ def find_fault(
     if small or cost > (1 - _EXPLAINED) * all_of_it:
         return None
     return SensorFault(channel, labels[channel], kind, value)
+
+
+def _clips(y: Array) -> bool:
+    """Whether a channel comes back to one and the same largest value, swing after swing."""
+    top = np.abs(y) >= (1 - _SAME) * np.abs(y).max()
+    return int(np.count_nonzero(np.diff(np.flatnonzero(top)) > 1)) >= _SWINGS - 1
 
 
 def _powers(q: Array) -> Array:

@@ -19,7 +19,7 @@ from romsindy.diagnosis.records import Measured
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.structure.curve import StaticCurve
 from romsindy.diagnosis.structure.defect import Corrected, corrected, on_the_beam
-from romsindy.diagnosis.structure.forces import beam_forces
+from romsindy.diagnosis.structure.forces import BeamForce, beam_forces
 from romsindy.diagnosis.structure.instrumented import UNIT, InstrumentedBeam
 from romsindy.diagnosis.structure.parameters import parameter_effects
 from romsindy.diagnosis.structure.report import BeamReport, SensorError
@@ -47,7 +47,7 @@ def diagnose_beam(
     sensors: SensorArray,
     held_out: Decay | None = None,
     free: Sequence[str] = (),
-    catalogue: Sequence[Effect] = CATALOGUE,
+    catalogue: Sequence[Effect | type[BeamForce]] = CATALOGUE,
     false_alarm: float = 0.01,
     max_effects: int = 3,
     floor: float = _FLOOR,
@@ -74,9 +74,11 @@ def diagnose_beam(
     free : names
         As in `diagnose`: "omega^2" leaves the bending stiffness free, "c_linear" the damping in
         proportion to mass. Empty: the parameters of the beam are those assumed, or are to blame.
-    catalogue, false_alarm, max_effects, floor, n_jobs, progress
-        As in `diagnose`; effects of the catalogue that a beam has in a form of its own are
-        replaced by that.
+    catalogue : sequence of Effect or classes of BeamForce
+        What to look for beside `beam_forces` and `parameter_effects`, which replace effects of the
+        same name. Your own force on the beam is a class, such as a `ViscousForce`.
+    false_alarm, max_effects, floor, n_jobs, progress
+        As in `diagnose`.
 
     Raises
     ------
@@ -97,8 +99,11 @@ def diagnose_beam(
     coordinates = [seen.decay(d) for d in decays]
     simulated = seen.coordinate(own[:, list(channels)])
     model, rough = calibrated(beam, Decay(largest.dt * np.arange(len(own)), simulated, unit=UNIT))
-    effects = _effects(seen, model, coordinates[: len(several)], float(np.abs(simulated).max()))
+    reach = float(np.abs(simulated).max())
+    own_kinds = [kind for kind in catalogue if isinstance(kind, type)]
+    effects = _effects(seen, model, coordinates[: len(several)], reach, own_kinds)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
+    general = [e for e in catalogue if isinstance(e, Effect) and e.name not in unneeded]
     unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
     parallel = Parallel(n_jobs)
 
@@ -108,7 +113,7 @@ def diagnose_beam(
             records[: len(several)],
             held_out=records[-1] if held_out is not None else None,
             free=unsure,
-            catalogue=(*(e for e in catalogue if e.name not in unneeded), *effects),
+            catalogue=(*general, *effects),
             false_alarm=false_alarm,
             max_effects=most,
             floor=floor,
@@ -136,11 +141,17 @@ def diagnose_beam(
 
 
 def _effects(
-    seen: InstrumentedBeam, model: ReducedModel, decays: Sequence[Decay], reach: float
+    seen: InstrumentedBeam,
+    model: ReducedModel,
+    decays: Sequence[Decay],
+    reach: float,
+    kinds: Sequence[type[BeamForce]],
 ) -> tuple[Effect, ...]:
-    """Effects in the form that they have on this beam."""
+    """Effects in the form that they have on this beam; the user's own first."""
+    curve = StaticCurve.of(seen, reach)
     shift = _frequency_shift(model, decays)
-    return (*beam_forces(StaticCurve.of(seen, reach)), *parameter_effects(seen, reach, shift))
+    forces = [*(kind(curve) for kind in kinds), *beam_forces(curve)]
+    return (*forces, *parameter_effects(seen, reach, shift))
 
 
 def _physical(report: DiagnosisReport) -> tuple[Part, ...]:
