@@ -56,6 +56,8 @@ class Shape:
         Standard deviation of the prior about ``starts[0]``; None: any value within the limits.
     reach : float or None
         How far a fit may go from the value that it starts from.
+    unit : str
+        "q" stands for the unit of the coordinate.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Shape:
     high: float
     spread: float | None = None
     reach: float | None = None
+    unit: str = ""
 
     def from_start(self, start: float) -> Shape:
         """The same with the limits of a fit that starts from one of the values."""

@@ -148,7 +148,7 @@ def draw_errors(names: Sequence[str], before: Array, after: Array, ax: Axes) -> 
     ax.set(ylabel="error over noise", xticks=at, xticklabels=names)
     _log_ratio(ax)
     ax.set_ylim(bottom=min(0.5, 0.7 * float(np.nanmin(after))))
-    ax.legend(frameon=False, fontsize="small")
+    ax.legend(frameon=False, fontsize="small", ncols=2, loc="lower right", bbox_to_anchor=(1, 1))
     worst = names[int(np.nanargmax(after))]
     return f"After, the worst is {worst} at {np.nanmax(after):.3g} times its noise (line: 1)."
 

@@ -54,8 +54,8 @@ class FoundEffect:
         Posterior probability among the hypotheses compared.
     advice : str
         What would separate it from its rivals.
-    unit : str
-        Of the strength; empty where it has none.
+    units : dict of str to str
+        Of the values; empty where one has none.
     """
 
     name: str
@@ -65,7 +65,7 @@ class FoundEffect:
     standard_errors: dict[str, float]
     weight: float
     advice: str
-    unit: str = ""
+    units: dict[str, str]
 
     def __str__(self) -> str:
         text = ", ".join(f"{k} {self._value(k)}" for k in self.values)
@@ -74,7 +74,7 @@ class FoundEffect:
 
     def _value(self, name: str) -> str:
         text = _pm(self.values[name], self.standard_errors[name])
-        return f"{text} {self.unit}" if self.unit and name.startswith("strength") else text
+        return f"{text} {self.units[name]}".rstrip()
 
 
 def _pm(value: float, error: float) -> str:
@@ -156,8 +156,6 @@ class DiagnosisReport:
         grow = max(self.remainder.adequacy, 1.0)
         std = grow * np.sqrt(np.diag(solution.covariance[where, where]))
         names = _value_names(part)
-        term = part.effect.term(part.shape)
-        of_term = "" if term is None else term.unit(self.nominal.unit)
         share = weights(self.rivals)
         weight = sum(
             w for h, w in zip(self.rivals, share, strict=True) if part.effect.name in h.names
@@ -170,7 +168,7 @@ class DiagnosisReport:
             dict(zip(names, std.tolist(), strict=True)),
             float(weight),
             part.effect.advice,
-            part.effect.unit or ("" if of_term == "1" else of_term),
+            dict(zip(names, _units(part, self.nominal.unit), strict=True)),
         )
 
     # -- words ---------------------------------------------------------------------------------
@@ -235,8 +233,7 @@ class DiagnosisReport:
             for effect in self._found(h):
                 for key, value in effect.values.items():
                     error = effect.standard_errors[key]
-                    unit = effect.unit if key.startswith("strength") else ""
-                    numbers = (f"{value:.6g}", f"{error:.2g}", unit, f"{share:.3f}")
+                    numbers = (f"{value:.6g}", f"{error:.2g}", effect.units[key], f"{share:.3f}")
                     rows.append([effect.name, key, *numbers])
         return rows
 
@@ -265,6 +262,13 @@ class DiagnosisReport:
         from romsindy.diagnosis.page import write_page
 
         write_page(self, path)
+
+
+def _units(part: Part, of_q: str | None) -> list[str]:
+    term = part.effect.term(part.shape)
+    of_term = "" if term is None or term.unit(of_q) == "1" else term.unit(of_q)
+    shapes = [(of_q or "") if s.unit == "q" else s.unit for s in part.shapes]
+    return [part.effect.unit or of_term] * part.strengths.size + shapes
 
 
 def _value_names(part: Part) -> list[str]:

@@ -144,7 +144,7 @@ class Rubbing(_Jumping):
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         a = scales.amplitude
-        return (Shape("gap", (0.0, 0.03 * a, -0.03 * a), -0.2 * a, 0.2 * a, 0.05 * a),)
+        return (Shape("gap", (0.0, 0.03 * a, -0.03 * a), -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
 
     def term(self, shape: Array) -> Term:
         return RubbingDamping(float(shape[0]), self.side)

@@ -37,7 +37,7 @@ class SuddenChange(TimedEffect):
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         starts = tuple(scales.duration * np.linspace(0.05, 0.9, 18))
-        return (Shape("time", starts, 0.02 * scales.duration, 0.97 * scales.duration),)
+        return (Shape("time", starts, 0.02 * scales.duration, 0.97 * scales.duration, unit="s"),)
 
     def pull(self, t: Array, q: Array, shape: Array) -> Array:
         return self.pull_dq(t, q, shape) * q
@@ -49,7 +49,9 @@ class SuddenChange(TimedEffect):
 
 def _tone(scales: Scales) -> Shape:
     omega = scales.omega
-    return Shape("frequency", scales.tones, 0.02 * omega, 60 * omega, reach=0.04 * omega)
+    return Shape(
+        "frequency", scales.tones, 0.02 * omega, 60 * omega, reach=0.04 * omega, unit="rad/s"
+    )
 
 
 class BaseExcitation(TimedEffect):
@@ -152,7 +154,7 @@ class Saturation(ReadingEffect):
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         a = scales.amplitude
         starts = tuple(a * np.array([1.0, 0.985, 0.965, 0.94]))
-        return (Shape("limit", starts, 0.5 * a, 1.05 * a),)
+        return (Shape("limit", starts, 0.5 * a, 1.05 * a, unit="q"),)
 
     def shown(self, t: Array, q: Array, shape: Array) -> Array:
         return -(np.sign(q) * np.maximum(np.abs(q) - shape[0], 0.0))[None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class Bilinear(TermEffect):
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         a = scales.amplitude
         starts = (0.0, 0.025 * a, -0.025 * a, 0.05 * a, -0.05 * a)
-        return (Shape("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a),)
+        return (Shape("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
 
     def term(self, shape: Array) -> Term:
         return StopStiffness(float(shape[0]))
@@ -121,7 +121,7 @@ class Bilinear(TermEffect):
 def _gaps(scales: Scales, least: float) -> tuple[Shape, ...]:
     a = scales.amplitude
     starts = np.linspace(max(least, 0.2), 0.9, 9)
-    return (Shape("gap", tuple(starts * a), least * a, 0.97 * a),)
+    return (Shape("gap", tuple(starts * a), least * a, 0.97 * a, unit="q"),)
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,8 @@ class Stop(TermEffect):
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         (gap,) = _gaps(scales, 0.2)
         if self.side < 0:
-            gap = Shape("gap", tuple(-g for g in gap.starts), -gap.high, -gap.low)
+            starts = tuple(-g for g in gap.starts)
+            gap = replace(gap, starts=starts, low=-gap.high, high=-gap.low)
         return (gap, Shape.near("exponent", 1.0, 0.04))
 
     def term(self, shape: Array) -> Term:
@@ -178,7 +179,7 @@ class MagnetPull(TermEffect):
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         a = scales.amplitude
-        distance = Shape("distance", (1.3 * a, 1.5 * a, 1.8 * a, 2.3 * a), 1.1 * a, 4 * a)
+        distance = Shape("distance", (1.3 * a, 1.5 * a, 1.8 * a, 2.3 * a), 1.1 * a, 4 * a, unit="q")
         return (distance, Shape.near("exponent", 2.0, 0.07))
 
     def term(self, shape: Array) -> Term:

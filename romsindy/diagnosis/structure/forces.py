@@ -215,7 +215,7 @@ class Stop(StoredForce):
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         starts = self.metres(*(self.side * f for f in _TENTHS))
         low, high = sorted(self.metres(0.2 * self.side, 0.97 * self.side))
-        return (Shape("gap", starts, low, high),)
+        return (Shape("gap", starts, low, high, unit="m"),)
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
         place = self.rest + float(shape[0])
@@ -233,7 +233,7 @@ class Gap(StoredForce):
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         starts = tuple(np.abs(self.metres(*_TENTHS)))
         low, high = np.abs(self.metres(0.15, 0.97))
-        return (Shape("gap", starts, float(low), float(high)),)
+        return (Shape("gap", starts, float(low), float(high), unit="m"),)
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
         gap = float(shape[0])
@@ -258,7 +258,7 @@ class Magnet(StoredForce):
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
         (reach,) = np.abs(self.metres(float(self.side)))
         starts = tuple(float(f * reach) for f in (1.3, 1.5, 1.8, 2.3))
-        return (Shape("distance", starts, 1.15 * reach, 4.0 * reach),)
+        return (Shape("distance", starts, 1.15 * reach, 4.0 * reach, unit="m"),)
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
         place = (self.curve.beam.length, self.rest + self.side * float(shape[0]))
