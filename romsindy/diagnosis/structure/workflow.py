@@ -23,7 +23,7 @@ from romsindy.diagnosis.structure.forces import BeamForce, beam_forces
 from romsindy.diagnosis.structure.instrumented import UNIT, InstrumentedBeam
 from romsindy.diagnosis.structure.parameters import parameter_effects
 from romsindy.diagnosis.structure.report import BeamReport, SensorError
-from romsindy.diagnosis.structure.sensing import find_fault
+from romsindy.diagnosis.structure.sensing import SensorFault, find_fault
 from romsindy.diagnosis.workflow import diagnose
 from romsindy.model import ReducedModel
 from romsindy.refine import refine
@@ -88,30 +88,25 @@ def diagnose_beam(
     several = [measured] if isinstance(measured, Decay) else list(measured)
     everything = [*several, *([held_out] if held_out is not None else [])]
     _check(sensors, several, everything, free)
-    seen = InstrumentedBeam(beam, sensors)
-    largest = max(several, key=lambda d: float(np.abs(seen.coordinate(d.q)[0])))
-    start = float(seen.coordinate(largest.q[0]))
-    own = seen.readings(beam, start, float(largest.t[-1] - largest.t[0]), largest.dt)
-    fault = find_fault(np.concatenate([d.q for d in several]), own, seen.shapes, sensors.labels)
-    channels = tuple(i for i in range(len(sensors.sensors)) if fault is None or i != fault.channel)
-    seen = seen.keeping(channels)
-    decays = [Decay(d.t, d.q[:, list(channels)], unit=d.unit) for d in everything]
+    seen, own, faults, decays = _with_right_sensors(
+        InstrumentedBeam(beam, sensors), several, everything
+    )
     coordinates = [seen.decay(d) for d in decays]
-    simulated = seen.coordinate(own[:, list(channels)])
-    model, rough = calibrated(beam, Decay(largest.dt * np.arange(len(own)), simulated, unit=UNIT))
-    reach = float(np.abs(simulated).max())
+    training = coordinates[: len(several)]
+    model, rough = calibrated(beam, own)
     own_kinds = [kind for kind in catalogue if isinstance(kind, type)]
-    effects = _effects(seen, model, coordinates[: len(several)], reach, own_kinds)
+    effects = _effects(seen, model, training, float(np.abs(own.q).max()), own_kinds)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in catalogue if isinstance(e, Effect) and e.name not in unneeded]
     unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
-    parallel = Parallel(n_jobs)
+    records = [Measured.of(d, floor) for d in coordinates]
+    parallel, say = Parallel(n_jobs), progress or (lambda _: None)
 
-    def look(records: Sequence[Decay], most: int, floor: float) -> DiagnosisReport:
+    def look(decays: Sequence[Decay], most: int, floor: float = floor) -> DiagnosisReport:
         return diagnose(
             model,
-            records[: len(several)],
-            held_out=records[-1] if held_out is not None else None,
+            decays[: len(several)],
+            held_out=decays[-1] if held_out is not None else None,
             free=unsure,
             catalogue=(*general, *effects),
             false_alarm=false_alarm,
@@ -121,23 +116,53 @@ def diagnose_beam(
             progress=progress,
         )
 
-    records = [Measured.of(d, floor) for d in coordinates]
+    def simulate(parts: Sequence[Part]) -> list[Corrected]:
+        say("the beam with " + (" + ".join(p.effect.name for p in parts) or "nothing more"))
+        return list(parallel(delayed(corrected)(seen, model, parts, r) for r in records))
+
+    first = look(coordinates, 1, max(rough, floor))
+    report, found = _looked_again(first, look, simulate, max_effects)
+    errors = _sensor_errors(seen, model, records[-1], decays[-1], found[-1])
+    parts = _physical(report) if report.best.names else ()
+    return BeamReport(report, faults, seen, parts, errors)
+
+
+def _looked_again(
+    report: DiagnosisReport,
+    look: Callable[[Sequence[Decay], int], DiagnosisReport],
+    simulate: Callable[[Sequence[Part]], list[Corrected]],
+    max_effects: int,
+) -> tuple[DiagnosisReport, list[Corrected]]:
+    """Simulate what was found, take the defect off and look again, until nothing changes.
+
+    One effect that closes the gap counts more than several that fit a little better.
+    """
     most = 1
-    report = look(coordinates, most, max(rough, floor))
     for _ in range(_ROUNDS):
         parts = _physical(report)
-        if progress is not None:
-            progress("beam with " + (" + ".join(p.effect.name for p in parts) or "nothing more"))
-        found: list[Corrected] = parallel(
-            delayed(corrected)(seen, model, parts, r) for r in records
-        )
-        report = look([c.decay for c in found], most, floor)
+        found = simulate(parts)
+        report = look([c.decay for c in found], most)
         if _settled(parts, report):
             if report.verdict != "unknown" or most == max_effects:
                 break
             most = max_effects
-    errors = _sensor_errors(seen, model, records[-1], decays[-1], found[-1])
-    return BeamReport(report, () if fault is None else (fault,), seen, tuple(parts), errors)
+    return report, found
+
+
+def _with_right_sensors(
+    seen: InstrumentedBeam, several: Sequence[Decay], everything: Sequence[Decay]
+) -> tuple[InstrumentedBeam, Decay, tuple[SensorFault, ...], list[Decay]]:
+    """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others."""
+    largest = max(several, key=lambda d: float(np.abs(seen.coordinate(d.q)[0])))
+    start = float(seen.coordinate(largest.q[0]))
+    own = seen.readings(seen.beam, start, float(largest.t[-1] - largest.t[0]), largest.dt)
+    labels = seen.sensors.labels
+    fault = find_fault(np.concatenate([d.q for d in several]), own, seen.shapes, labels)
+    kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
+    seen = seen.keeping(kept)
+    simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
+    decays = [Decay(d.t, d.q[:, kept], unit=d.unit) for d in everything]
+    return seen, simulated, () if fault is None else (fault,), decays
 
 
 def _effects(
