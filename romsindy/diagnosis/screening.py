@@ -72,7 +72,11 @@ class Screening:
     @property
     def base(self) -> float:
         """Sum of squares left with no candidate."""
-        return self.power - float(self._solve(np.arange(self.n_base))[1])
+        return self.left(0)
+
+    def left(self, held: int) -> float:
+        """Sum of squares left with no candidate, and the first ``held`` free columns left out."""
+        return self.power - float(self._solve(np.arange(held, self.n_base))[1])
 
     def _solve(self, columns: Indices) -> tuple[Array, float]:
         a = self.matrix[np.ix_(columns, columns)]

@@ -20,6 +20,8 @@ from romsindy.model import ReducedModel
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _PAIRS = 5
+# Part of a gap that an effect may leave in the screening, where its shape is but a guess.
+_SLACK = 0.01
 # Where the gap stays open, an effect must bring the misfit down by this factor to count.
 _WORTH = 2.0
 # Effects that resemble each other for one mode, and are never judged one without the other.
@@ -135,7 +137,11 @@ class Search:
             seen += tried
             best = tried[0]
         if best is base and base.moved:
-            seen += self._instead(base)
+            instead = ranked(self._instead(base))
+            seen += instead
+            # Unsure values are blamed unless something else fits distinctly better.
+            if instead and instead[0].score(base.excess) + EQUIVALENT < base.score(base.excess):
+                best = instead[0]
         best, tried = self._pruned(best)
         seen += tried
         seen += self._replaced(best, first) if first is not None else []
@@ -167,7 +173,9 @@ class Search:
         )
         n_free = sum(p.strengths.size for p in self.free)
         leaders = _leaders(screening.singles(held=n_free), 1)
-        near = [s for s in leaders if s.chi_squared < screening.base + 3 * EQUIVALENT * base.excess]
+        slack = _SLACK * (screening.left(held=n_free) - screening.base)
+        most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
+        near = [s for s in leaders if s.chi_squared < most]
         trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
         return self.fitted(trials)
 

@@ -25,7 +25,7 @@ from romsindy.model import ReducedModel
 from romsindy.quasilinear import sampled
 from romsindy.signals import fundamental_frequency
 from romsindy.terms import Term
-from romsindy.trajectory import TrajectoryError, integrate
+from romsindy.trajectory import Trajectory, TrajectoryError, integrate
 from romsindy.typing import Array
 
 _TRAINING = 0.75  # of each record, where no other record is held out
@@ -244,11 +244,17 @@ def _simulated(
 ) -> Array:
     if np.isfinite(solution.chi_squared) and solution.converged:
         return record.signal - solution.residuals[0]
-    # The initial state cannot be fitted where the phase is lost: take that of the measurement.
-    motion = record.motion
-    equation = ExtendedEquation(model, tuple(solution.parts), 0, motion.grid.step)
+    # Where the phase is lost, or jumps keep the fit from settling: simulate from what it has found
+    # of the initial state, or from the measured one.
+    motions = (solution.motions[0], record.motion)
+    runs = [_run(model, solution.parts, record, m) for m in motions if np.isfinite(m.q[0])]
+    return min(runs, key=lambda x: float(np.sum((record.signal - x) ** 2)))
+
+
+def _run(model: ReducedModel, parts: Sequence[Part], record: Measured, start: Trajectory) -> Array:
+    equation = ExtendedEquation(model, tuple(parts), 0, start.grid.step)
     try:
-        motion = integrate(equation, (motion.q[0], motion.q_dot[0]), motion.grid)
+        motion = integrate(equation, (start.q[0], start.q_dot[0]), start.grid)
     except TrajectoryError:
         return np.zeros_like(record.signal)
-    return read(solution.parts, 0, record.t, sampled(motion, record.derivative))[0]
+    return read(parts, 0, record.t, sampled(motion, record.derivative))[0]

@@ -64,7 +64,9 @@ def corrected(
     """
     parts = on_the_beam(parts)
     solution = held_out_solution(model, parts, record)
-    start = solution.motions[0].q[:1] if solution.converged else record.motion.q[:1]
+    start = solution.motions[0].q[:1]
+    if not np.isfinite(solution.chi_squared):
+        start = record.motion.q[:1]
     shown = float(read(parts, 0, record.t[:1], start)[0][0])
     duration = float(record.t[-1]) + 0.5 * record.decay.dt
     readings = seen.readings(beam_with(seen.beam, parts), shown, duration, record.decay.dt)
