@@ -31,7 +31,14 @@ _FIRST_WINDOW = 2 * STEPS_PER_CYCLE
 
 
 class TrajectoryError(RuntimeError):
-    """The motion could not be followed to its end: it diverges, or its inertia vanishes."""
+    """The motion could not be followed to its end: it diverges, or its inertia vanishes.
+
+    ``motion`` is the Trajectory up to there, if there is any.
+    """
+
+    def __init__(self, message: str, motion: Trajectory | None = None) -> None:
+        super().__init__(message)
+        self.motion = motion
 
 
 class Linearisation(NamedTuple):
@@ -216,10 +223,13 @@ def integrate(
         elif first < known:
             known = 0  # the other motion misleads
         else:
+            end = grid.start + first * grid.step
+            done = (q[: first + 1], q_dot[: first + 1], q_ddot[:first])
             raise TrajectoryError(
-                f"the motion cannot be followed beyond t = {grid.start + first * grid.step:.6g} s,"
+                f"the motion cannot be followed beyond t = {end:.6g} s,"
                 f" q = {q[first]:.4g}, q_dot = {q_dot[first]:.4g}: it diverges, or 1 + h(q) is not"
-                " positive there"
+                " positive there",
+                Trajectory(grid.until(end), *done) if first > 0 else None,
             )
     return Trajectory(grid, q, q_dot, q_ddot)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import romsindy as rs
@@ -124,3 +125,20 @@ def test_motion_that_has_no_continuation_is_refused(coefficients: dict[str, floa
     eq = equation(**coefficients)
     with pytest.raises(TrajectoryError, match=r"beyond t = .*diverges"):
         integrate(eq, (0.8, 2.5), Grid.over(np.linspace(0, 30, 3001), 3.0))
+
+
+def test_motion_up_to_where_it_is_lost_is_kept() -> None:
+    """Negative damping drives a softening spring over its top; Runge and Kutta follow it there."""
+    eq = equation(**{"omega^2": 4.0, "gamma_3": -5.0, "c_linear": -0.1})
+    with pytest.raises(TrajectoryError) as error:
+        integrate(eq, (0.3, 0.0), Grid.over(np.linspace(0, 60, 6001), 3.0))
+    done = error.value.motion
+    t = done.grid.step * np.arange(len(done.q))
+    truth = solve_ivp(
+        lambda t, y: [y[1], 0.1 * y[1] - 4 * y[0] + 5 * y[0] ** 3],
+        (0, t[-1]), (0.3, 0.0), "DOP853", rtol=1e-11, atol=1e-12, dense_output=True,
+    )  # fmt: skip
+    oscillates = t < t[-1] - 3.0  # the last cycle goes over the top, where errors grow
+    assert oscillates.sum() > 100
+    # Steps of a fortieth of a cycle, order six, over ten cycles.
+    np.testing.assert_allclose(done.q[oscillates], truth.sol(t[oscillates])[0], atol=1e-6)

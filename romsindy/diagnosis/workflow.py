@@ -8,6 +8,7 @@ from functools import singledispatch
 
 import numpy as np
 from joblib import Parallel
+from scipy.optimize import least_squares
 
 from romsindy.beam import Beam
 from romsindy.decay import Decay
@@ -25,10 +26,11 @@ from romsindy.model import ReducedModel
 from romsindy.quasilinear import sampled
 from romsindy.signals import fundamental_frequency
 from romsindy.terms import Term
-from romsindy.trajectory import Trajectory, TrajectoryError, integrate
+from romsindy.trajectory import TrajectoryError, integrate
 from romsindy.typing import Array
 
 _TRAINING = 0.75  # of each record, where no other record is held out
+_POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
 _LEAST_CYCLES = 6  # of a part that is held out
 
 
@@ -244,17 +246,38 @@ def _simulated(
 ) -> Array:
     if np.isfinite(solution.chi_squared) and solution.converged:
         return record.signal - solution.residuals[0]
-    # Where the phase is lost, or jumps keep the fit from settling: simulate from what it has found
-    # of the initial state, or from the measured one.
-    motions = (solution.motions[0], record.motion)
-    runs = [_run(model, solution.parts, record, m) for m in motions if np.isfinite(m.q[0])]
-    return min(runs, key=lambda x: float(np.sum((record.signal - x) ** 2)))
+    # Where the phase is lost, or jumps keep the fit from settling: simulate, from the better of the
+    # fitted and the measured initial state on.
+    starts = [
+        np.array([m.q[0], m.q_dot[0]])
+        for m in (solution.motions[0], record.motion)
+        if np.isfinite(m.q[0])
+    ]
+
+    def misfit(state: Array) -> Array:
+        return record.noise(record.signal - _run(model, solution.parts, record, state))
+
+    best = min(starts, key=lambda state: float(np.sum(misfit(state) ** 2)))
+    scale = np.abs(best) + 1e-3 * record.amplitude * np.array([1.0, _rate(record)])
+    polished = least_squares(misfit, best, x_scale=scale, diff_step=1e-5, max_nfev=_POLISH)
+    return _run(model, solution.parts, record, polished.x)
 
 
-def _run(model: ReducedModel, parts: Sequence[Part], record: Measured, start: Trajectory) -> Array:
-    equation = ExtendedEquation(model, tuple(parts), 0, start.grid.step)
+def _rate(record: Measured) -> float:
+    return float(record.spline.phase(record.t, 1).mean())
+
+
+def _run(model: ReducedModel, parts: Sequence[Part], record: Measured, state: Array) -> Array:
+    grid = record.motion.grid
+    equation = ExtendedEquation(model, tuple(parts), 0, grid.step)
     try:
-        motion = integrate(equation, (start.q[0], start.q_dot[0]), start.grid)
-    except TrajectoryError:
-        return np.zeros_like(record.signal)
-    return read(parts, 0, record.t, sampled(motion, record.derivative))[0]
+        motion = integrate(equation, state.tolist(), grid)
+    except TrajectoryError as error:
+        if error.motion is None:
+            return np.zeros_like(record.signal)
+        motion = error.motion
+    x = sampled(motion, record.derivative)
+    # Friction that is about to hold the motion cannot be followed: it stays where it is.
+    held = x[-1] if record.derivative == 0 else 0.0
+    x = np.concatenate([x, np.full(len(record.t) - len(x), held)])
+    return read(parts, 0, record.t, x)[0]
