@@ -295,6 +295,8 @@ def test_command_line(tmp_path):
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 0, done.output
     assert "air drag" in done.output and (tmp_path / "page.html").is_file()
+    exact = CliRunner().invoke(main, [*arguments, "--free", "nothing"])
+    assert exact.exit_code == 0 and "air drag" in exact.output
     refusal = CliRunner().invoke(main, arguments[:3])
     assert refusal.exit_code == 2 and "--simulated" in refusal.output
 
