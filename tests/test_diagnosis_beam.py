@@ -220,6 +220,15 @@ def test_channels_must_be_those_of_the_sensors(heavier):
         rs.diagnose({}, heavier[:1])
 
 
+def test_record_must_start_from_rest(heavier):
+    late = heavier[0].between(0.04)  # a quarter of a cycle after the release
+    with pytest.raises(ValueError, match=r"decay 0 starts at .* let go from rest") as error:
+        rs.diagnose(BEAM, late, sensors=SEEN.sensors)
+    start = float(str(error.value).split("between(")[1].rstrip(")"))
+    turn = 0.5 * 2 * np.pi / BEAM.modes(count=3).omega[0]  # half a cycle; the mass adds 1 %
+    assert start == pytest.approx(turn, abs=0.006)
+
+
 def test_command_line_reads_a_beam(heavier, tmp_path):
     table = np.column_stack([heavier[0].t, heavier[0].q])
     header = ",".join(["t [s]", *(f"y{i} [m]" for i in range(5))])

@@ -32,6 +32,7 @@ from romsindy.typing import Array
 
 _ORDER = 7
 _ROUNDS = 5
+_MOVING = 0.3  # of the largest speed, at which a record does not start from rest
 _FLOOR = 2e-4
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
@@ -83,14 +84,16 @@ def diagnose_beam(
     Raises
     ------
     ValueError
-        For records that do not fit the sensors, or that cannot be compared with the beam.
+        For records that do not fit the sensors, do not start from rest, or cannot be compared with
+        the beam.
     """
     several = [measured] if isinstance(measured, Decay) else list(measured)
     everything = [*several, *([held_out] if held_out is not None else [])]
     _check(sensors, several, everything, free)
-    seen, own, faults, decays = _with_right_sensors(
-        InstrumentedBeam(beam, sensors), several, everything
-    )
+    seen = InstrumentedBeam(beam, sensors)
+    for i, decay in enumerate(everything):
+        _check_release(Measured.of(seen.decay(decay), floor), i)
+    seen, own, faults, decays = _with_right_sensors(seen, several, everything)
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(several)]
     model, rough = calibrated(beam, own)
@@ -163,6 +166,18 @@ def _with_right_sensors(
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
     decays = [Decay(d.t, d.q[:, kept], unit=d.unit) for d in everything]
     return seen, simulated, () if fault is None else (fault,), decays
+
+
+def _check_release(record: Measured, i: int) -> None:
+    """Raise a ValueError for a record that does not start from rest."""
+    speed = np.abs(record.motion.q_dot)
+    if speed[0] > _MOVING * speed.max():
+        turn = int(np.argmax(np.diff(np.sign(record.motion.q_dot)) != 0))
+        start = record.decay.t[0] + turn * record.motion.grid.step
+        raise ValueError(
+            f"decay {i} starts at {speed[0] / speed.max():.0%} of its largest speed, and a beam is"
+            f" let go from rest: start at a turning point, such as decay.between({start:.4g})"
+        )
 
 
 def _effects(
