@@ -6,8 +6,7 @@ from romsindy.beam import Beam
 from romsindy.bootstrap import Bootstrap, bootstrap
 from romsindy.continuation import Branch, ContinuationError, Steps, continue_branch
 from romsindy.decay import Decay
-from romsindy.diagnosis import DiagnosisReport, diagnose
-from romsindy.diagnosis.structure import diagnose_beam
+from romsindy.diagnosis import BeamReport, DiagnosisReport, diagnose, diagnose_beam
 from romsindy.files import load_decay, save_decay
 from romsindy.filters import Butterworth, SavitzkyGolay
 from romsindy.harmonic import HarmonicLibrary, HarmonicProjection
@@ -40,6 +39,7 @@ __all__ = [
     "BackboneCurve",
     "Band",
     "Beam",
+    "BeamReport",
     "BeamTheoryLibrary",
     "Bifurcation",
     "Bootstrap",
