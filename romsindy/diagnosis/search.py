@@ -136,11 +136,12 @@ class Search:
                 break
             seen += tried
             best = tried[0]
-        if best is base and base.moved:
+        if best.moved:
             instead = ranked(self._instead(base))
             seen += instead
-            # Unsure values are blamed unless something else fits distinctly better.
-            if instead and instead[0].score(base.excess) + EQUIVALENT < base.score(base.excess):
+            # Unsure values alone are blamed unless something else fits distinctly better.
+            margin = EQUIVALENT if best is base else 0.0
+            if instead and instead[0].score(best.excess) + margin < best.score(best.excess):
                 best = instead[0]
         best, tried = self._pruned(best)
         seen += tried
