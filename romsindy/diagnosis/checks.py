@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.decay import Decay
+from romsindy.diagnosis.catalogue import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.diagnosis.effects import Effect
-from romsindy.diagnosis.records import Measured
+from romsindy.diagnosis.fitting import Part, fit
+from romsindy.diagnosis.gap import ADEQUATE
+from romsindy.diagnosis.records import Measured, scales
 from romsindy.diagnosis.smoothing import HarmonicSpline, swing
 from romsindy.model import ReducedModel
 from romsindy.quasilinear import nodes
+from romsindy.trajectory import Trajectory
 from romsindy.typing import Array
 
 _FREE = ("omega^2", "c_linear")
@@ -23,6 +28,9 @@ _ASYMMETRY_CYCLES = 20.0
 # How near to -1 times the asymmetry of the model that of a reversed record is; its standard error
 # must be half of this at most.
 _REVERSED = 0.3
+# Chi-square of reversed records over that of the records themselves: as they are, and with a
+# quadratic force that explains them.
+_BETTER, _NO_WORSE = 0.5, 1.02
 
 
 def check_request(
@@ -99,8 +107,8 @@ def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) 
                 f" noise (rms {record.noise.std:.3g}); check the channel, or excite more"
             )
         _check_frequency(model, record, i)
-        _check_sign(model, record, i)
         records.append(record)
+    _check_sign(model, records)
     return records
 
 
@@ -138,8 +146,19 @@ def _check_frequency(model: ReducedModel, record: Measured, i: int) -> None:
         )
 
 
-def _check_sign(model: ReducedModel, record: Measured, i: int) -> None:
-    """Refuse a record whose asymmetry is that of the model, mirrored.
+def _check_sign(model: ReducedModel, records: Sequence[Measured]) -> None:
+    """Refuse records whose asymmetry is that of the model, mirrored."""
+    alike = [i for i, record in enumerate(records) if _mirrored_asymmetry(model, record)]
+    if alike and _fit_mirrored(model, [records[i] for i in alike]):
+        raise ValueError(
+            f"decay {alike[0]} fits the model better with its sign reversed: pass Decay(t, -q); if"
+            " the sign is certain, the model's even terms (gamma_2, Upsilon_4, ...) have the wrong"
+            " one"
+        )
+
+
+def _mirrored_asymmetry(model: ReducedModel, record: Measured) -> bool:
+    """Whether the asymmetry of a record is about -1 times that of the model.
 
     Even forces deflect the vibration by a mean and a second harmonic. What of them the odd forces
     of the measured motion balance is -1 times what the even forces say, or +1 if q has the other
@@ -151,14 +170,33 @@ def _check_sign(model: ReducedModel, record: Measured, i: int) -> None:
     odd = _asymmetry(record, t, (residual - mirrored) / 2)
     size = float(even @ even)
     if size == 0:
-        return
+        return False
     part = float(even @ odd) / size
     left = odd - part * even
-    if abs(part - 1) < _REVERSED and np.sqrt(np.mean(left**2) / size) < _REVERSED / 2:
-        raise ValueError(
-            f"decay {i} fits the model better with its sign reversed: pass Decay(t, -q); if the"
-            " sign is certain, the model's even terms (gamma_2, Upsilon_4, ...) have the wrong one"
-        )
+    error = float(np.sqrt(np.mean(left**2) / size))
+    return abs(part - 1) < _REVERSED and error < _REVERSED / 2
+
+
+def _fit_mirrored(model: ReducedModel, records: Sequence[Measured]) -> bool:
+    """Whether records fit much better mirrored, and no quadratic force explains them as well.
+
+    Such a force may reverse the model's own, but not its other even terms.
+    """
+    at = scales(records)
+    free = [Part.of(effect, at, 1, ()) for effect in (LinearFrequency(), Viscous())]
+    quadratic = Part.of(QuadraticStiffness(), at, 1, ())
+    mirrored = fit(model, free, [_mirrored(r) for r in records]).chi_squared
+    if mirrored > _BETTER * fit(model, free, records).chi_squared:
+        return False
+    direct = fit(model, [*free, quadratic], records).chi_squared
+    explained = direct < ADEQUATE**2 * sum(len(r.signal) for r in records)
+    return not explained or mirrored < _NO_WORSE * direct
+
+
+def _mirrored(record: Measured) -> Measured:
+    m = record.motion
+    motion = Trajectory(m.grid, -m.q, -m.q_dot, -m.q_ddot)
+    return replace(record, signal=-record.signal, motion=motion)
 
 
 def _asymmetry(record: Measured, t: Array, force: Array) -> Array:
