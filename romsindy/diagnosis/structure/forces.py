@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -52,7 +52,7 @@ class BeamForce(Effect):
 
     curve: StaticCurve
 
-    rate: float = 1.0  # q_dot at which the force is looked at, in reach times omega
+    rate: ClassVar[float] = 1.0  # q_dot at which the force is looked at, in reach times omega
 
     @abstractmethod
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
