@@ -8,29 +8,26 @@ from functools import singledispatch
 
 import numpy as np
 from joblib import Parallel
-from scipy.optimize import least_squares
 
 from romsindy.beam import Beam
 from romsindy.decay import Decay
 from romsindy.diagnosis.catalogue import CATALOGUE, LinearFrequency, Viscous
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
 from romsindy.diagnosis.effects import Effect, Scales, TermEffect
-from romsindy.diagnosis.fitting import ExtendedEquation, Part, Solution, read
-from romsindy.diagnosis.gap import Gap, Prediction, held_out_solution
+from romsindy.diagnosis.fitting import Part
+from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.ranking import Hypothesis
 from romsindy.diagnosis.records import Measured, scales
 from romsindy.diagnosis.report import DiagnosisReport, verdict_of
 from romsindy.diagnosis.search import Search
 from romsindy.force_laws import term_from_key
 from romsindy.model import ReducedModel
-from romsindy.quasilinear import sampled
 from romsindy.signals import fundamental_frequency
 from romsindy.terms import Term
-from romsindy.trajectory import TrajectoryError, integrate
 from romsindy.typing import Array
 
 _TRAINING = 0.75  # of each record, where no other record is held out
-_POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
 _LEAST_CYCLES = 6  # of a part that is held out
 
 
@@ -134,9 +131,7 @@ def diagnose(
     rivals = [best, *found.rivals[1:]]
     parts_of_best = best.solution.parts if best.names else ()
     left = search.remainder(best)
-    gap = Gap(
-        tuple(_prediction(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen
-    )
+    gap = Gap(tuple(predict(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen)
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
@@ -229,55 +224,3 @@ def extended_model(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
             terms[term.key] = terms.get(term.key, term)
             values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])
     return replace(model, terms=tuple(terms.values()), values=tuple(values[k] for k in terms))
-
-
-def _prediction(model: ReducedModel, parts: Sequence[Part], record: Measured) -> Prediction:
-    """What the simulation before and after says about a record that took no part."""
-    before = _simulated(model, (), record, held_out_solution(model, (), record))
-    after = before
-    if parts:
-        own = [replace(p, strengths=p.strengths[:1]) for p in parts]
-        after = _simulated(model, own, record, held_out_solution(model, own, record))
-    return Prediction(record, before, after)
-
-
-def _simulated(
-    model: ReducedModel, parts: Sequence[Part], record: Measured, solution: Solution
-) -> Array:
-    if np.isfinite(solution.chi_squared) and solution.converged:
-        return record.signal - solution.residuals[0]
-    # Where the phase is lost, or jumps keep the fit from settling: simulate, from the better of the
-    # fitted and the measured initial state on.
-    starts = [
-        np.array([m.q[0], m.q_dot[0]])
-        for m in (solution.motions[0], record.motion)
-        if np.isfinite(m.q[0])
-    ]
-
-    def misfit(state: Array) -> Array:
-        return record.noise(record.signal - _run(model, solution.parts, record, state))
-
-    best = min(starts, key=lambda state: float(np.sum(misfit(state) ** 2)))
-    scale = np.abs(best) + 1e-3 * record.amplitude * np.array([1.0, _rate(record)])
-    polished = least_squares(misfit, best, x_scale=scale, diff_step=1e-5, max_nfev=_POLISH)
-    return _run(model, solution.parts, record, polished.x)
-
-
-def _rate(record: Measured) -> float:
-    return float(record.spline.phase(record.t, 1).mean())
-
-
-def _run(model: ReducedModel, parts: Sequence[Part], record: Measured, state: Array) -> Array:
-    grid = record.motion.grid
-    equation = ExtendedEquation(model, tuple(parts), 0, grid.step)
-    try:
-        motion = integrate(equation, state.tolist(), grid)
-    except TrajectoryError as error:
-        if error.motion is None:
-            return np.zeros_like(record.signal)
-        motion = error.motion
-    x = sampled(motion, record.derivative)
-    # Friction that is about to hold the motion cannot be followed: it stays where it is.
-    held = x[-1] if record.derivative == 0 else 0.0
-    x = np.concatenate([x, np.full(len(record.t) - len(x), held)])
-    return read(parts, 0, record.t, x)[0]
