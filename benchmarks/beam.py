@@ -24,8 +24,8 @@ import itertools
 
 import beam_oracles as oracles
 
-from romsindy.backbone import extract_backbone
 from romsindy.beam import Beam, Motion, Section
+from romsindy.record.backbone import extract_backbone
 
 Row = tuple[str, float, float]  # what, measured, at most
 LARGE = 0.15

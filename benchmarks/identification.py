@@ -17,7 +17,7 @@ from sklearn.linear_model import LinearRegression
 from timing import fastest
 
 import romsindy as rs
-from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.physics.example import EXAMPLE_MODEL
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 # A straight beam between clamps is symmetric: odd terms alone.

@@ -17,9 +17,9 @@ from joblib import Parallel, delayed
 from scipy.interpolate import CubicSpline
 
 import romsindy as rs
-from romsindy.contenders import describe
-from romsindy.signals import with_noise
-from romsindy.synthetic import EXAMPLE_MODEL, add_noise
+from romsindy.physics.example import EXAMPLE_MODEL, add_noise
+from romsindy.record.signals import with_noise
+from romsindy.selection.candidates import describe
 
 AMPLITUDES = np.linspace(0.1, 1.7, 60)
 

@@ -17,7 +17,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 import romsindy as rs
-from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.physics.example import EXAMPLE_MODEL
 
 AMPLITUDES = np.linspace(0.1, 1.75, 60)
 RIGHT = rs.ROMLibrary(inertia=(3, 4, 5), stiffness=(1, 2, 3, 4, 5), damping=("linear",))

@@ -1,16 +1,26 @@
 """romsindy: equations of motion, with nonlinear inertia, from measured free decays."""
 
-from romsindy.adequacy import Adequacy
-from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam import Beam
-from romsindy.bootstrap import Bootstrap, bootstrap
-from romsindy.continuation import Branch, ContinuationError, Steps, continue_branch
-from romsindy.decay import Decay
 from romsindy.diagnosis import BeamReport, DiagnosisReport, diagnose, diagnose_beam
-from romsindy.files import load_decay, save_decay
-from romsindy.filters import Butterworth, SavitzkyGolay
-from romsindy.harmonic import HarmonicLibrary, HarmonicProjection
-from romsindy.library import (
+from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.bootstrap import Bootstrap, bootstrap
+from romsindy.fit.refine import Band, Fit, refine
+from romsindy.orbits.continuation import Branch, ContinuationError, Steps, continue_branch
+from romsindy.orbits.curves import (
+    BackboneCurve,
+    Bifurcation,
+    ForcedResponse,
+    backbone_curve,
+    forced_response,
+)
+from romsindy.physics.example import add_noise, example_decay
+from romsindy.physics.model import ReducedModel, SingularInertiaError
+from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.decay import Decay
+from romsindy.record.files import load_decay, save_decay
+from romsindy.record.filters import Butterworth, SavitzkyGolay
+from romsindy.regression.estimator import HarmonicSINDy, ScaledOptimizer
+from romsindy.regression.library import (
     BeamTheoryLibrary,
     DampingLibrary,
     ICROMLibrary,
@@ -18,18 +28,8 @@ from romsindy.library import (
     StiffnessLibrary,
     implicit_data,
 )
-from romsindy.model import ReducedModel, SingularInertiaError
-from romsindy.orbits import (
-    BackboneCurve,
-    Bifurcation,
-    ForcedResponse,
-    backbone_curve,
-    forced_response,
-)
-from romsindy.refine import Band, Fit, refine
-from romsindy.regression import HarmonicSINDy, ScaledOptimizer
-from romsindy.selection import Selection, default_candidates, select_model
-from romsindy.synthetic import add_noise, example_decay
+from romsindy.regression.projection import HarmonicLibrary, HarmonicProjection
+from romsindy.selection.select import Selection, default_candidates, select_model
 
 __version__ = "0.1.0"
 

@@ -1,5 +1,5 @@
 """``python -m romsindy``."""
 
-from romsindy.cli import main
+from romsindy.commands.identify import main
 
 main()

@@ -7,6 +7,8 @@ import pkgutil
 import re
 import subprocess
 import sys
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -14,72 +16,116 @@ import pytest
 import romsindy
 
 ROOT = Path(__file__).resolve().parents[1]
-MODULES = [m.name for m in pkgutil.iter_modules(romsindy.__path__) if m.name != "__main__"]
+PACKAGE = ROOT / "romsindy"
+MODULES = sorted(
+    m.name
+    for m in pkgutil.walk_packages(romsindy.__path__, "romsindy.")
+    if "__main__" not in m.name
+)
 
-# Each layer may import from itself, upwards in this list, and nothing below.
-LAYERS = [
-    {"typing", "terms", "continuation", "trajectory"},
-    {"force_laws", "quasilinear"},
-    {"signals"},
-    {"filters"},
-    {"decay"},
-    {"units", "integration"},
-    {"files", "model", "backbone", "noise"},
-    {"output_error"},
-    {"adequacy"},
-    {"refine"},
-    {"bootstrap"},
-    {"synthetic", "library", "beam", "harmonic_balance"},
-    {"stability", "families"},
-    {"orbits"},
-    {"diagnosis"},
-    {"harmonic"},
-    {"regression"},
-    {"comparison", "tangent"},
-    {"contenders"},
-    {"contest"},
-    {"selection"},
-    {"plotting"},
-    {"report"},
+# The rooms in the order of the data flow: each imports from those before it, never from those
+# after it. `beam` is beside `fit` and `regression`: neither knows the other.
+ROOMS = [
+    {"typing"},
+    {"record"},
+    {"physics"},
+    {"effects", "orbits", "regression"},
+    {"beam", "fit"},
+    {"selection", "diagnosis"},
+    {"show"},
     {"study"},
-    {"cli"},
+    {"commands"},
 ]
+MOST_PACKAGES, MOST_MODULES, LONGEST_CHAIN = 12, 4, 10
+
+
+def file_of(module):
+    """The file of a module, or None where there is no such module."""
+    path = ROOT.joinpath(*module.split("."))
+    for candidate in (path.with_suffix(".py"), path / "__init__.py"):
+        if candidate.is_file():
+            return candidate
+    return None
 
 
 def imported(module):
-    """Modules of the package that a module imports, anywhere in its text."""
-    file = ROOT / "romsindy" / f"{module}.py"
-    files = [file] if file.is_file() else sorted((ROOT / "romsindy" / module).rglob("*.py"))
-    nodes = [n for f in files for n in ast.walk(ast.parse(f.read_text(encoding="utf-8")))]
-    names = [n.module for n in nodes if isinstance(n, ast.ImportFrom) and n.module]
-    return names + [a.name for n in nodes if isinstance(n, ast.Import) for a in n.names]
+    """Modules that a module imports anywhere in its text: late, and for typing only, too."""
+    tree = ast.parse(file_of(module).read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            # `from package import module` is an import of the module.
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                own = node.module.startswith("romsindy") and file_of(inner) is not None
+                found.add(inner if own else node.module)
+    return found
 
 
-def test_every_module_has_its_layer():
-    assert sorted(MODULES) == sorted(set().union(*LAYERS))
+def room(module):
+    """The package or module at the root that a module is in; the root itself has none."""
+    return module.split(".")[1] if "." in module else None
+
+
+ARROWS = {
+    m: {n for n in imported(m) if n.startswith("romsindy") and n not in (m, "romsindy")}
+    for m in MODULES
+}
+
+
+def test_rooms_are_few():
+    packages = {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
+    modules = {p.stem for p in PACKAGE.glob("*.py")}
+    assert len(packages) <= MOST_PACKAGES and len(modules) <= MOST_MODULES
+    known = set().union(*ROOMS)
+    assert packages | (modules - {"__init__", "__main__"}) == known
 
 
 @pytest.mark.parametrize("module", MODULES)
 def test_imports_run_one_way(module):
-    own = next(i for i, layer in enumerate(LAYERS) if module in layer)
-    for name in imported(module):
-        if name.startswith("romsindy."):
-            other = name.split(".")[1]
-            depth = next(i for i, layer in enumerate(LAYERS) if other in layer)
-            assert depth <= own, f"{module} imports {other}"
+    """From room to room in the order of the data flow."""
+    floor = {name: i for i, rooms in enumerate(ROOMS) for name in rooms}
+    own = room(module)
+    for other in {room(n) for n in ARROWS[module]} - {own}:
+        assert floor[other] < floor[own], f"{module} imports from {other}"
 
 
-def test_only_drawing_modules_know_matplotlib():
-    knowing = {m for m in MODULES if any(n.startswith("matplotlib") for n in imported(m))}
-    assert knowing == {"beam", "diagnosis", "plotting", "report", "study", "cli"}
+def test_no_circle_of_imports():
+    """Between files, inside packages too; a package's own front page may import all of it."""
+    sorter = TopologicalSorter(
+        {m: {n for n in names if not m.startswith(f"{n}.")} for m, names in ARROWS.items()}
+    )
+    try:
+        sorter.prepare()
+    except CycleError as error:
+        pytest.fail(" -> ".join(reversed(error.args[1])))
+
+
+def test_the_chain_of_rooms_is_short():
+    rooms = {}
+    for module, names in ARROWS.items():
+        own = room(module)
+        rooms.setdefault(own, set()).update({room(n) for n in names} - {own})
+
+    @cache
+    def floors(name):
+        return 1 + max((floors(other) for other in rooms.get(name, ())), default=0)
+
+    assert max(map(floors, rooms)) <= LONGEST_CHAIN
+
+
+def test_only_show_and_the_study_know_matplotlib():
+    knowing = {room(m) for m in MODULES if any(n.startswith("matplotlib") for n in imported(m))}
+    assert knowing <= {"show", "study"}
 
 
 def test_models_and_signals_know_no_regression():
     """A ReducedModel holds no PySINDy object; only the regression side imports it."""
-    knowing = {
-        m for m in MODULES if any(n.split(".")[0] in {"pysindy", "sklearn"} for n in imported(m))
-    }
-    assert knowing == {"library", "harmonic", "regression", "study", "tangent"}
+    hosts = {"pysindy", "sklearn"}
+    knowing = {room(m) for m in MODULES if {n.split(".")[0] for n in imported(m)} & hosts}
+    assert knowing <= {"regression", "selection", "study"}
 
 
 def test_importing_the_package_draws_nothing():
@@ -95,7 +141,7 @@ def test_public_names_exist_once():
 
 @pytest.mark.parametrize("module", MODULES)
 def test_examples_in_docstrings_run(module):
-    results = doctest.testmod(importlib.import_module(f"romsindy.{module}"))
+    results = doctest.testmod(importlib.import_module(module))
     assert results.failed == 0
 
 

@@ -3,7 +3,7 @@ import pytest
 from oracles import duffing_frequency, viscous_decay
 
 from romsindy import Decay, ReducedModel, example_decay, extract_backbone
-from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.physics.example import EXAMPLE_MODEL
 
 
 def bare(decay):

@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
 from romsindy.beam import Beam, transient
-from romsindy.beam.command import simulate
-from romsindy.files import load_decay
+from romsindy.commands.simulate import simulate
+from romsindy.record.files import load_decay
 
 SMALL = "--elements 10 --duration 0.05 --tip-displacement 0.05 --release-mode 1".split()
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from romsindy.beam import CLAMPED, Beam, Section, relative_error, solve_static_cases
-from romsindy.model import ReducedModel
+from romsindy.physics.model import ReducedModel
 
 # so slender that stretch and shear change nothing above 1e-6
 SLENDER = Section(EA=1e8, GA=1e8, EI=1.0, mass=1.0)

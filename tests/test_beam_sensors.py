@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from romsindy.beam import Beam, Sensor
-from romsindy.signals import with_noise
+from romsindy.record.signals import with_noise
 
 POINTS = [0.03, 0.135, 0.24, 0.345, 0.45]  # the paper's
 

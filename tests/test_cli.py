@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from romsindy import ReducedModel, __version__, add_noise, example_decay, save_decay
-from romsindy.cli import main
+from romsindy.commands.identify import main
 
 
 @pytest.fixture

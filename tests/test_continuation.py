@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from romsindy import ContinuationError, Steps, continue_branch
-from romsindy.continuation import _first_point, _System, correct, predict
+from romsindy.orbits.continuation import _first_point, _System, correct, predict
 
 
 def circle(u, p):

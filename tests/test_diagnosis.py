@@ -10,13 +10,13 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.cli import main
+from romsindy.commands.identify import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
-from romsindy.diagnosis.page import drawn
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.force_laws import PowerDamping
-from romsindy.refine import refine
+from romsindy.fit.refine import refine
+from romsindy.physics.force_laws import PowerDamping
+from romsindy.show.diagnosis_page import drawn
 
 OMEGA = 2 * np.pi * 5
 NOMINAL = {

@@ -15,15 +15,15 @@ import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.beam.effects import AddedMass, ClampCompliance, Dashpot, Drag
 from romsindy.beam.sensors import Sensor
-from romsindy.cli import main
-from romsindy.diagnosis.catalogue import CATALOGUE
-from romsindy.diagnosis.effects import Scales, State
-from romsindy.diagnosis.structure import InstrumentedBeam, ViscousForce, load_beam
-from romsindy.diagnosis.structure.curve import StaticCurve
-from romsindy.diagnosis.structure.forces import OtherMassDamping, beam_forces
-from romsindy.diagnosis.structure.parameters import Stiffer, parameter_effects
-from romsindy.diagnosis.structure.sensing import find_fault
-from romsindy.signals import with_noise
+from romsindy.commands.identify import main
+from romsindy.diagnosis.on_beam import InstrumentedBeam, ViscousForce, load_beam
+from romsindy.diagnosis.on_beam.forces import OtherMassDamping, beam_forces
+from romsindy.diagnosis.on_beam.parameters import Stiffer, parameter_effects
+from romsindy.diagnosis.on_beam.sensor_faults import find_fault
+from romsindy.diagnosis.on_beam.static_curve import StaticCurve
+from romsindy.effects import CATALOGUE
+from romsindy.effects.base import Scales, State
+from romsindy.record.signals import with_noise
 
 PLACES = (0.12, 0.2, 0.28, 0.36, 0.45)
 STEP, DURATION = 4e-3, 5.0

@@ -4,7 +4,7 @@ from oracles import viscous_decay
 from scipy.io import savemat
 
 from romsindy import load_decay, save_decay
-from romsindy.units import UNITS, parse_unit
+from romsindy.record.units import UNITS, parse_unit
 
 T = np.arange(1000) * 0.01
 Q = viscous_decay(T, 2 * np.pi * 1.1, 0.01, 0.02)

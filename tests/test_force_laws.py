@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from romsindy.force_laws import (
+from romsindy.physics.force_laws import (
     AddedMass,
     AmplitudePowerDamping,
     ConstantForce,
@@ -17,8 +17,8 @@ from romsindy.force_laws import (
     TwoSidedGap,
     term_from_key,
 )
-from romsindy.model import ReducedModel
-from romsindy.terms import Stiffness
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.terms import Stiffness
 
 LAWS = [
     PowerDamping(2.1),

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from romsindy import Decay, HarmonicProjection, ROMLibrary
-from romsindy.harmonic import Rows, _quadrature
-from romsindy.synthetic import EXAMPLE_MODEL
-from romsindy.terms import Stiffness
+from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.physics.terms import Stiffness
+from romsindy.regression.projection import Rows, _quadrature
 
 TERMS = ROMLibrary().terms
 

@@ -18,8 +18,8 @@ from romsindy import (
     StiffnessLibrary,
     implicit_data,
 )
-from romsindy.library import library_terms
-from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.regression.library import library_terms
 
 LIBRARIES = [
     ICROMLibrary((3, 4, 5)),

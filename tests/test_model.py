@@ -10,7 +10,7 @@ from oracles import (
 )
 
 from romsindy import ReducedModel, SingularInertiaError
-from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.physics.example import EXAMPLE_MODEL
 
 AMPLITUDES = np.geomspace(0.01, 2.9, 40)
 

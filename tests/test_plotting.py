@@ -11,9 +11,9 @@ from romsindy import (
     example_decay,
     extract_backbone,
     forced_response,
-    plotting,
 )
-from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.show import plots
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +28,7 @@ def backbone():
 
 
 def test_backbone_with_models(backbone):
-    ax = plotting.plot_backbone(backbone, {"IC-ROM": EXAMPLE_MODEL})
+    ax = plots.plot_backbone(backbone, {"IC-ROM": EXAMPLE_MODEL})
     assert ax.get_xlabel() == "frequency (Hz)" and ax.get_ylabel() == "amplitude (m)"
     hz, amplitude = ax.lines[-1].get_data()
     np.testing.assert_allclose(2 * np.pi * hz, EXAMPLE_MODEL.backbone(amplitude))
@@ -40,14 +40,14 @@ def test_backbone_with_models(backbone):
 def test_decay_damping_magnitudes_and_residuals(backbone):
     decay = example_decay(35.0, 0)
     free = decay.free()
-    ax = plotting.plot_decay(free, backbone, record=decay)
+    ax = plots.plot_decay(free, backbone, record=decay)
     assert ax.get_xlabel() == "time (s)" and ax.get_ylabel() == "q (m)" and len(ax.lines) == 4
-    ax = plotting.plot_damping(backbone, {"IC-ROM": EXAMPLE_MODEL})
+    ax = plots.plot_damping(backbone, {"IC-ROM": EXAMPLE_MODEL})
     assert ax.get_ylabel() == "damping ratio (%)"
-    ax = plotting.plot_relative_magnitude(EXAMPLE_MODEL, [0.1, 1.0])
+    ax = plots.plot_relative_magnitude(EXAMPLE_MODEL, [0.1, 1.0])
     assert ax.get_yscale() == "log" and len(ax.lines) == len(EXAMPLE_MODEL.terms)
     estimator = HarmonicSINDy().fit(decay)
-    ax = plotting.plot_residual({"IC-ROM": estimator})
+    ax = plots.plot_residual({"IC-ROM": estimator})
     assert len(ax.patches) == 4 and ax.get_xlabel() == "harmonic"
     assert all(bar.get_height() > 0 for bar in ax.patches)
 
@@ -56,16 +56,16 @@ def test_forced_response_with_backbone_curve():
     damped = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0, "c_linear": 0.02})
     response = forced_response(damped, 0.05, (0.5, 2.0))
     curve = backbone_curve(damped, (0.01, 1.5))
-    ax = plotting.plot_forced_response(response)
+    ax = plots.plot_forced_response(response)
     low, unstable, high, folds = ax.lines
     assert [line.get_linestyle() for line in ax.lines[:3]] == ["-", "--", "-"]
     np.testing.assert_array_equal(folds.get_ydata(), response.amplitude[response.folds])
     # The three stretches are the whole curve, joined.
     assert low.get_xydata()[-1].tolist() == unstable.get_xydata()[0].tolist()
     assert unstable.get_xydata()[-1].tolist() == high.get_xydata()[0].tolist()
-    assert plotting.plot_branch(curve, ax=ax) is ax
+    assert plots.plot_branch(curve, ax=ax) is ax
     np.testing.assert_allclose(2 * np.pi * ax.lines[-1].get_xdata(), curve.frequency)
-    plotting.plot_forced_response(response, label="again", ax=ax)
+    plots.plot_forced_response(response, label="again", ax=ax)
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     assert texts.count("fold") == 1 and "again unstable" in texts
     assert ax.get_xlabel() == "frequency (Hz)" and ax.get_ylabel() == "amplitude (unit of q)"
@@ -73,4 +73,4 @@ def test_forced_response_with_backbone_curve():
 
 def test_given_axes_are_used(backbone):
     _, ax = plt.subplots()
-    assert plotting.plot_backbone(backbone, ax=ax) is ax
+    assert plots.plot_backbone(backbone, ax=ax) is ax

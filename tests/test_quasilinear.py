@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.output_error import ModelEquation
-from romsindy.quasilinear import nodes, respond, sampled
-from romsindy.trajectory import Grid, Trajectory, integrate
+from romsindy.fit.collocation import Grid, Trajectory, integrate
+from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.fit.output_error import ModelEquation
 
 MODEL = rs.ReducedModel.from_coefficients(
     {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": 0.3, "c_linear": 0.06}

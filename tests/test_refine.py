@@ -9,9 +9,9 @@ import pytest
 from scipy.signal import lfilter
 
 import romsindy as rs
-from romsindy.refine import refine
-from romsindy.synthetic import EXAMPLE_MODEL
-from romsindy.trajectory import TrajectoryError
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.refine import refine
+from romsindy.physics.example import EXAMPLE_MODEL
 
 AMPLITUDES = np.linspace(0.2, 1.7, 40)
 

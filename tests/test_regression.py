@@ -23,7 +23,7 @@ from romsindy import (
     extract_backbone,
     load_decay,
 )
-from romsindy.synthetic import EXAMPLE_MODEL
+from romsindy.physics.example import EXAMPLE_MODEL
 
 AMPLITUDES = np.geomspace(0.05, 1.7, 60)
 TRUTH = EXAMPLE_MODEL.coefficients

@@ -8,12 +8,12 @@ import pytest
 from scipy.linalg import lstsq
 
 import romsindy as rs
-from romsindy import contenders
-from romsindy.contenders import Contender, best, describe, judged
-from romsindy.plotting import plot_selection
-from romsindy.selection import Selection, default_candidates, select_model
-from romsindy.synthetic import EXAMPLE_MODEL, add_noise
-from romsindy.tangent import LARGE, Tangent
+from romsindy.physics.example import EXAMPLE_MODEL, add_noise
+from romsindy.selection import candidates
+from romsindy.selection.candidates import Contender, best, describe, judged
+from romsindy.selection.linearised_fit import LARGE, Tangent
+from romsindy.selection.select import Selection, default_candidates, select_model
+from romsindy.show.plots import plot_selection
 
 TRUE = set(EXAMPLE_MODEL.coefficients)
 DECAY = rs.example_decay(snr_db=35.0, seed=1)
@@ -42,7 +42,7 @@ def test_models_that_lack_a_term_predict_worse(choice: Selection) -> None:
     """Every coefficient of the example is at least 20 standard errors from zero."""
     for c in choice.path:
         if not set(c.keys) >= TRUE:
-            assert c.verdict in (contenders.WORSE, contenders.INADEQUATE), c.name
+            assert c.verdict in (candidates.WORSE, candidates.INADEQUATE), c.name
     assert all(set(c.keys) > TRUE for c in choice.equivalent)
 
 
@@ -53,8 +53,8 @@ def test_text_and_figure_name_the_choice(choice: Selection) -> None:
     assert len(choice.table()) == len(choice.path) + 1
     ax = plot_selection(choice)
     assert [t.get_text() for t in ax.get_legend().get_texts()] == [
-        contenders.CHOSEN,
-        contenders.EQUIVALENT,
+        candidates.CHOSEN,
+        candidates.EQUIVALENT,
         "worse",
     ]
     plt.close(ax.figure)
@@ -174,12 +174,12 @@ def test_smallest_within_one_standard_error_wins() -> None:
     some = [contender("a b c", 0, 0), contender("a b", 2, 2.1), contender("a", 5, 4.9)]
     some += [contender("b", 5, 2.4)]
     assert best(some).keys == ("a", "b")
-    same = contenders.EQUIVALENT
+    same = candidates.EQUIVALENT
     verdicts = {c.keys: c.verdict for c in judged(some, best(some))}
     assert verdicts == {
         ("a",): same,
-        ("b",): contenders.WORSE,
-        ("a", "b"): contenders.CHOSEN,
+        ("b",): candidates.WORSE,
+        ("a", "b"): candidates.CHOSEN,
         ("a", "b", "c"): same,
     }
 
@@ -192,7 +192,7 @@ def test_term_of_high_order_counts_as_that_order() -> None:
 def test_model_that_fails_at_large_amplitudes_is_passed_over() -> None:
     some = [contender("a b", 0, 0), contender("a", 1, 2, p=1e-4)]
     assert best(some).keys == ("a", "b")
-    assert judged(some)[0].verdict == contenders.NARROW
+    assert judged(some)[0].verdict == candidates.NARROW
 
 
 def test_short_names_join_orders() -> None:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from oracles import viscous_decay
 
-from romsindy.signals import (
+from romsindy.record.signals import (
     crossings,
     free_part,
     fundamental_frequency,

@@ -14,13 +14,13 @@ from joblib import parallel_config
 from numpy.testing import assert_allclose
 
 from romsindy import HarmonicSINDy, ROMLibrary
-from romsindy.cli import main
-from romsindy.model import ReducedModel
-from romsindy.signals import crossings
+from romsindy.commands import study as study_command
+from romsindy.commands.identify import main
+from romsindy.physics.model import ReducedModel
+from romsindy.record.signals import crossings
 from romsindy.study import (
     chapters,
     choose_harmonics,
-    command,
     identify,
     identify_all,
     measured_decay,
@@ -181,7 +181,7 @@ def test_a_model_without_motion_keeps_no_bound():
 @pytest.fixture
 def small(monkeypatch):
     """The quick study on the small beam, with two seeds."""
-    monkeypatch.setattr(command, "QUICK", SMALL | {"both_releases": False})
+    monkeypatch.setattr(study_command, "QUICK", SMALL | {"both_releases": False})
     return lambda *args: CliRunner().invoke(main, ["study", "--quick", "--seeds", "2", *args])
 
 

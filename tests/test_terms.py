@@ -3,7 +3,7 @@ import pickle
 import numpy as np
 import pytest
 
-from romsindy.terms import (
+from romsindy.physics.terms import (
     DAMPING_KINDS,
     Inertia,
     LinearConvection,

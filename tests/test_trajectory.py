@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import romsindy as rs
-from romsindy.output_error import ModelEquation
-from romsindy.trajectory import Grid, TrajectoryError, integrate, sensitivity
+from romsindy.fit.collocation import Grid, TrajectoryError, integrate, sensitivity
+from romsindy.fit.output_error import ModelEquation
 
 
 def equation(**coefficients: float) -> ModelEquation:

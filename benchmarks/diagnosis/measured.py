@@ -15,7 +15,7 @@ import numpy as np
 
 import romsindy as rs
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.refine import refine
+from romsindy.fit.refine import refine
 
 
 def ship(folder: Path, run: str, start: float) -> tuple[rs.DiagnosisReport, float, float]:

@@ -20,7 +20,7 @@ from run import records
 
 import romsindy as rs
 from romsindy.diagnosis import CATALOGUE
-from romsindy.diagnosis.effects import Scales, State
+from romsindy.effects.base import Scales, State
 
 # Linear terms are free; q_ddot as a candidate would win always, by the noise that it shares.
 _LEFT_OUT = ("linear_frequency", "viscous", "added_mass")

@@ -24,8 +24,8 @@ from romsindy.beam import Beam
 from romsindy.beam import effects as on_beam
 from romsindy.beam.effects.spring import find_spring
 from romsindy.beam.sensors import Sensor
-from romsindy.diagnosis.structure import InstrumentedBeam, diagnose_beam
-from romsindy.signals import with_noise
+from romsindy.diagnosis.on_beam import InstrumentedBeam, diagnose_beam
+from romsindy.record.signals import with_noise
 
 AMPLITUDES = (0.017, 0.011, 0.014)  # kg^0.5 m
 STEP, PLACES = 4e-3, (0.27, 0.45, 0.62, 0.8, 1.0)

@@ -21,9 +21,9 @@ from romsindy.beam.validation import require_finite, require_position, require_p
 if TYPE_CHECKING:
     from romsindy.beam.collocation import RadauIIA
     from romsindy.beam.motion import Motion
-    from romsindy.beam.orbits import NormalMode
+    from romsindy.beam.normal_modes import NormalMode
     from romsindy.beam.sensors import Sensor, SensorArray
-    from romsindy.model import ReducedModel
+    from romsindy.physics.model import ReducedModel
 
 
 @dataclass(frozen=True)
@@ -371,7 +371,7 @@ class Beam:
         progress: bool = True,
     ) -> NormalMode:
         """Return periodic orbits of the undamped beam; see `orbits.find_normal_mode`."""
-        from romsindy.beam.orbits import find_normal_mode
+        from romsindy.beam.normal_modes import find_normal_mode
 
         return find_normal_mode(self, tip_displacements, mode, forces, progress=progress)
 

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import eigsh
 
 from romsindy.beam.assembly import Assembly
 from romsindy.beam.errors import NoEquilibriumError
-from romsindy.decay import Decay
+from romsindy.record.decay import Decay
 
 if TYPE_CHECKING:
     from romsindy.beam.beam import Shape

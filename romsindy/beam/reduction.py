@@ -26,7 +26,7 @@ import numpy as np
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.statics import Control, find_displaced
 from romsindy.beam.validation import require_positive
-from romsindy.model import ReducedModel
+from romsindy.physics.model import ReducedModel
 
 if TYPE_CHECKING:
     from romsindy.beam.beam import Beam

@@ -11,8 +11,8 @@ import numpy as np
 
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.validation import require_position
-from romsindy.decay import Decay
-from romsindy.signals import with_noise
+from romsindy.record.decay import Decay
+from romsindy.record.signals import with_noise
 
 if TYPE_CHECKING:
     from romsindy.beam.beam import Beam

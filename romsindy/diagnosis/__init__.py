@@ -1,10 +1,10 @@
 """Find what a simulation lacks: name it, add it, show the gap shrink."""
 
-from romsindy.diagnosis.catalogue import CATALOGUE
-from romsindy.diagnosis.effects import Effect, ReadingEffect, Shape, TermEffect, TimedEffect
+from romsindy.diagnosis.on_beam import BeamReport, diagnose_beam
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect
-from romsindy.diagnosis.structure import BeamReport, diagnose_beam
 from romsindy.diagnosis.workflow import diagnose
+from romsindy.effects import CATALOGUE
+from romsindy.effects.base import Effect, ReadingEffect, Shape, TermEffect, TimedEffect
 
 __all__ = [
     "CATALOGUE",

@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from romsindy.decay import Decay
-from romsindy.diagnosis.catalogue import LinearFrequency, QuadraticStiffness, Viscous
-from romsindy.diagnosis.effects import Effect
-from romsindy.diagnosis.fitting import Part, fit
 from romsindy.diagnosis.gap import ADEQUATE
-from romsindy.diagnosis.records import Measured, scales
-from romsindy.diagnosis.smoothing import HarmonicSpline, swing
-from romsindy.model import ReducedModel
-from romsindy.quasilinear import nodes
-from romsindy.trajectory import Trajectory
+from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
+from romsindy.effects.base import Effect
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.gauss_newton import fit
+from romsindy.fit.linear_response import nodes
+from romsindy.fit.measured import Measured, scales
+from romsindy.fit.part import Part
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.typing import Array
 
 _FREE = ("omega^2", "c_linear")

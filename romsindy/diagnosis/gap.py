@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from romsindy.backbone import extract_backbone
-from romsindy.decay import Decay
-from romsindy.diagnosis.fitting import Part, Solution, fit
-from romsindy.diagnosis.records import Measured
-from romsindy.diagnosis.smoothing import HarmonicSpline
-from romsindy.model import ReducedModel
+from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.measured import Measured
+from romsindy.fit.part import Part
+from romsindy.physics.model import ReducedModel
+from romsindy.record.backbone import extract_backbone
+from romsindy.record.decay import Decay
+from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
 # A residual above this many times the noise is not explained, whatever else is said.

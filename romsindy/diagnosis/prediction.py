@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from romsindy.diagnosis.fitting import ExtendedEquation, Part, Solution, read
 from romsindy.diagnosis.gap import Prediction, held_out_solution
-from romsindy.diagnosis.records import Measured
-from romsindy.model import ReducedModel
-from romsindy.quasilinear import sampled
-from romsindy.trajectory import TrajectoryError, integrate
+from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.gauss_newton import Solution
+from romsindy.fit.linear_response import sampled
+from romsindy.fit.measured import Measured
+from romsindy.fit.part import ExtendedEquation, Part, read
+from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle

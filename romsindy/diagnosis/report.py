@@ -12,12 +12,12 @@ from typing import Literal
 
 import numpy as np
 
-from romsindy.diagnosis.effects import Scales
-from romsindy.diagnosis.fitting import Part
+from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.gap import ADEQUATE, Gap, Remainder
-from romsindy.diagnosis.ranking import Hypothesis, weights
-from romsindy.diagnosis.records import Measured
-from romsindy.model import ReducedModel
+from romsindy.effects.base import Scales
+from romsindy.fit.measured import Measured
+from romsindy.fit.part import Part
+from romsindy.physics.model import ReducedModel
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
 # A held-out record must be predicted as well as this.
@@ -259,7 +259,7 @@ class DiagnosisReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.diagnosis.page import write_page
+        from romsindy.show.diagnosis_page import write_page
 
         write_page(self, path)
 

@@ -13,17 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.diagnosis.effects import Effect, Scales, State
-from romsindy.diagnosis.fitting import (
-    ExtendedEquation,
-    Part,
-    columns_of,
-    read,
-)
-from romsindy.diagnosis.records import Measured, strongest_tones
-from romsindy.model import ReducedModel
-from romsindy.quasilinear import nodes, respond, sampled
-from romsindy.trajectory import Trajectory
+from romsindy.effects.base import Effect, Scales, State
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.fit.measured import Measured, strongest_tones
+from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
+from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
 # A line this close to the vibration itself beats with it slowly: it could imitate any effect.

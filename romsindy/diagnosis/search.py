@@ -9,13 +9,14 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import chi2
 
-from romsindy.diagnosis.effects import Effect
-from romsindy.diagnosis.fitting import Part, Solution, fit
+from romsindy.diagnosis.evidence import EQUIVALENT, Hypothesis, ranked
 from romsindy.diagnosis.gap import Remainder, remainder
-from romsindy.diagnosis.ranking import EQUIVALENT, Hypothesis, ranked
-from romsindy.diagnosis.records import Measured, scales
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
-from romsindy.model import ReducedModel
+from romsindy.effects.base import Effect
+from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.measured import Measured, scales
+from romsindy.fit.part import Part
+from romsindy.physics.model import ReducedModel
 
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8

@@ -6,14 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.backbone import extract_backbone
-from romsindy.decay import Decay
-from romsindy.diagnosis.catalogue import LinearFrequency, Viscous
-from romsindy.diagnosis.effects import Effect
-from romsindy.diagnosis.fitting import Part, Solution, fit
-from romsindy.diagnosis.records import Measured, scales
 from romsindy.diagnosis.workflow import CoefficientError, extended_model
-from romsindy.model import ReducedModel
+from romsindy.effects import LinearFrequency, Viscous
+from romsindy.effects.base import Effect
+from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.measured import Measured, scales
+from romsindy.fit.part import Part
+from romsindy.physics.model import ReducedModel
+from romsindy.record.backbone import extract_backbone
+from romsindy.record.decay import Decay
 
 _STIFFNESS = ("gamma_3",)
 _RICH = ("gamma_2", "gamma_3", "gamma_4", "gamma_5", "Upsilon_3", "Upsilon_5", "c_quadratic")

@@ -10,21 +10,21 @@ import numpy as np
 from joblib import Parallel
 
 from romsindy.beam import Beam
-from romsindy.decay import Decay
-from romsindy.diagnosis.catalogue import CATALOGUE, LinearFrequency, Viscous
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
-from romsindy.diagnosis.effects import Effect, Scales, TermEffect
-from romsindy.diagnosis.fitting import Part
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.prediction import predict
-from romsindy.diagnosis.ranking import Hypothesis
-from romsindy.diagnosis.records import Measured, scales
 from romsindy.diagnosis.report import DiagnosisReport, verdict_of
 from romsindy.diagnosis.search import Search
-from romsindy.force_laws import term_from_key
-from romsindy.model import ReducedModel
-from romsindy.signals import fundamental_frequency
-from romsindy.terms import Term
+from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
+from romsindy.effects.base import Effect, Scales, TermEffect
+from romsindy.fit.measured import Measured, scales
+from romsindy.fit.part import Part
+from romsindy.physics.force_laws import term_from_key
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.terms import Term
+from romsindy.record.decay import Decay
+from romsindy.record.signals import fundamental_frequency
 from romsindy.typing import Array
 
 _TRAINING = 0.75  # of each record, where no other record is held out

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 from sklearn.base import clone
 
-from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam import Motion
-from romsindy.decay import Decay
+from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.decay import Decay
 from romsindy.study import figures, tables
 from romsindy.study.content import Chapter, Check, Picture
 from romsindy.study.experiment import Trial, filtered_decay, measured_decay

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from joblib import Parallel, delayed
 
-from romsindy.backbone import Backbone
 from romsindy.beam import Motion
-from romsindy.comparison import Candidate
-from romsindy.decay import Decay
-from romsindy.filters import Butterworth
+from romsindy.record.backbone import Backbone
+from romsindy.record.decay import Decay
+from romsindy.record.filters import Butterworth
+from romsindy.selection.comparison import Candidate
 from romsindy.study.models import DEFAULT, PAPER, identify
 
 MODES, SNR_DB, CUTOFF, END = 3, 35.0, 100.0, 18.0

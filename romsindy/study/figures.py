@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from sklearn.model_selection import GridSearchCV
 
-from romsindy import plotting
-from romsindy.backbone import Backbone, extract_backbone
-from romsindy.beam import plotting as beam_plotting
-from romsindy.comparison import Candidate
-from romsindy.decay import Decay
+from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.decay import Decay
+from romsindy.selection.comparison import Candidate
+from romsindy.show import beam as beam_plots
+from romsindy.show import plots
 from romsindy.study.experiment import ORDER, Trial
 from romsindy.study.system import System
 from romsindy.study.tables import parameters
@@ -26,31 +26,31 @@ def modes(figure: Figure, system: System) -> None:
     left, right = figure.subplots(1, 2)
     released = system.beam.release_shape(system.beam.length / 3)
     shapes = {"equilibrium": system.beam.equilibrium(), "released": released}
-    beam_plotting.plot_shapes(shapes, ax=left)
-    beam_plotting.plot_modes(system.modes, ax=right)
+    beam_plots.plot_shapes(shapes, ax=left)
+    beam_plots.plot_modes(system.modes, ax=right)
     right.set_ylim(-6, 11)  # room for the legend
 
 
 def coupling(figure: Figure, system: System) -> None:
     """Undamped modal responses, and q_2 and q_3 against q_1 (fig. 3)."""
     left, right = figure.subplots(1, 2)
-    beam_plotting.plot_modal_responses(system.undamped, ax=left)
+    beam_plots.plot_modal_responses(system.undamped, ax=left)
     left.set_xlim(0, 0.6)
-    beam_plotting.plot_coupling(system.undamped, ax=right)
+    beam_plots.plot_coupling(system.undamped, ax=right)
 
 
 def decay(figure: Figure, system: System) -> None:
     """The decay of mode 1 with its peaks (fig. 4)."""
-    plotting.plot_decay(system.decay, system.backbone, ax=figure.subplots())
+    plots.plot_decay(system.decay, system.backbone, ax=figure.subplots())
 
 
 def cycles(figure: Figure, system: System) -> None:
     """Backbone and damping of the cycles (fig. 5), with direct reduced-order models."""
     left, right = figure.subplots(1, 2)
     models = {f"direct, order {o}": system.direct[o] for o in (5, 9)}
-    plotting.plot_backbone(system.backbone, models, ax=left)
-    beam_plotting.plot_normal_mode(system.normal_mode, left)
-    plotting.plot_damping(system.backbone, ax=right)
+    plots.plot_backbone(system.backbone, models, ax=left)
+    beam_plots.plot_normal_mode(system.normal_mode, left)
+    plots.plot_damping(system.backbone, ax=right)
 
 
 def backbones(
@@ -60,7 +60,7 @@ def backbones(
     axes = figure.subplots(2, len(panels), squeeze=False)
     for (title, candidates), (top, bottom) in zip(panels.items(), axes.T, strict=True):
         models = {c.name.removesuffix(", omega fixed"): c.model for c in candidates}
-        plotting.plot_backbone(backbone, models, ax=top)
+        plots.plot_backbone(backbone, models, ax=top)
         top.set_title(title, fontsize="medium")
         errors(bottom, backbone, candidates)
 
@@ -78,8 +78,8 @@ def headline(figure: Figure, system: System, candidates: Sequence[Candidate]) ->
     """Cycles and two models on the left, their errors on the right."""
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
     names = {c.name.replace(" 5", ", order 5"): c.model for c in candidates}
-    plotting.plot_backbone(system.backbone, names, ax=left)
-    beam_plotting.plot_normal_mode(system.normal_mode, left)
+    plots.plot_backbone(system.backbone, names, ax=left)
+    beam_plots.plot_normal_mode(system.normal_mode, left)
     errors(right, system.backbone, candidates)
 
 
@@ -87,14 +87,14 @@ def relative_magnitude(figure: Figure, candidate: Candidate, backbone: Backbone)
     """Rms of the terms relative to the acceleration (figs. 11 and 14)."""
     top = float(backbone.amplitude.max())
     amplitudes = np.linspace(0.02 * top, top, 120)
-    plotting.plot_relative_magnitude(candidate.model, amplitudes, ax=figure.subplots())
+    plots.plot_relative_magnitude(candidate.model, amplitudes, ax=figure.subplots())
 
 
 def residuals(figure: Figure, recipes: Mapping[str, Sequence[Candidate]]) -> None:
     """Residual by harmonic of models of order 5, one panel a recipe."""
     axes = np.atleast_1d(figure.subplots(1, len(recipes), sharey=True))
     for ax, (title, candidates) in zip(axes, recipes.items(), strict=True):
-        plotting.plot_residual({c.name: c.estimator for c in candidates}, ax=ax)
+        plots.plot_residual({c.name: c.estimator for c in candidates}, ax=ax)
         ax.set_title(title, fontsize="medium")
 
 
@@ -119,7 +119,7 @@ def measurement(figure: Figure, clean: Decay, noisy: Decay, filtered: Decay) -> 
 def experiment_backbone(figure: Figure, noisy: Decay, candidates: Mapping[str, Candidate]) -> None:
     """Cycles of one noisy decay with the models identified from it (fig. 13)."""
     models = {name: c.model for name, c in candidates.items()}
-    plotting.plot_backbone(extract_backbone(noisy), models, ax=figure.subplots())
+    plots.plot_backbone(extract_backbone(noisy), models, ax=figure.subplots())
 
 
 def spread(figure: Figure, system: System, trials: Sequence[Trial]) -> None:
@@ -158,7 +158,7 @@ def parameter_spread(figure: Figure, system: System, trials: Sequence[Trial]) ->
 def damping(figure: Figure, system: System, fits: Mapping[str, Candidate]) -> None:
     """Damping ratio of the cycles and of models with damping terms."""
     models = {name: c.model for name, c in fits.items() if name != "none"}
-    ax = plotting.plot_damping(system.backbone, models, ax=figure.subplots())
+    ax = plots.plot_damping(system.backbone, models, ax=figure.subplots())
     ratio = 100 * system.backbone.damping_ratio
     ax.set_ylim(0.95 * ratio.min(), 1.05 * ratio.max())
 

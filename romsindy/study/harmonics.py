@@ -8,10 +8,10 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, KFold
 
-from romsindy.backbone import Backbone, extract_backbone
-from romsindy.decay import Decay
-from romsindy.regression import HarmonicSINDy
-from romsindy.signals import crossings
+from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.decay import Decay
+from romsindy.record.signals import crossings
+from romsindy.regression.estimator import HarmonicSINDy
 
 CHOICES = tuple(tuple(range(top + 1)) for top in range(2, 8))
 # Cycles of a block: enough to read a backbone off each on its own.

@@ -8,12 +8,17 @@ from typing import Any
 from sklearn.base import clone
 from sklearn.linear_model import LinearRegression
 
-from romsindy.backbone import Backbone
-from romsindy.comparison import Candidate, judge
-from romsindy.decay import Decay
-from romsindy.harmonic import HarmonicProjection
-from romsindy.library import BeamTheoryLibrary, DampingLibrary, ICROMLibrary, StiffnessLibrary
-from romsindy.regression import HarmonicSINDy
+from romsindy.record.backbone import Backbone
+from romsindy.record.decay import Decay
+from romsindy.regression.estimator import HarmonicSINDy
+from romsindy.regression.library import (
+    BeamTheoryLibrary,
+    DampingLibrary,
+    ICROMLibrary,
+    StiffnessLibrary,
+)
+from romsindy.regression.projection import HarmonicProjection
+from romsindy.selection.comparison import Candidate, judge
 
 ORDERS = (3, 5, 7, 9)
 FAMILIES = ("stiffness", "beam theory", "IC-ROM")

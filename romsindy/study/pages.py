@@ -9,7 +9,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from romsindy.report import render
+from romsindy.show.identification_page import render
 from romsindy.study.content import Chapter, Check, Picture, Table
 
 

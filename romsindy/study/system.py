@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.backbone import Backbone, extract_backbone
 from romsindy.beam import Beam, ModalBasis, Motion
-from romsindy.beam.orbits import NormalMode
-from romsindy.decay import Decay
-from romsindy.model import ReducedModel
+from romsindy.beam.normal_modes import NormalMode
+from romsindy.physics.model import ReducedModel
+from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.decay import Decay
 from romsindy.study.models import ORDERS
 
 # Sensors of the simulated experiment, m; each reads the vertical and the axial displacement.

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from sklearn.model_selection import GridSearchCV
 
-from romsindy.comparison import Candidate
-from romsindy.model import ReducedModel
+from romsindy.physics.model import ReducedModel
+from romsindy.selection.comparison import Candidate
 from romsindy.study.content import Cell, Table
 from romsindy.study.experiment import Trial
 from romsindy.study.models import FAMILIES, ORDERS

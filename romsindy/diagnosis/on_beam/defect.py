@@ -1,0 +1,77 @@
+"""What the beam does beside its reduced model, taken off the measurement.
+
+A reduced model follows its beam to a few parts in a thousand. The defect, beam minus reduced model
+with the same effects and from the same release, hardly depends on what is still missing: with it
+taken off, a fit of the reduced model is one of the beam (defect correction, [1]).
+
+[1] H. Stetter, The defect correction principle and discretization methods, Numer. Math. 29 (1978).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from romsindy.beam import Beam
+from romsindy.beam.effects import Effect
+from romsindy.diagnosis.gap import held_out_solution
+from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
+from romsindy.fit.collocation import integrate
+from romsindy.fit.linear_response import sampled
+from romsindy.fit.measured import Measured
+from romsindy.fit.part import ExtendedEquation, Part, read
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+from romsindy.typing import Array
+
+
+class Corrected(NamedTuple):
+    """A decay without the defect, and the displacements (n, n_sensors) of the beam in it."""
+
+    decay: Decay
+    readings: Array
+
+
+def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
+    """Parts that exist on a beam and are there."""
+    return tuple(p for p in parts if np.any(p.strengths) and _effect(p) is not None)
+
+
+def effects_of(parts: Sequence[Part]) -> list[Effect]:
+    """Effects on a beam of some parts."""
+    return [_effect(p) for p in on_the_beam(parts)]
+
+
+def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
+    """The beam with the effects of some parts."""
+    for effect in effects_of(parts):
+        beam = beam.with_effect(effect)
+    return beam
+
+
+def _effect(part: Part) -> Any:
+    return part.effect.beam_effect(float(part.strengths[0, 0]), part.shape)
+
+
+def corrected(
+    seen: InstrumentedBeam, model: ReducedModel, parts: Sequence[Part], record: Measured
+) -> Corrected:
+    """Simulate the beam and its reduced model, both with the effects that a beam can have.
+
+    Only the coordinate of the release is fitted.
+    """
+    parts = on_the_beam(parts)
+    solution = held_out_solution(model, parts, record)
+    start = solution.motions[0].q[:1]
+    if not np.isfinite(solution.chi_squared):
+        start = record.motion.q[:1]
+    shown = float(read(parts, 0, record.t[:1], start)[0][0])
+    duration = float(record.t[-1]) + 0.5 * record.decay.dt
+    readings = seen.readings(beam_with(seen.beam, parts), shown, duration, record.decay.dt)
+    equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
+    motion = integrate(equation, (float(start[0]), 0.0), record.motion.grid)
+    reduced = read(parts, 0, record.t, sampled(motion))[0]
+    q = record.signal - (seen.coordinate(readings) - reduced)
+    return Corrected(Decay(record.decay.t, q, unit=UNIT), readings)

@@ -1,0 +1,79 @@
+"""A beam with its sensors, and the one coordinate that these show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from romsindy.beam import Beam
+from romsindy.beam.modes import ModalBasis
+from romsindy.beam.sensors import SensorArray
+from romsindy.record.decay import Decay
+from romsindy.typing import Array
+
+UNIT = "kg^0.5 m"
+
+
+def projected_modes(n_sensors: int) -> int:
+    """Modes that so many sensors tell apart, with some sensors to spare."""
+    return max(1, min(2, n_sensors - 2))
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentedBeam:
+    """A beam seen through sensors.
+
+    Attributes
+    ----------
+    beam : Beam
+    sensors : SensorArray
+        Whose mode shapes, those of `beam`, define the coordinate.
+    """
+
+    beam: Beam
+    sensors: SensorArray
+
+    @cached_property
+    def basis(self) -> ModalBasis:
+        """Modes about the equilibrium."""
+        return self.beam.modes(count=max(3, projected_modes(len(self.sensors.sensors))))
+
+    @cached_property
+    def shapes(self) -> Array:
+        """Mode shapes at the sensors, (n_sensors, n_modes)."""
+        return self.sensors.mode_shapes(self.basis, projected_modes(len(self.sensors.sensors)))
+
+    def coordinate(self, displacements: Array) -> Array:
+        """First modal coordinate of sensor displacements (..., n_sensors), kg^0.5 m."""
+        return np.asarray(displacements @ np.linalg.pinv(self.shapes)[0])
+
+    def decay(self, decay: Decay) -> Decay:
+        """Displacements of the sensors as a decay of the first modal coordinate."""
+        return Decay(decay.t, self.coordinate(decay.q), unit=UNIT)
+
+    def seen(self, fields: Array) -> Array:
+        """Coordinate of nodal displacements (..., n_nodes, 3) from the equilibrium."""
+        flat = fields.reshape(*fields.shape[:-2], -1)
+        return self.coordinate(flat @ self.sensors.rows.T)
+
+    def readings(self, beam: Beam, q: float, duration: float, step: float) -> Array:
+        """Displacements (n, n_sensors) [m] of a beam let go where its coordinate is ``q``.
+
+        The beam is held by the modal force of its own first mode until then.
+        """
+        tip = q * float(self.basis.shapes[0, -1, 1])
+        for _ in range(4):  # the tip is nearly proportional to the coordinate
+            held = beam.release_shape(tip, mode=1).displacement - beam.equilibrium().displacement
+            tip *= q / float(self.seen(held))
+        motion = beam.simulate(
+            beam.release_shape(tip, mode=1), duration, step, sensors=self.sensors, progress=False
+        )
+        return self.sensors.measure(motion)
+
+    def keeping(self, channels: Sequence[int]) -> InstrumentedBeam:
+        """The same with some of the sensors."""
+        kept = [self.sensors.sensors[i] for i in channels]
+        return InstrumentedBeam(self.beam, self.beam.sensors(kept))

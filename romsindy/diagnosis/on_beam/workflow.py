@@ -1,0 +1,275 @@
+"""What a beam lacks, from decays measured by several sensors: from the records to a better beam."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from romsindy.beam import Beam
+from romsindy.beam.sensors import SensorArray
+from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
+from romsindy.diagnosis.on_beam.forces import BeamForce, beam_forces
+from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
+from romsindy.diagnosis.on_beam.parameters import parameter_effects
+from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
+from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
+from romsindy.diagnosis.on_beam.static_curve import StaticCurve
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.workflow import diagnose
+from romsindy.effects import CATALOGUE
+from romsindy.effects.base import Effect
+from romsindy.fit.measured import Measured
+from romsindy.fit.part import Part
+from romsindy.fit.refine import refine
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+from romsindy.record.signals import noise_std
+from romsindy.typing import Array
+
+_ORDER = 7
+_ROUNDS = 5
+_MOVING = 0.3  # of the largest speed, at which a record does not start from rest
+_FLOOR = 2e-4
+# What a beam explains by its own parameters, and a sensor by comparison with the others.
+_GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
+# Parameters of a beam that stand for the coefficients of a reduced model.
+_FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
+
+
+@diagnose.register(Beam)
+def diagnose_beam(
+    beam: Beam,
+    measured: Decay | Sequence[Decay],
+    *,
+    sensors: SensorArray,
+    held_out: Decay | None = None,
+    free: Sequence[str] = (),
+    catalogue: Sequence[Effect | type[BeamForce]] = CATALOGUE,
+    false_alarm: float = 0.01,
+    max_effects: int = 3,
+    floor: float = _FLOOR,
+    n_jobs: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> BeamReport:
+    """Find, name and add what a beam lacks; `diagnose` calls this for a `Beam`.
+
+    The measurement is looked at in the coordinate of the first mode, beside a reduced model of the
+    beam. What the beam does beside that model is simulated with the effects that were found, and
+    taken off, until the effects stay: they are then fitted to the beam.
+
+    Parameters
+    ----------
+    beam : Beam
+        The simulation.
+    measured : Decay or sequence of Decay
+        Displacements from the equilibrium [m], one channel per sensor. The first mode rings down
+        from rest at the first sample.
+    sensors : SensorArray
+        Where the displacements were measured.
+    held_out : Decay, optional
+        As `measured`, to judge by.
+    free : names
+        As in `diagnose`: "omega^2" leaves the bending stiffness free, "c_linear" the damping in
+        proportion to mass. Empty: the parameters of the beam are those assumed, or are to blame.
+    catalogue : sequence of Effect or classes of BeamForce
+        What to look for beside `beam_forces` and `parameter_effects`, which replace effects of the
+        same name. Your own force on the beam is a class, such as a `ViscousForce`.
+    false_alarm, max_effects, floor, n_jobs, progress
+        As in `diagnose`.
+
+    Raises
+    ------
+    ValueError
+        For records that do not fit the sensors, do not start from rest, or cannot be compared with
+        the beam.
+    """
+    several = [measured] if isinstance(measured, Decay) else list(measured)
+    everything = [*several, *([held_out] if held_out is not None else [])]
+    _check(sensors, several, everything, free)
+    seen = InstrumentedBeam(beam, sensors)
+    for i, decay in enumerate(everything):
+        _check_release(Measured.of(seen.decay(decay), floor), i)
+    seen, own, faults, decays = _with_right_sensors(seen, several, everything)
+    coordinates = [seen.decay(d) for d in decays]
+    training = coordinates[: len(several)]
+    model, rough = calibrated(beam, own)
+    own_kinds = [kind for kind in catalogue if isinstance(kind, type)]
+    effects = _effects(seen, model, training, float(np.abs(own.q).max()), own_kinds)
+    unneeded = {*_GENERIC, *(e.name for e in effects)}
+    general = [e for e in catalogue if isinstance(e, Effect) and e.name not in unneeded]
+    unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
+    records = [Measured.of(d, floor) for d in coordinates]
+    parallel, say = Parallel(n_jobs), progress or (lambda _: None)
+
+    def look(decays: Sequence[Decay], most: int, floor: float = floor) -> DiagnosisReport:
+        return diagnose(
+            model,
+            decays[: len(several)],
+            held_out=decays[-1] if held_out is not None else None,
+            free=unsure,
+            catalogue=(*general, *effects),
+            false_alarm=false_alarm,
+            max_effects=most,
+            floor=floor,
+            n_jobs=n_jobs,
+            progress=progress,
+        )
+
+    def simulate(parts: Sequence[Part]) -> list[Corrected]:
+        say("the beam with " + (" + ".join(p.effect.name for p in parts) or "nothing more"))
+        return list(parallel(delayed(corrected)(seen, model, parts, r) for r in records))
+
+    first = look(coordinates, 1, max(rough, floor))
+    report, found = _looked_again(first, look, simulate, max_effects)
+    errors = _sensor_errors(seen, model, records[-1], decays[-1], found[-1])
+    parts = _physical(report) if report.best.names else ()
+    return BeamReport(report, faults, seen, parts, errors)
+
+
+def _looked_again(
+    report: DiagnosisReport,
+    look: Callable[[Sequence[Decay], int], DiagnosisReport],
+    simulate: Callable[[Sequence[Part]], list[Corrected]],
+    max_effects: int,
+) -> tuple[DiagnosisReport, list[Corrected]]:
+    """Simulate what was found, take the defect off and look again, until nothing changes.
+
+    One effect that closes the gap counts more than several that fit a little better.
+    """
+    most = 1
+    for _ in range(_ROUNDS):
+        parts = _physical(report)
+        found = simulate(parts)
+        report = look([c.decay for c in found], most)
+        if _settled(parts, report):
+            if report.verdict != "unknown" or most == max_effects:
+                break
+            most = max_effects
+    return report, found
+
+
+def _with_right_sensors(
+    seen: InstrumentedBeam, several: Sequence[Decay], everything: Sequence[Decay]
+) -> tuple[InstrumentedBeam, Decay, tuple[SensorFault, ...], list[Decay]]:
+    """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others."""
+    largest = max(several, key=lambda d: float(np.abs(seen.coordinate(d.q)[0])))
+    start = float(seen.coordinate(largest.q[0]))
+    own = seen.readings(seen.beam, start, float(largest.t[-1] - largest.t[0]), largest.dt)
+    labels = seen.sensors.labels
+    fault = find_fault(np.concatenate([d.q for d in several]), own, seen.shapes, labels)
+    kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
+    seen = seen.keeping(kept)
+    simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
+    decays = [Decay(d.t, d.q[:, kept], unit=d.unit) for d in everything]
+    return seen, simulated, () if fault is None else (fault,), decays
+
+
+def _check_release(record: Measured, i: int) -> None:
+    """Raise a ValueError for a record that does not start from rest."""
+    speed = np.abs(record.motion.q_dot)
+    if speed[0] > _MOVING * speed.max():
+        turn = int(np.argmax(np.diff(np.sign(record.motion.q_dot)) != 0))
+        start = record.decay.t[0] + turn * record.motion.grid.step
+        raise ValueError(
+            f"decay {i} starts at {speed[0] / speed.max():.0%} of its largest speed, and a beam is"
+            f" let go from rest: start at a turning point, such as decay.between({start:.4g})"
+        )
+
+
+def _effects(
+    seen: InstrumentedBeam,
+    model: ReducedModel,
+    decays: Sequence[Decay],
+    reach: float,
+    kinds: Sequence[type[BeamForce]],
+) -> tuple[Effect, ...]:
+    """Effects in the form that they have on this beam; the user's own first."""
+    curve = StaticCurve.of(seen, reach)
+    shift = _frequency_shift(model, decays)
+    forces = [*(kind(curve) for kind in kinds), *beam_forces(curve)]
+    return (*forces, *parameter_effects(seen, reach, shift))
+
+
+def _physical(report: DiagnosisReport) -> tuple[Part, ...]:
+    """Parts of the best hypothesis all of whose effects exist on a beam."""
+    for h in (report.best, *report.compared):
+        parts = on_the_beam(h.effects)
+        if len(parts) == len(h.effects) and np.isfinite(h.misfit):
+            return on_the_beam(h.solution.parts)
+    return ()
+
+
+def _sensor_errors(
+    seen: InstrumentedBeam, model: ReducedModel, record: Measured, decay: Decay, after: Corrected
+) -> tuple[SensorError, ...]:
+    """Every sensor against the beam before and after, in one record."""
+    readings = decay.between(record.decay.t[0], record.decay.t[-1]).q
+    before = corrected(seen, model, (), record)
+
+    def errors(simulated: Array) -> Array:
+        misfit = np.sqrt(np.mean((readings - simulated) ** 2, axis=0))
+        return misfit / np.array([noise_std(y) for y in readings.T])
+
+    both = (errors(c.readings) for c in (before, after))
+    return tuple(itertools.starmap(SensorError, zip(seen.sensors.labels, *both, strict=True)))
+
+
+def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
+    """Whether the effects that were simulated are those found, within a standard error."""
+    after = {(p.effect.name, p.effect.variant): p for p in _physical(report)}
+    before = {(p.effect.name, p.effect.variant): p for p in parts}
+    if set(before) != set(after):
+        return False
+    errors = {e.name: list(e.standard_errors.values()) for e in (*report.effects, *report.moved)}
+    return all(
+        np.all(np.abs(p.values - after[k].values) < errors.get(k[0], [np.inf]))
+        for k, p in before.items()
+    )
+
+
+def calibrated(beam: Beam, simulated: Decay) -> tuple[ReducedModel, float]:
+    """Reduced model of a beam that follows its own simulated decay, and what it leaves.
+
+    The static reduction is the start; the highest inertia terms stay as they are there. Twice the
+    rms of what is left, as a part of the amplitude, is the floor of a first diagnosis.
+    """
+    reach = float(np.abs(simulated.q).max())
+    static = beam.reduce(order=_ORDER, amplitude=1.05 * reach).coefficients
+    omega2 = static["omega^2"]
+    damping = {"c_linear": beam.alpha + beam.eta * omega2, "c_q^2 q_dot": 0.0}
+    start = ReducedModel.from_coefficients({**static, **damping}, unit=UNIT)
+    fitted = refine(start, simulated, fixed=("Upsilon_6", "Upsilon_7"))
+    left = float(np.std(fitted.residuals[0])) / reach
+    return replace(fitted.model, amplitude_range=None), 2 * left
+
+
+def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:
+    """By how much omega^2 of the measured decays differs from the model's, 1/s^2."""
+    fixed = [key for key in model.coefficients if key not in ("omega^2", "c_linear")]
+    fitted = refine(model, [d.free() for d in decays], fixed=fixed)
+    return fitted.model.coefficients["omega^2"] - model.coefficients["omega^2"]
+
+
+def _check(
+    sensors: SensorArray, several: Sequence[Decay], everything: Sequence[Decay], free: Sequence[str]
+) -> None:
+    if not several:
+        raise ValueError("measured is empty: give at least one Decay")
+    if not set(free) <= set(_FREE):
+        raise ValueError(f"free = {list(free)}: of a beam, {list(_FREE)} can be free")
+    n = len(sensors.sensors)
+    for i, decay in enumerate(everything):
+        if decay.q.ndim != 2 or decay.q.shape[1] != n:
+            channels = 1 if decay.q.ndim == 1 else decay.q.shape[1]
+            raise ValueError(
+                f"decay {i} has {channels} channels, but there are {n} sensors: give one channel"
+                " per sensor, in the order of the sensors"
+            )
+        if decay.measured != "displacement":
+            raise ValueError(
+                f"decay {i} holds {decay.measured}: displacements are needed; integrate it first"
+            )

@@ -1,0 +1,163 @@
+"""Effects that change with time, come from outside, or sit in the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.effects.base import ReadingEffect, Scales, Shape, TimedEffect
+from romsindy.typing import Array
+
+
+@dataclass(frozen=True)
+class Drift(TimedEffect):
+    """Stiffness that changes slowly; ``duration`` (s) is the time for one strength."""
+
+    name, family = "drift", "time"
+    label = "a stiffness that drifts in time"
+    advice = "the same decay repeated: a drift goes on, an amplitude effect comes back"
+
+    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+        return (Shape.near("exponent", 1.0, 0.07),)
+
+    def pull(self, t: Array, q: Array, shape: Array) -> Array:
+        return self.pull_dq(t, q, shape) * q
+
+    def pull_dq(self, t: Array, q: Array, shape: Array) -> Array:
+        return np.maximum(t, 0.0)[None] ** shape[0]
+
+
+class SuddenChange(TimedEffect):
+    """Stiffness that jumps at one instant."""
+
+    name, family = "sudden_change", "time"
+    label = "a sudden change of stiffness"
+    advice = "the same decay repeated after an inspection"
+
+    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+        starts = tuple(scales.duration * np.linspace(0.05, 0.9, 18))
+        return (Shape("time", starts, 0.02 * scales.duration, 0.97 * scales.duration, unit="s"),)
+
+    def pull(self, t: Array, q: Array, shape: Array) -> Array:
+        return self.pull_dq(t, q, shape) * q
+
+    def pull_dq(self, t: Array, q: Array, shape: Array) -> Array:
+        # Smooth over a short while, so that the instant can be fitted.
+        return 0.5 + 0.5 * np.tanh((t / shape[0] - 1) * 500)[None]
+
+
+def _tone(scales: Scales) -> Shape:
+    omega = scales.omega
+    return Shape(
+        "frequency", scales.tones, 0.02 * omega, 60 * omega, reach=0.04 * omega, unit="rad/s"
+    )
+
+
+class BaseExcitation(TimedEffect):
+    """Steady shaking of the support at one frequency."""
+
+    name, family, per_record, n_strengths = "base_excitation", "outside", True, 2
+    label = "base excitation at one frequency"
+    advice = "a sensor on the support, or a record of the structure at rest"
+
+    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+        return (_tone(scales),)
+
+    def pull(self, t: Array, q: Array, shape: Array) -> Array:
+        return np.stack([np.cos(shape[0] * t), np.sin(shape[0] * t)])
+
+
+class Hum(ReadingEffect):
+    """A steady line in the sensor."""
+
+    name, family, per_record, n_strengths = "mains_hum", "outside", True, 2
+    label = "mains hum in the sensor"
+    advice = "a record with the structure at rest"
+
+    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+        return (_tone(scales),)
+
+    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+        return np.stack([np.cos(shape[0] * t), np.sin(shape[0] * t)])
+
+
+class SecondMode(ReadingEffect):
+    """A second mode that rings down beside the first."""
+
+    name, family, per_record, n_strengths = "second_mode", "outside", True, 2
+    label = "a second mode that vibrates along"
+    advice = "a sensor at the node of the first mode"
+
+    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+        return (_tone(scales), Shape("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05))
+
+    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+        envelope = np.exp(-shape[1] * shape[0] * t)
+        return envelope * np.stack([np.cos(shape[0] * t), np.sin(shape[0] * t)])
+
+
+class Bias(ReadingEffect):
+    """A zero that is not zero."""
+
+    name = "bias"
+    label = "an offset of the sensor"
+    advice = "a record of the structure at rest"
+
+    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+        return np.ones((1, len(t)))
+
+
+class Gain(ReadingEffect):
+    """A wrong calibration."""
+
+    name = "gain"
+    label = "a wrong gain of the sensor"
+    advice = "a calibration of the sensor, or a second sensor beside it"
+
+    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+        return q[None]
+
+    def shown_dq(self, t: Array, q: Array, shape: Array) -> Array:
+        return np.ones((1, len(q)))
+
+
+@dataclass(frozen=True)
+class SensorNonlinearity(ReadingEffect):
+    """A curved characteristic of the sensor."""
+
+    power: int = 2
+
+    name = "sensor_nonlinearity"
+    label = "a sensor that is not linear"
+    advice = "a calibration of the sensor over its range"
+
+    @property
+    def variant(self) -> str:
+        return f"q^{self.power}"
+
+    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+        return q[None] ** self.power
+
+    def shown_dq(self, t: Array, q: Array, shape: Array) -> Array:
+        return self.power * q[None] ** (self.power - 1)
+
+
+class Saturation(ReadingEffect):
+    """A sensor that shows no more than its limit; strength 1 clips hard."""
+
+    name, sign = "saturation", 1
+    label = "a sensor that saturates"
+    advice = "a sensor of larger range, or a decay from a smaller amplitude"
+    start: float = 1.0
+
+    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+        a = scales.amplitude
+        starts = tuple(a * np.array([1.0, 0.985, 0.965, 0.94]))
+        return (Shape("limit", starts, 0.5 * a, 1.05 * a, unit="q"),)
+
+    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+        return -(np.sign(q) * np.maximum(np.abs(q) - shape[0], 0.0))[None]
+
+    def shown_dq(self, t: Array, q: Array, shape: Array) -> Array:
+        return -1.0 * (np.abs(q) > shape[0])[None]

@@ -1,0 +1,139 @@
+"""Parametric bootstrap: the slow, trusted way to the errors of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.signal import lfilter
+from threadpoolctl import threadpool_limits
+
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.output_error import OutputError
+from romsindy.fit.refine import Fit
+from romsindy.record.noise import autoregression
+from romsindy.typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Fits to simulated measurements.
+
+    Attributes
+    ----------
+    free : tuple of str
+        Names of the coefficients.
+    values : (n, n_free) array
+        Coefficients of every repetition.
+    failed : int
+        Repetitions whose fit could not be simulated to its end; they are not in ``values``.
+    """
+
+    free: tuple[str, ...]
+    values: Array
+    failed: int
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the coefficients, (n_free, n_free)."""
+        return np.atleast_2d(np.cov(self.values, rowvar=False))
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard deviation of every coefficient, by name."""
+        return dict(zip(self.free, np.std(self.values, axis=0, ddof=1).tolist(), strict=True))
+
+    def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Quantiles that hold the stated part of the repetitions, by name."""
+        edges = np.quantile(self.values, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        return {n: (float(a), float(b)) for n, a, b in zip(self.free, *edges, strict=True)}
+
+
+def bootstrap(
+    fit: Fit,
+    repetitions: int = 100,
+    *,
+    seed: int = 0,
+    n_jobs: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Bootstrap:
+    """Simulate the fitted model, add noise as loud and as coloured as found, and fit again.
+
+    Parameters
+    ----------
+    fit : Fit
+        Result of `romsindy.fit.refine`.
+    repetitions : int
+        At least 2.
+    seed : int
+        Of the noise: the same seed gives the same numbers, whatever ``n_jobs``.
+    n_jobs : int, optional
+        Processes, as in joblib; -1 for all cores.
+    progress : callable, optional
+        Called with the number of repetitions done.
+
+    Returns
+    -------
+    Bootstrap
+
+    Raises
+    ------
+    ValueError
+        If fewer than two repetitions are asked for, or fewer than two succeed.
+    """
+    if repetitions < 2:
+        raise ValueError(f"repetitions = {repetitions!r} must be at least 2 (100: errors to 7 %)")
+    problem = fit.problem
+    clean = [r.signal - e for r, e in zip(problem.records, fit.residuals, strict=True)]
+    colours = [_Colour.of(e) for e in fit.residuals]
+    seeds = np.random.SeedSequence(seed).spawn(repetitions)
+    tasks = (delayed(_repeat)(problem, fit.values, clean, colours, s) for s in seeds)
+    results = []
+    for values in Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
+        results.append(values)
+        if progress:
+            progress(len(results))
+    good = [v[: len(fit.free)] for v in results if v is not None]
+    if len(good) < 2:
+        raise ValueError(
+            f"only {len(good)} of {repetitions} repetitions could be fitted: the model comes close"
+            " to singular inertia, use fewer terms"
+        )
+    return Bootstrap(fit.free, np.array(good), repetitions - len(good))
+
+
+@dataclass(frozen=True)
+class _Colour:
+    """An autoregression and the standard deviation of what drives it."""
+
+    coefficients: Array
+    std: float
+
+    @classmethod
+    def of(cls, residual: Array) -> _Colour:
+        a = autoregression(residual)
+        return cls(a, float(np.std(lfilter(a, [1.0], residual)[len(a) :])))
+
+    def noise(self, n: int, rng: np.random.Generator) -> Array:
+        settle = 20 * len(self.coefficients)
+        white = self.std * rng.standard_normal(n + settle)
+        return lfilter([1.0], self.coefficients, white)[settle:]
+
+
+def _repeat(
+    problem: OutputError,
+    values: Array,
+    clean: list[Array],
+    colours: list[_Colour],
+    seed: np.random.SeedSequence,
+) -> Array | None:
+    rng = np.random.default_rng(seed)
+    pairs = zip(clean, colours, strict=True)
+    signals = [x + colour.noise(len(x), rng) for x, colour in pairs]
+    try:
+        with threadpool_limits(limits=1, user_api="blas"):
+            return problem.with_signals(signals).polish(values)
+    except TrajectoryError:
+        return None

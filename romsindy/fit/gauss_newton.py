@@ -1,0 +1,216 @@
+"""Fits by simulation that start from the measured motion.
+
+A hypothesis is a model and the effects added to it. Gauss-Newton's method finds strengths, shapes
+and initial states together with the motion itself: every step solves the equation linearised about
+the present motion (see `romsindy.fit.linear_response`), which at first is the smoothed measurement.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.linear_response import Response, nodes, respond, sampled
+from romsindy.fit.measured import Measured
+from romsindy.fit.normal_equations import NormalEquations
+from romsindy.fit.part import ExtendedEquation, Part, columns_of, prior_cost, read
+from romsindy.physics.model import ReducedModel
+from romsindy.typing import Array
+
+_ITERATIONS = 16
+_LEASH = 0.3  # largest change of the motion in one step, in amplitudes
+_WORSE, _SHORTEST = 1.5, 0.02  # a step that makes the misfit worse is shortened
+_LOST = 1e4  # a linearised motion that goes further than this leads nowhere
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A hypothesis fitted.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+    motions : tuple of Trajectory
+        One for each record.
+    residuals : tuple of (n,) arrays
+        Measured minus simulated, of each record, not whitened.
+    chi_squared : float
+        Sum of squares of the whitened residuals, plus what the priors of the shapes cost.
+    covariance : (n_values, n_values) array
+        Of the values of all parts, in their order.
+    converged : bool
+    """
+
+    parts: tuple[Part, ...]
+    motions: tuple[Trajectory, ...]
+    residuals: tuple[Array, ...]
+    chi_squared: float
+    covariance: Array
+    converged: bool
+
+    def slices(self) -> list[slice]:
+        """Where the values of each part are."""
+        ends = np.cumsum([0, *(p.size for p in self.parts)])
+        return [slice(a, b) for a, b in itertools.pairwise(ends)]
+
+
+def fit(
+    model: ReducedModel,
+    parts: Sequence[Part],
+    records: Sequence[Measured],
+    motions: Sequence[Trajectory] | None = None,
+    *,
+    fixed: bool = False,
+    iterations: int = _ITERATIONS,
+) -> Solution:
+    """Fit the values of all parts, and the initial states, to all records.
+
+    Parameters
+    ----------
+    model : ReducedModel
+    parts : sequence of Part
+        With their starting values.
+    records : sequence of Measured
+    motions : sequence of Trajectory, optional
+        To start from; by default the smoothed measurement.
+    fixed : bool
+        Fit initial states and strengths that differ between records only.
+    """
+    parts = tuple(parts)
+    motions = list(motions or [r.motion for r in records])
+    n_values = sum(p.size for p in parts)
+    last, converged = np.inf, False
+    kept: _Stage | None = None
+    for iteration in range(iterations):
+        with np.errstate(all="ignore"):
+            system, responses = _linearised(model, parts, records, motions)
+            if kept is not None and not system.power <= _WORSE * kept.power:
+                if kept.short < _SHORTEST:
+                    parts, system = kept.parts, kept.system
+                    motions = [r.motion for r in kept.responses]
+                    break
+                kept = replace(kept, short=0.3 * kept.short)  # a step too far: go back
+                parts, motions = kept.moved()
+                system = kept.system  # should this be the last step
+                continue
+            if not system.finite:
+                return _failed(parts, motions, n_values)
+            step = system.bounded_step(_held(parts, fixed, first=iteration == 0), *_limits(parts))
+            weights = tuple(
+                np.concatenate([[1.0], step[columns_of(parts, i)], step[n_values + 2 * i :][:2]])
+                for i in range(len(records))
+            )
+            largest = max(
+                float(np.abs(r.q @ w).max()) / record.amplitude
+                for r, w, record in zip(responses, weights, records, strict=True)
+            )
+            if not np.isfinite(largest) or largest > _LOST:
+                return _failed(parts, motions, n_values)
+            short = min(1.0, _LEASH / max(largest, 1e-300))
+            kept = _Stage(parts, tuple(responses), weights, step[:n_values], short, system)
+            parts, motions = kept.moved()
+        chi_squared = system.chi_squared(step)
+        converged = short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared
+        if converged:
+            break
+        last = chi_squared
+    residuals = tuple(
+        r.signal - read(parts, i, r.t, sampled(m, r.derivative))[0]
+        for i, (r, m) in enumerate(zip(records, motions, strict=True))
+    )
+    total = sum(float(np.sum(r.noise(e) ** 2)) for r, e in zip(records, residuals, strict=True))
+    return Solution(
+        parts,
+        tuple(motions),
+        residuals,
+        total + prior_cost(parts),
+        system.covariance()[:n_values, :n_values],
+        converged,
+    )
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """Where a step started, and the step."""
+
+    parts: tuple[Part, ...]
+    responses: tuple[Response, ...]
+    weights: tuple[Array, ...]
+    step: Array
+    short: float
+    system: NormalEquations
+
+    @property
+    def power(self) -> float:
+        """Misfit before the step."""
+        return self.system.power
+
+    def moved(self) -> tuple[tuple[Part, ...], list[Trajectory]]:
+        """Values and motions after the step."""
+        motions = [
+            r.moved(self.short * w) for r, w in zip(self.responses, self.weights, strict=True)
+        ]
+        return _moved(self.parts, self.short * self.step), motions
+
+
+def _linearised(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    records: Sequence[Measured],
+    motions: Sequence[Trajectory],
+) -> tuple[NormalEquations, list[Response]]:
+    """Normal equations about the present motions, and the responses that they combine."""
+    system = NormalEquations(sum(p.size for p in parts), len(records))
+    responses = []
+    for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
+        equation = ExtendedEquation(model, parts, i, motion.grid.step)
+        response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
+        change = response.samples(record.derivative)
+        x = sampled(motion, record.derivative) + change[:, 0]
+        shown, slope, by_value = read(parts, i, record.t, x)
+        jacobian = slope[:, None] * change[:, 1:]
+        jacobian[:, :-2] += by_value.T
+        whitened = record.noise(np.column_stack([record.signal - shown, jacobian]))
+        system.add(i, columns_of(parts, i), whitened)
+        responses.append(response)
+    system.add_priors(parts)
+    return system, responses
+
+
+def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:
+    """A hypothesis whose motion goes astray: nothing could be worse."""
+    residuals = tuple(np.full(len(m.grid.fraction), np.inf) for m in motions)
+    nothing = np.zeros((n_values, n_values))
+    return Solution(parts, tuple(motions), residuals, np.inf, nothing, False)
+
+
+def _held(parts: Sequence[Part], fixed: bool, first: bool) -> NDArray[np.bool_]:
+    """Values that stay: with no strength there is no telling a shape."""
+    held: list[NDArray[np.bool_]] = [np.zeros(0, bool)]
+    for p in parts:
+        held.append(np.full(p.strengths.size, fixed and not p.effect.per_record))
+        held.append(np.full(p.shape.size, fixed or (first and not np.any(p.strengths))))
+    return np.concatenate(held)
+
+
+def _limits(parts: Sequence[Part]) -> tuple[Array, Array]:
+    """Least and largest changes of all values."""
+    lows, highs = [np.zeros(0)], [np.zeros(0)]
+    for part in parts:
+        low, high = part.limits()
+        lows.append(low - part.values)
+        highs.append(high - part.values)
+    return np.concatenate(lows), np.concatenate(highs)
+
+
+def _moved(parts: tuple[Part, ...], change: Array) -> tuple[Part, ...]:
+    moved, first = [], 0
+    for part in parts:
+        moved.append(part.moved(change[first : first + part.size]))
+        first += part.size
+    return tuple(moved)

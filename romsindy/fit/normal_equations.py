@@ -1,0 +1,99 @@
+"""Normal equations of a Gauss-Newton step over several records, with priors and limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from romsindy.typing import Array, Indices
+
+if TYPE_CHECKING:
+    from romsindy.fit.part import Part
+
+_ACTIVE = 5  # rounds in which values may reach their limits
+
+
+class NormalEquations:
+    """Normal equations of all records: values of the parts, then two states of each record."""
+
+    def __init__(self, n_values: int, n_records: int) -> None:
+        self.size = n_values + 2 * n_records
+        self.n_values = n_values
+        self.matrix = np.zeros((self.size, self.size))
+        self.right = np.zeros(self.size)
+        self.power = 0.0
+
+    def add(self, record: int, columns: Indices, whitened: Array) -> None:
+        """Rows of one record: its misfit, then the derivatives by its columns and states."""
+        first = self.n_values + 2 * record
+        where = np.concatenate([columns, [first, first + 1]]).astype(int)
+        gram = whitened.T @ whitened
+        self.power += gram[0, 0]
+        self.right[where] += gram[0, 1:]
+        self.matrix[np.ix_(where, where)] += gram[1:, 1:]
+
+    def add_priors(self, parts: Sequence[Part]) -> None:
+        """What is known beforehand."""
+        at = 0
+        for part in parts:
+            for value in part.strengths.ravel():
+                if part.tolerance is not None:
+                    self._know(at, -float(value), part.tolerance)
+                at += 1
+            for value, shape in zip(part.shape, part.shapes, strict=True):
+                if shape.spread is not None:
+                    self._know(at, shape.starts[0] - float(value), shape.spread)
+                at += 1
+
+    def _know(self, at: int, off: float, spread: float) -> None:
+        self.power += (off / spread) ** 2
+        self.right[at] += off / spread**2
+        self.matrix[at, at] += 1 / spread**2
+
+    @property
+    def finite(self) -> bool:
+        """Whether the motions stayed within reach of numbers."""
+        return bool(np.all(np.isfinite(self.matrix)) and np.all(np.isfinite(self.right)))
+
+    def bounded_step(self, held: NDArray[np.bool_], low: Array, high: Array) -> Array:
+        """Least-squares change of all values; values at a limit stay there, and some are held.
+
+        ``low`` and ``high`` are the least and largest changes of the values of the parts.
+        """
+        fixed = np.zeros(self.size)
+        free = np.ones(self.size, bool)
+        free[: len(held)] = ~held
+        least, most = np.full((2, self.size), np.inf)
+        least = -least
+        least[: len(low)], most[: len(high)] = low, high
+        step = self._step(free, fixed)
+        for _ in range(_ACTIVE):
+            beyond = free & ((step < least) | (step > most))
+            if not np.any(beyond):
+                break
+            fixed[beyond] = np.clip(step, least, most)[beyond]
+            free &= ~beyond
+            step = self._step(free, fixed)
+        return step
+
+    def _step(self, free: NDArray[np.bool_], fixed: Array) -> Array:
+        a = self.matrix[np.ix_(free, free)]
+        b = self.right[free] - self.matrix[np.ix_(free, ~free)] @ fixed[~free]
+        scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+        solved = np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=1e-13)[0]
+        step = fixed.copy()
+        step[free] = solved * scale
+        return step
+
+    def chi_squared(self, step: Array) -> float:
+        """What the linear problem leaves after a step."""
+        return float(self.power - 2 * step @ self.right + step @ self.matrix @ step)
+
+    def covariance(self) -> Array:
+        """Inverse of the normal matrix."""
+        scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        scaled = self.matrix * scale * scale[:, None]
+        return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * scale * scale[:, None]

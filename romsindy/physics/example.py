@@ -1,0 +1,55 @@
+"""A decay made on the spot, for examples, benchmarks and first steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+from romsindy.record.signals import with_noise
+
+EXAMPLE_MODEL = ReducedModel.from_coefficients(
+    {
+        "omega^2": 36.0,
+        "gamma_2": 2.0,
+        "gamma_3": 9.0,
+        "Upsilon_3": 0.30,
+        "Upsilon_4": 0.05,
+        "Upsilon_5": 0.12,
+        "c_linear": 0.06,
+    },
+    unit="m",
+)
+
+
+def add_noise(decay: Decay, snr_db: float, seed: int) -> Decay:
+    """White noise on the displacement; velocity and acceleration are dropped.
+
+    Parameters
+    ----------
+    decay : Decay
+    snr_db : float
+        Ratio of the rms of q over the whole record to that of the noise, in dB.
+    seed : int
+    """
+    return Decay(decay.t, with_noise(decay.q, snr_db, seed), unit=decay.unit)
+
+
+def example_decay(
+    snr_db: float | None = None, seed: int = 0, *, periods: float = 150, samples: int = 100
+) -> Decay:
+    """Decay of an oscillator with nonlinear stiffness and inertia (`EXAMPLE_MODEL`), from 1.8 m.
+
+    Parameters
+    ----------
+    snr_db : float, optional
+        Signal-to-noise ratio in dB; without it the decay is clean, with exact derivatives.
+    seed : int
+        Of the noise.
+    periods, samples : float, int
+        Length in linear periods, and samples in each.
+    """
+    period = 2 * np.pi / np.sqrt(EXAMPLE_MODEL.coefficients["omega^2"])
+    t = np.arange(round(periods * samples) + 1) * period / samples
+    clean = EXAMPLE_MODEL.simulate(1.8, 0.0, t, rtol=1e-12)
+    return clean if snr_db is None else add_noise(clean, snr_db, seed)

@@ -1,0 +1,471 @@
+"""The identified equation of motion: terms, coefficients, and what follows from them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial import Chebyshev
+from numpy.typing import ArrayLike
+from scipy.optimize import elementwise
+
+from romsindy.physics.force_laws import term_from_key
+from romsindy.physics.integration import integrate_smooth, integrate_strokes
+from romsindy.physics.terms import Term
+from romsindy.record.decay import Decay
+from romsindy.typing import Array
+
+# Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
+_N_GAUSS = 80
+# Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
+_SINGULAR = 1e-3
+
+
+class SingularInertiaError(ValueError):
+    """The inertia M(q) = 1 + h(q) is not positive where the motion went."""
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """Equation M(q) q_ddot + N(q) q_dot^2 + K(q) + D(q, q_dot) = 0 with known coefficients.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+    values : tuple of float
+        Coefficient of each term, in the unit of q and seconds.
+    unit : str, optional
+        Unit of q, such as "m"; None where it is not known.
+    amplitude_range : (float, float), optional
+        Least and largest amplitude of the data behind the model, in the unit of q.
+    """
+
+    terms: tuple[Term, ...]
+    values: tuple[float, ...]
+    unit: str | None = None
+    amplitude_range: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(self.terms))
+        object.__setattr__(self, "values", tuple(float(v) for v in self.values))
+        if len(self.terms) != len(self.values):
+            raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
+        if len({t.key for t in self.terms}) != len(self.terms):
+            raise ValueError(f"terms appear twice: {[t.key for t in self.terms]}")
+        bad = {t.key: v for t, v in zip(self.terms, self.values, strict=True) if not np.isfinite(v)}
+        if bad:
+            raise ValueError(f"coefficients must be finite, got {bad}")
+
+    @classmethod
+    def from_coefficients(
+        cls,
+        coefficients: Mapping[str, float],
+        unit: str | None = None,
+        amplitude_range: tuple[float, float] | None = None,
+    ) -> ReducedModel:
+        """Build a model from named coefficients.
+
+        Raises
+        ------
+        ValueError
+            If a name is not known (see `romsindy.physics.terms.term_from_key`).
+
+        Examples
+        --------
+        >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0}, unit="m")
+        >>> print(model)
+        q_ddot + 36 q + 9 q^3 = 0    (q in m, t in s)
+          omega^2                36  1/s^2           omega = 6 rad/s, 0.95493 Hz
+          gamma_3                 9  1/(m^2 s^2)
+        """
+        terms = tuple(term_from_key(key) for key in coefficients)
+        return cls(terms, tuple(coefficients.values()), unit, amplitude_range)
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """Coefficients by name: "omega^2", "gamma_3", "Upsilon_3", "c_linear", ..."""
+        return {t.key: v for t, v in zip(self.terms, self.values, strict=True)}
+
+    # -- the four functions of the equation ---------------------------------------------------
+
+    def inertia(self, q: ArrayLike) -> Array:
+        """M(q) = 1 + h(q), shape of q."""
+        return 1.0 + self._total("inertia", q)
+
+    def convection(self, q: ArrayLike) -> Array:
+        """N(q), what multiplies q_dot^2, shape of q."""
+        return self._total("convection", q)
+
+    def stiffness(self, q: ArrayLike) -> Array:
+        """K(q), restoring force per unit mass, shape of q."""
+        return self._total("stiffness", q)
+
+    def damping(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """D(q, q_dot), damping force per unit mass, shape of q."""
+        return self._total("damping", q, q_dot)
+
+    def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
+        """Left side of the equation, shape of q: zero along a free motion."""
+        q_dot, q_ddot = np.asarray(q_dot, float), np.asarray(q_ddot, float)
+        return (
+            self.inertia(q) * q_ddot
+            + self.convection(q) * q_dot**2
+            + self.stiffness(q)
+            + self.damping(q, q_dot)
+        )
+
+    def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
+        """Residual and its derivatives with respect to q, q_dot and q_ddot, shape of q each."""
+        squared = q_dot * q_dot
+        residual, inertia = np.array(q_ddot), np.ones_like(q_ddot)
+        by_q, by_q_dot = np.zeros_like(q_ddot), np.zeros_like(q_ddot)
+        for term, c in zip(self.terms, self.values, strict=True):
+            if term.has("inertia"):
+                part = c * term.inertia(q)
+                inertia += part
+                residual += part * q_ddot
+                by_q += c * term.inertia_dq(q) * q_ddot
+            if term.has("convection"):
+                part = c * term.convection(q)
+                residual += part * squared
+                by_q += c * term.convection_dq(q) * squared
+                by_q_dot += 2 * part * q_dot
+            if term.has("stiffness"):
+                residual += c * term.stiffness(q)
+                by_q += c * term.stiffness_dq(q)
+            if term.has("damping"):
+                residual += c * term.damping(q, q_dot)
+                by_q += c * term.damping_dq(q, q_dot)
+                by_q_dot += c * term.damping_dq_dot(q, q_dot)
+        return residual, by_q, by_q_dot, inertia
+
+    def undamped(self) -> ReducedModel:
+        """Model without its damping terms."""
+        pairs = zip(self.terms, self.values, strict=True)
+        kept = {term: value for term, value in pairs if not term.has("damping")}
+        return replace(self, terms=tuple(kept), values=tuple(kept.values()))
+
+    def regularised(self, velocity_scale: float) -> ReducedModel:
+        """Model whose forces do not jump (see `Term.regularised`); unit of q per second."""
+        return replace(self, terms=tuple(t.regularised(velocity_scale) for t in self.terms))
+
+    def _total(self, part: str, *arguments: ArrayLike) -> Array:
+        arrays = np.broadcast_arrays(*(np.asarray(a, float) for a in arguments))
+        total = np.zeros_like(arrays[0])
+        for coefficient, function in self._parts(part):
+            total = total + coefficient * function(*arrays)
+        return total
+
+    def _parts(self, part: str) -> list[tuple[float, Callable]]:
+        return [
+            (value, getattr(term, part))
+            for term, value in zip(self.terms, self.values, strict=True)
+            if term.has(part)
+        ]
+
+    def acceleration(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """q_ddot of the free motion, shape of q.
+
+        Raises
+        ------
+        SingularInertiaError
+            If 1 + h(q) <= 0 (or below 0.001) somewhere.
+        """
+        q, q_dot = np.asarray(q, float), np.asarray(q_dot, float)
+        inertia = self.inertia(q)
+        if np.any(inertia <= _SINGULAR):
+            self._refuse(float(q.flat[int(np.argmin(inertia))]))
+        force = self.stiffness(q) + self.convection(q) * q_dot**2 + self.damping(q, q_dot)
+        return -force / inertia
+
+    def _refuse(self, q: float) -> None:
+        raise SingularInertiaError(
+            f"1 + h(q) = {float(self.inertia(q)):.3g} is not positive at q = {q:.6g}"
+            f" {self.unit or '[q]'}: the model has no motion there; stay at smaller"
+            " amplitudes, or identify with fewer inertia terms"
+        )
+
+    # -- motion -------------------------------------------------------------------------------
+
+    def simulate(self, q0: float, q_dot0: float, t: ArrayLike, *, rtol: float = 1e-10) -> Decay:
+        """Integrate the free motion.
+
+        Smooth models go to LSODA. With dry friction the motion is integrated stroke by stroke
+        between reversals, and rests where friction holds it.
+
+        Parameters
+        ----------
+        q0, q_dot0 : float
+            Displacement (unit of q) and velocity (per second) at t[0].
+        t : (n,) array
+            Increasing times in s at which the motion is wanted; uniform, as in every `Decay`.
+        rtol : float
+            Local relative tolerance of the integration; the error of 200 cycles is about 1e3 rtol.
+
+        Returns
+        -------
+        Decay
+            With q, q_dot, q_ddot.
+
+        Raises
+        ------
+        SingularInertiaError
+            If the motion reaches 1 + h(q) <= 0.
+        RuntimeError
+            If the integration does not reach the last time.
+        """
+        t = np.asarray(t, float)
+        frequency = np.sqrt(abs(self.coefficients.get("omega^2", 1.0))) or 1.0
+        scale = max(abs(q0), abs(q_dot0) / frequency, 1e-300)
+        state = np.array([q0, q_dot0], float)
+        if all(term.smooth for term in self.terms):
+            q, q_dot = integrate_smooth(self._scalar_acceleration(), state, t, rtol, scale)
+            return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
+        q, q_dot, rests = integrate_strokes(self._scalar_acceleration(), state, t, rtol, scale)
+        q_ddot = np.where(rests, 0.0, self.acceleration(q, q_dot))
+        return Decay(t, q, q_dot, q_ddot, unit=self.unit)
+
+    def _scalar_acceleration(self) -> Callable[[float, float], float]:
+        # Plain floats: an integrator calls this 1e5 times, and arrays of one cost ten times more.
+        inertia, convection = self._parts("inertia"), self._parts("convection")
+        stiffness, damping = self._parts("stiffness"), self._parts("damping")
+
+        def acceleration(q: float, q_dot: float) -> float:
+            mass = 1.0
+            for c, f in inertia:
+                mass += c * f(q)
+            if mass <= _SINGULAR:
+                self._refuse(q)
+            force = 0.0
+            for c, f in convection:
+                force += c * f(q)
+            force *= q_dot * q_dot
+            for c, f in stiffness:
+                force += c * f(q)
+            for c, f in damping:
+                force += c * f(q, q_dot)
+            return -force / mass
+
+        return acceleration
+
+    # -- energy and backbone ------------------------------------------------------------------
+
+    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """First integral of the undamped motion, per unit mass, shape of q.
+
+        Kinetic M q_dot^2/2 plus potential energy. Where convection is not half the derivative of
+        inertia (`BeamTheoryLibrary`), the equation has an integrating factor that takes M's place.
+        """
+        q = np.asarray(q, float)
+        factor, potential = self._energies(float(np.max(np.abs(q), initial=0.0)))
+        return factor(q) * np.asarray(q_dot, float) ** 2 / 2 + potential(q)
+
+    def _energies(self, reach: float) -> tuple[Callable, Callable]:
+        """Integrating factor mu(q) and potential U(q) on |q| <= reach."""
+        if all(term.conservative_inertia for term in self.terms):
+            return self.inertia, lambda q: self._total("potential", q)
+        # d(q_dot^2)/dq + 2 N/M q_dot^2 = -2 K/M  has the factor  mu = exp(int 2 N/M dq).
+        low, high = -self._regular(-reach or -1.0), self._regular(reach or 1.0)
+
+        def integral(f: Callable) -> Chebyshev:
+            return Chebyshev.interpolate(f, 120, domain=[low, high]).integ(lbnd=0.0)
+
+        log_factor = integral(lambda q: 2 * self.convection(q) / self.inertia(q))
+        potential = integral(lambda q: np.exp(log_factor(q)) * self.stiffness(q) / self.inertia(q))
+
+        def factor(q: Array) -> Array:
+            return np.where(
+                (q >= low) & (q <= high), np.exp(log_factor(np.clip(q, low, high))), np.nan
+            )
+
+        return factor, lambda q: potential(np.clip(q, low, high))
+
+    def _regular(self, reach: float) -> float:
+        """How far from 0 towards ``reach`` the inertia stays positive; polynomials end at poles."""
+        q = np.linspace(0.0, reach, 2000)
+        singular = np.flatnonzero(self.inertia(q) <= 0)
+        return abs(reach) if not len(singular) else 0.98 * abs(float(q[singular[0]]))
+
+    def backbone(self, amplitudes: ArrayLike) -> Array:
+        """Angular frequency of the undamped model, by energy quadrature.
+
+        T = 2 int sqrt(mu / (2 (E - U))) dq between the turning points, with q = c + a sin(theta).
+
+        Parameters
+        ----------
+        amplitudes : (n,) array
+            Half peak-to-peak amplitudes, positive, unit of q.
+
+        Returns
+        -------
+        (n,) array
+            rad/s; nan where the model has no periodic motion of that amplitude around q = 0.
+
+        Raises
+        ------
+        ValueError
+            If an amplitude is not positive.
+        """
+        orbit = self._orbit(amplitudes)
+        return np.pi / np.sum(orbit.dt, axis=-1)
+
+    def damping_ratio(self, amplitudes: ArrayLike) -> Array:
+        """Damping ratio against amplitude, from the work of the damping over one undamped cycle.
+
+        zeta = (energy lost in a cycle) / (2 pi a dE/da), which is c/(2 omega) for viscous damping.
+
+        Parameters
+        ----------
+        amplitudes : (n,) array
+            Half peak-to-peak amplitudes, positive, unit of q.
+
+        Returns
+        -------
+        (n,) array
+            Dimensionless; nan where `backbone` is nan.
+        """
+        orbit = self._orbit(amplitudes)
+        force = self.damping(orbit.q, orbit.q_dot) - self.damping(orbit.q, -orbit.q_dot)
+        weight = orbit.factor / self.inertia(orbit.q) * orbit.q_dot * orbit.dt
+        loss = np.sum(weight * force, axis=-1)
+        # dE/da from the two turning points, which must stay at equal potential.
+        slope = [orbit.force(c) for c in (orbit.upper, orbit.lower)]
+        growth = 2 / (1 / slope[0] - 1 / slope[1])
+        return loss / (2 * np.pi * np.asarray(amplitudes, float) * growth)
+
+    def relative_magnitude(self, amplitudes: ArrayLike) -> dict[str, Array]:
+        """Rms of every term over an undamped cycle, relative to the rms of q_ddot ([1], fig. 11).
+
+        Parameters
+        ----------
+        amplitudes : (n,) array
+            Half peak-to-peak amplitudes, positive, unit of q.
+
+        Returns
+        -------
+        dict
+            Coefficient name to (n,) array, dimensionless.
+        """
+        orbit = self._orbit(amplitudes)
+        force = self.stiffness(orbit.q) + self.convection(orbit.q) * orbit.q_dot**2
+        q_ddot = -force / self.inertia(orbit.q)
+
+        def rms(x: Array) -> Array:
+            return np.sqrt(np.sum(x**2 * orbit.dt, axis=-1) / np.sum(orbit.dt, axis=-1))
+
+        return {
+            term.key: abs(value) * rms(term.strong(orbit.q, orbit.q_dot, q_ddot)) / rms(q_ddot)
+            for term, value in zip(self.terms, self.values, strict=True)
+        }
+
+    def _orbit(self, amplitudes: ArrayLike) -> _Orbit:
+        a = np.atleast_1d(np.asarray(amplitudes, float))
+        if a.ndim != 1 or not np.all(a > 0):
+            raise ValueError(f"amplitudes must be positive and one-dimensional, got {amplitudes!r}")
+        factor, potential = self._energies(1.5 * float(a.max(initial=0.0)))
+        centre = elementwise.find_root(
+            lambda c, a: potential(c + a) - potential(c - a), (-a / 2, a / 2), args=(a,)
+        )
+        c = np.where(centre.success, centre.x, np.nan)
+        x, w = np.polynomial.legendre.leggauss(_N_GAUSS)
+        theta, w = x * np.pi / 2, w * np.pi / 2
+        q = c[:, None] + a[:, None] * np.sin(theta)
+        mu = factor(q)
+        left = potential(c + a)[:, None] - potential(q)  # what is left for the kinetic energy
+        closed = np.all((left > 0) & (mu > 0) & (self.inertia(q) > 0), axis=1, keepdims=True)
+        q_dot = np.sqrt(np.where(closed, 2 * left / mu, np.nan))
+        dt = w * a[:, None] * np.cos(theta) / q_dot
+
+        def force(at: Array) -> Array:
+            return factor(at) * self.stiffness(at) / self.inertia(at)
+
+        return _Orbit(q, q_dot, dt, mu, c + a, c - a, force)
+
+    # -- text ---------------------------------------------------------------------------------
+
+    def equation(self, precision: int = 4) -> str:
+        """One line of text."""
+        return "q_ddot" + self._sum(precision, lambda term: term.expression()) + " = 0"
+
+    def latex(self, precision: int = 4) -> str:
+        """The equation as LaTeX, without dollar signs."""
+
+        def expression(term: Term) -> str:
+            return term.expression("q", r"\dot{q}", r"\ddot{q}").replace(
+                "sign", r"\operatorname{sign}"
+            )
+
+        text = r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
+        return text
+
+    def _sum(self, precision: int, expression: Callable[[Term], str], latex: bool = False) -> str:
+        parts = []
+        for term, value in zip(self.terms, self.values, strict=True):
+            number = f"{abs(value):.{precision}g}"
+            if latex and "e" in number:
+                mantissa, exponent = number.split("e")
+                number = rf"{mantissa} \times 10^{{{int(exponent)}}}"
+            separator = r" \, " if latex else " "
+            parts.append(f" {'-' if value < 0 else '+'} {number}{separator}{expression(term)}")
+        return "".join(parts)
+
+    def __str__(self) -> str:
+        lines = [f"{self.equation()}    (q in {self.unit or 'its own unit [q]'}, t in s)"]
+        for term, value in zip(self.terms, self.values, strict=True):
+            note = ""
+            if term.key == "omega^2" and value > 0:
+                omega = np.sqrt(value)
+                note = f"omega = {omega:.5g} rad/s, {omega / (2 * np.pi):.5g} Hz"
+            lines.append(
+                f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip()
+            )
+        if self.amplitude_range is not None:
+            low, high = self.amplitude_range
+            lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")
+        return "\n".join(lines)
+
+    # -- JSON ---------------------------------------------------------------------------------
+
+    def to_json(self) -> str:
+        """JSON text with coefficients, unit and amplitude range."""
+        content = {
+            "coefficients": self.coefficients,
+            "unit": self.unit,
+            "amplitude_range": self.amplitude_range,
+        }
+        return json.dumps(content, indent=2)
+
+    @classmethod
+    def from_json(cls, text: str) -> ReducedModel:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the text is not JSON, or holds no coefficients, or an unknown one.
+        """
+        content = json.loads(text)
+        if not isinstance(content, dict) or not isinstance(content.get("coefficients"), dict):
+            raise ValueError('the JSON text holds no model: expected {"coefficients": {...}, ...}')
+        limits = content.get("amplitude_range")
+        return cls.from_coefficients(
+            content["coefficients"], content.get("unit"), tuple(limits) if limits else None
+        )
+
+
+@dataclass(frozen=True)
+class _Orbit:
+    """Half a period of undamped motions, from the lower to the upper turning point.
+
+    Arrays of shape (n_amplitudes, n_gauss); ``dt`` holds the quadrature weights in time.
+    """
+
+    q: Array
+    q_dot: Array
+    dt: Array
+    factor: Array
+    upper: Array
+    lower: Array
+    force: Callable[[Array], Array]

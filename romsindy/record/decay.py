@@ -1,0 +1,337 @@
+"""The record of one free decay."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
+
+from romsindy.record.filters import Butterworth, Filter
+from romsindy.record.signals import free_part, fundamental_frequency, integrate, noise_std, upsample
+from romsindy.typing import Array
+
+Quantity = Literal["displacement", "velocity", "acceleration"]
+
+# Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
+_ROUNDING = 1e-4
+# Fewer samples a cycle than this are interpolated before cycles are analysed.
+SAMPLES_PER_CYCLE = 40
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Decay:
+    """One free decay, uniformly sampled; checked when it is made.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Time in s, increasing. Jitter is resampled onto a uniform grid, with a warning.
+    q : (n,) or (n, n_channels) array
+        Displacement, or modal coordinate, from rest.
+    q_dot, q_ddot : arrays like q, optional
+        Velocity and acceleration, where known. They must belong to q.
+    unit : str, optional
+        Unit of q, such as "m" or "rad"; None where it is not known.
+    measured : "displacement", "velocity" or "acceleration"
+        Which of the three the sensor gave.
+    notes : tuple of str
+        What was done to the record, for the reader.
+
+    Raises
+    ------
+    ValueError
+        For NaN, gaps, time that does not increase, shapes that do not fit, a constant signal;
+        the message names the argument, the value and the remedy.
+    """
+
+    t: Array
+    q: Array
+    q_dot: Array | None = None
+    q_ddot: Array | None = None
+    unit: str | None = None
+    measured: Quantity = "displacement"
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        t = _checked_time(self.t)
+        signals = {
+            name: _checked_signal(name, getattr(self, name), len(t))
+            for name in ("q", "q_dot", "q_ddot")
+            if getattr(self, name) is not None
+        }
+        if any(x.shape != signals["q"].shape for x in signals.values()):
+            shapes = {name: x.shape for name, x in signals.items()}
+            raise ValueError(f"q, q_dot and q_ddot must have the same shape, got {shapes}")
+        uniform = np.linspace(t[0], t[-1], len(t))
+        jitter = (t - uniform) / (uniform[1] - uniform[0])
+        notes = self.notes
+        worst, rms = np.abs(jitter).max(), np.sqrt(np.mean(jitter**2))
+        if worst > _ROUNDING:
+            signals = {n: make_interp_spline(t, x, k=3)(uniform) for n, x in signals.items()}
+            note = (
+                f"t is not uniform: it jitters by {rms:.2g} of the sampling interval in the rms,"
+                f" at most {worst:.2g}; resampled uniformly"
+            )
+            warnings.warn(note, stacklevel=3)
+            notes = (*notes, note)
+        for name, value in {"t": uniform, **signals}.items():
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "notes", notes)
+
+    # -- other ways to make one ---------------------------------------------------------------
+
+    @classmethod
+    def from_velocity(cls, t: ArrayLike, v: ArrayLike, unit: str | None = None) -> Decay:
+        """Make a decay from a measured velocity, integrated once without drift.
+
+        Parameters
+        ----------
+        t : (n,) array
+            s.
+        v : (n,) or (n, n_channels) array
+            Unit of q per second.
+        unit : str, optional
+            Unit of q: "m" for a velocity in m/s.
+        """
+        rate = cls(np.asarray(t), np.asarray(v))  # checks and resamples
+        q = _integrated(rate.q, rate.dt)
+        notes = (*rate.notes, "displacement integrated from velocity, drift removed")
+        return cls(rate.t, q, rate.q, unit=unit, measured="velocity", notes=notes)
+
+    @classmethod
+    def from_acceleration(cls, t: ArrayLike, a: ArrayLike, unit: str | None = None) -> Decay:
+        """Make a decay from a measured acceleration, integrated twice without drift.
+
+        Parameters
+        ----------
+        t : (n,) array
+            s.
+        a : (n,) or (n, n_channels) array
+            Unit of q per second squared.
+        unit : str, optional
+            Unit of q: "m" for an acceleration in m/s^2.
+        """
+        rate = cls(np.asarray(t), np.asarray(a))
+        q = _integrated(_integrated(rate.q, rate.dt), rate.dt)
+        notes = (*rate.notes, "displacement integrated twice from acceleration, drift removed")
+        return cls(rate.t, q, None, rate.q, unit=unit, measured="acceleration", notes=notes)
+
+    # -- what it is ---------------------------------------------------------------------------
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval in s."""
+        return float(self.t[1] - self.t[0])
+
+    @property
+    def n_channels(self) -> int:
+        """Number of channels of q."""
+        return 1 if self.q.ndim == 1 else self.q.shape[1]
+
+    @property
+    def complete(self) -> bool:
+        """Whether velocity and acceleration came with the displacement."""
+        return self.q_dot is not None and self.q_ddot is not None
+
+    def channel(self, index: int) -> Decay:
+        """One channel as a decay of its own, with q of shape (n,)."""
+        if not -self.n_channels <= index < self.n_channels:
+            raise ValueError(f"channel {index} does not exist: the decay has {self.n_channels}")
+        if self.q.ndim == 1:
+            return self
+        return self._mapped(lambda x: x[:, index])
+
+    def single(self) -> Decay:
+        """The decay itself if it has one channel.
+
+        Raises
+        ------
+        ValueError
+            If it has several.
+        """
+        if self.n_channels > 1:
+            raise ValueError(
+                f"the decay has {self.n_channels} channels: choose one with decay.channel(i)"
+            )
+        return self.channel(0)
+
+    def same_record(self, other: Decay) -> bool:
+        """Whether both hold the same samples of q."""
+        return np.array_equal(self.q, other.q)
+
+    def __repr__(self) -> str:
+        size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
+        peak = f"max |q| {np.abs(self.q).max():.4g} {self.unit or '[q]'}"
+        channels = f", {self.n_channels} channels" if self.n_channels > 1 else ""
+        first = f"<Decay: {size}{channels}, {peak}, measured {self.measured}>"
+        return "\n".join([first, *(f"  - {note}" for note in self.notes)])
+
+    # -- conditioning: each returns a new decay -----------------------------------------------
+
+    def between(self, start: float | None = None, end: float | None = None) -> Decay:
+        """The part with start <= t <= end, in s; None leaves an end as it is.
+
+        Raises
+        ------
+        ValueError
+            If fewer than eight samples are left.
+        """
+        low = self.t[0] if start is None else start
+        high = self.t[-1] if end is None else end
+        slack = 1e-6 * self.dt
+        inside = (self.t >= low - slack) & (self.t <= high + slack)
+        if np.count_nonzero(inside) < 8:
+            raise ValueError(
+                f"start = {start}, end = {end} leave {np.count_nonzero(inside)} samples of the"
+                f" record, which runs from {self.t[0]:.6g} to {self.t[-1]:.6g} s"
+            )
+        return self._mapped(lambda x: x[inside], self.t[inside])
+
+    def free(self, start: float | None = None, end: float | None = None) -> Decay:
+        """The free decay alone: from the first large turning point to where noise takes over.
+
+        An offset of a displacement, where the vibration does not come to rest at 0, is removed.
+
+        Parameters
+        ----------
+        start, end : float, optional
+            Times in s; what is not given is found.
+
+        Raises
+        ------
+        ValueError
+            If fewer than three cycles are left, or the amplitude grows.
+        """
+        record = self.between(start, end)
+        first, last, rest = free_part(record._strongest(), record.dt)
+        first = 0 if start is not None else first
+        last = len(record.t) if end is not None else last
+        notes = []
+        if first > 0:
+            notes.append(f"free decay starts at {record.t[first]:.6g} s (found)")
+        if last < len(record.t):
+            noise = noise_std(record._strongest())
+            notes.append(
+                f"tail after {record.t[last - 1]:.6g} s cut: amplitude below three times the"
+                f" noise (rms {noise:.2g} of the measured {self.measured})"
+            )
+        inside = slice(first, last)
+        free = record._mapped(lambda x: x[inside], record.t[inside], tuple(notes))
+        offset = rest if self.measured == "displacement" and self.n_channels == 1 else 0.0
+        if not offset:
+            return free
+        note = f"offset of {offset:.4g} {self.unit or '[q]'} removed: where the vibration rests"
+        return replace(free, q=free.q - offset, notes=(*free.notes, note))
+
+    def upsampled(self, samples_per_cycle: int = SAMPLES_PER_CYCLE) -> Decay:
+        """At least this many samples a cycle, by band-limited interpolation."""
+        per_cycle = 1 / (fundamental_frequency(self._strongest(), self.dt) * self.dt)
+        factor = int(np.ceil(samples_per_cycle / per_cycle))
+        if factor <= 1:
+            return self
+        t = np.linspace(self.t[0], self.t[-1], factor * (len(self.t) - 1) + 1)
+        note = f"{per_cycle:.3g} samples a cycle interpolated to {factor * per_cycle:.3g}"
+        return self._mapped(lambda x: upsample(x, factor), t, (note,))
+
+    def differentiated(self, method: Filter | None = None) -> Decay:
+        """Smooth the displacement and derive velocity and acceleration that agree with it.
+
+        Parameters
+        ----------
+        method : Filter, optional
+            `Butterworth` (the default), `SavitzkyGolay` or the like.
+        """
+        method = method or Butterworth()
+        columns = [method(x, self.dt) for x in self.q.reshape(len(self.t), -1).T]
+        q, q_dot, q_ddot = (
+            np.stack(x, axis=1).reshape(self.q.shape) for x in zip(*columns, strict=True)
+        )
+        notes = (*self.notes, f"smoothed and differentiated by {method}")
+        return replace(self, q=q, q_dot=q_dot, q_ddot=q_ddot, notes=notes)
+
+    def conditioned(self, method: Filter | None = None) -> Decay:
+        """What an analysis of cycles needs: free part, enough samples, derivatives.
+
+        A record that came with velocity and acceleration is returned as it is.
+        """
+        return self if self.complete else self.free().upsampled().differentiated(method)
+
+    def _strongest(self) -> Array:
+        # What was measured, in the liveliest channel: integration colours the noise.
+        name = {"displacement": "q", "velocity": "q_dot", "acceleration": "q_ddot"}[self.measured]
+        x = getattr(self, name)
+        return x if x.ndim == 1 else x[:, np.argmax(x.std(axis=0))]
+
+    def _mapped(
+        self, change: Callable[[Array], Array], t: Array | None = None, notes: tuple[str, ...] = ()
+    ) -> Decay:
+        """The same record with every signal changed, on other times where t is given."""
+        signals = {n: getattr(self, n) for n in ("q", "q_dot", "q_ddot")}
+        changed: Any = {n: None if x is None else change(x) for n, x in signals.items()}
+        t = self.t if t is None else t
+        return replace(self, t=t, notes=(*self.notes, *notes), **changed)
+
+
+def _checked_time(t: ArrayLike) -> Array:
+    t = _as_floats("t", t)
+    if t.ndim != 1 or len(t) < 8:
+        raise ValueError(f"t must be one-dimensional with at least 8 samples, got shape {t.shape}")
+    _refuse_nan("t", t)
+    steps = np.diff(t)
+    bad = np.flatnonzero(steps <= 0)
+    if len(bad):
+        i = int(bad[0])
+        what = "repeats" if steps[i] == 0 else "decreases"
+        raise ValueError(
+            f"t must increase, but it {what} at sample {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s):"
+            " sort the samples or remove the repeated ones"
+        )
+    usual = float(np.median(steps))
+    if steps.max() > 1.5 * usual:
+        i = int(np.argmax(steps))
+        raise ValueError(
+            f"t has a gap of {steps[i]:.6g} s after {t[i]:.9g} s (usual step {usual:.6g} s): split"
+            " the record there and pass the pieces as a list, or interpolate"
+        )
+    return t
+
+
+def _checked_signal(name: str, x: ArrayLike, n: int) -> Array:
+    x = _as_floats(name, x)
+    if x.ndim not in (1, 2) or len(x) != n:
+        raise ValueError(
+            f"{name} must have shape ({n},) or ({n}, n_channels) to go with t, got {x.shape}"
+        )
+    _refuse_nan(name, x)
+    if name == "q" and not np.all(np.ptp(x, axis=0) > 0):
+        raise ValueError(f"q is constant ({x.flat[0]:.6g}): nothing vibrates in this record")
+    return x
+
+
+def _as_floats(name: str, x: ArrayLike) -> Array:
+    try:
+        if np.iscomplexobj(x):
+            raise TypeError("it is complex")
+        return np.array(x, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of real numbers: {error}") from None
+
+
+def _refuse_nan(name: str, x: Array) -> None:
+    bad = np.argwhere(~np.isfinite(x))
+    if len(bad):
+        raise ValueError(
+            f"{name} has {len(bad)} values that are NaN or infinite, the first at sample"
+            f" {int(bad[0][0])}: cut them off, or interpolate over them"
+        )
+
+
+def _integrated(x: Array, dt: float) -> Array:
+    columns = x.reshape(len(x), -1).T
+    return np.stack([integrate(c, dt) for c in columns], axis=1).reshape(x.shape)

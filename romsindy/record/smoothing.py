@@ -1,0 +1,204 @@
+"""The smooth motion behind a record, and the noise beside it, with no smoother to choose.
+
+A free decay is a sum of harmonics of one phase whose complex amplitudes drift slowly. Splines for
+these amplitudes, a few cycles between knots, are fitted to the samples by least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.linalg import solve_toeplitz, solveh_banded
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.signal import lfilter
+
+from romsindy.record.signals import crossings, fundamental_frequency
+from romsindy.typing import Array
+
+_HARMONICS = 6
+_CYCLES = 3.0  # between knots
+_NOISE_ORDER = 8
+
+
+def swing(x: Array) -> tuple[Array, int]:
+    """A record about its own moving mean, and the samples of a cycle.
+
+    Raises
+    ------
+    ValueError
+        If the record holds fewer than three cycles.
+    """
+    slow = uniform_filter1d(x, max(len(x) // 15, 3), mode="mirror")  # a drift hides the vibration
+    cycle = max(round(1 / fundamental_frequency(x - slow, 1.0)), 2)
+    return x - uniform_filter1d(x, cycle, mode="mirror"), cycle
+
+
+@dataclass(frozen=True)
+class HarmonicSpline:
+    """q(t) = Re sum_h Z_h(t) exp(i h phi(t)), with splines Z_h and phi."""
+
+    phase: BSpline
+    amplitudes: BSpline  # complex, (H + 1) columns
+
+    @classmethod
+    def fit(cls, t: Array, x: Array, cycles: float = _CYCLES) -> HarmonicSpline:
+        """Fit to samples (n,) at uniform times t (s)."""
+        dt = t[1] - t[0]
+        centred = swing(x)[0]  # an offset may hide crossings
+        up = crossings(centred, dt)[0]
+        rise = centred[up + 1] - centred[up]  # so may noise, between two samples
+        at = t[up] + dt * np.clip(-centred[up] / np.where(rise > 0, rise, np.inf), 0, 1)
+        return cls.along(_phase(t, at), t, x, cycles)
+
+    @classmethod
+    def along(
+        cls, phase: BSpline, t: Array, x: Array, cycles: float, harmonics: int = _HARMONICS
+    ) -> HarmonicSpline:
+        """Fit along a phase that is known, with a knot every so many cycles."""
+        n_cycles = (phase(t[-1]) - phase(t[0])) / (2 * np.pi)
+        harmonics = min(harmonics, int(0.45 * len(t) / n_cycles))
+        knots = _knots(t, max(1, round(n_cycles / cycles)))
+        return cls(phase, BSpline(knots, _fitted(t, x, phase(t), knots, harmonics), 3))
+
+    def __call__(self, t: Array) -> tuple[Array, Array, Array]:
+        """q, q_dot, q_ddot at times t."""
+        h = 1j * np.arange(self.amplitudes.c.shape[1])
+        rate, bend = (self.phase(t, d)[:, None] * h for d in (1, 2))
+        z, z1, z2 = (self.amplitudes(t, d) for d in (0, 1, 2))
+        carrier = np.exp(self.phase(t)[:, None] * h)
+        first = z1 + rate * z
+        second = z2 + bend * z + rate * z1 + rate * first
+        q, q_dot, q_ddot = (np.sum(x * carrier, axis=1).real for x in (z, first, second))
+        return q, q_dot, q_ddot
+
+    @property
+    def n_values(self) -> int:
+        """Number of real values fitted."""
+        return len(self.amplitudes.c) * (2 * self.amplitudes.c.shape[1] - 1)
+
+
+def _knots(t: Array, n: int) -> Array:
+    inner = np.linspace(t[0], t[-1], n + 1)
+    return np.concatenate([[t[0]] * 3, inner, [t[-1]] * 3])
+
+
+def _phase(t: Array, at: Array) -> BSpline:
+    """Smooth phase through the times of up-crossings, one turn each."""
+    turns = 2 * np.pi * np.arange(len(at))
+    slope = [(turns[1] - turns[0]) / (at[1] - at[0]), (turns[-1] - turns[-2]) / (at[-1] - at[-2])]
+    at = np.concatenate([[min(t[0], at[0] - 1e-9)], at, [max(t[-1], at[-1] + 1e-9)]])
+    turns = np.concatenate(
+        [
+            [turns[0] - slope[0] * (at[1] - at[0])],
+            turns,
+            [turns[-1] + slope[1] * (at[-1] - at[-2])],
+        ]
+    )
+    return make_lsq_spline(at, turns, _knots(at, max(1, len(at) // 8)), k=3)
+
+
+def _fitted(t: Array, x: Array, phase: Array, knots: Array, harmonics: int) -> Array:
+    """Complex amplitudes (n_splines, H + 1) by banded normal equations."""
+    angle = phase[:, None] * np.arange(1, harmonics + 1)
+    waves = np.column_stack([np.ones(len(t)), np.cos(angle), np.sin(angle)])
+    splines = BSpline.design_matrix(t, knots, 3).tocsr()
+    local = splines.data.reshape(len(t), 4)
+    first = splines.indices.reshape(len(t), 4)[:, 0]
+    m, n_splines = waves.shape[1], splines.shape[1]
+    normal = np.zeros((4 * m, n_splines * m))  # upper band form, lower rows used
+    right = np.zeros((n_splines, m))
+    for k in range(first[-1] + 1):  # the samples between two knots see the same four splines
+        rows = slice(*np.searchsorted(first, [k, k + 1]))
+        block = (local[rows, :, None] * waves[rows, None, :]).reshape(-1, 4 * m)
+        square = block.T @ block
+        right[k : k + 4] += (block.T @ x[rows]).reshape(4, m)
+        for j in range(4 * m):
+            normal[: 4 * m - j, k * m + j] += square[j:, j]
+    # A trace of a ridge: harmonics beyond the sampling of a short piece must not blow up.
+    normal[0] += 1e-9 * normal[0].max()
+    c = solveh_banded(normal, right.ravel(), lower=True).reshape(n_splines, m)
+    z = c[:, : harmonics + 1].astype(complex)
+    z[:, 1:] -= 1j * c[:, harmonics + 1 :]
+    return z
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Noise of a record: its size, and the filter that makes it white.
+
+    Attributes
+    ----------
+    std : float
+        Standard deviation of the noise, unit of the record.
+    filter : (p + 1,) array
+        Coefficients of an autoregression; [1] for white noise.
+    innovation : float
+        Standard deviation of the filtered noise.
+    floor : float
+        Misfit that does not matter, unit of the record; part of std.
+    """
+
+    std: float
+    filter: Array
+    innovation: float
+    floor: float
+
+    @classmethod
+    def of(cls, rest: Array, cycle: float, floor: float) -> Whitener:
+        """From what a smooth motion leaves of a record.
+
+        The spectrum is taken between the harmonics, where the smooth motion could not follow, and
+        smoothed by a running median, which spectral lines (mains hum, a second mode) do not move.
+
+        Parameters
+        ----------
+        rest : (n,) array
+        cycle : float
+            Samples of a cycle.
+        floor : float
+            Least standard deviation.
+        """
+        order, power = _between_harmonics(rest, cycle)
+        power = power + floor**2
+        # Between low harmonics the smooth motion takes some of the noise, or leaves some of itself:
+        # whether the noise is white is asked above them, if there is enough.
+        above = power[order > _HARMONICS + 0.5]
+        asked = above if len(above) > 200 else power
+        blocks = np.array_split(asked, max(min(6, len(asked) // 15), 1))
+        levels = np.array([np.median(b) / np.log(2) for b in blocks])
+        scatter = 1.8 / np.sqrt([len(b) for b in blocks])  # of the log of a median, lines overlap
+        std = float(np.sqrt(_level(asked)))
+        if np.all(np.abs(np.log(levels / std**2)) < 5 * scatter):
+            return cls(std, np.ones(1), std, floor)
+        smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)
+        lines = np.linspace(0, order[-1], len(rest) // 2 + 1)
+        lags = np.fft.irfft(np.interp(lines, order, smooth))[: _NOISE_ORDER + 1]
+        a = np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
+        white = _between_harmonics(lfilter(a, [1.0], rest), cycle)[1]
+        innovation = np.sqrt(_level(white) + floor**2 * float(a @ a))
+        return cls(float(np.sqrt(lags[0])), a, float(innovation), floor)
+
+    def __call__(self, x: Array) -> Array:
+        """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
+        if len(self.filter) == 1:
+            return x / self.innovation
+        return lfilter(self.filter, [1.0], x, axis=0) / self.innovation
+
+
+def _between_harmonics(x: Array, cycle: float) -> tuple[Array, Array]:
+    """Frequencies over the fundamental, and the spectrum there, where a smooth motion is blind."""
+    n = len(x)
+    power = np.abs(np.fft.rfft(x * np.hanning(n))) ** 2 / np.sum(np.hanning(n) ** 2)
+    order = np.arange(len(power)) * cycle / n
+    between = (np.abs(order % 1 - 0.5) < 0.25) | (order > _HARMONICS + 0.5)
+    between[: min(3, len(between))] = False
+    return order[between], power[between]
+
+
+def _level(power: Array) -> float:
+    """Mean of a white spectrum from its lower 95 %, which a few lines do not move."""
+    cut = np.quantile(power, 0.95)
+    tail = -np.log(0.05)
+    return float(np.mean(power[power <= cut]) / (1 - 0.05 * tail / 0.95))

@@ -1,0 +1,58 @@
+"""Units of what was measured, converted to SI where a record enters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.record.decay import Quantity
+
+_QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254}
+_ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
+_MODAL = {"kg^0.5 m": 1.0, "sqrt(kg) m": 1.0}
+_TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+_RATES = (("",), ("/s",), ("/s^2", "/s2", "/s²", "/s/s"))
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What a unit measures: ``factor`` converts it to SI, ``base`` is the SI unit of q."""
+
+    base: str
+    quantity: Quantity
+    factor: float
+
+
+def _table() -> dict[str, Unit]:
+    units = {"g": Unit("m", "acceleration", 9.80665)}
+    for base, family in (("m", _LENGTHS), ("rad", _ANGLES), ("kg^0.5 m", _MODAL)):
+        for name, factor in family.items():
+            for quantity, suffixes in zip(_QUANTITIES, _RATES, strict=True):
+                units |= {name + suffix: Unit(base, quantity, factor) for suffix in suffixes}
+    return units
+
+
+UNITS = _table()
+
+
+def parse_unit(text: str) -> Unit:
+    """Look up a unit such as "mm", "m/s", "g" or "deg".
+
+    Raises
+    ------
+    ValueError
+        If it is not known; the message lists those that are.
+    """
+    if text not in UNITS:
+        lengths = ", ".join([*_LENGTHS, *_ANGLES, "kg^0.5 m"])
+        raise ValueError(
+            f"unit {text!r} is not known: use {lengths}, each alone, with /s or /s^2, or g"
+        )
+    return UNITS[text]
+
+
+def time_factor(text: str) -> float | None:
+    """Seconds in a unit of time; None if it is not one."""
+    return _TIMES.get(text)

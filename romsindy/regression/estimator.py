@@ -1,0 +1,363 @@
+"""From rows to coefficients: scaled sparse regression, and the estimator that users meet."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pysindy as ps
+from pysindy.optimizers.base import BaseOptimizer
+from sklearn.base import BaseEstimator, clone
+from sklearn.metrics import r2_score
+from sklearn.utils.validation import check_is_fitted
+
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.terms import Term, term_from_key
+from romsindy.record.decay import Decay
+from romsindy.record.filters import Filter
+from romsindy.regression.library import ROMLibrary, library_terms
+from romsindy.regression.projection import HarmonicProjection, Rows
+from romsindy.typing import Array
+
+# A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
+_ABSURD = 10.0
+
+
+class ScaledOptimizer(BaseOptimizer):
+    """Any PySINDy optimizer or scikit-learn linear model on columns of equal size.
+
+    Columns and target are divided by their rms (eq. 19 of the method's paper), and coefficients
+    scaled back. A threshold then means a relative contribution, |c| rms(theta) / rms(target),
+    whatever the units and the number of rows.
+
+    Parameters
+    ----------
+    optimizer : estimator, optional
+        `pysindy.STLSQ(threshold=1e-4, alpha=1e-12)` by default. It is cloned. Models of
+        scikit-learn are fitted without intercept.
+    fixed : mapping of int to float, optional
+        Columns whose coefficients are known.
+    """
+
+    def __init__(self, optimizer: Any = None, fixed: Mapping[int, float] | None = None):
+        # The optimizer inside removes its own bias; doing so here would free what is fixed.
+        super().__init__(unbias=False)
+        self.optimizer = optimizer
+        self.fixed = fixed
+
+    def set_params(self, **params: Any) -> ScaledOptimizer:
+        """Set parameters and return self, which PySINDy's base class does not."""
+        super().set_params(**params)
+        return self
+
+    def _reduce(self, x: Array, y: Array) -> None:
+        fixed = dict(self.fixed or {})
+        free = [j for j in range(x.shape[1]) if j not in fixed]
+        known = x[:, list(fixed)] @ np.array(list(fixed.values()), float) if fixed else 0.0
+        coefficients = np.zeros((y.shape[1], x.shape[1]))
+        coefficients[:, list(fixed)] = list(fixed.values())
+        column_scale = _rms(x[:, free])
+        target_scale = _rms(y)
+        if free:
+            inner = clone(self.optimizer or default_optimizer())
+            if "fit_intercept" in inner.get_params():
+                inner.set_params(fit_intercept=False)
+            rest = (y - np.reshape(known, (-1, 1))) / target_scale if fixed else y / target_scale
+            # Some models of scikit-learn warn about, or refuse, a single target as a column.
+            inner.fit(x[:, free] / column_scale, rest[:, 0] if rest.shape[1] == 1 else rest)
+            scaled = np.reshape(inner.coef_, (y.shape[1], len(free)))
+            coefficients[:, free] = scaled * target_scale[:, None] / column_scale
+        self.coef_ = coefficients
+        self.history_.append(coefficients)
+
+
+def default_optimizer() -> ps.STLSQ:
+    """STLSQ that drops terms below 1e-4 of the target: lightly damped modes keep their damping."""
+    return ps.STLSQ(threshold=1e-4, alpha=1e-12)
+
+
+def _rms(x: Array) -> Array:
+    rms = np.sqrt(np.mean(np.square(x), axis=0))
+    return np.where(rms > 0, rms, 1.0)
+
+
+class HarmonicSINDy(BaseEstimator):
+    """Identify a reduced model from free decays, in the harmonic domain.
+
+    Every cycle of the decays is projected on its first harmonics, and a scaled sparse regression
+    of -q_ddot on the terms of the library finds the coefficients.
+
+    Parameters
+    ----------
+    library : feature library, optional
+        `ROMLibrary()` by default, or any library of terms of this package, or a sum of them.
+    optimizer : estimator, optional
+        Any PySINDy optimizer or scikit-learn linear model; a threshold is a relative contribution
+        (see `ScaledOptimizer`). `sklearn.linear_model.LinearRegression()` is least squares.
+    projection : HarmonicProjection, optional
+        Harmonics, weak or strong form, amplitude range.
+    fixed : mapping of str to float, optional
+        Known coefficients by name, such as ``{"omega^2": 1482.2}``, in SI units of q.
+    differentiation : Filter, optional
+        How derivatives are made where a decay has none; `Butterworth()` by default.
+    weighted : bool
+        Divide the rows of harmonic h by h^d and by the square root of the cycle's amplitude, where
+        d is how often the sensor's signal is differentiated to reach q_ddot (2 for displacement).
+        Noise is then alike in all rows, and neither the high harmonics nor the large amplitudes,
+        where a model misses the most, decide the linear frequency. False is the paper's plain
+        regression. Measured: ``python benchmarks/identification.py``, "other recipes".
+
+    Attributes
+    ----------
+    model_ : ReducedModel
+        The identified equation.
+    coef_ : (n_terms,) array
+        Its coefficients in the order of the library.
+    rows_ : Rows
+        The regression behind it.
+    optimizer_ : ScaledOptimizer
+        The fitted optimizer.
+
+    Examples
+    --------
+    >>> from romsindy import HarmonicSINDy, ROMLibrary, example_decay
+    >>> estimator = HarmonicSINDy(ROMLibrary(inertia=(3, 4, 5))).fit(example_decay())
+    >>> estimator.model_.coefficients["omega^2"]  # doctest: +ELLIPSIS
+    36.0...
+    """
+
+    def __init__(
+        self,
+        library: Any = None,
+        optimizer: Any = None,
+        projection: HarmonicProjection | None = None,
+        fixed: Mapping[str, float] | None = None,
+        differentiation: Filter | None = None,
+        weighted: bool = True,
+    ):
+        self.library = library
+        self.optimizer = optimizer
+        self.projection = projection
+        self.fixed = fixed
+        self.weighted = weighted
+        self.differentiation = differentiation
+
+    # t is the second argument of fit and score, where scikit-learn hands over y: so
+    # GridSearchCV(HarmonicSINDy(), grid).fit(list_of_x, list_of_t) works without routing.
+
+    def fit(self, x: Any, t: Any = None) -> HarmonicSINDy:
+        """Identify the model.
+
+        Parameters
+        ----------
+        x : Decay, array, or a list of either
+            Decays that lack velocity or acceleration are cut to their free part, smoothed and
+            differentiated; those with both are taken as they are. An array holds the columns q or
+            [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units.
+        t : array or list of arrays, optional
+            Times (n,) in s that go with arrays. A gap splits a record in two.
+
+        Returns
+        -------
+        HarmonicSINDy
+            Itself.
+
+        Raises
+        ------
+        ValueError
+            For data that cannot be used, unknown names in ``fixed``, or known coefficients that
+            contradict the data; the message names the argument, the value and the remedy.
+        """
+        terms = library_terms(self.library if self.library is not None else ROMLibrary())
+        if not terms:
+            raise ValueError("the library has no terms: ask for at least one stiffness term")
+        decays = as_decays(x, t)
+        unit = _common_unit(decays)
+        fixed = _fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
+        _hint_scale(decays)
+        rows = self._rows(terms, decays)
+        if rows.theta.shape[0] < len(terms):
+            raise ValueError(
+                f"{len(rows.amplitude)} cycles give {len(rows.target)} rows for {len(terms)} terms:"
+                " use fewer terms, more harmonics or a longer record"
+            )
+        _refuse_absurd(fixed, terms, rows)
+        weights = row_weights(rows) if self.weighted else None
+        optimizer = ScaledOptimizer(self.optimizer, fixed)
+        optimizer.fit(rows.theta, rows.target, sample_weight=weights)
+        self.optimizer_ = optimizer
+        self.coef_ = optimizer.coef_[0]
+        self.rows_ = rows
+        self.model_ = ReducedModel(
+            terms,
+            tuple(self.coef_),
+            unit,
+            (float(rows.amplitude.min()), float(rows.amplitude.max())),
+        )
+        return self
+
+    def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> Rows:
+        projection = self.projection if self.projection is not None else HarmonicProjection()
+        conditioned = [d.single().conditioned(self.differentiation) for d in decays]
+        return Rows.stacked([projection.rows(terms, d) for d in conditioned])
+
+    def predict(self, x: Any, t: Any = None) -> Any:
+        """Acceleration of the identified model at measured displacement and velocity.
+
+        Parameters
+        ----------
+        x, t
+            As in `fit`. Where x has no velocity it is smoothed and differentiated, but not cut.
+
+        Returns
+        -------
+        (n,) array, or a list of them for a list
+            q_ddot in the unit of q per second squared.
+        """
+        check_is_fitted(self)
+        if isinstance(x, np.ndarray) and t is None and x.ndim == 2 and x.shape[1] >= 2:
+            return self.model_.acceleration(x[:, 0], x[:, 1])
+        several = isinstance(x, (list, tuple))
+        results = []
+        for decay in as_decays(x, t, split=False):
+            d = decay.single()
+            d = d if d.q_dot is not None else d.differentiated(self.differentiation)
+            results.append(self.model_.acceleration(d.q, np.asarray(d.q_dot)))
+        return results if several else results[0]
+
+    def score(self, x: Any, t: Any = None) -> float:
+        """Coefficient of determination R^2 of the projected -q_ddot, in the rows of the regression.
+
+        The linear term alone explains most of it: differences between good models show in the
+        third or fourth digit. Compare backbones too.
+        """
+        check_is_fitted(self)
+        rows = self._rows(self.model_.terms, as_decays(x, t))
+        return float(r2_score(rows.target, rows.theta @ self.coef_))
+
+    def equations(self, precision: int = 4) -> list[str]:
+        """The identified equation, as a list of one line of text."""
+        check_is_fitted(self)
+        return [self.model_.equation(precision)]
+
+    def print(self, precision: int = 4) -> None:
+        """Print the identified equation."""
+        print(*self.equations(precision), sep="\n")
+
+
+def row_weights(rows: Rows) -> Array:
+    """One over the variance that is expected of a row's error.
+
+    Noise is the same at every amplitude, and differentiating it favours high harmonics; what a
+    model misses grows with amplitude. The error is taken as noise times the square root of the
+    amplitude, half-way between the two.
+    """
+    weights = 1 / (rows.noise**2 * rows.amplitude[rows.cycle])
+    return weights / weights.mean()
+
+
+def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
+    """Decays from what `HarmonicSINDy.fit` takes: decays, arrays with times, or lists of either.
+
+    Raises
+    ------
+    ValueError
+        If times are missing, or shapes do not fit.
+    """
+    if isinstance(x, Decay):
+        return [x]
+    if (
+        isinstance(x, (list, tuple))
+        and len(x)
+        and isinstance(x[0], (Decay, np.ndarray, list, tuple))
+    ):
+        clocks = [None] * len(x) if t is None else list(t)
+        if len(clocks) != len(x):
+            raise ValueError(f"x holds {len(x)} records, but t holds {len(clocks)}")
+        return [d for xi, ti in zip(x, clocks, strict=True) for d in as_decays(xi, ti, split=split)]
+    if t is None:
+        raise ValueError("t is missing: give the times in s that go with the array x, or a Decay")
+    columns = np.asarray(x, float)
+    columns = columns[:, None] if columns.ndim == 1 else columns
+    times = np.asarray(t, float)
+    if columns.ndim != 2 or not 1 <= columns.shape[1] <= 3 or times.shape != (len(columns),):
+        raise ValueError(
+            "x must have shape (n,) or (n, 1..3) with columns q, q_dot, q_ddot and t shape (n,),"
+            f" got {np.shape(x)} and {times.shape}"
+        )
+    pieces = _pieces(times) if split else [slice(None)]
+    return [Decay(times[p], *columns[p].T) for p in pieces]
+
+
+def _pieces(t: Array) -> list[slice]:
+    # Cross-validation cuts the middle out of a record: what is left are two records.
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if len(t) > 1 else np.array([], int)
+    bounds = [0, *gaps.tolist(), len(t)]
+    return [slice(a, b) for a, b in itertools.pairwise(bounds)]
+
+
+def _common_unit(decays: Sequence[Decay]) -> str | None:
+    units = {d.unit for d in decays}
+    if len(units) > 1:
+        raise ValueError(
+            f"the decays have different units {sorted(map(str, units))}: load all alike"
+        )
+    return units.pop()
+
+
+def _fixed_columns(
+    fixed: Mapping[str, float], terms: Sequence[Term], unit_known: bool
+) -> dict[int, float]:
+    """Column number to value, after checks of the names."""
+    keys = [term.key for term in terms]
+    columns = {}
+    for key, value in fixed.items():
+        term = term_from_key(key)
+        if key not in keys:
+            raise ValueError(f"fixed names {key!r}, but the library has only {keys}: add the term")
+        if not np.isfinite(value):
+            raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
+        if term.dimension[0] != 1 and not unit_known:
+            raise ValueError(
+                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of"
+                " q is not known: load the decay with unit=, such as unit='mm'"
+            )
+        columns[keys.index(key)] = float(value)
+    return columns
+
+
+def _hint_scale(decays: Sequence[Decay]) -> None:
+    peak = max(float(np.abs(d.q).max()) for d in decays)
+    if decays[0].unit == "m" and peak > 10:
+        warnings.warn(
+            f"q reaches {peak:.4g} m: if it is in millimetres, load it with unit='mm'; a fixed"
+            " omega^2 holds in any unit of q, gamma_m and Upsilon_k do not",
+            stacklevel=3,
+        )
+
+
+def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows) -> None:
+    """Known coefficients in other units than the data stand out by orders of magnitude."""
+    target = float(_rms(rows.target[:, None])[0])
+    for column, value in fixed.items():
+        share = abs(value) * float(_rms(rows.theta[:, [column]])[0]) / target
+        term = terms[column]
+        if term.key == "omega^2" and (share < 1 / _ABSURD or share > _ABSURD):
+            raise ValueError(
+                f"fixed['omega^2'] = {value:.6g} 1/s^2 contradicts the data, which oscillate near"
+                f" omega^2 = {value / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
+                " and t must be in s (a factor of 1e6 means milliseconds)"
+            )
+        if share > _ABSURD:
+            length = term.dimension[0] - 1
+            factor = share ** (1 / length) if length else share
+            raise ValueError(
+                f"fixed[{term.key!r}] = {value:.6g} makes its term {share:.3g} times the"
+                f" acceleration: q and the coefficient have different units, q seems {factor:.2g}"
+                " times too large (1000 means millimetres); load the decay with unit='mm', or"
+                " convert the coefficient"
+            )

@@ -1,0 +1,223 @@
+"""PySINDy feature libraries over terms: thin adaptors.
+
+The columns are [q, q_dot, q_ddot] by default; ``channels`` says where they are. In plain PySINDy
+the equation is implicit, and x = q, u = [q_dot, q_ddot], x_dot = -q_ddot carries it::
+
+    optimizer = ScaledOptimizer(ps.STLSQ(threshold=1e-4))
+    model = ps.SINDy(feature_library=ROMLibrary(), optimizer=optimizer)
+    model.fit(t=t, **implicit_data(decay))
+    model.print(lhs=["-q_ddot"])
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pysindy import AxesArray, ConcatLibrary
+from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
+from pysindy.utils import comprehend_axes
+from sklearn.utils.validation import check_is_fitted
+
+from romsindy.physics.terms import (
+    Inertia,
+    LinearConvection,
+    QuadraticInertia,
+    Stiffness,
+    Term,
+    damping_term,
+)
+from romsindy.record.decay import Decay
+
+
+class TermLibrary(BaseFeatureLibrary):
+    """A feature library whose columns are the strong forms of `terms`.
+
+    Subclass it, store the parameters in ``__init__`` and state `terms`.
+    """
+
+    channels: Sequence[int]
+
+    @property
+    @abstractmethod
+    def terms(self) -> tuple[Term, ...]:
+        """The terms, in the order of the columns."""
+
+    @x_sequence_or_item
+    def fit(self, x: Any, y: Any = None) -> TermLibrary:
+        """Check the number of columns.
+
+        Raises
+        ------
+        ValueError
+            If a channel lies beyond the columns of x, or a term is listed twice.
+        """
+        n_columns = x[0].shape[-1]
+        if len(self.channels) != 3 or max(self.channels) >= n_columns or min(self.channels) < 0:
+            raise ValueError(
+                f"channels = {tuple(self.channels)} must name the columns of q, q_dot and q_ddot,"
+                f" but x has {n_columns} column{'s' * (n_columns != 1)}"
+            )
+        keys = [term.key for term in self.terms]
+        if len(set(keys)) != len(keys):
+            raise ValueError(f"terms are listed twice in {keys}")
+        self.n_features_in_ = n_columns
+        self.n_output_features_ = len(keys)
+        return self
+
+    @x_sequence_or_item
+    def transform(self, x: Any) -> list[AxesArray]:
+        """Evaluate every term on every sample: (n, n_columns) -> (n, n_terms)."""
+        check_is_fitted(self)
+        features = []
+        for xi in x:
+            signals = np.asarray(xi)[..., list(self.channels)]
+            q, q_dot, q_ddot = np.moveaxis(signals, -1, 0)
+            columns = np.stack([term.strong(q, q_dot, q_ddot) for term in self.terms], axis=-1)
+            features.append(AxesArray(columns, comprehend_axes(columns)))
+        return features
+
+    def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
+        """Text of every term, in the names of the columns."""
+        if input_features is None:
+            names = ["q", "q_dot", "q_ddot"]
+        else:
+            names = [input_features[c] for c in self.channels]
+        return [term.expression(*names) for term in self.terms]
+
+    def get_feature_names_out(self, input_features: Sequence[str] | None = None) -> np.ndarray:
+        """`get_feature_names` as scikit-learn calls it."""
+        return np.array(self.get_feature_names(input_features), dtype=object)
+
+
+class ICROMLibrary(TermLibrary):
+    """Inertial compensation of the given orders (`romsindy.physics.terms.Inertia`)."""
+
+    def __init__(self, orders: Sequence[int] = (3, 4, 5), channels: Sequence[int] = (0, 1, 2)):
+        self.orders = orders
+        self.channels = channels
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return tuple(Inertia(order) for order in self.orders)
+
+
+class StiffnessLibrary(TermLibrary):
+    """Powers of q: omega^2 for degree 1, gamma_m beyond (`romsindy.physics.terms.Stiffness`)."""
+
+    def __init__(
+        self, degrees: Sequence[int] = (1, 2, 3, 4, 5), channels: Sequence[int] = (0, 1, 2)
+    ):
+        self.degrees = degrees
+        self.channels = channels
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return tuple(Stiffness(degree) for degree in self.degrees)
+
+
+class DampingLibrary(TermLibrary):
+    """Damping terms: "linear", "quadratic", "coulomb", "cubic", "q^2 q_dot"."""
+
+    def __init__(self, kinds: Sequence[str] = ("linear",), channels: Sequence[int] = (0, 1, 2)):
+        self.kinds = kinds
+        self.channels = channels
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        kinds = [self.kinds] if isinstance(self.kinds, str) else self.kinds
+        return tuple(damping_term(kind) for kind in kinds)
+
+
+class BeamTheoryLibrary(TermLibrary):
+    """The cantilever model from the literature: q^2 q_ddot and q q_dot^2 with coefficients apart.
+
+    Eq. (8) of the method's paper; add a `StiffnessLibrary` and a `DampingLibrary` to it.
+    """
+
+    def __init__(self, channels: Sequence[int] = (0, 1, 2)):
+        self.channels = channels
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return (QuadraticInertia(), LinearConvection())
+
+
+class ROMLibrary(TermLibrary):
+    """Inertia, stiffness and damping terms in one flat library, so that grids can search them.
+
+    Parameters
+    ----------
+    inertia : sequence of int
+        Orders of the inertial compensation, ``()`` for a stiffness polynomial alone.
+    stiffness : sequence of int
+        Powers of q.
+    damping : sequence of str
+        Kinds of damping.
+    channels : (int, int, int)
+        Columns of q, q_dot and q_ddot.
+    """
+
+    def __init__(
+        self,
+        inertia: Sequence[int] = (3, 4, 5),
+        stiffness: Sequence[int] = (1, 2, 3, 4, 5),
+        damping: Sequence[str] = ("linear",),
+        channels: Sequence[int] = (0, 1, 2),
+    ):
+        self.inertia = inertia
+        self.stiffness = stiffness
+        self.damping = damping
+        self.channels = channels
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return (
+            ICROMLibrary(self.inertia).terms
+            + StiffnessLibrary(self.stiffness).terms
+            + DampingLibrary(self.damping).terms
+        )
+
+
+def library_terms(library: BaseFeatureLibrary) -> tuple[Term, ...]:
+    """The terms of a library of this package, or of a sum of them.
+
+    Raises
+    ------
+    TypeError
+        If the library has columns that are no terms of an equation of motion.
+    """
+    if isinstance(library, ConcatLibrary):
+        return tuple(term for part in library.libraries for term in library_terms(part))
+    if not isinstance(library, TermLibrary):
+        raise TypeError(
+            f"{type(library).__name__} is not a library of terms: use ROMLibrary, ICROMLibrary,"
+            " StiffnessLibrary, DampingLibrary, BeamTheoryLibrary or sums of them;"
+            " for other libraries take pysindy.SINDy with HarmonicLibrary"
+        )
+    return library.terms
+
+
+def implicit_data(decay: Decay) -> dict[str, np.ndarray]:
+    """Arguments ``x``, ``u``, ``x_dot`` of `pysindy.SINDy.fit` for a decay with derivatives.
+
+    Returns
+    -------
+    dict
+        x (n, 1) = q, u (n, 2) = [q_dot, q_ddot], x_dot (n, 1) = -q_ddot.
+
+    Raises
+    ------
+    ValueError
+        If the decay lacks velocity or acceleration.
+    """
+    decay = decay.single()
+    if decay.q_dot is None or decay.q_ddot is None:
+        raise ValueError("the decay has no q_dot and q_ddot: call decay.differentiated() first")
+    return {
+        "x": decay.q[:, None],
+        "u": np.stack([decay.q_dot, decay.q_ddot], axis=1),
+        "x_dot": -decay.q_ddot[:, None],
+    }

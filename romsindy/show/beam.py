@@ -1,0 +1,132 @@
+"""Figures of the beam: shapes, modes, modal motion.  Takes and returns Axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from romsindy.beam.beam import Shape
+from romsindy.beam.modes import ModalBasis
+from romsindy.beam.motion import Motion
+from romsindy.beam.normal_modes import NormalMode
+
+
+def _axes(ax: Axes | None) -> Axes:
+    return plt.subplots(layout="constrained")[1] if ax is None else ax
+
+
+def plot_shapes(shapes: Mapping[str, Shape], ax: Axes | None = None) -> Axes:
+    """Draw the beam at rest (straight) and in named shapes, such as equilibrium and release.
+
+    Parameters
+    ----------
+    shapes : mapping from label to Shape
+    ax : Axes, optional
+    """
+    ax = _axes(ax)
+    for i, (label, shape) in enumerate(shapes.items()):
+        if i == 0:
+            ax.plot(shape.s, 0.0 * shape.s, color="0.7", lw=1.0, label="straight")
+        x, y = shape.s + shape.displacement[:, 0], shape.displacement[:, 1]
+        ax.plot(x, y, label=label)
+    ax.set(xlabel="x / m", ylabel="y / m", aspect="equal")
+    ax.legend()
+    return ax
+
+
+def plot_modes(basis: ModalBasis, count: int = 3, ax: Axes | None = None) -> Axes:
+    """Draw the transverse part of the first mode shapes along the beam (the paper's fig. 2).
+
+    Parameters
+    ----------
+    basis : ModalBasis
+    count : int
+        Number of modes.
+    ax : Axes, optional
+    """
+    ax = _axes(ax)
+    s = basis.equilibrium.s
+    for mode in range(1, count + 1):
+        omega = basis.omega[basis.index(mode)]
+        ax.plot(s, basis.shape(mode)[:, 1], label=f"mode {mode}: {omega:.4g} rad/s")
+    ax.axhline(0.0, color="0.7", lw=0.8)
+    ax.set(xlabel="s / m", ylabel="transverse mode shape / kg$^{-1/2}$")
+    ax.legend()
+    return ax
+
+
+def plot_modal_responses(motion: Motion, count: int = 3, ax: Axes | None = None) -> Axes:
+    """Draw modal coordinates against time (the paper's fig. 3, left).
+
+    Parameters
+    ----------
+    motion : Motion
+    count : int
+        Number of modes.
+    ax : Axes, optional
+    """
+    ax = _axes(ax)
+    motion.basis.index(count)
+    for column in range(count):
+        ax.plot(motion.t, motion.coordinates.displacement[:, column], label=f"$q_{{{column + 1}}}$")
+    ax.set(xlabel="t / s", ylabel="q / (kg$^{1/2}$ m)")
+    ax.legend()
+    return ax
+
+
+def plot_coupling(
+    motion: Motion, count: int = 3, ax: Axes | None = None, *, scale: bool = True
+) -> Axes:
+    """Draw the coordinates q_2, q_3, ... against q_1 (the paper's fig. 3, right).
+
+    A curve that is walked to and fro is a slave of mode 1; a filled area is a life of its own.
+
+    Parameters
+    ----------
+    motion : Motion
+    count : int
+        Number of modes, the first included.
+    ax : Axes, optional
+    scale : bool
+        Whether each curve is divided by its largest value, which the legend then names.
+    """
+    ax = _axes(ax)
+    motion.basis.index(count)
+    q = motion.coordinates.displacement
+    for column in range(1, count):
+        largest = float(np.max(np.abs(q[:, column])))
+        factor = largest if scale and largest > 0.0 else 1.0
+        label = f"$q_{{{column + 1}}}$, max {largest:.2g}"
+        ax.plot(q[:, 0], q[:, column] / factor, lw=0.8, label=label)
+    unit = "(kg$^{1/2}$ m)"
+    ax.set(xlabel=f"$q_1$ / {unit}", ylabel="$q_n$ / max" if scale else f"$q_n$ / {unit}")
+    ax.legend()
+    return ax
+
+
+def plot_normal_mode(
+    orbits: NormalMode, ax: Axes | None = None, *, label: str = "normal mode of the beam"
+) -> Axes:
+    """Mark the beam's own periodic orbits; given the axes of `plot_backbone`, on top of it.
+
+    Parameters
+    ----------
+    orbits : NormalMode
+    ax : Axes, optional
+    label : str
+    """
+    ax = _axes(ax)
+    hz = orbits.frequency / (2 * np.pi)
+    # Above the curves that it judges.
+    ax.plot(hz, orbits.amplitude, "kD", ms=5, zorder=4, label=label)
+    # A figure of a backbone has limits of its own, which may cut marks off.
+    (left, right), top = ax.get_xlim(), ax.get_ylim()[1]
+    margin = 0.05 * np.ptp([left, right, *hz])
+    ax.set_xlim(min(left, hz.min() - margin), max(right, hz.max() + margin))
+    ax.set_ylim(0, max(top, 1.05 * orbits.amplitude.max()))
+    ax.set(xlabel="frequency (Hz)", ylabel="amplitude (kg^0.5 m)")
+    ax.legend(loc="best", frameon=False)
+    return ax

@@ -1,0 +1,369 @@
+"""Figures. Every function draws into an Axes (a new one if none is given) and returns it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import ArrayLike
+
+from romsindy.fit.refine import Fit
+from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
+from romsindy.physics.model import ReducedModel
+from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.decay import Decay
+from romsindy.regression.estimator import HarmonicSINDy
+from romsindy.selection.candidates import CHOSEN, EQUIVALENT
+from romsindy.selection.select import Selection
+from romsindy.typing import Array
+
+_SIGMAS_95 = 1.96
+# How the cycles of a measured decay look in every figure.
+_CYCLES: dict[str, Any] = {
+    "fmt": "o",
+    "ms": 3,
+    "lw": 0.7,
+    "color": "0.25",
+    "mfc": "white",
+    "label": "cycles of the decay",
+    "zorder": 1,
+}
+
+
+def _axes(ax: Axes | None) -> Axes:
+    return plt.subplots(layout="constrained")[1] if ax is None else ax
+
+
+def _log_ratio(ax: Axes) -> None:
+    """Ratios near 1 on a log axis: 0.4 rather than 4 x 10^-1."""
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _styled(
+    models: Mapping[str, ReducedModel | Fit] | None,
+) -> Iterator[tuple[ReducedModel | Fit, dict[str, Any]]]:
+    """Models with the look of their curves: a stiffness polynomial is dashed."""
+    for i, (label, model) in enumerate((models or {}).items()):
+        yield model, {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
+
+
+def plot_decay(
+    decay: Decay,
+    backbone: Backbone | None = None,
+    *,
+    record: Decay | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Displacement against time, with the peaks of its backbone.
+
+    Parameters
+    ----------
+    decay : Decay
+        What is analysed; one channel.
+    backbone : Backbone, optional
+        Draws its peaks as an envelope.
+    record : Decay, optional
+        The whole record, drawn pale behind.
+    """
+    ax = _axes(ax)
+    if record is not None:
+        ax.plot(record.t, record.q, color="0.8", lw=0.6, label="record")
+    ax.plot(decay.t, decay.q, color="C0", lw=0.6, label="free decay")
+    if backbone is not None:
+        ax.plot(backbone.t, backbone.positive_peak, color="C1", lw=1.2, label="peaks")
+        ax.plot(backbone.t, backbone.negative_peak, color="C1", lw=1.2)
+    ax.set(xlabel="time (s)", ylabel=f"q ({decay.unit or 'its own unit'})")
+    ax.margins(x=0.01)
+    ax.legend(loc="upper right", frameon=False)
+    return ax
+
+
+def plot_backbone(
+    measured: Backbone | Fit,
+    models: Mapping[str, ReducedModel | Fit] | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Frequency against amplitude of every cycle, with the backbones of models over it.
+
+    Parameters
+    ----------
+    measured : Backbone or Fit
+        Points with their standard errors. A fit gives the cycles of its decays, and its own curve.
+    models : mapping of str to ReducedModel or Fit, optional
+        Curves by label; a fit has its 95 % band.
+    """
+    ax = _axes(ax)
+    backbones, models = _measured(measured, models)
+    for backbone in backbones:
+        ax.errorbar(
+            backbone.frequency / (2 * np.pi),
+            backbone.amplitude,
+            xerr=backbone.frequency_std / (2 * np.pi),
+            yerr=backbone.amplitude_std,
+            **_CYCLES,
+        )
+    amplitudes = _span(backbones)
+    for model, style in _styled(models):
+        if isinstance(model, Fit):
+            band = model.band(amplitudes)
+            low, high = (
+                (band.frequency + s * _SIGMAS_95 * band.frequency_std) / (2 * np.pi)
+                for s in (-1, 1)
+            )
+            ax.fill_betweenx(amplitudes, low, high, color=style["color"], alpha=0.25, lw=0)
+            ax.plot(band.frequency / (2 * np.pi), amplitudes, **style)
+        else:
+            ax.plot(model.backbone(amplitudes) / (2 * np.pi), amplitudes, **style)
+    unit = backbones[0].unit or "unit of q"
+    ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
+    # Single uncertain cycles must not squeeze the picture.
+    sure = np.concatenate(
+        [b.frequency[b.frequency_std < 0.01 * b.frequency] / (2 * np.pi) for b in backbones]
+    )
+    if len(sure) > 1:
+        margin = 0.08 * max(np.ptp(sure), 1e-4 * sure.mean())
+        ax.set_xlim(sure.min() - margin, sure.max() + margin)
+    _legend(ax)
+    return ax
+
+
+def _measured(
+    measured: Backbone | Fit, models: Mapping[str, ReducedModel | Fit] | None
+) -> tuple[list[Backbone], Mapping[str, ReducedModel | Fit] | None]:
+    if isinstance(measured, Backbone):
+        return [measured], models
+    return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
+
+
+def _span(backbones: Sequence[Backbone]) -> Array:
+    amplitudes = np.concatenate([b.amplitude for b in backbones])
+    return np.linspace(amplitudes.min(), amplitudes.max(), 200)
+
+
+def _legend(ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))  # several decays share one label
+    ax.legend(named.values(), named.keys(), loc="best", frameon=False)
+
+
+def plot_damping(
+    measured: Backbone | Fit,
+    models: Mapping[str, ReducedModel | Fit] | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
+    ax = _axes(ax)
+    backbones, models = _measured(measured, models)
+    for backbone in backbones:
+        ax.errorbar(
+            backbone.amplitude,
+            100 * backbone.damping_ratio,
+            yerr=100 * backbone.damping_ratio_std,
+            **_CYCLES,
+        )
+    amplitudes = _span(backbones)
+    for model, style in _styled(models):
+        if isinstance(model, Fit):
+            band = model.band(amplitudes)
+            reach = _SIGMAS_95 * band.damping_ratio_std
+            low, high = (100 * (band.damping_ratio + s * reach) for s in (-1, 1))
+            ax.fill_between(amplitudes, low, high, color=style["color"], alpha=0.25, lw=0)
+            ax.plot(amplitudes, 100 * band.damping_ratio, **style)
+        else:
+            ax.plot(amplitudes, 100 * model.damping_ratio(amplitudes), **style)
+    ratios = np.concatenate([b.damping_ratio for b in backbones])
+    spread = np.quantile(ratios, [0.05, 0.95]) * 100
+    ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
+    ax.set(xlabel=f"amplitude ({backbones[0].unit or 'unit of q'})", ylabel="damping ratio (%)")
+    _legend(ax)
+    return ax
+
+
+def plot_misfit(fit: Fit, *, ax: Axes | None = None) -> Axes:
+    """What a fit leaves at each harmonic of the motion, against amplitude.
+
+    Rms of the residual over the noise at the same frequencies, in windows of eight cycles; near 1
+    nothing is missing.
+    """
+    ax = _axes(ax)
+    verdict = fit.verdict
+    order = np.argsort(verdict.amplitude)
+    for k, column in enumerate(verdict.misfit.T):
+        if np.isfinite(column).any():
+            label = "mean position" if k == 0 else f"harmonic {k}"
+            ax.plot(verdict.amplitude[order], column[order], "o-", ms=3, lw=0.8, label=label)
+    ax.axhline(1, color="0.4", lw=0.8, ls=":")
+    ax.set(
+        xlabel=f"amplitude ({verdict.unit or 'unit of q'})",
+        ylabel="residual over noise",
+    )
+    _log_ratio(ax)
+    ax.legend(loc="best", frameon=False, ncols=2)
+    return ax
+
+
+def plot_relative_magnitude(
+    model: ReducedModel, amplitudes: ArrayLike, *, ax: Axes | None = None
+) -> Axes:
+    """Rms of every term relative to the acceleration, against amplitude (the paper's fig. 11)."""
+    ax = _axes(ax)
+    amplitudes = np.asarray(amplitudes, float)
+    shares = model.relative_magnitude(amplitudes)
+    for i, (key, share) in enumerate(shares.items()):
+        ax.plot(
+            amplitudes, share, color=f"C{i % 10}", ls="-" if i < 10 else "--", label=_symbol(key)
+        )
+    ax.set(
+        xlabel=f"amplitude ({model.unit or 'unit of q'})",
+        ylabel="rms of term / rms of acceleration",
+        yscale="log",
+        ylim=(1e-5, 3),
+    )
+    ax.legend(loc="lower right", frameon=False, ncols=3, fontsize="small")
+    return ax
+
+
+def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = None) -> Axes:
+    """Rms residual of the regression in every harmonic, relative to the rms target.
+
+    White noise in the displacement leaves bars that grow with the square of the harmonic, as the
+    second derivative does; a harmonic that stands out from this shows a missing term.
+    """
+    ax = _axes(ax)
+    width = 0.8 / len(estimators)
+    for i, (label, estimator) in enumerate(estimators.items()):
+        rows = estimator.rows_
+        residual = rows.target - rows.theta @ estimator.coef_
+        harmonics = np.unique(rows.harmonic)
+        rms = [np.sqrt(np.mean(residual[rows.harmonic == h] ** 2)) for h in harmonics]
+        position = np.arange(len(harmonics)) + (i - (len(estimators) - 1) / 2) * width
+        scale = np.sqrt(np.mean(rows.target**2))
+        ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
+        ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
+    ax.set(xlabel="harmonic", ylabel="rms residual / rms target")
+    _log_ratio(ax)
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
+    """Held-out error of every structure against its number of coefficients.
+
+    The error is squared error over noise of held-out cycles, beyond that of the best, with one
+    standard error to either side: a structure whose bar reaches zero predicts as well as the best.
+    """
+    ax = _axes(ax)
+    looks: dict[str, dict[str, Any]] = {
+        CHOSEN: {"color": "C3", "ms": 9, "fmt": "*", "zorder": 3, "label": CHOSEN},
+        EQUIVALENT: {"color": "C0", "ms": 4, "fmt": "o", "zorder": 2, "label": EQUIVALENT},
+        "": {"color": "0.6", "ms": 4, "fmt": "o", "mfc": "white", "zorder": 1, "label": "worse"},
+    }
+    for verdict, look in looks.items():
+        some = [c for c in selection.path if (c.verdict if c.verdict in looks else "") == verdict]
+        if some:
+            count = [len(c.keys) for c in some]
+            error = [c.excess_std for c in some]
+            ax.errorbar(count, [c.excess for c in some], yerr=error, lw=0.8, **look)
+    ax.axhline(0, color="0.25", lw=0.8)
+    ax.set_yscale("symlog", linthresh=10)
+    ax.set_ylim(bottom=-30)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ylabel = "squared error of held-out cycles\nover noise, beyond the best"
+    ax.set(xlabel="number of coefficients", ylabel=ylabel)
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def plot_branch(
+    branch: BackboneCurve, *, label: str = "backbone curve", ax: Axes | None = None
+) -> Axes:
+    """Amplitude of free periodic orbits against their frequency; folds marked."""
+    ax = _orbit_axes(branch, ax)
+    ax.plot(branch.frequency / (2 * np.pi), branch.amplitude, color="0.25", lw=1, label=label)
+    _mark(ax, branch, branch.folds, "fold")
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+def plot_forced_response(
+    response: ForcedResponse,
+    *,
+    label: str = "",
+    color: str = "C0",
+    ax: Axes | None = None,
+) -> Axes:
+    """Amplitude of forced orbits against frequency: stable solid, unstable dashed.
+
+    Bifurcations are marked by kind.
+
+    Parameters
+    ----------
+    response : ForcedResponse
+    label : str
+        Goes before "stable" and "unstable" in the legend.
+    color : str
+        Of the curve.
+    """
+    ax = _orbit_axes(response, ax)
+    hz = response.frequency / (2 * np.pi)
+    # A stretch ends on the first point of the next one, so that the curve has no gaps.
+    changes = np.flatnonzero(np.diff(response.stable)) + 1
+    named: set[str] = set()
+    for low, high in zip([0, *changes], [*(changes + 1), len(hz)], strict=True):
+        name = "stable" if response.stable[low] else "unstable"
+        ax.plot(
+            hz[low:high],
+            response.amplitude[low:high],
+            "-" if response.stable[low] else "--",
+            color=color,
+            lw=1.2,
+            label=None if name in named else f"{label} {name}".strip(),
+        )
+        named.add(name)
+    for kind in dict.fromkeys(b.kind for b in response.bifurcations):
+        _mark(ax, response, [b.index for b in response.bifurcations if b.kind == kind], kind)
+    ax.legend(loc="best", frameon=False)
+    return ax
+
+
+_MARKERS = {"fold": "o", "branch point": "s", "period doubling": "^", "Neimark-Sacker": "D"}
+
+
+def _orbit_axes(orbits: PeriodicOrbits, ax: Axes | None) -> Axes:
+    ax = _axes(ax)
+    ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({orbits.unit or 'unit of q'})")
+    return ax
+
+
+def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> None:
+    points = np.asarray(points, int)
+    if len(points):
+        named = kind in ax.get_legend_handles_labels()[1]
+        ax.plot(
+            orbits.frequency[points] / (2 * np.pi),
+            orbits.amplitude[points],
+            _MARKERS[kind],
+            color="C3",
+            mfc="white",
+            ms=5,
+            label=None if named else kind,
+        )
+
+
+def _symbol(key: str) -> str:
+    """Coefficient name as a formula: "Upsilon_3" becomes a Greek letter with its index."""
+    if key == "omega^2":
+        return r"$\omega^2$"
+    name, _, index = key.partition("_")
+    greek = {"gamma": r"\gamma", "Upsilon": r"\Upsilon", "beta": r"\beta", "c": "c"}[name]
+    subscript = index if index.isdigit() else rf"\mathrm{{{index.replace(' ', '~')}}}"
+    return f"${greek}_{{{subscript}}}$" if "^" not in index else f"${greek}$ ({index})"
