@@ -1,12 +1,15 @@
 import base64
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from romsindy import ReducedModel, __version__, add_noise, example_decay, save_decay
-from romsindy.commands.identify import main
+from romsindy.commands import identify as identify_module
+from romsindy.commands.main import main
 
 
 @pytest.fixture
@@ -123,7 +126,7 @@ def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, name, options, mes
     assert message in " ".join(result.output.split())
     assert "Traceback" not in result.output
     errors = [line for line in result.output.splitlines() if line.startswith("Error: ")]
-    assert len(errors) == 1
+    assert len(errors) == 1 and result.stderr.splitlines()[-1] == errors[0]
 
 
 def test_text_in_a_number_column_empty_and_missing_files(run, tmp_path):
@@ -160,6 +163,53 @@ def test_saved_decays_are_read_back(run, tmp_path):
     result = run("identify", "clean.npz", "--no-refine")
     assert result.exit_code == 0, result.output
     assert "IC-ROM model misses the measured frequency by 0.001" in result.output
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--bogus"],
+        ["bogus"],
+        ["identify", "--bogus"],
+        ["identify", "--order", "two"],
+        ["simulate"],
+        ["simulate", "decay.csv", "--elements", "-3"],
+        ["study", "--seeds", "1"],
+        ["diagnose"],
+        ["diagnose", "--measured", "nowhere.csv"],
+    ],
+)
+def test_every_command_refuses_in_one_line(run, arguments):
+    result = run(*arguments)
+    assert result.exit_code == 2 and result.stdout == ""
+    assert re.fullmatch(r"Error: .*\n", result.stderr)
+
+
+def test_an_internal_error_is_no_refusal(run, monkeypatch):
+    """It ends with exit code 1 and keeps its traceback."""
+
+    def broken(*_):
+        raise KeyError("a bug")
+
+    monkeypatch.setattr(identify_module, "example_decay", broken)
+    result = run("identify", "--example")
+    assert result.exit_code == 1 and isinstance(result.exception, KeyError)
+
+
+def test_help_imports_no_command(run):
+    """Neither the numbers nor the figures: help is printed at once."""
+    code = (
+        "import sys; from romsindy.commands.main import main;"
+        " main(['--help'], standalone_mode=False);"
+        " sys.exit(bool({'numpy', 'matplotlib', 'romsindy.commands.study'} & {*sys.modules}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    # Each line of help is the first of the command's own.
+    listed = dict(re.findall(r"^  (\w+)  +(.+)$", done.stdout.partition("Commands:")[2], re.M))
+    for name, line in listed.items():
+        assert line in " ".join(run(name, "--help").output.split())
+    assert run().output == run("--help").output
 
 
 def test_version_and_help(run):

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.commands.identify import main
+from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.simulated import model_of_simulation

@@ -15,7 +15,7 @@ import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.beam.effects import AddedMass, ClampCompliance, Dashpot, Drag
 from romsindy.beam.sensors import Sensor
-from romsindy.commands.identify import main
+from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, ViscousForce, load_beam
 from romsindy.diagnosis.on_beam.forces import OtherMassDamping, beam_forces
 from romsindy.diagnosis.on_beam.parameters import Stiffer, parameter_effects

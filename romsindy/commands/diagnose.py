@@ -1,4 +1,4 @@
-"""The command `romsindy diagnose`."""
+"""The command ``romsindy diagnose``."""
 
 from __future__ import annotations
 

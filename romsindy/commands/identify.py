@@ -1,9 +1,8 @@
-"""Command line: ``romsindy study``, ``romsindy identify FILE``, ``romsindy simulate OUTPUT``."""
+"""The command ``romsindy identify``."""
 
 from __future__ import annotations
 
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,6 @@ import click
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from romsindy import __version__
-from romsindy.commands.diagnose import diagnose
-from romsindy.commands.simulate import simulate
-from romsindy.commands.study import study
 from romsindy.physics.example import example_decay
 from romsindy.physics.terms import DAMPING_KINDS
 from romsindy.record.backbone import Backbone, extract_backbone
@@ -27,42 +22,6 @@ from romsindy.selection.comparison import coefficient_table, compare_models
 from romsindy.selection.select import Selection, select_model
 from romsindy.show.identification_page import Identification, write_report
 from romsindy.show.plots import plot_backbone
-
-
-class _Refusal(click.ClickException):
-    """One line on the error stream and exit code 2."""
-
-    exit_code = 2
-
-
-class _Commands(click.Group):
-    """Turns refused input into one line, for every command alike."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        with warnings.catch_warnings():
-            warnings.simplefilter("default", UserWarning)
-            warnings.showwarning = _show_warning  # type: ignore[assignment]
-            try:
-                return super().invoke(ctx)
-            except (ValueError, TypeError, OSError, RuntimeError) as error:
-                if isinstance(error, click.exceptions.Exit):
-                    raise
-                raise _Refusal(" ".join(str(error).split())) from error
-
-
-def _show_warning(message: Warning | str, *_: Any) -> None:
-    click.echo(f"Note: {message}", err=True)
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__)
-def main() -> None:
-    """Equations of motion, with nonlinear inertia, from measured free decays."""
-
-
-main.add_command(simulate)
-main.add_command(study)
-main.add_command(diagnose)
 
 
 def _coefficients(
@@ -92,7 +51,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
         ) from None
 
 
-@main.command()
+@click.command()
 @click.argument("file", required=False, type=click.Path(path_type=Path))
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the example's noise (35 dB).")
