@@ -7,16 +7,18 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
+from romsindy.diagnosis.missing_force import MissingForce, record_errors
 from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.fit.measured import Measured
 from romsindy.fit.refine import refine
 from romsindy.physics.force_laws import PowerDamping
-from romsindy.show.diagnosis_page import drawn
 
 OMEGA = 2 * np.pi * 5
 NOMINAL = {
@@ -162,6 +164,30 @@ def test_report_files(tmp_path):
     assert "quadratic_drag,strength" in (tmp_path / "table.csv").read_text()
 
 
+def test_before_by_record_is_the_simulation_as_it_was():
+    """As in the table of the gap; a fit of the frequency alone would leave nothing of it."""
+    *learn, test = three(changed={"omega^2": 1.004 * OMEGA**2})
+    result = diagnose(MODEL, learn, held_out=test)
+    parts = result.best.solution.parts
+    names, before, after = record_errors(MODEL, parts, result.records, result.gap)
+    assert names == ["record 1", "record 2", "held out"]
+    assert before[-1] == result.gap.before and after[-1] == result.gap.after
+    # In 12 s the phase is lost by a tenth of a cycle, and noise is at 1 % of the rms.
+    assert before.min() > 5 and after.max() < 1.1
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "velocity"])
+def test_drag_is_in_phase_with_the_velocity_whatever_was_measured(quantity):
+    clean = decay(1.0, HIDDEN["quadratic_drag"][0]["force"], snr_db=80)
+    if quantity == "velocity":
+        clean = rs.Decay.from_velocity(clean.t, np.gradient(clean.q, clean.t))
+    missing = MissingForce.of(MODEL, (), Measured.of(clean, 1e-4))
+    with_q, with_v = np.abs(missing.harmonics())
+    assert with_v[1] > 5 * with_q[1]
+    # At the up-crossing of q, where its phase is 0, the velocity is largest.
+    assert_allclose(missing.q, np.hypot(missing.q, missing.q_dot) * np.sin(missing.phase), atol=0.2)
+
+
 # -- bad input --------------------------------------------------------------------------------
 
 
@@ -261,7 +287,7 @@ def test_pendulum_lacks_dry_friction(measured):
     after = np.concatenate(result.best.solution.residuals)
     assert np.rad2deg(np.sqrt(np.mean(after**2))) < 0.8
     # Eight cycles are enough for every picture; the simulation damps too much there.
-    readings = {title: reading for title, _, reading in drawn(result)}
+    readings = {p.title: p.caption for p in result.page()["pictures"]}
     assert "nan" not in " ".join(readings.values())
     assert "with the velocity: damping" in readings["By phase"]
 

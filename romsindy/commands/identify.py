@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from romsindy.physics.example import example_decay
@@ -20,8 +19,7 @@ from romsindy.record.filters import Butterworth
 from romsindy.regression.projection import HarmonicProjection
 from romsindy.selection.comparison import coefficient_table, compare_models
 from romsindy.selection.select import Selection, select_model
-from romsindy.show.identification_page import Identification, write_report
-from romsindy.show.plots import plot_backbone
+from romsindy.show.identification_page import Identification, pictures, write_identification
 
 
 def _coefficients(
@@ -165,19 +163,13 @@ def identify(
         selection = _selected(result, fix, projection)
         result, icrom = replace(result, selection=selection), selection.model
         click.echo(f"\n{selection}")
-    write_report(result, report, lambda steps: _bar(steps, "drawing"))
+    write_identification(result, report, lambda steps: _bar(steps, "drawing"))
     click.echo(f"Report: {report}")
     if model is not None:
         model.write_text(icrom.to_json() + "\n", encoding="utf-8")
         click.echo(f"Model: {model}")
     if figure is not None:
-        canvas = Figure(figsize=(6.4, 4.4), layout="constrained")
-        both = (result.named(name) for name in ("stiffness", "IC-ROM"))
-        shown = {c.name: c.fit or c.model for c in both}
-        if result.selection:
-            shown["chosen terms"] = result.selection.fit
-        plot_backbone(result.backbone, shown, ax=canvas.subplots())
-        canvas.savefig(figure, dpi=130)
+        next(p for p in pictures(result) if p.name == "backbone").write(figure)
         click.echo(f"Figure: {figure}")
 
 

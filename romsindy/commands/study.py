@@ -13,7 +13,7 @@ from joblib import parallel_config
 from tqdm import tqdm
 
 from romsindy.study.content import Check
-from romsindy.study.pages import Written, checks_table, write_chapter, write_page
+from romsindy.study.pages import Written, checks_table, write_chapter, write_story
 from romsindy.study.story import tell
 
 QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "orbits": 3, "both_releases": False}
@@ -58,7 +58,7 @@ def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int | None
                 _say(chapter.title, started)
         ending = f"{time.perf_counter() - started:.0f} s"
     finally:  # what is finished is not lost
-        write_page(written, checks, out, f"{settings}; {ending}")
+        write_story(written, checks, out, f"{settings}; {ending}")
         _print(checks)
         click.echo(f"Report: {out / 'report.html'}")
 

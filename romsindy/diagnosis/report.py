@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -259,9 +259,36 @@ class DiagnosisReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.show.diagnosis_page import write_page
+        from romsindy.show.page import write_report  # draws: only where a page is asked for
 
-        write_page(self, path)
+        write_report(path, **self.page())
+
+    def page(self) -> dict[str, Any]:
+        """What `romsindy.show.page.write_report` takes."""
+        from romsindy.diagnosis.pictures import pictures
+        from romsindy.show.page import TextTable
+
+        terms = {p.effect.name for p in self._parts if p.effect.term(p.shape) is not None}
+        outside = ", ".join(e.label for e in self.effects if e.name not in terms)
+        note = "Not a term of the equation of motion, so not in it: "
+        return {
+            "title": "What the simulation lacks",
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "equation_title": "The simulation with it added",
+            "equation": str(self.model),
+            "equation_note": f"{note}{outside}." if outside else "",
+            "tables": [
+                TextTable("The gap, before and after", self.gap.table()),
+                TextTable("Explanations that the data allow", self.table()),
+            ],
+            "pictures": pictures(self.nominal, self._parts, self.records, self.gap),
+            "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
+        }
+
+    @property
+    def _parts(self) -> tuple[Part, ...]:
+        return self.best.solution.parts
 
 
 def _units(part: Part, of_q: str | None) -> list[str]:
