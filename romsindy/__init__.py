@@ -10,7 +10,7 @@ __version__ = "0.1.0"
 # checkers.
 _HOMES = {
     "romsindy.beam": ("Beam",),
-    "romsindy.diagnosis": ("BeamReport", "DiagnosisReport", "diagnose", "diagnose_beam"),
+    "romsindy.diagnosis": ("BeamReport", "DiagnosisReport", "diagnose"),
     "romsindy.fit.adequacy": ("Adequacy",),
     "romsindy.fit.bootstrap": ("Bootstrap", "bootstrap"),
     "romsindy.fit.refine": ("Band", "Fit", "refine"),

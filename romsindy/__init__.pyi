@@ -4,7 +4,6 @@ from romsindy.beam import Beam as Beam
 from romsindy.diagnosis import BeamReport as BeamReport
 from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
 from romsindy.diagnosis import diagnose as diagnose
-from romsindy.diagnosis import diagnose_beam as diagnose_beam
 from romsindy.fit.adequacy import Adequacy as Adequacy
 from romsindy.fit.bootstrap import Bootstrap as Bootstrap
 from romsindy.fit.bootstrap import bootstrap as bootstrap

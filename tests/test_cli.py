@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from romsindy import ReducedModel, __version__, add_noise, example_decay, save_decay
+from romsindy import (
+    ReducedModel,
+    __version__,
+    add_noise,
+    example_decay,
+    extract_backbone,
+    save_decay,
+)
 from romsindy.commands import identify as identify_module
 from romsindy.commands.main import main
 
@@ -27,6 +34,10 @@ def test_example_prints_models_and_writes_a_page(run, tmp_path):
     errors = re.search(r"IC-ROM model misses .* by ([\d.]+) % rms.* stiffness .* by ([\d.]+) % rms",
                        result.output)  # fmt: skip
     assert float(errors[1]) < 0.2 < float(errors[2])
+    # The last cycle is lost in the noise: it judges no model, and no sentence counts it.
+    cycles = len(extract_backbone(example_decay(35.0, 0).free()))
+    assert f"Over {cycles - 1} cycles" in result.output
+    assert "whose own frequency is not known to 1 % are left out (1)" in result.output
     page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert len(pictures) == 6 and "http" not in page.replace("http-equiv", "")
@@ -67,6 +78,11 @@ def test_file_with_options(run, tmp_path):
     assert "36 (fixed)" in result.output and "c_quadratic" in result.output
     assert "Upsilon_4" not in result.output and "cutoff=8.0" in result.output
     assert (tmp_path / "page.html").is_file()
+
+
+def test_amplitudes_without_a_cycle(run):
+    result = run("identify", "--example", "--amplitude", 100, 200)
+    assert result.exit_code == 2 and "amplitude = (100.0, 200.0) holds no cycle" in result.stderr
 
 
 def test_measured_velocity(run, measured):

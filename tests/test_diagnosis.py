@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,10 +14,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import romsindy as rs
+from romsindy.commands import diagnose as diagnose_command
 from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.missing_force import MissingForce, record_errors
+from romsindy.diagnosis.on_beam import ViscousForce
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.fit.measured import Measured
 from romsindy.fit.refine import refine
@@ -162,7 +166,7 @@ def test_report_files(tmp_path):
     assert page.count("data:image/png;base64") == 6 and result.sentence[:40] in page
     assert json.loads(result.to_json())["effects"][0]["name"] == "quadratic_drag"
     result.to_csv(tmp_path / "table.csv")
-    assert "quadratic_drag,strength" in (tmp_path / "table.csv").read_text()
+    assert "quadratic_drag,,strength" in (tmp_path / "table.csv").read_text()
 
 
 def test_before_by_record_is_the_simulation_as_it_was():
@@ -188,6 +192,41 @@ def test_drag_is_in_phase_with_the_velocity_whatever_was_measured(quantity):
     assert with_v[1] > 2 * with_q[1]
     # At the up-crossing of q, where its phase is 0, the velocity is largest.
     assert_allclose(missing.q, np.hypot(missing.q, missing.q_dot) * np.sin(missing.phase), atol=0.2)
+
+
+def test_the_side_of_a_stop_is_reported():
+    """In the sentence, the table and the JSON text: a stop below is met at negative q."""
+    hidden = three(force=lambda t, q, v: -0.02 * OMEGA**2 * max(-q - 0.4, 0.0))
+    result = diagnose(MODEL, hidden[:2], held_out=hidden[2])
+    assert result.best.names == ("stop",)
+    assert "a stop on one side [below] (" in result.sentence
+    assert result.table()[1][:2] == ["stop", "below"]
+    assert json.loads(result.to_json())["effects"][0]["variant"] == "below"
+
+
+def test_one_function_for_every_simulation():
+    """All arguments have names, and those of the other kind of simulation are refused."""
+    good = decay(1.0)
+    beam = rs.Beam.cantilever(elements=4)
+    sensors = beam.sensors([0.45])
+    assert {"model", "sensors", "tolerances"} <= {*inspect.signature(rs.diagnose).parameters}
+    result = rs.diagnose(model=MODEL, measured=good, catalogue=CATALOGUE[:1], max_effects=1)
+    assert result.verdict == "none"
+    refused(good, "sensors = None: a Beam needs", beam)
+    refused(
+        good, "coefficients of a ReducedModel", beam, sensors=sensors, tolerances={"gamma_3": 1}
+    )
+    refused(good, "belong to a Beam", sensors=sensors)
+    refused(good, "model is a str", "model.json")
+    refused(good, "belong to a Beam", catalogue=[ViscousForce])
+
+
+def test_an_error_that_grows_does_not_fall():
+    result = report(**HIDDEN["quadratic_drag"][0])
+    assert "falls from" in result.sentence
+    swapped = [replace(p, before=p.after, after=p.before) for p in result.gap.predictions]
+    worse = replace(result, gap=replace(result.gap, predictions=tuple(swapped)))
+    assert "goes from" in worse.sentence and "falls" not in worse.sentence
 
 
 # -- bad input --------------------------------------------------------------------------------
@@ -315,7 +354,7 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
     assert left < 0.05
 
 
-def test_command_line(tmp_path):
+def test_command_line(tmp_path, monkeypatch):
     rs.save_decay(decay(1.0, HIDDEN["quadratic_drag"][0]["force"]), tmp_path / "test.csv")
     (tmp_path / "model.json").write_text(MODEL.to_json())
     arguments = ["diagnose", "--measured", str(tmp_path / "test.csv"), "--model"]
@@ -325,6 +364,16 @@ def test_command_line(tmp_path):
     assert "air drag" in done.output and (tmp_path / "page.html").is_file()
     exact = CliRunner().invoke(main, [*arguments, "--free", "nothing"])
     assert exact.exit_code == 0 and "air drag" in exact.output
+    # A floor of 0 is a floor: nothing is too small to matter.
+    seen = {}
+
+    def watched(**options):
+        seen.update(options)
+        raise ValueError("seen enough")
+
+    monkeypatch.setattr(diagnose_command, "run_diagnosis", watched)
+    CliRunner().invoke(main, [*arguments, "--floor", "0"])
+    assert seen["floor"] == 0.0 and "free" not in seen
     refusal = CliRunner().invoke(main, arguments[:3])
     assert refusal.exit_code == 2 and "--simulated" in refusal.output
 

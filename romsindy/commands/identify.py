@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from tqdm import tqdm
 
 from romsindy.physics.example import example_decay
@@ -205,6 +206,12 @@ def _within(decay: Decay, backbone: Backbone, amplitude: tuple[float, float] | N
     if amplitude is None:
         return decay
     inside = (backbone.amplitude >= amplitude[0]) & (backbone.amplitude <= amplitude[1])
+    if not np.any(inside):
+        low, high = backbone.amplitude.min(), backbone.amplitude.max()
+        raise ValueError(
+            f"amplitude = {amplitude} holds no cycle: those of the decay have amplitudes from"
+            f" {low:.3g} to {high:.3g} {decay.unit or '[q]'}"
+        )
     return decay.between(float(backbone.t[inside][0]), float(backbone.t[inside][-1]))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from romsindy.fit.refine import Fit
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
-from romsindy.selection.comparison import CERTAIN, Candidate, coefficient_table
+from romsindy.selection.comparison import CERTAIN, Candidate, coefficient_table, judging
 from romsindy.selection.select import Selection
 from romsindy.show import plots
 from romsindy.show.page import Picture, TextTable, write_report
@@ -38,7 +38,7 @@ class Identification:
         """One sentence on the models with estimated linear frequency."""
         stiffness, icrom = self.named("stiffness"), self.named("IC-ROM")
         words = [f"the {c.name} model {_off(c)}" for c in (icrom, stiffness)]
-        text = f"Over {len(self.backbone)} cycles {words[0]}; {words[1]}."
+        text = f"Over {int(np.sum(judging(self.backbone)))} cycles {words[0]}; {words[1]}."
         fit = self.selection.fit if self.selection else icrom.fit
         name = f"Chosen, {self.selection.chosen.name}" if self.selection else "IC-ROM"
         explained = f" {name}: {fit.verdict}" if fit else ""
@@ -46,11 +46,14 @@ class Identification:
 
     def table_note(self) -> str:
         """How the errors in the table were taken."""
-        unsure = int(np.sum(self.backbone.frequency_std >= CERTAIN * self.backbone.frequency))
-        left_out = f"; cycles known to less than 1 % are left out ({unsure})" if unsure else ""
+        unsure = int(np.sum(~judging(self.backbone)))
+        left_out = (
+            f"; cycles whose own frequency is not known to {100 * CERTAIN:g} % are left out"
+            f" ({unsure})"
+        )
         return (
             "Backbone error: frequency of the model's undamped motion against that of each cycle,"
-            f" at its amplitude{left_out}. {self._errors()}"
+            f" at its amplitude{left_out if unsure else ''}. {self._errors()}"
         )
 
     def _errors(self) -> str:

@@ -352,6 +352,10 @@ def _symbol(key: str) -> str:
     if key == "omega^2":
         return r"$\omega^2$"
     name, _, index = key.partition("_")
-    greek = {"gamma": r"\gamma", "Upsilon": r"\Upsilon", "beta": r"\beta", "c": "c"}[name]
+    greek = {"gamma": r"\gamma", "Upsilon": r"\Upsilon", "beta": r"\beta", "c": "c", "mu": r"\mu"}
+    if name not in greek:  # a stop or a magnet: its name says more than a letter
+        return key
+    if "^" in index:
+        return f"${greek[name]}$ ({index})"
     subscript = index if index.isdigit() else rf"\mathrm{{{index.replace(' ', '~')}}}"
-    return f"${greek}_{{{subscript}}}$" if "^" not in index else f"${greek}$ ({index})"
+    return f"${greek[name]}_{{{subscript}}}$" if index else f"${greek[name]}$"
