@@ -15,7 +15,7 @@ import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.beam.changes import ClampCompliance, StifferBending
 from romsindy.beam.sensors import Sensor
-from romsindy.commands.identify import main
+from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
