@@ -217,7 +217,8 @@ def test_one_function_for_every_simulation():
         good, "coefficients of a ReducedModel", beam, sensors=sensors, tolerances={"gamma_3": 1}
     )
     refused(good, "belong to a Beam", sensors=sensors)
-    refused(good, "model is a str", "model.json")
+    with pytest.raises(TypeError, match="model is a str: give a ReducedModel or a Beam"):
+        rs.diagnose("model.json", good)
     refused(good, "belong to a Beam", catalogue=[ViscousForce])
 
 
@@ -328,7 +329,7 @@ def test_pendulum_lacks_dry_friction(measured):
     after = np.concatenate(result.best.solution.residuals)
     assert np.rad2deg(np.sqrt(np.mean(after**2))) < 0.8
     # Eight cycles are enough for every picture; the simulation damps too much there.
-    readings = {p.title: p.caption for p in result.page()["pictures"]}
+    readings = {p.title: p.caption for p in result.pictures().values()}
     assert "nan" not in " ".join(readings.values())
     assert "with the velocity: damping" in readings["By phase"]
 

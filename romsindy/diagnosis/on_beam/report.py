@@ -6,6 +6,7 @@ import csv
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect, Verdict
 from romsindy.fit.part import Part
+
+if TYPE_CHECKING:
+    from romsindy.show.page import Picture
 
 _SIDES = ("before", "after")
 
@@ -123,22 +127,26 @@ class BeamReport:
         with open(path, "w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(self.table())
 
-    def to_html(self, path: str | Path) -> None:
-        """Write one self-contained page with figures."""
+    def pictures(self) -> dict[str, Picture]:
+        """Pictures by name, as those of a `DiagnosisReport`, and "sensor"."""
         from romsindy.diagnosis.pictures import by
-        from romsindy.show.page import TextTable, write_report
 
         before, after = (np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES)
+        sensors = by("sensor", [e.label for e in self.sensor_errors], before, after)
+        return {**self.reduced.pictures(), sensors.name: sensors}
+
+    def to_html(self, path: str | Path) -> None:
+        """Write one self-contained page with figures."""
+        from romsindy.show.page import TextTable, write_report
+
         page = self.reduced.page()
         gap, explanations = page["tables"]
         sensors = TextTable("Sensors of the beam", self.sensor_table())
-        by_sensor = by("sensor", [e.label for e in self.sensor_errors], before, after)
         own = {
             "verdict": self.verdict,
             "sentence": self.sentence,
             "equation": self.recipe,
             "equation_note": "",
             "tables": [gap, sensors, explanations],
-            "pictures": (*page["pictures"], by_sensor),
         }
-        write_report(path, **page | own)
+        write_report(path, pictures=self.pictures().values(), **page | own)
