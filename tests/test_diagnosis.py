@@ -19,11 +19,11 @@ from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.missing_force import MissingForce, record_errors
-from romsindy.diagnosis.on_beam import ViscousForce
 from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.effects import AirDrag
 from romsindy.fit.measured import Measured
 from romsindy.fit.refine import refine
-from romsindy.physics.force_laws import PowerDamping
+from romsindy.physics.damping import PowerDamping
 
 OMEGA = 2 * np.pi * 5
 NOMINAL = {
@@ -135,7 +135,7 @@ def test_an_effect_of_the_users_own():
         name, family, sign = "fourth_power", "damping", 1
         label = "damping with the fourth power of speed"
 
-        def term(self, shape):
+        def term(self):
             return PowerDamping(4.0)
 
     *learn, test = three(force=lambda t, q, v: 3e-6 * abs(v) ** 3 * v)
@@ -219,7 +219,7 @@ def test_one_function_for_every_simulation():
     refused(good, "belong to a Beam", sensors=sensors)
     with pytest.raises(TypeError, match="model is a str: give a ReducedModel or a Beam"):
         rs.diagnose("model.json", good)
-    refused(good, "belong to a Beam", catalogue=[ViscousForce])
+    refused(good, "catalogue", catalogue=[AirDrag])
 
 
 def test_an_error_that_grows_does_not_fall():

@@ -4,7 +4,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-import romsindy
 from romsindy import (
     HarmonicSINDy,
     ReducedModel,
@@ -14,6 +13,7 @@ from romsindy import (
     forced_response,
 )
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import plots
 
 
@@ -57,7 +57,7 @@ def test_magnitudes_of_every_kind_of_term():
     """Stops, magnets and a constant force are drawn too, under a name of their own."""
     values = {"omega^2": 36.0, "gamma_3": 9.0, "k_above 0.5": 1.0, "k_gap 0.3": 1.0}
     others = {"f_constant": 0.1, "mu": 0.1, "c_|q_dot|^2": 0.1, "gamma_|q|^2.5": 1.0}
-    magnet = romsindy.physics.force_laws.Magnet(3.0, 1, 2.0).key
+    magnet = MagnetForce(3.0, 1, 2.0).key
     model = ReducedModel.from_coefficients(values | others | {magnet: 0.1})
     ax = plots.plot_relative_magnitude(model, [0.1, 1.0])
     labels = [line.get_label() for line in ax.lines]

@@ -11,8 +11,8 @@ import click
 import numpy as np
 from tqdm import tqdm
 
+from romsindy.physics.damping import DAMPING
 from romsindy.physics.example import example_decay
-from romsindy.physics.terms import DAMPING_KINDS
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
@@ -73,7 +73,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
     multiple=True,
     default=("linear",),
     show_default=True,
-    type=click.Choice(DAMPING_KINDS),
+    type=click.Choice(list(DAMPING)),
     help="Kind of damping; may be repeated.",
 )
 @click.option(

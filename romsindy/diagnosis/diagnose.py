@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from romsindy.beam import Beam, SensorArray
-from romsindy.diagnosis.on_beam.forces import BeamForce
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
 from romsindy.diagnosis.report import DiagnosisReport
@@ -24,7 +23,7 @@ def diagnose(
     held_out: Decay | None = None,
     free: Sequence[str | Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
-    catalogue: Sequence[Effect | type[BeamForce]] = CATALOGUE,
+    catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = 0.01,
     max_effects: int = 3,
     floor: float = FLOOR,
@@ -54,7 +53,7 @@ def diagnose(
     tolerances : mapping of str to float, optional
         Relative standard deviations of other coefficients of a model.
     catalogue : sequence of Effect
-        What to look for; add your own. For a beam also classes of forces, such as a `ViscousForce`.
+        What to look for; add your own. On a beam an effect is looked for at its ``mounting``.
     false_alarm : float
         Probability of naming an effect where there is none.
     max_effects : int
@@ -80,6 +79,9 @@ def diagnose(
         with it: other unit, sign, scale or mode, too few cycles, noise alone. The message names the
         remedy.
     """
+    strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
+    if strange:
+        raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
     if isinstance(model, Beam):
         if sensors is None:
             raise ValueError(
@@ -108,16 +110,13 @@ def diagnose(
         raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
-    effects = [effect for effect in catalogue if isinstance(effect, Effect)]
-    if len(effects) < len(catalogue):
-        raise ValueError("catalogue holds what is no Effect: forces on a beam belong to a Beam")
     return diagnose_model(
         model,
         measured,
         held_out=held_out,
         free=FREE if free is None else free,
         tolerances=tolerances,
-        catalogue=effects,
+        catalogue=catalogue,
         false_alarm=false_alarm,
         max_effects=max_effects,
         floor=floor,

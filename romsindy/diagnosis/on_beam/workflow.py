@@ -12,16 +12,16 @@ from joblib import Parallel, delayed
 from romsindy.beam import Beam
 from romsindy.beam.sensors import SensorArray
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
-from romsindy.diagnosis.on_beam.forces import BeamForce, beam_forces
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
-from romsindy.diagnosis.on_beam.parameters import parameter_effects
+from romsindy.diagnosis.on_beam.mounted import mounted_effects
+from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.static_curve import StaticCurve
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.workflow import FLOOR, diagnose_model
-from romsindy.effects import CATALOGUE
-from romsindy.effects.base import Effect
+from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
+from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.measured import Measured
 from romsindy.fit.part import Part
 from romsindy.fit.refine import refine
@@ -46,7 +46,7 @@ def diagnose_beam(
     sensors: SensorArray,
     held_out: Decay | None = None,
     free: Sequence[str | Effect] = (),
-    catalogue: Sequence[Effect | type[BeamForce]] = CATALOGUE,
+    catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = 0.01,
     max_effects: int = 3,
     floor: float = FLOOR,
@@ -57,8 +57,9 @@ def diagnose_beam(
 
     The measurement is looked at in the coordinate of the first mode, beside a reduced model of the
     beam. What the beam does beside that model is simulated with the effects that were found, and
-    taken off, until the effects stay: they are then fitted to the beam. `beam_forces` and
-    `parameter_effects` replace effects of the catalogue that have the same name.
+    taken off, until the effects stay: they are then fitted to the beam. `BEAM_CATALOGUE`
+    and the parameters of the beam replace effects of the catalogue that have the same name; an
+    effect of your own with a ``mounting`` is looked for there.
     """
     several = [measured] if isinstance(measured, Decay) else list(measured)
     everything = [*several, *([held_out] if held_out is not None else [])]
@@ -70,10 +71,9 @@ def diagnose_beam(
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(several)]
     model, rough = calibrated(beam, own)
-    own_kinds = [kind for kind in catalogue if isinstance(kind, type)]
-    effects = _effects(seen, model, training, float(np.abs(own.q).max()), own_kinds)
+    effects = _effects(seen, model, training, float(np.abs(own.q).max()), catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
-    general = [e for e in catalogue if isinstance(e, Effect) and e.name not in unneeded]
+    general = [e for e in catalogue if e.name not in unneeded]
     unsure = [e for e in effects if e.name in [_FREE[str(name)] for name in free]]
     records = [Measured.of(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
@@ -158,13 +158,15 @@ def _effects(
     model: ReducedModel,
     decays: Sequence[Decay],
     reach: float,
-    kinds: Sequence[type[BeamForce]],
+    catalogue: Sequence[Effect],
 ) -> tuple[Effect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
     curve = StaticCurve.of(seen, reach)
     shift = _frequency_shift(model, decays)
-    forces = [*(kind(curve) for kind in kinds), *beam_forces(curve)]
-    return (*forces, *parameter_effects(seen, reach, shift))
+    known = {e.name for e in BEAM_CATALOGUE}
+    own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
+    mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE])
+    return (*damping_effects(curve), *mounted, *parameter_effects(seen, reach, shift))
 
 
 def _physical(report: DiagnosisReport) -> tuple[Part, ...]:
