@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -87,9 +88,8 @@ class BeamReport:
 
     @property
     def recipe(self) -> str:
-        """The lines of Python that make `model` from the beam as it was."""
-        lines = [f"beam = beam.with_effect({effect!r})" for effect in effects_of(self.parts)]
-        return "\n".join(lines) or "# the beam as it was"
+        """The lines of Python that make `model` from `beam`, the beam as it was."""
+        return recipe_of(effects_of(self.parts))
 
     @property
     def gap(self) -> Gap:
@@ -150,3 +150,20 @@ class BeamReport:
             "tables": [gap, sensors, explanations],
         }
         write_report(path, pictures=self.pictures().values(), **page | own)
+
+
+def recipe_of(effects: Sequence[Any]) -> str:
+    """Lines of Python, imports first, that add effects to `beam`."""
+    kinds = {kind for effect in effects for kind in _kinds(effect)}
+    imports = sorted(f"from {kind.__module__} import {kind.__name__}" for kind in kinds)
+    with np.printoptions(legacy="1.25"):  # 0.2 and not np.float64(0.2)
+        lines = [f"beam = beam.with_effect({effect!r})" for effect in effects]
+    return "\n".join([*imports, *lines]) or "# the beam as it was"
+
+
+def _kinds(value: Any) -> Iterator[type]:
+    """Classes in the text of a value: its own, and those of its fields."""
+    if is_dataclass(value):
+        yield type(value)
+        for field in fields(value):
+            yield from _kinds(getattr(value, field.name))
