@@ -276,9 +276,9 @@ class DiagnosisReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.show.page import write_report  # draws: only where a page is asked for
+        from romsindy.show.page import write_page  # draws: only where a page is asked for
 
-        write_report(path, pictures=self.pictures().values(), **self.page())
+        write_page(path, "report", pictures=self.pictures().values(), **self.page())
 
     def pictures(self) -> dict[str, Picture]:
         """Pictures by name; ``draw(figure)`` draws one, its caption is what its numbers say.
@@ -291,7 +291,7 @@ class DiagnosisReport:
         return {p.name: p for p in pictures(self.nominal, parts, self.records, self.gap)}
 
     def page(self) -> dict[str, Any]:
-        """What `romsindy.show.page.write_report` takes beside the pictures."""
+        """What the page shows beside the pictures."""
         from romsindy.show.page import TextTable
 
         parts = self.best.solution.parts

@@ -137,7 +137,7 @@ class BeamReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.show.page import TextTable, write_report
+        from romsindy.show.page import TextTable, write_page
 
         page = self.reduced.page()
         gap, explanations = page["tables"]
@@ -149,7 +149,7 @@ class BeamReport:
             "equation_note": "",
             "tables": [gap, sensors, explanations],
         }
-        write_report(path, pictures=self.pictures().values(), **page | own)
+        write_page(path, "report", pictures=self.pictures().values(), **page | own)
 
 
 def recipe_of(effects: Sequence[Any]) -> str:
