@@ -209,14 +209,14 @@ class DampingEffect(BeamEffect):
     curve : StaticCurve
     change : type
         Of `romsindy.beam.changes`, in one number.
-    name, label, unit, advice : str
+    name, label, fixed_unit, advice : str
     """
 
     curve: StaticCurve
     change: type
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
-    unit: str  # type: ignore[misc]
+    fixed_unit: str  # type: ignore[misc]
     advice: str  # type: ignore[misc]
 
     family = "damping"
