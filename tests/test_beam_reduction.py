@@ -80,7 +80,7 @@ def test_default_system_fitted_over_its_release():
 
 def test_inertia_of_the_model_is_that_of_the_static_shapes():
     beam = Beam.cantilever(elements=20)
-    cases = solve_static_cases(beam, 1, 0.02, 80)
+    cases = solve_static_cases(beam.assembly, beam.equilibrium(), 1, 0.02, 80)
     order = np.argsort(cases.q)
     q, x = cases.q[order], cases.displacement[order]
     slope = (x[2:] - x[:-2]) / (q[2:] - q[:-2])[:, None, None]

@@ -6,16 +6,13 @@ Nodal fields are (n_nodes, 3) with (u, w, theta) per node, matrices are kept per
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from romsindy.beam import element, kernel
 from romsindy.beam.effects.base import ForceEffect, LineEffect, Point, PointEffect, Vector
 from romsindy.beam.effects.mass import AddedMass
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
+from romsindy.beam.structure import Structure
+from romsindy.beam.validation import require_position
 
 
 class Place:
@@ -54,15 +51,15 @@ class Place:
 class Assembly:
     """Everything that statics, modes and the transient need to know of a beam."""
 
-    def __init__(self, beam: Beam) -> None:
-        self.n_elements = beam.elements
-        self.n_nodes = 2 * beam.elements + 1
-        self.s = np.linspace(0.0, beam.length, self.n_nodes)
-        self.beam = beam
-        self._length = beam.length / beam.elements
-        section = beam.section
+    def __init__(self, structure: Structure) -> None:
+        self.n_elements = structure.elements
+        self.n_nodes = 2 * structure.elements + 1
+        self.s = np.linspace(0.0, structure.length, self.n_nodes)
+        self.structure = structure
+        self._length = structure.length / structure.elements
+        section = structure.section
         self._stiffness = (self._length, section.EA, section.GA, section.EI)
-        self.alpha, self.eta = float(beam.alpha), float(beam.eta)  # an int would compile again
+        self.alpha, self.eta = float(structure.alpha), float(structure.eta)  # an int compiles again
         self._rest = np.zeros((self.n_nodes, 3))
         # Simpson weights: exact for the consistent load of a quadratic element
         self.tributary = np.zeros(self.n_nodes)
@@ -70,25 +67,41 @@ class Assembly:
             stop = self.n_nodes - 2 + i
             self.tributary[i:stop:2] += share / 6.0 * self._length
         self._point_effects = [
-            (self.place(e.at), e) for e in beam.effects if isinstance(e, PointEffect)
+            (self.place(e.at), e) for e in structure.effects if isinstance(e, PointEffect)
         ]
-        self._line_effects = [e for e in beam.effects if isinstance(e, LineEffect)]
+        self._line_effects = [e for e in structure.effects if isinstance(e, LineEffect)]
         forces = [*(e for _, e in self._point_effects), *self._line_effects]
         self.has_effects = bool(forces)
         self._dissipates = not all(stores_energy(e) for e in forces)
         self.mass = self._mass_matrices()
-        self._alpha_mass = beam.alpha * self.mass
+        self._alpha_mass = structure.alpha * self.mass
         self.fixed, self._ground = self._supports()
-        self.weight = self.mass_times(np.broadcast_to([*beam.gravity, 0.0], self._rest.shape))
+        self.weight = self.mass_times(np.broadcast_to([*structure.gravity, 0.0], self._rest.shape))
 
     def place(self, at: float | None) -> Place:
-        """Return the place at a position on the axis [m]; None is the right end."""
-        length = self.beam.length
+        """Return the place at a position on the axis, m; None is the right end."""
+        length = self.structure.length
         return Place(length if at is None else at, length, self.n_elements)
 
+    def point_load(
+        self, force: tuple[float, float] = (0.0, 0.0), moment: float = 0.0, at: float | None = None
+    ) -> np.ndarray:
+        """Return the nodal load of a dead force (N) and moment (N m) at a point (default: tip).
+
+        A load is what does work on a displacement, so a unit load also reads the displacement.
+        """
+        if at is not None:
+            require_position("at", at, self.structure.length)
+        load = np.zeros_like(self._rest)
+        place = self.place(at)
+        load[place.nodes] = np.multiply.outer(place.weights, (*force, moment))
+        return load
+
     def _mass_matrices(self) -> np.ndarray:
-        M = np.repeat(element.mass(self._length, self.beam.section)[None], self.n_elements, axis=0)
-        for effect in self.beam.effects:
+        M = np.repeat(
+            element.mass(self._length, self.structure.section)[None], self.n_elements, axis=0
+        )
+        for effect in self.structure.effects:
             if isinstance(effect, AddedMass):
                 place = self.place(effect.at)
                 inertia = np.diag([effect.mass, effect.mass, effect.rotary_inertia])
@@ -98,8 +111,9 @@ class Assembly:
     def _supports(self) -> tuple[np.ndarray, np.ndarray]:
         """Return which freedoms are fixed and the rotational springs (left, right) [N m/rad]."""
         fixed = np.zeros((self.n_nodes, 3), dtype=bool)
-        fixed[0], fixed[-1] = self.beam.left.fixed, self.beam.right.fixed
-        springs = (self.beam.left.rotational_stiffness, self.beam.right.rotational_stiffness)
+        left, right = self.structure.left, self.structure.right
+        fixed[0], fixed[-1] = left.fixed, right.fixed
+        springs = (left.rotational_stiffness, right.rotational_stiffness)
         return fixed, np.array(springs)
 
     def mass_times(self, field: np.ndarray) -> np.ndarray:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from romsindy.beam.modes import ModalBasis
-
-if TYPE_CHECKING:
-    from romsindy.beam.sensors import SensorArray
+from romsindy.beam.sensors import SensorArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +130,51 @@ class Motion:
             )
         h = self.coordinates
         return h.displacement[:, :n], h.velocity[:, :n], h.acceleration[:, :n]
+
+    def readings(self, rows: np.ndarray) -> np.ndarray:
+        """Return what sensors read of the displacements from equilibrium, m.
+
+        Parameters
+        ----------
+        rows : (n_channels, n_nodes * 3) array
+            As of a `SensorArray`.
+
+        Returns
+        -------
+        (n_samples, n_channels) array
+
+        Raises
+        ------
+        ValueError
+            If the motion did not record these sensors.
+        """
+        if self.field is not None:
+            rest = self.basis.equilibrium.displacement.ravel()
+            return np.asarray((self.field.displacement - rest) @ rows.T)
+        recorded = self.sensor_array
+        if self.sensors is None or recorded is None or not np.array_equal(recorded.rows, rows):
+            raise ValueError(
+                "the motion did not record these sensors; simulate with sensors=... set to them, "
+                "or with keep_field=True"
+            )
+        return self.sensors.displacement
+
+
+class StepTooLongError(RuntimeError):
+    """Newton did not converge within a time step.
+
+    Attributes
+    ----------
+    motion : Motion
+        The motion up to there.
+    step_to_try : float
+        A shorter step, s.
+    """
+
+    def __init__(self, message: str, motion: Motion, step_to_try: float) -> None:
+        super().__init__(message)
+        self.motion = motion
+        self.step_to_try = step_to_try
 
 
 def _same_modes(recorded: ModalBasis, asked: ModalBasis) -> bool:

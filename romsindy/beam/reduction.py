@@ -19,17 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from romsindy.beam.modes import ModalBasis
-from romsindy.beam.statics import Control, find_displaced
+from romsindy.beam.assembly import Assembly
+from romsindy.beam.modes import ModalBasis, solve_modes
+from romsindy.beam.statics import Control, Shape, find_displaced
 from romsindy.beam.validation import require_positive
 from romsindy.physics.model import ReducedModel
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +61,9 @@ class StaticCases:
         return relative.reshape(len(self.q), -1)
 
 
-def solve_static_cases(beam: Beam, mode: int, amplitude: float, cases: int) -> StaticCases:
+def solve_static_cases(
+    assembly: Assembly, equilibrium: Shape, mode: int, amplitude: float, cases: int
+) -> StaticCases:
     """Hold the beam by a modal force at `cases` values of q in [-amplitude, amplitude].
 
     The values are evenly spaced; each direction is walked outwards from the equilibrium.
@@ -79,7 +78,7 @@ def solve_static_cases(beam: Beam, mode: int, amplitude: float, cases: int) -> S
     require_positive("amplitude", amplitude)
     if mode < 1:
         raise ValueError(f"mode = {mode} does not exist; modes count from 1")
-    basis = beam.modes(count=max(mode, 3))
+    basis = solve_modes(assembly, equilibrium, max(mode, 3))
     half = (cases + 1) // 2  # the equilibrium itself needs no solve
     positive = amplitude * np.arange(1, half + 1) / half
     momentum = basis.momenta[basis.index(mode)]
@@ -90,7 +89,7 @@ def solve_static_cases(beam: Beam, mode: int, amplitude: float, cases: int) -> S
         x, factor = rest, 0.0
         for value in direction * positive:
             x, factor = find_displaced(
-                beam.assembly, x, momentum, Control(momentum), origin + value, factor
+                assembly, x, momentum, Control(momentum), origin + value, factor
             )
             q.append(value)
             force.append(factor)
@@ -99,7 +98,7 @@ def solve_static_cases(beam: Beam, mode: int, amplitude: float, cases: int) -> S
 
 
 def reduce(
-    beam: Beam, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int = 41
+    assembly: Assembly, equilibrium: Shape, mode: int, order: int, amplitude: float, cases: int
 ) -> ReducedModel:
     """Return the inertially compensated single-mode model of a beam from static cases.
 
@@ -134,11 +133,11 @@ def reduce(
         raise ValueError(
             f"cases = {cases} static cases are too few for order {order}; give {2 * order} or more"
         )
-    solved = solve_static_cases(beam, mode, amplitude, cases)
+    solved = solve_static_cases(assembly, equilibrium, mode, amplitude, cases)
     omega2 = float(solved.basis.omega[solved.basis.index(mode)] ** 2)
     coefficients = {"omega^2": omega2}
     coefficients |= stiffness_coefficients(solved, omega2, order)
-    coefficients |= inertia_coefficients(beta_bar(beam, solved, order), order)
+    coefficients |= inertia_coefficients(beta_bar(assembly, solved, order), order)
     return ReducedModel.from_coefficients(
         coefficients, unit="kg^0.5 m", amplitude_range=(0.0, amplitude)
     )
@@ -151,11 +150,11 @@ def stiffness_coefficients(cases: StaticCases, omega2: float, order: int) -> dic
     return {f"gamma_{m}": float(value) for m, value in zip(powers, gamma, strict=True)}
 
 
-def beta_bar(beam: Beam, cases: StaticCases, order: int) -> np.ndarray:
+def beta_bar(assembly: Assembly, cases: StaticCases, order: int) -> np.ndarray:
     """Return beta_k^T M beta_l for k, l = 2 ... order - 1, shape (order - 2, order - 2)."""
     beta = _fit(cases.q, cases.slaves, range(2, order))
     fields = beta.reshape(len(beta), -1, 3)
-    momenta = np.array([beam.assembly.mass_times(field) for field in fields])
+    momenta = np.array([assembly.mass_times(field) for field in fields])
     return np.einsum("kni,lni->kl", fields, momenta)
 
 

@@ -7,10 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from romsindy.beam.beam import Beam
-from romsindy.beam.errors import NoEquilibriumError, StepTooLongError
-from romsindy.beam.motion import Motion
-from romsindy.beam.sensors import SensorArray
+from romsindy.beam import Beam, Motion, NoEquilibriumError, SensorArray, StepTooLongError
 
 _UNIT = "kg^0.5 m"
 

@@ -8,10 +8,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from romsindy.beam.beam import Shape
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode
+from romsindy.beam.statics import Shape
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -17,10 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
+from typing import Any, NamedTuple
 
 Vector = tuple[Any, Any, Any]
 Matrix = tuple[Vector, Vector, Vector]
@@ -47,7 +44,7 @@ class Point(NamedTuple):
 class Effect:
     """Anything that `Beam.with_effect` accepts."""
 
-    def applied_to(self, beam: Beam) -> Beam:
+    def applied_to(self, beam: Any) -> Any:
         """Return `beam` with this effect."""
         return replace(beam, effects=(*beam.effects, self))
 

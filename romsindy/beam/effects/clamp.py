@@ -9,7 +9,7 @@ from romsindy.beam.effects.base import Effect
 from romsindy.beam.validation import require_positive
 
 if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
+    from romsindy.beam.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ClampCompliance(Effect):
     def __post_init__(self) -> None:
         require_positive("compliance", self.compliance)
 
-    def applied_to(self, beam: Beam) -> Beam:
+    def applied_to(self, beam: Structure) -> Structure:
         """Return `beam` with its left clamp on a rotational spring."""
         support = replace(
             beam.left, fixed=(True, True, False), rotational_stiffness=1.0 / self.compliance

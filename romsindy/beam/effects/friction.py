@@ -12,7 +12,7 @@ from romsindy.beam.effects.spring import find_spring
 from romsindy.beam.validation import require_positive
 
 if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
+    from romsindy.beam.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class SpringFriction(PointEffect):
         require_positive("limit", self.limit, zero_allowed=True)
         require_positive("creep", self.creep)
 
-    def applied_to(self, beam: Beam) -> Beam:
+    def applied_to(self, beam: Structure) -> Structure:
         """Return `beam` with friction in its spring.
 
         Raises

@@ -10,7 +10,7 @@ from romsindy.beam.effects.base import ZERO, Effect, Matrix, Point, PointEffect,
 from romsindy.beam.validation import require_finite, require_positive
 
 if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
+    from romsindy.beam.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class ExtraTension(Effect):
     def __post_init__(self) -> None:
         require_finite("tension", self.tension)
 
-    def applied_to(self, beam: Beam) -> Beam:
+    def applied_to(self, beam: Structure) -> Structure:
         """Return `beam` with its spring tightened.
 
         Raises
@@ -104,7 +104,7 @@ class ExtraTension(Effect):
         return replace(beam, effects=tuple(tightened if e is spring else e for e in beam.effects))
 
 
-def find_spring(beam: Beam) -> Spring:
+def find_spring(beam: Structure) -> Spring:
     """Return the one spring of a beam.
 
     Raises

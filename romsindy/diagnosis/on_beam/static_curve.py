@@ -50,7 +50,9 @@ class StaticCurve:
     @classmethod
     def of(cls, seen: InstrumentedBeam, reach: float) -> StaticCurve:
         """The curve of a beam, in the coordinate that its sensors show."""
-        cases = solve_static_cases(seen.beam, 1, _MARGIN * reach, _CASES)
+        cases = solve_static_cases(
+            seen.beam.assembly, seen.beam.equilibrium(), 1, _MARGIN * reach, _CASES
+        )
         rest = cases.basis.equilibrium.displacement
         fields = np.concatenate([rest[None], cases.displacement])
         q = seen.seen(fields - rest)

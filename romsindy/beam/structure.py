@@ -1,0 +1,97 @@
+"""What a beam is made of: length, section, supports, gravity, damping and effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from romsindy.beam.effects.base import Effect
+from romsindy.beam.section import Section
+from romsindy.beam.validation import require_finite, require_position, require_positive
+
+
+@dataclass(frozen=True)
+class Support:
+    """What holds one end of the beam.
+
+    Parameters
+    ----------
+    fixed : tuple of three bool
+        Whether u, w and theta are held.
+    rotational_stiffness : float
+        Spring between the section and the ground, N m/rad.
+
+    Raises
+    ------
+    ValueError
+        For a negative stiffness.
+    """
+
+    fixed: tuple[bool, bool, bool] = (False, False, False)
+    rotational_stiffness: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("rotational_stiffness", self.rotational_stiffness, zero_allowed=True)
+
+    @classmethod
+    def elastic(cls, rotational_stiffness: float) -> Support:
+        """Make a clamp that gives way in rotation; stiffness in N m/rad."""
+        return cls((True, True, False), rotational_stiffness)
+
+
+FREE = Support()
+PINNED = Support((True, True, False))
+CLAMPED = Support((True, True, True))
+
+
+@dataclass(frozen=True)
+class Structure:
+    """The data of a `Beam`; everything that is computed from it lies above.
+
+    Parameters
+    ----------
+    length : float
+        Length, m.
+    section : Section
+        Stiffness and inertia of the cross-section.
+    elements : int
+        Number of quadratic elements (two nodes each).
+    left, right : Support
+        What holds the ends.
+    gravity : tuple of two float
+        Acceleration (gx, gy), m/s^2.
+    alpha : float
+        Mass-proportional damping, 1/s.
+    eta : float
+        Stiffness-proportional damping, s; acts on strain rates.
+    effects : tuple of Effect
+        Point masses, springs and whatever `with_effect` has added.
+
+    Raises
+    ------
+    ValueError
+        For a length that is not positive, fewer than one element, negative damping, or an effect
+        off the beam.
+    """
+
+    length: float
+    section: Section
+    elements: int = 150
+    left: Support = CLAMPED
+    right: Support = FREE
+    gravity: tuple[float, float] = (0.0, -9.81)
+    alpha: float = 0.0
+    eta: float = 0.0
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_positive("length", self.length)
+        require_positive("alpha", self.alpha, zero_allowed=True)
+        require_positive("eta", self.eta, zero_allowed=True)
+        for value in self.gravity:
+            require_finite("gravity", value)
+        if int(self.elements) != self.elements or self.elements < 1:
+            raise ValueError(f"elements must be a positive whole number, got {self.elements}")
+        for effect in self.effects:
+            at = getattr(effect, "at", None)
+            if at is not None:
+                require_position(f"at of {type(effect).__name__}", at, self.length)
