@@ -20,7 +20,7 @@ from romsindy.diagnosis.on_beam import InstrumentedBeam, ViscousForce, load_beam
 from romsindy.diagnosis.on_beam.forces import OtherMassDamping, beam_forces
 from romsindy.diagnosis.on_beam.parameters import Stiffer, parameter_effects
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
-from romsindy.diagnosis.on_beam.static_curve import StaticCurve
+from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Scales, State
 from romsindy.record.signals import with_noise
@@ -123,7 +123,7 @@ def test_a_force_of_ones_own_is_found():
 
 def test_forces_do_the_work_of_the_beam():
     """Mass damping of unit strength takes the power 2 T, and the mode has unit mass."""
-    curve = StaticCurve.of(SEEN, 0.016)
+    curve = seen_curve(SEEN, 0.016)
     at = np.arange(3, len(curve.q) - 3, 19)
     steps = (curve.shapes[at + 1] - curve.shapes[at - 1]) / (curve.q[2] - curve.q[0])
     power = [2 * BEAM.assembly.kinetic(v) for v in steps]
@@ -138,7 +138,7 @@ def test_forces_do_the_work_of_the_beam():
     np.testing.assert_allclose(unit, 1.0, rtol=1e-4)
 
 
-@pytest.mark.parametrize("force", beam_forces(StaticCurve.of(SEEN, 0.016)), ids=lambda f: f.name)
+@pytest.mark.parametrize("force", beam_forces(seen_curve(SEEN, 0.016)), ids=lambda f: f.name)
 def test_slopes_are_those_of_the_force(force):
     """Central differences; 1e-5 of the reach keeps their error below 1e-6 of the largest slope."""
     shape = np.array([s.starts[2] for s in force.shapes(Scales(0.016, 38.0, 20.0))])

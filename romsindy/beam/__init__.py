@@ -4,9 +4,10 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import EnergyBalance, History, Motion, StepTooLongError
 from romsindy.beam.radau import RadauIIA
-from romsindy.beam.reduction import StaticCases, relative_error, solve_static_cases
+from romsindy.beam.reduction import relative_error
 from romsindy.beam.section import Section
 from romsindy.beam.sensors import Sensor, SensorArray
+from romsindy.beam.static_curve import StaticCurve
 from romsindy.beam.statics import NoEquilibriumError, Shape
 from romsindy.beam.structure import CLAMPED, FREE, PINNED, Support
 
@@ -25,9 +26,8 @@ __all__ = [
     "Sensor",
     "SensorArray",
     "Shape",
-    "StaticCases",
+    "StaticCurve",
     "StepTooLongError",
     "Support",
     "relative_error",
-    "solve_static_cases",
 ]

@@ -224,14 +224,17 @@ class Assembly:
         K itself holds EA beside EI; in a product with it the bending of a very thin beam would
         drown in rounding.
         """
-        scratch = np.zeros_like(self._rest)
-        # with eta = 1 the damping power of the velocity phi is phi^T D phi
-        material = kernel.add_internal_force(x, phi, *self._stiffness, 1.0, scratch)
         rest, _ = kernel.tangent(x, *self._stiffness)
         self._add_supports_and_effects(x, self._rest, rest, np.zeros_like(rest))
-        scratch[:] = 0.0
-        kernel.add_product(rest, phi, scratch)
-        return float(material + np.vdot(phi, scratch))
+        product = np.zeros_like(self._rest)
+        kernel.add_product(rest, phi, product)
+        return self.material_stiffness(x, phi) + float(np.vdot(phi, product))
+
+    def material_stiffness(self, x: np.ndarray, v: np.ndarray) -> float:
+        """Return v^T D v of the material alone at x: the integral of e'^T C e' for strain rates."""
+        # with eta = 1 that is the damping power of the velocity v
+        scratch = np.zeros_like(self._rest)
+        return float(kernel.add_internal_force(x, v, *self._stiffness, 1.0, scratch))
 
     def _add_effect_tangents(
         self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray

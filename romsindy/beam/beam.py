@@ -19,6 +19,7 @@ from romsindy.beam.radau import RadauIIA
 from romsindy.beam.reduction import reduce
 from romsindy.beam.section import Section
 from romsindy.beam.sensors import Sensor, SensorArray, place_sensors
+from romsindy.beam.static_curve import StaticCurve, follow_static_curve
 from romsindy.beam.statics import Shape, find_equilibrium, hold
 from romsindy.beam.structure import Structure
 from romsindy.beam.transient import simulate
@@ -263,6 +264,14 @@ class Beam(Structure):
     ) -> NormalMode:
         """Return periodic orbits of the undamped beam; see `normal_modes.find_normal_mode`."""
         return find_normal_mode(self, tip_displacements, mode, forces, progress=progress)
+
+    def static_curve(self, mode: int = 1, amplitude: float = 0.024, cases: int = 41) -> StaticCurve:
+        """Return the shapes under the force of one mode, in [-amplitude, amplitude] kg^0.5 m.
+
+        Inertia, restoring force and material damping along them are exact, not fitted; see
+        `static_curve.follow_static_curve`.
+        """
+        return follow_static_curve(self.assembly, self.equilibrium(), mode, amplitude, cases)
 
     def reduce(
         self, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int = 41

@@ -15,9 +15,8 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from romsindy.beam import Beam
+from romsindy.beam import Beam, StaticCurve
 from romsindy.beam import effects as on_beam
-from romsindy.diagnosis.on_beam.static_curve import StaticCurve
 from romsindy.effects.base import Effect, Scales, Shape, State, mean_sign, mean_sign_slope
 from romsindy.typing import Array
 
@@ -109,7 +108,7 @@ class StoredForce(BeamForce):
     @property
     def rest(self) -> float:
         """Transverse displacement of the tip at equilibrium, m."""
-        return float(self.curve.beam.equilibrium().tip[1])
+        return float(self.curve.basis.equilibrium.tip[1])
 
 
 class ViscousForce(BeamForce):

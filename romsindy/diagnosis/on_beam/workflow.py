@@ -17,7 +17,7 @@ from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
 from romsindy.diagnosis.on_beam.parameters import parameter_effects
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
-from romsindy.diagnosis.on_beam.static_curve import StaticCurve
+from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.workflow import diagnose
 from romsindy.effects import CATALOGUE
@@ -188,7 +188,7 @@ def _effects(
     kinds: Sequence[type[BeamForce]],
 ) -> tuple[Effect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
-    curve = StaticCurve.of(seen, reach)
+    curve = seen_curve(seen, reach)
     shift = _frequency_shift(model, decays)
     forces = [*(kind(curve) for kind in kinds), *beam_forces(curve)]
     return (*forces, *parameter_effects(seen, reach, shift))
