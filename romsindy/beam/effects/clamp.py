@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ClampCompliance(Effect):
-    """Rotational compliance of the left clamp.
+    """Rotational compliance of the left clamp, in series with the stiffness that it has.
 
     Parameters
     ----------
-    compliance
-        Rotation per moment [rad/(N m)].
+    compliance : float
+        Rotation per moment, rad/(N m).
     """
 
     compliance: float
@@ -28,8 +28,24 @@ class ClampCompliance(Effect):
         require_positive("compliance", self.compliance)
 
     def applied_to(self, beam: Structure) -> Structure:
-        """Return `beam` with its left clamp on a rotational spring."""
-        support = replace(
-            beam.left, fixed=(True, True, False), rotational_stiffness=1.0 / self.compliance
+        """Return `beam` with its left clamp on a softer rotational spring.
+
+        Raises
+        ------
+        ValueError
+            If the left end turns freely.
+        """
+        u, w, theta = beam.left.fixed
+        stiffness = beam.left.rotational_stiffness
+        if not theta and stiffness == 0.0:
+            raise ValueError(
+                "the left end turns freely, so no clamp can give way; give it "
+                "left=CLAMPED or left=Support.elastic(...)"
+            )
+        own = 0.0 if theta else 1.0 / stiffness
+        softer = replace(
+            beam.left,
+            fixed=(u, w, False),
+            rotational_stiffness=1.0 / (own + self.compliance),
         )
-        return replace(beam, left=support)
+        return replace(beam, left=softer)

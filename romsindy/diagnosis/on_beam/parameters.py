@@ -166,7 +166,10 @@ def parameter_effects(
     springs = [e for e in seen.beam.effects if isinstance(e, on_beam.Spring)]
     start = _seen_coefficients(seen, seen.beam, amplitude)
     found = []
-    known = _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ())
+    left = seen.beam.left
+    clamped = left.fixed[2] or left.rotational_stiffness > 0.0
+    known = [p for p in _OF_ANY_BEAM if clamped or p[0] != "clamp_compliance"]
+    known += _OF_A_SPRING if len(springs) == 1 else ()
     for name, label, unit, law, step, sign in known:
 
         def direction(step: float, name: str = name, law: type = law) -> Combination:
