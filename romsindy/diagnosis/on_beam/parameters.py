@@ -168,9 +168,10 @@ def parameter_effects(
     found = []
     left = seen.beam.left
     clamped = left.fixed[2] or left.rotational_stiffness > 0.0
-    known = [p for p in _OF_ANY_BEAM if clamped or p[0] != "clamp_compliance"]
-    known += _OF_A_SPRING if len(springs) == 1 else ()
+    known = _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ())
     for name, label, unit, law, step, sign in known:
+        if law is on_beam.ClampCompliance and not clamped:
+            continue
 
         def direction(step: float, name: str = name, law: type = law) -> Combination:
             changed = seen.beam.with_effect(changed_by(law, step))
