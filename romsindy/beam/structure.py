@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from romsindy.beam.effects.base import Effect
 from romsindy.beam.section import Section
 from romsindy.beam.validation import require_finite, require_position, require_positive
@@ -89,8 +91,8 @@ class Structure:
         require_positive("eta", self.eta, zero_allowed=True)
         for value in self.gravity:
             require_finite("gravity", value)
-        if int(self.elements) != self.elements or self.elements < 1:
-            raise ValueError(f"elements must be a positive whole number, got {self.elements}")
+        if not isinstance(self.elements, int | np.integer) or self.elements < 1:
+            raise ValueError(f"elements must be a positive whole number, got {self.elements!r}")
         for effect in self.effects:
             at = getattr(effect, "at", None)
             if at is not None:
