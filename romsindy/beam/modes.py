@@ -86,6 +86,12 @@ class ModalBasis:
         """Return the shape of mode 1, 2, ..., (n_nodes, 3)."""
         return self.shapes[self.index(mode)]
 
+    def point(self, mode: int) -> float | None:
+        """Return where mode 1, 2, ... moves most across the beam, m; None is the right end."""
+        node = int(np.argmax(np.abs(self.shape(mode)[:, 1])))
+        s = self.equilibrium.s
+        return None if node == len(s) - 1 else float(s[node])
+
     def coordinates(self, displacement: np.ndarray) -> np.ndarray:
         """Return q of all modes for displacements from straight, (..., n_nodes, 3)."""
         return self.rates(displacement - self.equilibrium.displacement)

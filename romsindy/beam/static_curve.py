@@ -71,9 +71,21 @@ class StaticCurve:
         return float(self.basis.omega[self.basis.index(self.mode)] ** 2)
 
     @property
-    def tip(self) -> np.ndarray:
-        """Transverse displacement of the right end from equilibrium, (n,), m."""
-        return np.asarray(self.shapes[:, -1, 1] - self.basis.equilibrium.tip[1])
+    def point(self) -> float | None:
+        """Where the mode moves most, m; None is the right end."""
+        return self.basis.point(self.mode)
+
+    @property
+    def height(self) -> np.ndarray:
+        """Transverse displacement of `point` from equilibrium, (n,), m."""
+        reading = Assembly(self.beam).point_load((0.0, 1.0), at=self.point)
+        return np.asarray(np.tensordot(self.shapes, reading, axes=2)) - self.rest
+
+    @property
+    def rest(self) -> float:
+        """Transverse displacement of `point` at equilibrium, m."""
+        reading = Assembly(self.beam).point_load((0.0, 1.0), at=self.point)
+        return float(np.vdot(reading, self.basis.equilibrium.displacement))
 
     @property
     def inertia(self) -> np.ndarray:

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from romsindy.beam import Beam, StaticCurve
 from romsindy.beam import effects as on_beam
+from romsindy.diagnosis.on_beam.instrumented import place_in_words
 from romsindy.effects.base import Effect, Scales, Shape, State, mean_sign, mean_sign_slope
 from romsindy.typing import Array
 
@@ -51,7 +52,13 @@ class BeamForce(Effect):
 
     curve: StaticCurve
 
+    what: ClassVar[str]  # the label, with {place} for where on the beam
     rate: ClassVar[float] = 1.0  # q_dot at which the force is looked at, in reach times omega
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """The force in words."""
+        return self.what.format(place=place_in_words(self.curve.point))
 
     @abstractmethod
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
@@ -102,13 +109,18 @@ class StoredForce(BeamForce):
         return np.full((1, len(q)), pull / self.curve.omega2)
 
     def metres(self, *parts: float) -> tuple[float, ...]:
-        """Displacement of the tip at parts of the reach, m."""
-        return tuple(np.interp(np.array(parts) * self.curve.reach, self.curve.q, self.curve.tip))
+        """Displacement of the point at parts of the reach, m."""
+        return tuple(np.interp(np.array(parts) * self.curve.reach, self.curve.q, self.curve.height))
 
     @property
     def rest(self) -> float:
-        """Transverse displacement of the tip at equilibrium, m."""
-        return float(self.curve.basis.equilibrium.tip[1])
+        """Transverse displacement of the point at equilibrium, m."""
+        return self.curve.rest
+
+    def stop(self, strength: float, above: float | None, below: float | None) -> on_beam.Stop:
+        """A stop at the point."""
+        stiffness = max(strength, 1e-9)
+        return on_beam.Stop(at=self.curve.point, stiffness=stiffness, above=above, below=below)
 
 
 class ViscousForce(BeamForce):
@@ -137,7 +149,7 @@ class OtherMassDamping(ViscousForce):
     """Damping in proportion to the mass."""
 
     name, family = "mass_damping", "damping"
-    label, unit = "other damping in proportion to mass (alpha) than assumed", "1/s"
+    what, unit = "other damping in proportion to mass (alpha) than assumed", "1/s"
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
         return MassDamping(strength)
@@ -147,7 +159,7 @@ class OtherMaterialDamping(ViscousForce):
     """Damping in proportion to stiffness."""
 
     name, family = "material_damping", "damping"
-    label, unit = "other damping in proportion to stiffness (eta) than assumed", "s"
+    what, unit = "other damping in proportion to stiffness (eta) than assumed", "s"
     advice = "a second mode: it damps that more"
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
@@ -158,17 +170,17 @@ class Damper(ViscousForce):
     """A viscous damper at the tip."""
 
     name, family, sign = "viscous", "damping", 1
-    label, unit = "a viscous damper at the tip", "N s/m"
+    what, unit = "a viscous damper at {place}", "N s/m"
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
-        return on_beam.Dashpot(coefficient=max(strength, 0.0))
+        return on_beam.Dashpot(at=self.curve.point, coefficient=max(strength, 0.0))
 
 
 class Drag(SquaredForce):
     """Air drag along the beam."""
 
     name, family, sign = "quadratic_drag", "damping", 1
-    label, unit = "air drag proportional to speed squared", "drag coefficient"
+    what, unit = "air drag proportional to speed squared", "drag coefficient"
     advice = "a decay from a larger amplitude, or one in thinner air"
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
@@ -179,18 +191,18 @@ class Friction(FrictionForce):
     """Dry friction at the tip."""
 
     name, family, sign = "dry_friction", "damping", 1
-    label, unit = "dry friction at the tip", "N"
+    what, unit = "dry friction at {place}", "N"
     advice = "a decay followed to smaller amplitudes, where friction stops the motion"
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
-        return on_beam.Friction(limit=max(strength, 0.0))
+        return on_beam.Friction(at=self.curve.point, limit=max(strength, 0.0))
 
 
 class SpringFriction(FrictionForce):
     """Dry friction inside the spring, which a small motion hardly lengthens."""
 
     name, family, sign = "spring_friction", "damping", 1
-    label, unit = "dry friction inside the spring", "N"
+    what, unit = "dry friction inside the spring", "N"
     advice = "a decay with the spring exchanged"
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
@@ -204,7 +216,7 @@ class Stop(StoredForce):
     side: int = 1
 
     name, family, sign = "stop", "stiffness", 1
-    label, unit = "a stop on one side of the tip", "N/m"
+    what, unit = "a stop on one side of {place}", "N/m"
     advice = "a decay from just below the gap"
 
     @property
@@ -219,14 +231,14 @@ class Stop(StoredForce):
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
         place = self.rest + float(shape[0])
         above, below = (place, None) if self.side > 0 else (None, place)
-        return on_beam.Stop(stiffness=max(strength, 1e-9), above=above, below=below)
+        return self.stop(strength, above, below)
 
 
 class Gap(StoredForce):
     """Stops on both sides of the tip."""
 
     name, family, sign = "two_sided_gap", "stiffness", 1
-    label, unit = "stops on both sides of the tip", "N/m"
+    what, unit = "stops on both sides of {place}", "N/m"
     advice = "a decay from just below the gap"
 
     def shapes(self, scales: Scales) -> tuple[Shape, ...]:
@@ -237,7 +249,7 @@ class Gap(StoredForce):
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
         gap = float(shape[0])
         above, below = self.rest + gap, self.rest - gap
-        return on_beam.Stop(stiffness=max(strength, 1e-9), above=above, below=below)
+        return self.stop(strength, above, below)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +259,7 @@ class Magnet(StoredForce):
     side: int = 1
 
     name, family, sign = "magnet", "stiffness", 1
-    label, unit = "a magnet that attracts the tip from one side", "N m^4"
+    what, unit = "a magnet that attracts {place} from one side", "N m^4"
     advice = "a static pull towards the magnet, or a larger amplitude"
 
     @property
@@ -260,8 +272,10 @@ class Magnet(StoredForce):
         return (Shape("distance", starts, 1.15 * reach, 4.0 * reach, unit="m"),)
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
-        place = (self.curve.beam.length, self.rest + self.side * float(shape[0]))
-        return on_beam.Magnet(strength=strength, position=place, power=4.0)
+        point = self.curve.point
+        x = self.curve.beam.length if point is None else point
+        place = (x, self.rest + self.side * float(shape[0]))
+        return on_beam.Magnet(at=point, strength=strength, position=place, power=4.0)
 
 
 def beam_forces(curve: StaticCurve) -> tuple[BeamForce, ...]:

@@ -23,6 +23,11 @@ def projected_modes(n_sensors: int) -> int:
     return max(1, min(2, n_sensors - 2))
 
 
+def place_in_words(at: float | None) -> str:
+    """A place on the beam, m; None is the right end."""
+    return "the tip" if at is None else f"{at:.3g} m"
+
+
 @dataclass(frozen=True, eq=False)
 class InstrumentedBeam:
     """A beam seen through sensors.
@@ -61,7 +66,7 @@ class InstrumentedBeam:
         return self.coordinate(flat @ self.sensors.rows.T)
 
     def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
-        """Shape of a beam whose coordinate is ``q``.
+        """Shape from which the first mode of a beam swings with the coordinate ``q``.
 
         Parameters
         ----------
@@ -71,9 +76,14 @@ class InstrumentedBeam:
         load : (n_nodes, 3) array, optional
             Nodal load that holds it, of any size; by default the modal force of its first mode.
         """
-        pattern = beam.modes(count=1).momenta[0] if load is None else load
-        reading = self.coordinate(self.sensors.rows.T).reshape(pattern.shape)
-        return hold(beam.assembly, beam.equilibrium(), pattern, reading, q)
+        momentum, rest = beam.modes(count=1).momenta[0], beam.equilibrium()
+        reading = self.coordinate(self.sensors.rows.T).reshape(momentum.shape)
+        shape = hold(beam.assembly, rest, momentum, reading, q)
+        if load is None:
+            return shape
+        # Other modes, which this load moves too, are seen in the coordinate, but soon die.
+        swing = float(np.vdot(momentum, shape.displacement - rest.displacement))
+        return hold(beam.assembly, rest, load, momentum, swing)
 
     def readings(
         self, beam: Beam, q: float, duration: float, step: float, load: Array | None = None

@@ -10,10 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from romsindy.beam import Beam
 from romsindy.beam import effects as on_beam
 from romsindy.beam.effects.spring import find_spring
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, place_in_words
 from romsindy.effects.base import TermEffect
 from romsindy.physics.force_laws import term_from_key
 from romsindy.physics.terms import Scalars, Term, WeakForm
@@ -119,6 +121,7 @@ class ParameterEffect(TermEffect):
     label: str  # type: ignore[misc]
     unit: str  # type: ignore[misc]
     sign: int = 0  # type: ignore[misc]
+    at: float | None = None  # where on the beam, of a law that has a place, m
 
     family = "beam"
     advice = "a second mode, or the equilibrium shape"
@@ -127,20 +130,23 @@ class ParameterEffect(TermEffect):
         return self.direction
 
     def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
-        return changed_by(self.law, max(strength, _LEAST) if self.sign else strength)
+        value = max(strength, _LEAST) if self.sign else strength
+        return changed_by(self.law, value, self.at)
 
 
-def changed_by(law: type, value: float) -> Any:
-    """The effect on a beam with a strength."""
-    return law(cubic=value) if law is on_beam.CubicSpring else law(value)
+def changed_by(law: type, value: float, at: float | None = None) -> Any:
+    """The effect on a beam with a strength, at a place where it has one."""
+    if law is on_beam.CubicSpring:
+        return law(at=at, cubic=value)
+    return law(value, at=at) if law is on_beam.AddedMass else law(value)
 
 
 # name, label, unit, effect on the beam, step of the difference, sign
 _OF_ANY_BEAM = (
     ("bending_stiffness", "another bending stiffness", "of the assumed one", Stiffer, 0.01, 0),
-    ("added_mass", "more mass at the tip", "kg", on_beam.AddedMass, 1e-4, 1),
+    ("added_mass", "more mass at {place}", "kg", on_beam.AddedMass, 1e-4, 1),
     ("clamp_compliance", "a clamp that gives way", "rad/(N m)", on_beam.ClampCompliance, 1e-3, 1),
-    ("cubic_stiffness", "a cubic spring at the tip", "N/m^3", on_beam.CubicSpring, 100.0, 0),
+    ("cubic_stiffness", "a cubic spring at {place}", "N/m^3", on_beam.CubicSpring, 100.0, 0),
 )
 _OF_A_SPRING = (
     ("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring, 0.01, 0),
@@ -165,6 +171,7 @@ def parameter_effects(
     """
     springs = [e for e in seen.beam.effects if isinstance(e, on_beam.Spring)]
     start = _seen_coefficients(seen, seen.beam, amplitude)
+    at = seen.basis.point(1)
     found = []
     left = seen.beam.left
     clamped = left.fixed[2] or left.rotational_stiffness > 0.0
@@ -174,17 +181,18 @@ def parameter_effects(
             continue
 
         def direction(step: float, name: str = name, law: type = law) -> Combination:
-            changed = seen.beam.with_effect(changed_by(law, step))
+            changed = seen.beam.with_effect(changed_by(law, step, at))
             there = _seen_coefficients(seen, changed, amplitude)
             return _direction(name, start, there, step)
 
         tangent = direction(step)
-        needed = shift / tangent.linear_shift(start["omega^2"])
+        slope = tangent.linear_shift(start["omega^2"])
+        needed = shift / slope if slope else np.inf
         # Steps that the frequency does not ask for stay small.
         chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
-        found.append(
-            ParameterEffect(direction(needed) if chord else tangent, law, name, label, unit, sign)
-        )
+        chosen = direction(needed) if chord else tangent
+        text = label.format(place=place_in_words(at))
+        found.append(ParameterEffect(chosen, law, name, text, unit, sign, at))
     return tuple(found)
 
 
