@@ -15,7 +15,7 @@ from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.fit.refine import refine
-from romsindy.physics.force_laws import PowerDamping
+from romsindy.physics.damping import PowerDamping
 from romsindy.show.diagnosis_page import drawn
 
 OMEGA = 2 * np.pi * 5
@@ -128,7 +128,7 @@ def test_an_effect_of_the_users_own():
         name, family, sign = "fourth_power", "damping", 1
         label = "damping with the fourth power of speed"
 
-        def term(self, shape):
+        def term(self):
             return PowerDamping(4.0)
 
     *learn, test = three(force=lambda t, q, v: 3e-6 * abs(v) ** 3 * v)

@@ -25,10 +25,24 @@ from joblib import Parallel, delayed
 
 import romsindy as rs
 from romsindy.beam import CLAMPED, FREE, Beam, Section, SensorArray, Shape
-from romsindy.beam import effects as on_beam
-from romsindy.beam.effects.spring import find_spring
+from romsindy.beam.changes import ClampCompliance, ExtraTension
 from romsindy.beam.sensors import Sensor
+from romsindy.beam.spring import find_spring
 from romsindy.diagnosis.on_beam import diagnose_beam
+from romsindy.effects import (
+    AirDrag,
+    AtPoint,
+    CubicStiffness,
+    Damper,
+    DryFriction,
+    Load,
+    PointMass,
+    SpringFriction,
+    Stop,
+    TowardsAnchor,
+    TwoSidedGap,
+)
+from romsindy.physics.stiffness import MagnetForce
 from romsindy.record.signals import with_noise
 
 # Largest coordinates of the three records, kg^0.5 m; a clamped beam stiffens early.
@@ -78,30 +92,26 @@ def hidden(name: str, beam: Beam, rng: np.random.Generator, reach: float) -> Bea
     if name == "material_damping":
         return replace(beam, eta=beam.eta + 8e-5 * size)
     gap = rng.uniform(0.4, 0.7) * reach
+    here, at_rest = AtPoint(at), AtPoint(at, datum=rest)
+    # N/m, of contacts: a few per cent of the beam's own at that point
+    stiffness = (0.5 if at is None else 50.0) * size
+    pole = (beam.length, rest + side * 1.5 * reach)
     effect = {
-        "quadratic_drag": lambda: on_beam.Drag(coefficient=1.2 * size),
-        "viscous": lambda: on_beam.Dashpot(at=at, coefficient=2e-3 * size),
-        "dry_friction": lambda: on_beam.Friction(at=at, limit=5e-4 * size),
-        "added_mass": lambda: on_beam.AddedMass(at=at, mass=3e-4 * size),
-        "pre_tension": lambda: on_beam.ExtraTension(tension=0.03 * size * side),
-        "clamp_compliance": lambda: on_beam.ClampCompliance(compliance=5e-3 * size),
-        "cubic_stiffness": lambda: on_beam.CubicSpring(at=at, cubic=100.0 * size * side),
-        "stop": lambda: on_beam.Stop(
-            at=at,
-            stiffness=0.5 * size,
-            above=rest + gap if side > 0 else None,
-            below=rest - gap if side < 0 else None,
+        # 1/2 density of air, drag coefficient 1.2, width 25 mm
+        "quadratic_drag": lambda: AirDrag().on_beam(0.5 * 1.2 * 0.025 * 1.2 * size),
+        "viscous": lambda: Damper().on_beam(2e-3 * size, here),
+        "dry_friction": lambda: DryFriction().on_beam(5e-4 * size, here),
+        "added_mass": lambda: PointMass(3e-4 * size, at),
+        "pre_tension": lambda: ExtraTension(tension=0.03 * size * side),
+        "clamp_compliance": lambda: ClampCompliance(compliance=5e-3 * size),
+        "cubic_stiffness": lambda: CubicStiffness().on_beam(100.0 * size * side),
+        "stop": lambda: Stop(int(side), side * gap).on_beam(stiffness, at_rest),
+        "two_sided_gap": lambda: TwoSidedGap(gap).on_beam(stiffness, at_rest),
+        # two dipoles, 1e-6 N m^4
+        "magnet": lambda: Load(
+            MagnetForce(0.1, -1, 4.0), 1e-6 * size / 0.1**4, TowardsAnchor(pole, length=0.1)
         ),
-        "two_sided_gap": lambda: on_beam.Stop(
-            at=at, stiffness=0.5 * size, above=rest + gap, below=rest - gap
-        ),
-        "magnet": lambda: on_beam.Magnet(
-            at=at,
-            strength=1e-6 * size,
-            position=(beam.length if at is None else at, rest + side * 1.5 * reach),
-            power=4.0,
-        ),
-        "spring_friction": lambda: on_beam.SpringFriction(limit=0.02 * size),
+        "spring_friction": lambda: SpringFriction().on_beam(0.02 * size),
     }[name]()
     return beam.with_effect(effect)
 
@@ -129,7 +139,15 @@ EFFECTS = (
 )
 
 
-OF_A_SPRING = ("spring_friction", "spring_stiffness", "pre_tension")
+# A beam with both ends clamped has no spring, and moves too little for these.
+OF_A_CANTILEVER = (
+    "spring_friction",
+    "spring_stiffness",
+    "pre_tension",
+    "cubic_stiffness",
+    "magnet",
+    "quadratic_drag",
+)
 
 
 def spoilt(name: str, readings: list[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
@@ -225,7 +243,7 @@ def main() -> None:
         delayed(trial)(name, seed, chosen.duration, chosen.free, chosen.supports, chosen.release)
         for seed in range(*chosen.seeds)
         for name in chosen.effects
-        if chosen.supports == "cantilever" or name not in OF_A_SPRING
+        if chosen.supports == "cantilever" or name not in OF_A_CANTILEVER
     ]
     rows = []
     for result in Parallel(chosen.jobs, return_as="generator_unordered")(work):

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.effects.base import Effect
-from romsindy.beam.effects.mass import AddedMass
-from romsindy.beam.effects.spring import Spring
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode, find_normal_mode
@@ -19,11 +17,13 @@ from romsindy.beam.radau import RadauIIA
 from romsindy.beam.reduction import reduce
 from romsindy.beam.section import Section
 from romsindy.beam.sensors import Sensor, SensorArray, place_sensors
+from romsindy.beam.spring import Spring
 from romsindy.beam.static_curve import StaticCurve, follow_static_curve
 from romsindy.beam.statics import Shape, find_equilibrium, hold
 from romsindy.beam.structure import Structure
 from romsindy.beam.transient import simulate
 from romsindy.beam.validation import require_finite, require_positive
+from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.physics.model import ReducedModel
 
 
@@ -32,23 +32,7 @@ class Beam(Structure):
     """A planar, geometrically exact beam, straight at rest along x, with gravity and effects.
 
     The parameters are those of `Structure`.
-
-    Raises
-    ------
-    ValueError
-        As of `Structure`, and for a spring whose anchor is on its own point of the beam.
     """
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for effect in self.effects:
-            if isinstance(effect, Spring):
-                at = self.length if effect.at is None else effect.at
-                if effect.span(at, 0.0) < 1e-9 * self.length:
-                    raise ValueError(
-                        f"anchor = {effect.anchor} lies on the beam's own point at {at} m, so "
-                        "the spring has no length and no direction; move the anchor away"
-                    )
 
     @classmethod
     def cantilever(
@@ -101,11 +85,11 @@ class Beam(Structure):
         Source: the paper's parameters as reconstructed from the numbers that it prints
         (doi 10.1007/s11071-023-08813-z).
         """
-        effects: list[Effect] = []
+        effects: list[MountedLaw | PointMass] = []
         require_positive("tip_mass", tip_mass, zero_allowed=True)
         require_positive("spring_stiffness", spring_stiffness, zero_allowed=True)
         if tip_mass > 0.0:
-            effects.append(AddedMass(tip_mass))
+            effects.append(PointMass(tip_mass))
         if spring_stiffness > 0.0:
             require_positive("length", length)
             natural = spring_length - spring_pretension / spring_stiffness
@@ -128,8 +112,24 @@ class Beam(Structure):
             effects=tuple(effects),
         )
 
-    def with_effect(self, effect: Effect) -> Beam:
-        """Return this beam with one more physical effect; the beam itself stays as it is."""
+    def with_effect(self, effect: Any) -> Beam:
+        """Return this beam with one more physical effect; the beam itself stays as it is.
+
+        Parameters
+        ----------
+        effect : Load, PointMass, Spring, or a change of `romsindy.beam.changes`
+            ``effect.on_beam(strength)`` makes a load of an effect of `romsindy.effects`.
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+        """
+        if not hasattr(effect, "applied_to"):
+            raise TypeError(
+                f"effect is a {type(effect).__name__}: give a load, such as"
+                " AirDrag().on_beam(strength), a PointMass, a Spring or a change of the beam"
+            )
         changed: Beam = effect.applied_to(self)
         return changed
 

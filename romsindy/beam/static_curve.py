@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from romsindy.beam.assembly import Assembly, factorise, solve
-from romsindy.beam.effects.base import Effect
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.statics import Control, Shape, find_displaced
 from romsindy.beam.structure import Structure
@@ -76,40 +77,36 @@ class StaticCurve:
         return self.basis.point(self.mode)
 
     @property
-    def height(self) -> np.ndarray:
-        """Transverse displacement of `point` from equilibrium, (n,), m."""
-        reading = Assembly(self.beam).point_load((0.0, 1.0), at=self.point)
-        return np.asarray(np.tensordot(self.shapes, reading, axes=2)) - self.rest
+    def rest(self) -> np.ndarray:
+        """Equilibrium displacement, (n_nodes, 3), m, m, rad."""
+        return self.basis.equilibrium.displacement
 
-    @property
-    def rest(self) -> float:
-        """Transverse displacement of `point` at equilibrium, m."""
-        reading = Assembly(self.beam).point_load((0.0, 1.0), at=self.point)
-        return float(np.vdot(reading, self.basis.equilibrium.displacement))
+    @cached_property
+    def assembly(self) -> Assembly:
+        """The discretised beam."""
+        return Assembly(self.beam)
 
     @property
     def inertia(self) -> np.ndarray:
         """1 + h(q) = x'^T M x', shape (n,)."""
-        assembly = Assembly(self.beam)
-        return np.array([2.0 * assembly.kinetic(v) for v in self.tangents])
+        return np.array([2.0 * self.assembly.kinetic(v) for v in self.tangents])
 
     @property
     def material_damping(self) -> np.ndarray:
         """S(q), shape (n,), 1/s^2: the damping force is eta S(q) q_dot."""
-        assembly = Assembly(self.beam)
         pairs = zip(self.shapes, self.tangents, strict=True)
-        return np.array([assembly.material_stiffness(x, v) for x, v in pairs])
+        return np.array([self.assembly.material_stiffness(x, v) for x, v in pairs])
 
-    def resistance(self, effect: Effect, rate: float) -> CubicSpline:
+    def resistance(self, effect: Any, rate: float) -> CubicSpline:
         """Return what an effect adds to the left side of the equation of motion, over q.
 
         Parameters
         ----------
-        effect : Effect
+        effect : Load or change of the beam
         rate : float
             q_dot, kg^0.5 m/s.
         """
-        changed, own = Assembly(effect.applied_to(self.beam)), Assembly(self.beam)
+        changed, own = Assembly(effect.applied_to(self.beam)), self.assembly
         work = [
             np.vdot(v, changed.residual(x, rate * v)[0] - own.residual(x, rate * v)[0])
             for x, v in zip(self.shapes, self.tangents, strict=True)
@@ -130,7 +127,7 @@ class StaticCurve:
         n : int
             Number of shapes.
         """
-        q = coordinate(self.shapes - self.basis.equilibrium.displacement)
+        q = coordinate(self.shapes - self.rest)
         slope = coordinate(self.tangents)  # d(new q)/dq
         tangents = self.tangents / slope[:, None, None]
         spline = CubicHermiteSpline(q, self.shapes, tangents)

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.beam.effects.base import Effect
 from romsindy.beam.section import Section
 from romsindy.beam.validation import require_finite, require_position, require_positive
+from romsindy.effects.load import MountedLaw, PointMass
+from romsindy.effects.mounting import TowardsAnchor
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,14 @@ class Structure:
         Mass-proportional damping, 1/s.
     eta : float
         Stiffness-proportional damping, s; acts on strain rates.
-    effects : tuple of Effect
-        Point masses, springs and whatever `with_effect` has added.
+    effects : tuple of MountedLaw or PointMass
+        Point masses, springs and the loads that `with_effect` has added.
 
     Raises
     ------
     ValueError
-        For a length that is not positive, fewer than one element, negative damping, or an effect
-        off the beam.
+        For a length that is not positive, fewer than one element, negative damping, an effect off
+        the beam, or an anchor on its own point of the beam.
     """
 
     length: float
@@ -83,7 +84,7 @@ class Structure:
     gravity: tuple[float, float] = (0.0, -9.81)
     alpha: float = 0.0
     eta: float = 0.0
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[MountedLaw | PointMass, ...] = ()
 
     def __post_init__(self) -> None:
         require_positive("length", self.length)
@@ -94,6 +95,13 @@ class Structure:
         if not isinstance(self.elements, int | np.integer) or self.elements < 1:
             raise ValueError(f"elements must be a positive whole number, got {self.elements!r}")
         for effect in self.effects:
-            at = getattr(effect, "at", None)
-            if at is not None:
-                require_position(f"at of {type(effect).__name__}", at, self.length)
+            at = self.length if effect.at is None else effect.at
+            require_position(f"at of {type(effect).__name__}", at, self.length)
+            mounting = getattr(effect, "mounting", None)
+            if not isinstance(mounting, TowardsAnchor):
+                continue
+            if mounting.span(at, 0.0) < 1e-9 * self.length:
+                raise ValueError(
+                    f"anchor = {mounting.anchor} lies on the beam's own point at {at} m, so "
+                    "the spring has no length and no direction; move the anchor away"
+                )

@@ -16,8 +16,8 @@ from romsindy import __version__
 from romsindy.commands.diagnose import diagnose
 from romsindy.commands.simulate import simulate
 from romsindy.commands.study import study
+from romsindy.physics.damping import DAMPING
 from romsindy.physics.example import example_decay
-from romsindy.physics.terms import DAMPING_KINDS
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
@@ -115,7 +115,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
     multiple=True,
     default=("linear",),
     show_default=True,
-    type=click.Choice(DAMPING_KINDS),
+    type=click.Choice(list(DAMPING)),
     help="Kind of damping; may be repeated.",
 )
 @click.option(

@@ -4,7 +4,7 @@ from romsindy.diagnosis.on_beam import BeamReport, diagnose_beam
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect
 from romsindy.diagnosis.workflow import diagnose
 from romsindy.effects import CATALOGUE
-from romsindy.effects.base import Effect, ReadingEffect, Shape, TermEffect, TimedEffect
+from romsindy.effects.base import Effect, Parameter, ReadingEffect, TermEffect, TimedEffect
 
 __all__ = [
     "CATALOGUE",
@@ -12,8 +12,8 @@ __all__ = [
     "DiagnosisReport",
     "Effect",
     "FoundEffect",
+    "Parameter",
     "ReadingEffect",
-    "Shape",
     "TermEffect",
     "TimedEffect",
     "diagnose",

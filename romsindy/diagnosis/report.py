@@ -265,10 +265,9 @@ class DiagnosisReport:
 
 
 def _units(part: Part, of_q: str | None) -> list[str]:
-    term = part.effect.term(part.shape)
-    of_term = "" if term is None or term.unit(of_q) == "1" else term.unit(of_q)
-    shapes = [(of_q or "") if s.unit == "q" else s.unit for s in part.shapes]
-    return [part.effect.unit or of_term] * part.strengths.size + shapes
+    own = part.effect.strength_unit(of_q)
+    shapes = [(of_q or "") if p.unit == "q" else p.unit for p in part.parameters]
+    return ["" if own == "1" else own] * part.strengths.size + shapes
 
 
 def _value_names(part: Part) -> list[str]:
@@ -276,4 +275,4 @@ def _value_names(part: Part) -> list[str]:
     kinds = ["strength"] if k == 1 else ["cosine", "sine"] if k == 2 else list(map(str, range(k)))
     sets = len(part.strengths)
     names = [f"{n} {i + 1}" if sets > 1 else n for i in range(sets) for n in kinds]
-    return names + [s.name for s in part.shapes]
+    return names + [p.name for p in part.parameters]

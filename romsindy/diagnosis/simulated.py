@@ -64,7 +64,7 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
 
 def _fitted(start: ReducedModel, names: tuple[str, ...], record: Measured) -> Solution:
     effects: list[Effect] = [LinearFrequency(), Viscous(), *map(CoefficientError, names)]
-    parts = [Part.of(e, scales([record]), 1, ()) for e in effects]
+    parts = [Part.of(e, scales([record]), 1) for e in effects]
     return fit(start, parts, [record], iterations=30)
 
 

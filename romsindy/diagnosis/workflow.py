@@ -20,12 +20,11 @@ from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales, TermEffect
 from romsindy.fit.measured import Measured, scales
 from romsindy.fit.part import Part
-from romsindy.physics.force_laws import term_from_key
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
+from romsindy.physics.serial import term_from_key
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.signals import fundamental_frequency
-from romsindy.typing import Array
 
 _TRAINING = 0.75  # of each record, where no other record is held out
 _LEAST_CYCLES = 6  # of a part that is held out
@@ -44,7 +43,7 @@ class CoefficientError(TermEffect):
     def variant(self) -> str:
         return self.key
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> Term:
         return term_from_key(self.key)
 
 
@@ -181,37 +180,33 @@ def _unsure(
 ) -> tuple[Part, ...]:
     known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
     unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
-    parts = [Part.of(effect, all_scales, n_records, ()) for effect in unsure]
+    parts = [Part.of(effect, all_scales, n_records) for effect in unsure]
     for name, relative in tolerances.items():
         effect: Effect = known.get(name) or CoefficientError(name)
-        part = Part.of(effect, all_scales, n_records, ())
+        part = Part.of(effect, all_scales, n_records)
         parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
     return tuple(parts)
 
 
 def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     """Round exponents back to those of the textbook where the data do not object."""
-    fixed = [
-        replace(
-            p,
-            shapes=tuple(
-                replace(s, low=s.starts[0], high=s.starts[0]) if s.name == "exponent" else s
-                for s in p.shapes
-            ),
-            shape=np.array(
-                [
-                    s.starts[0] if s.name == "exponent" else v
-                    for s, v in zip(p.shapes, p.shape, strict=True)
-                ]
-            ),
-        )
-        for p in best.effects
-    ]
-    if not any(s.name == "exponent" for p in fixed for s in p.shapes):
+    fixed = [_with_textbook_exponent(p) for p in best.effects]
+    if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
         return best
     trial = search.hypothesis(fixed)
     rise = trial.solution.chi_squared - best.solution.chi_squared
     return trial if trial.solution.converged and rise < 4.0 else best
+
+
+def _with_textbook_exponent(part: Part) -> Part:
+    known = [
+        replace(p, low=p.starts[0], high=p.starts[0]) if p.name == "exponent" else p
+        for p in part.parameters
+    ]
+    if known == list(part.parameters):
+        return part
+    shape = np.clip(part.shape, [p.low for p in known], [p.high for p in known])
+    return replace(part.shaped(shape), parameters=tuple(known))
 
 
 def extended_model(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
@@ -219,7 +214,7 @@ def extended_model(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
     terms = {t.key: t for t in model.terms}
     values = model.coefficients
     for part in parts:
-        term = part.effect.term(part.shape)
+        term = part.effect.term()
         if term is not None:
             terms[term.key] = terms.get(term.key, term)
             values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])

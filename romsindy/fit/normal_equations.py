@@ -43,9 +43,9 @@ class NormalEquations:
                 if part.tolerance is not None:
                     self._know(at, -float(value), part.tolerance)
                 at += 1
-            for value, shape in zip(part.shape, part.shapes, strict=True):
-                if shape.spread is not None:
-                    self._know(at, shape.starts[0] - float(value), shape.spread)
+            for value, p in zip(part.shape, part.parameters, strict=True):
+                if p.spread is not None:
+                    self._know(at, p.starts[0] - float(value), p.spread)
                 at += 1
 
     def _know(self, at: int, off: float, spread: float) -> None:

@@ -24,7 +24,7 @@ from scipy.stats import f as f_distribution
 from romsindy.fit.output_error import ModelEquation, OutputError, Record
 from romsindy.fit.refine import Fit, smoothed
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
+from romsindy.physics.term import Term
 from romsindy.record.noise import autoregression
 from romsindy.record.signals import crossings
 from romsindy.typing import Array

@@ -12,7 +12,7 @@ from scipy.linalg import lstsq
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.refine import Fit, refine
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import row_weights
 from romsindy.regression.projection import HarmonicProjection, Rows

@@ -82,7 +82,7 @@ def write_page(
 def _outside(report: DiagnosisReport) -> list[str]:
     """Labels of the effects that are no terms of the equation of motion."""
     parts = report.best.solution.parts
-    terms = {p.effect.name for p in parts if p.effect.term(p.shape) is not None}
+    terms = {p.effect.name for p in parts if p.effect.term() is not None}
     return [e.label for e in report.effects if e.name not in terms]
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from romsindy.beam import CLAMPED, FREE, PINNED, Beam, Section, Sensor, SensorArray, Support
-from romsindy.beam.effects import AddedMass, Spring
+from romsindy.beam.spring import Spring
+from romsindy.effects import PointMass
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -31,7 +32,7 @@ def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:
     made of; ``[beam]`` then holds ``length``, ``elements``, ``alpha``, ``eta``, ``gravity``
     (downwards, m/s^2), and ``left`` and ``right``: "clamped", "pinned", "free" or the stiffness of
     a clamp that gives way, N m/rad. ``[[beam.masses]]`` and ``[[beam.springs]]`` hold arguments of
-    `AddedMass` and `Spring`. The table ``[sensors]`` holds a list ``positions``, m, of transverse
+    `PointMass` and `Spring`. The table ``[sensors]`` holds a list ``positions``, m, of transverse
     sensors and a list ``columns`` of names in the measured files.
 
     Raises
@@ -67,7 +68,7 @@ def _beam(values: Mapping[str, Any]) -> Beam:
     _check_known(values, (*_GENERAL, *_SECTIONS), "[beam]")
     make = Section.rectangle if sections == ["rectangle"] else Section
     section = _made(make, values[sections[0]], f"[beam.{sections[0]}]")
-    masses = [_made(AddedMass, m, "[[beam.masses]]") for m in values.get("masses", ())]
+    masses = [_made(PointMass, m, "[[beam.masses]]") for m in values.get("masses", ())]
     springs = [_made(Spring, s, "[[beam.springs]]") for s in values.get("springs", ())]
     numbers = {k: values[k] for k in ("length", "elements", "alpha", "eta") if k in values}
     _check_numbers(numbers | {"gravity": values.get("gravity", 9.81)}, "[beam]")

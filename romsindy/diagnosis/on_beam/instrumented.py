@@ -23,11 +23,6 @@ def projected_modes(n_sensors: int) -> int:
     return max(1, min(2, n_sensors - 2))
 
 
-def place_in_words(at: float | None) -> str:
-    """A place on the beam, m; None is the right end."""
-    return "the tip" if at is None else f"{at:.3g} m"
-
-
 @dataclass(frozen=True, eq=False)
 class InstrumentedBeam:
     """A beam seen through sensors.

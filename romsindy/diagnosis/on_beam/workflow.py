@@ -12,16 +12,16 @@ from joblib import Parallel, delayed
 from romsindy.beam import Beam, NoEquilibriumError, SensorArray, Shape, StepTooLongError
 from romsindy.diagnosis.on_beam.checks import check_release, checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
-from romsindy.diagnosis.on_beam.forces import BeamForce, beam_forces
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
-from romsindy.diagnosis.on_beam.parameters import parameter_effects
+from romsindy.diagnosis.on_beam.mounted import mounted_effects
+from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.workflow import diagnose
-from romsindy.effects import CATALOGUE
-from romsindy.effects.base import Effect
+from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
+from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.measured import Measured
 from romsindy.fit.part import Part
@@ -49,7 +49,7 @@ def diagnose_beam(
     held_out: Decay | None = None,
     release: Shape | None = None,
     free: Sequence[str] = (),
-    catalogue: Sequence[Effect | type[BeamForce]] = CATALOGUE,
+    catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = 0.01,
     max_effects: int = 3,
     floor: float = _FLOOR,
@@ -79,9 +79,9 @@ def diagnose_beam(
     free : names
         As in `diagnose`: "omega^2" leaves the bending stiffness free, "c_linear" the damping in
         proportion to mass. Empty: the parameters of the beam are those assumed, or are to blame.
-    catalogue : sequence of Effect or classes of BeamForce
-        What to look for beside `beam_forces` and `parameter_effects`, which replace effects of the
-        same name. Your own force on the beam is a class, such as a `ViscousForce`.
+    catalogue : sequence of Effect
+        What to look for beside `BEAM_CATALOGUE` and the parameters of the beam, which replace
+        effects of the same name. An effect of your own with a ``mounting`` is looked for there.
     false_alarm, max_effects, floor, n_jobs, progress
         As in `diagnose`.
 
@@ -102,10 +102,9 @@ def diagnose_beam(
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(several)]
     model, rough = calibrated(beam, own)
-    own_kinds = [kind for kind in catalogue if isinstance(kind, type)]
-    effects = _effects(seen, model, training, float(np.abs(own.q).max()), own_kinds)
+    effects = _effects(seen, model, training, float(np.abs(own.q).max()), catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
-    general = [e for e in catalogue if isinstance(e, Effect) and e.name not in unneeded]
+    general = [e for e in catalogue if e.name not in unneeded]
     unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
     records = [Measured.of(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
@@ -185,13 +184,15 @@ def _effects(
     model: ReducedModel,
     decays: Sequence[Decay],
     reach: float,
-    kinds: Sequence[type[BeamForce]],
+    catalogue: Sequence[Effect],
 ) -> tuple[Effect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
     curve = seen_curve(seen, reach)
     shift = _frequency_shift(model, decays)
-    forces = [*(kind(curve) for kind in kinds), *beam_forces(curve)]
-    return (*forces, *parameter_effects(seen, reach, shift))
+    known = {e.name for e in BEAM_CATALOGUE}
+    own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
+    mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE])
+    return (*damping_effects(curve), *mounted, *parameter_effects(seen, reach, shift))
 
 
 def _sensor_errors(
