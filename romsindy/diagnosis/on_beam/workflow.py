@@ -34,6 +34,7 @@ from romsindy.typing import Array
 _ORDER = 7
 _ROUNDS = 5
 _FLOOR = 2e-4
+_FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 # Parameters of a beam that stand for the coefficients of a reduced model.
@@ -128,11 +129,23 @@ def diagnose_beam(
         pairs = zip(records, decays, strict=True)
         return list(parallel(delayed(corrected)(seen, model, parts, r, d, load) for r, d in pairs))
 
+    try:
+        before = corrected(seen, model, (), records[-1], decays[-1], load)
+    except _FAILURES as error:
+        raise ValueError(
+            f"the beam as it is cannot be simulated over the decays ({error}): check its values,"
+            " or let it go from less"
+        ) from error
     first = look(coordinates, 1, max(rough, floor))
     report, trouble = _looked_again(first, look, simulate, max_effects)
     parts = () if trouble else on_the_beam(report.best.solution.parts)
-    both = [corrected(seen, model, parts, records[-1], decays[-1], load) for parts in ((), parts)]
-    errors = _sensor_errors(seen, decays[-1], both)
+    after = before
+    if parts:
+        try:
+            after = corrected(seen, model, parts, records[-1], decays[-1], load)
+        except _FAILURES as error:
+            parts, trouble = (), str(error)
+    errors = _sensor_errors(seen, decays[-1], (before, after))
     return BeamReport(report, faults, seen, parts, errors, trouble)
 
 
@@ -152,7 +165,7 @@ def _looked_again(
         parts = on_the_beam(report.best.solution.parts)
         try:
             found = simulate(parts)
-        except (NoEquilibriumError, StepTooLongError, TrajectoryError) as error:
+        except _FAILURES as error:
             return report, str(error)
         report = look([c.decay for c in found], most)
         if _settled(parts, report):
