@@ -17,7 +17,7 @@ from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Support
 from romsindy.beam.changes import ClampCompliance, StifferBending
 from romsindy.beam.sensors import Sensor
 from romsindy.beam.spring import Spring
-from romsindy.commands.identify import main
+from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam, workflow
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects

@@ -1,8 +1,8 @@
 """Find what a simulation lacks: name it, add it, show the gap shrink."""
 
-from romsindy.diagnosis.on_beam import BeamReport, diagnose_beam
+from romsindy.diagnosis.diagnose import diagnose
+from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect
-from romsindy.diagnosis.workflow import diagnose
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect, Parameter, ReadingEffect, TermEffect, TimedEffect
 
@@ -17,5 +17,4 @@ __all__ = [
     "TermEffect",
     "TimedEffect",
     "diagnose",
-    "diagnose_beam",
 ]

@@ -416,7 +416,7 @@ class ReducedModel:
         for term, value in zip(self.terms, self.values, strict=True):
             note = ""
             if term.key == "omega^2" and value > 0:
-                omega = np.sqrt(value)
+                omega = np.sqrt(value / float(self.inertia(0.0)))  # mass may have been added
                 note = f"omega = {omega:.5g} rad/s, {omega / (2 * np.pi):.5g} Hz"
             lines.append(
                 f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip()

@@ -19,7 +19,7 @@ from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.workflow import diagnose
+from romsindy.diagnosis.workflow import FLOOR, diagnose_model
 from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.collocation import TrajectoryError
@@ -33,7 +33,6 @@ from romsindy.typing import Array
 
 _ORDER = 7
 _ROUNDS = 5
-_FLOOR = 2e-4
 _FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
@@ -41,7 +40,6 @@ _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlineari
 _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 
-@diagnose.register(Beam)
 def diagnose_beam(
     beam: Beam,
     measured: Decay | Sequence[Decay],
@@ -49,48 +47,21 @@ def diagnose_beam(
     sensors: SensorArray,
     held_out: Decay | None = None,
     release: Shape | None = None,
-    free: Sequence[str] = (),
+    free: Sequence[str | Effect] = (),
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = 0.01,
     max_effects: int = 3,
-    floor: float = _FLOOR,
+    floor: float = FLOOR,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> BeamReport:
-    """Find, name and add what a beam lacks; `diagnose` calls this for a `Beam`.
+    """Find, name and add what a beam lacks; arguments as those of `diagnose`.
 
     The measurement is looked at in the coordinate of the first mode, beside a reduced model of the
     beam. What the beam does beside that model is simulated with the effects that were found, and
-    taken off, until the effects stay: they are then fitted to the beam.
-
-    Parameters
-    ----------
-    beam : Beam
-        The simulation.
-    measured : Decay or sequence of Decay
-        Displacements from the equilibrium, m, one channel per sensor. The beam is let go from
-        rest at the first sample.
-    sensors : SensorArray
-        Where the displacements were measured.
-    held_out : Decay, optional
-        As `measured`, to judge by.
-    release : Shape, optional
-        The shape that the beam is let go from, as of `Beam.release_shape`: its load, of any size,
-        held the beam in every record. By default the load is read from the sensors.
-    free : names
-        As in `diagnose`: "omega^2" leaves the bending stiffness free, "c_linear" the damping in
-        proportion to mass. Empty: the parameters of the beam are those assumed, or are to blame.
-    catalogue : sequence of Effect
-        What to look for beside `BEAM_CATALOGUE` and the parameters of the beam, which replace
-        effects of the same name. An effect of your own with a ``mounting`` is looked for there.
-    false_alarm, max_effects, floor, n_jobs, progress
-        As in `diagnose`.
-
-    Raises
-    ------
-    ValueError
-        For records that do not fit the sensors, do not start from rest, or cannot be compared with
-        the beam.
+    taken off, until the effects stay: they are then fitted to the beam. `BEAM_CATALOGUE`
+    and the parameters of the beam replace effects of the catalogue that have the same name; an
+    effect of your own with a ``mounting`` is looked for there.
     """
     several = [measured] if isinstance(measured, Decay) else list(measured)
     everything = [*several, *([held_out] if held_out is not None else [])]
@@ -106,12 +77,12 @@ def diagnose_beam(
     effects = _effects(seen, model, training, float(np.abs(own.q).max()), catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in catalogue if e.name not in unneeded]
-    unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
+    unsure = [e for e in effects if e.name in [_FREE[str(name)] for name in free]]
     records = [Measured.of(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
 
     def look(decays: Sequence[Decay], most: int, floor: float = floor) -> DiagnosisReport:
-        return diagnose(
+        return diagnose_model(
             model,
             decays[: len(several)],
             held_out=decays[-1] if held_out is not None else None,
@@ -255,7 +226,9 @@ def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:
     return fitted.model.coefficients["omega^2"] - model.coefficients["omega^2"]
 
 
-def _check(several: Sequence[Decay], free: Sequence[str], release: Shape | None) -> Array | None:
+def _check(
+    several: Sequence[Decay], free: Sequence[str | Effect], release: Shape | None
+) -> Array | None:
     """Refuse what cannot be meant; return the load of the release."""
     if not several:
         raise ValueError("measured is empty: give at least one Decay")
