@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,18 @@ from scipy.interpolate import CubicSpline
 
 import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Support
-from romsindy.beam.changes import ClampCompliance, StifferBending
+from romsindy.beam.changes import ClampCompliance, HeavierMasses, StifferBending
 from romsindy.beam.sensors import Sensor
 from romsindy.beam.spring import Spring
 from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam, workflow
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
-from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
+from romsindy.diagnosis.on_beam.parameters import (
+    damping_effects,
+    parameter_effects,
+    standard_deviations,
+)
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
 from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.effects import CATALOGUE, AirDrag, AtPoint, Damper, PointMass
@@ -298,6 +303,46 @@ def test_recipe_and_model_are_those_of_the_verdict(heavier):
     assert len(report.not_on_beam) == len(named - there)
     assert "not on the beam" in report.recipe and "Not on the improved beam" in report.sentence
     assert len(report.model.effects) == len(BEAM.effects) + len(there)
+
+
+def test_a_parameter_within_its_tolerance_is_no_effect():
+    """1 % of bending stiffness, of which the standard deviation is 1 %: it follows the data."""
+    truth = BEAM.with_effect(StifferBending(0.01))
+    decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.013))]
+    report = rs.diagnose(
+        BEAM,
+        decays[:1],
+        sensors=SEEN.sensors,
+        held_out=decays[1],
+        tolerances={"bending_stiffness": 0.01, "point_masses": 1e-4},
+    )
+    assert report.verdict == "none"
+    assert report.model.section.EI == pytest.approx(1.01 * BEAM.section.EI, rel=1e-3)
+    assert report.gap.before > 10 and report.gap.after < 1.1
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "message"),
+    [
+        ({"youngs_modulus": 0.1}, "this beam has .*bending_stiffness.*spring_stiffness"),
+        ({"bending_stiffness": 0.0}, "must be positive"),
+        ({"material_damping": 0.1}, "which is 0 in this beam"),
+    ],
+)
+def test_tolerances_are_of_parameters_of_the_beam(heavier, tolerances, message):
+    beam = replace(BEAM, eta=0.0)
+    with pytest.raises(ValueError, match=message):
+        rs.diagnose(beam, heavier[:1], sensors=SEEN.sensors, tolerances=tolerances)
+
+
+def test_tolerances_become_standard_deviations():
+    """The pull of the default spring is 1.51 N by construction."""
+    names = ("pre_tension", "mass_damping", "point_masses")
+    found = standard_deviations(BEAM, dict.fromkeys(names, 0.1))
+    assert found["pre_tension"] == pytest.approx(0.151, rel=1e-9)
+    assert found["mass_damping"] == pytest.approx(0.037) and found["point_masses"] == 0.1
+    heavy = BEAM.with_effect(HeavierMasses(0.5))
+    assert [e.mass for e in heavy.effects if isinstance(e, PointMass)] == [pytest.approx(0.0012)]
 
 
 def test_a_beam_that_cannot_be_simulated_ends_in_unknown(heavier, monkeypatch):

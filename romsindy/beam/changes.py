@@ -7,6 +7,7 @@ from typing import Any
 
 from romsindy.beam.spring import find_spring
 from romsindy.beam.validation import require_finite, require_positive
+from romsindy.effects.load import PointMass
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,32 @@ class StifferSpring:
         spring = find_spring(beam)
         new = replace(spring, stiffness=spring.stiffness * (1 + self.change))
         return replace(beam, effects=tuple(new if e is spring else e for e in beam.effects))
+
+
+@dataclass(frozen=True)
+class HeavierMasses:
+    """A relative change of all point masses on the beam.
+
+    Parameters
+    ----------
+    change : float
+        0.01 is one per cent more.
+    """
+
+    change: float
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with other point masses."""
+        factor = 1 + self.change
+        return replace(
+            beam,
+            effects=tuple(
+                replace(e, mass=e.mass * factor, rotary_inertia=e.rotary_inertia * factor)
+                if isinstance(e, PointMass)
+                else e
+                for e in beam.effects
+            ),
+        )
 
 
 @dataclass(frozen=True)

@@ -210,6 +210,8 @@ class DampingEffect(BeamEffect):
     change : type
         Of `romsindy.beam.changes`, in one number.
     name, label, unit, advice : str
+    tolerance : float, optional
+        Standard deviation of the change, where it is known to be near 0.
     """
 
     curve: StaticCurve
@@ -218,6 +220,7 @@ class DampingEffect(BeamEffect):
     label: str  # type: ignore[misc]
     unit: str  # type: ignore[misc]
     advice: str  # type: ignore[misc]
+    tolerance: float | None = None  # type: ignore[misc]
 
     family = "damping"
 

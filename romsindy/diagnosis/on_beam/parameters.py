@@ -16,6 +16,7 @@ from romsindy.beam import Beam, StaticCurve
 from romsindy.beam.changes import (
     ClampCompliance,
     ExtraTension,
+    HeavierMasses,
     MassDamping,
     MaterialDamping,
     StifferBending,
@@ -49,6 +50,8 @@ class ParameterEffect(TermEffect, BeamEffect):
     sign : int
     at : float, optional
         Where a point mass is, m; None is the right end.
+    tolerance : float, optional
+        Standard deviation of the change, where it is known to be near 0.
     """
 
     direction: Combination
@@ -58,6 +61,7 @@ class ParameterEffect(TermEffect, BeamEffect):
     unit: str  # type: ignore[misc]
     sign: int = 0  # type: ignore[misc]
     at: float | None = None
+    tolerance: float | None = None  # type: ignore[misc]
 
     family = "beam"
     advice = "a second mode, or the equilibrium shape"
@@ -92,6 +96,10 @@ _OF_ANY_BEAM = (
     ),
     ("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),
     ("clamp_compliance", "a clamp that gives way", "rad/(N m)", ClampCompliance, 1e-3, 1),
+)
+# Of masses that are there; what is looked for is mass that is not ("added_mass").
+_OF_MASSES = (
+    ("point_masses", "other point masses", "of the assumed ones", HeavierMasses, 0.01, 0),
 )
 _OF_A_SPRING = (
     ("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring, 0.01, 0),
@@ -145,6 +153,8 @@ def parameter_effects(
     start = _seen_coefficients(seen, seen.beam, amplitude)
     found = []
     known = _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ())
+    if any(isinstance(e, PointMass) for e in seen.beam.effects):
+        known += _OF_MASSES
     for name, label, unit, change, step, sign in known:
         if change is ClampCompliance and not clamped:
             continue
@@ -170,6 +180,49 @@ def parameter_effects(
         chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
         found.append(effect(needed) if chord else tangent)
     return tuple(found)
+
+
+def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str, float]:
+    """Return standard deviations of parameters of a beam, in the units of their effects.
+
+    Parameters
+    ----------
+    beam : Beam
+    tolerances : mapping of str to float
+        Relative standard deviations, by name.
+
+    Raises
+    ------
+    ValueError
+        For a name that is no parameter of the beam, a tolerance that is not positive, or one of a
+        parameter that is zero.
+    """
+    assumed = _assumed(beam)
+    for name, relative in tolerances.items():
+        if name not in assumed:
+            raise ValueError(f"tolerances name {name!r}: this beam has {sorted(assumed)}")
+        if not relative > 0:
+            raise ValueError(f"tolerances[{name!r}] = {relative!r} must be positive (relative)")
+        if assumed[name] == 0:
+            raise ValueError(
+                f"tolerances name {name!r}, which is 0 in this beam: a part of it is 0 as well;"
+                " leave it out, so that it is looked for"
+            )
+    return {name: relative * assumed[name] for name, relative in tolerances.items()}
+
+
+def _assumed(beam: Beam) -> dict[str, float]:
+    """What a beam assumes of the parameters that a tolerance can be of, in their units."""
+    sizes = {"bending_stiffness": 1.0, "mass_damping": beam.alpha, "material_damping": beam.eta}
+    if any(isinstance(e, PointMass) for e in beam.effects):
+        sizes["point_masses"] = 1.0
+    springs = [e for e in beam.effects if isinstance(e, Spring)]
+    if len(springs) == 1:
+        (spring,) = springs
+        at = beam.length if spring.at is None else spring.at
+        stretch = spring.mounting.span(at, 0.0) - spring.natural_length
+        sizes |= {"spring_stiffness": 1.0, "pre_tension": abs(spring.stiffness * stretch)}
+    return sizes
 
 
 def _direction(

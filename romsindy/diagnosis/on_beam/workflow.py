@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +13,12 @@ from romsindy.beam import Beam, NoEquilibriumError, SensorArray, Shape, StepTooL
 from romsindy.diagnosis.on_beam.checks import check_release, checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import mounted_effects
-from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
+from romsindy.diagnosis.on_beam.mounted import BeamEffect, mounted_effects
+from romsindy.diagnosis.on_beam.parameters import (
+    damping_effects,
+    parameter_effects,
+    standard_deviations,
+)
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.static_curve import seen_curve
@@ -48,6 +52,7 @@ def diagnose_beam(
     held_out: Decay | None = None,
     release: Shape | None = None,
     free: Sequence[str | Effect] = (),
+    tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = 0.01,
     max_effects: int = 3,
@@ -66,6 +71,8 @@ def diagnose_beam(
     several = [measured] if isinstance(measured, Decay) else list(measured)
     everything = [*several, *([held_out] if held_out is not None else [])]
     load = _check(several, free, release)
+    free_names = {_FREE[str(name)] for name in free}
+    near = standard_deviations(beam, tolerances or {})
     everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
     seen = InstrumentedBeam(beam, sensors)
     for i, decay in enumerate(everything):
@@ -77,7 +84,9 @@ def diagnose_beam(
     effects = _effects(seen, model, training, float(np.abs(own.q).max()), catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in catalogue if e.name not in unneeded]
-    unsure = [e for e in effects if e.name in [_FREE[str(name)] for name in free]]
+    unsure = [e for e in effects if e.name in free_names and e.name not in near]
+    unsure += [replace(e, tolerance=near[e.name]) for e in effects if e.name in near]  # type: ignore[type-var]
+    effects = tuple(e for e in effects if e.name != "point_masses")
     records = [Measured.of(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
 
@@ -169,7 +178,7 @@ def _effects(
     decays: Sequence[Decay],
     reach: float,
     catalogue: Sequence[Effect],
-) -> tuple[Effect, ...]:
+) -> tuple[BeamEffect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
     curve = seen_curve(seen, reach)
     shift = _frequency_shift(model, decays)
