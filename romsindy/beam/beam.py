@@ -61,20 +61,20 @@ class Beam(Structure):
 
         Parameters
         ----------
-        length, width, thickness
-            Dimensions [m]; the beam bends in the thickness direction.
-        young, poisson, density
-            Material [Pa, -, kg/m^3].
-        tip_mass
-            Mass [kg] at the tip.
-        spring_stiffness, spring_length, spring_pretension
-            [N/m], [m], [N]; the natural
-            length is spring_length - spring_pretension / spring_stiffness.
-        gravity
-            Acceleration [m/s^2], downwards.
-        alpha, eta
-            Rayleigh damping [1/s], [s].
-        elements
+        length, width, thickness : float
+            Dimensions, m; the beam bends in the thickness direction.
+        young, poisson, density : float
+            Young's modulus, Pa, Poisson's ratio, and density, kg/m^3.
+        tip_mass : float
+            Mass at the tip, kg.
+        spring_stiffness, spring_length, spring_pretension : float
+            Stiffness, N/m, installed length, m, and pull there, N; the natural length is
+            spring_length - spring_pretension / spring_stiffness.
+        gravity : float
+            Acceleration, m/s^2, downwards.
+        alpha, eta : float
+            Rayleigh damping, 1/s and s.
+        elements : int
             Number of quadratic elements.
 
         Raises

@@ -43,17 +43,16 @@ class ModalBasis:
 
     Attributes
     ----------
-    omega
-        Angular frequencies [rad/s], shape (n_modes,).
-    shapes
-        Mode shapes (u, w, theta) [kg^-0.5, kg^-0.5, rad m^-1 kg^-0.5], shape
-        (n_modes, n_nodes, 3).
-    momenta
-        M phi, same shape; q = sum(momenta * (x - x_equilibrium)) [kg^0.5 m].
-    equilibrium
+    omega : (n_modes,) array
+        Angular frequencies, rad/s.
+    shapes : (n_modes, n_nodes, 3) array
+        Mode shapes (u, w, theta), kg^-0.5, kg^-0.5, rad m^-1 kg^-0.5.
+    momenta : (n_modes, n_nodes, 3) array
+        M phi; q = sum(momenta * (x - x_equilibrium)), kg^0.5 m.
+    equilibrium : Shape
         The static state about which they are taken.
-    axial
-        Share of the modal kinetic energy that is axial, shape (n_modes,).
+    axial : (n_modes,) array
+        Share of the modal kinetic energy that is axial.
     """
 
     omega: np.ndarray

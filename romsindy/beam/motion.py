@@ -12,17 +12,17 @@ from romsindy.beam.sensors import SensorArray
 
 @dataclass(frozen=True, eq=False)
 class EnergyBalance:
-    """Energies over time [J], relative to the equilibrium; each of shape (n_samples,).
+    """Energies over time, J, relative to the equilibrium.
 
     Attributes
     ----------
-    kinetic
+    kinetic : (n_samples,) array
         Of beam and masses.
-    strain
+    strain : (n_samples,) array
         Stored in the beam and in elastic clamps.
-    potential
+    potential : (n_samples,) array
         Of gravity and of the effects that store energy (springs, magnets, stops).
-    dissipated
+    dissipated : (n_samples,) array
         What damping and dissipative effects have taken since the release.
     """
 
@@ -44,7 +44,7 @@ class EnergyBalance:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a simulation took: time steps, Newton iterations, wall time [s]."""
+    """What a simulation took: time steps, Newton iterations, wall time in s."""
 
     steps: int
     iterations: int
@@ -66,25 +66,25 @@ class Motion:
 
     Attributes
     ----------
-    t
-        Time [s], shape (n_samples,).
-    basis
+    t : (n_samples,) array
+        Time, s.
+    basis : ModalBasis
         The modes in which it was recorded.
-    coordinates
-        Q, q_dot, q_ddot of these modes, (n_samples, n_modes) [kg^0.5 m, per s, s^2].
-    energy
+    coordinates : History
+        Q, q_dot, q_ddot of these modes, (n_samples, n_modes), kg^0.5 m, per s, s^2.
+    energy : EnergyBalance
         The energy balance.
-    cost
+    cost : Cost
         Time steps, iterations, seconds.
-    stop_reason
+    stop_reason : str
         "completed", or why it ended early.
-    sensors
-        Histories of the sensors [m], from equilibrium; None where none were given.
-    sensor_array
+    sensors : History, optional
+        Histories of the sensors, m, from equilibrium; None where none were given.
+    sensor_array : SensorArray, optional
         These sensors.
-    field
-        All nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or
-        None unless asked for.
+    field : History, optional
+        All nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or None
+        unless asked for.
     """
 
     t: np.ndarray

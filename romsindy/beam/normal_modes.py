@@ -36,20 +36,20 @@ class NormalMode:
 
     Attributes
     ----------
-    amplitude
-        Half peak to peak of the modal coordinate q [kg^0.5 m], shape (n,).
-    frequency
-        Angular frequency [rad/s], shape (n,).
-    tip_displacement
-        Of the starting shape from equilibrium [m], shape (n,).
-    linear_frequency
-        Of the mode on the same mesh [rad/s].
-    unrest
-        Largest velocity left in the other modes half a period later, relative to the
-        largest velocity of the mode, shape (n,).
-    shapes
+    amplitude : (n,) array
+        Half peak to peak of the modal coordinate q, kg^0.5 m.
+    frequency : (n,) array
+        Angular frequency, rad/s.
+    tip_displacement : (n,) array
+        Of the starting shape from equilibrium, m.
+    linear_frequency : float
+        Of the mode on the same mesh, rad/s.
+    unrest : (n,) array
+        Largest velocity left in the other modes half a period later, relative to the largest
+        velocity of the mode.
+    shapes : tuple of Shape
         The shapes at rest, from which `Beam.simulate` follows the orbit.
-    stop_reason
+    stop_reason : str
         "completed", or why it ended early.
     """
 
@@ -81,16 +81,16 @@ def find_normal_mode(
 
     Parameters
     ----------
-    structure
+    structure : Structure
         The beam; effects that dissipate have no such orbits.
-    tip_displacements
-        Transverse displacement [m] of the tip from equilibrium at one turning point; best in
-        the order of size, since each orbit starts from the one before.
-    mode
+    tip_displacements : sequence of float
+        Transverse displacement of the tip from equilibrium at one turning point, m; best in the
+        order of size, since each orbit starts from the one before.
+    mode : int
         The linear mode that the orbits grow out of: 1, 2, ...
-    forces
+    forces : int
         Number of bending modes whose modal forces hold the shape.
-    progress
+    progress : bool
         Whether to show a progress bar.
 
     Raises

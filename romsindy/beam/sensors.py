@@ -24,9 +24,9 @@ class Sensor:
 
     Parameters
     ----------
-    at
-        Position on the undeformed axis [m].
-    direction
+    at : float
+        Position on the undeformed axis, m.
+    direction : tuple of two float
         (x, y), of any length; (0, 1) is transverse, (1, 0) axial.
 
     Raises
@@ -51,10 +51,10 @@ class SensorArray:
 
     Attributes
     ----------
-    sensors
+    sensors : tuple of Sensor
         The sensors, one channel each.
-    rows
-        What each reads of the nodal displacements, shape (n_channels, n_nodes * 3).
+    rows : (n_channels, n_nodes * 3) array
+        What each reads of the nodal displacements.
     """
 
     sensors: tuple[Sensor, ...]
@@ -73,11 +73,11 @@ class SensorArray:
 
         Parameters
         ----------
-        motion
+        motion : Recorded
             Simulated with these sensors, or with its full field kept.
-        snr_db
-            Signal-to-noise ratio [dB] of each channel, rms over the record; None is clean.
-        seed
+        snr_db : float, optional
+            Signal-to-noise ratio of each channel, rms over the record, dB; None is clean.
+        seed : int, optional
             Of the noise.
 
         Raises
@@ -123,15 +123,15 @@ class SensorArray:
 
         Parameters
         ----------
-        motion
+        motion : Recorded
             Simulated with these sensors.
-        modes
+        modes : int
             Number of modes that are told apart.
-        snr_db
-            Signal-to-noise ratio [dB] of both; None is clean.
-        seed
+        snr_db : float, optional
+            Signal-to-noise ratio of both, dB; None is clean.
+        seed : int
             Of both noises.
-        basis
+        basis : ModalBasis, optional
             The modes (default: those in which the motion was recorded).
         """
         x = self.measure(motion, snr_db, seed)

@@ -48,28 +48,28 @@ def simulate(
 
     Parameters
     ----------
-    assembly
+    assembly : Assembly
         The beam.
-    equilibrium
+    equilibrium : Shape
         Where it rests; energies are counted from there.
-    shape
+    shape : Shape
         Where it is let go.
-    duration
-        Time to follow [s].
-    step
-        Sampling interval and longest time step [s].
-    energy_tolerance
-        How far kinetic + strain + potential + dissipated energy may drift over
-        the whole motion, relative to the energy at release.
-    modes
+    duration : float
+        Time to follow, s.
+    step : float
+        Sampling interval and longest time step, s.
+    energy_tolerance : float
+        How far kinetic + strain + potential + dissipated energy may drift over the whole motion,
+        relative to the energy at release.
+    modes : ModalBasis, optional
         The modes to record (default: the first ten about the beam's own equilibrium).
-    sensors
+    sensors : SensorArray, optional
         Sensors to record.
-    keep_field
+    keep_field : bool
         Whether to keep every node's motion as well (20 kB per sample at 150 elements).
-    method
+    method : RadauIIA, optional
         The collocation method (default: Radau IIA of order 5).
-    progress
+    progress : bool
         Whether to show a progress bar.
 
     Raises
