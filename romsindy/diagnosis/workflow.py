@@ -84,7 +84,7 @@ def diagnose_model(
     found = search.run()
     best = _snapped(search, found.rivals[0])
     rivals = [best, *found.rivals[1:]]
-    parts_of_best = best.solution.parts if best.names else ()
+    parts_of_best = best.solution.parts
     left = search.remainder(best)
     gap = Gap(tuple(predict(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen)
     return DiagnosisReport(

@@ -99,6 +99,7 @@ class Effect(ABC):
     resembles: ClassVar[tuple[str, ...]] = ()
     sign: ClassVar[int] = 0
     start: ClassVar[float] = 0.0  # strength that a fit starts from
+    tolerance: ClassVar[float | None] = None  # standard deviation of a strength known to be near 0
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
     fixed_unit: ClassVar[str] = ""  # of the strength, where it does not follow from the law
