@@ -9,9 +9,9 @@ from scipy.linalg import lstsq
 
 import romsindy as rs
 from romsindy.physics.example import EXAMPLE_MODEL, add_noise
-from romsindy.selection import candidates
-from romsindy.selection.candidates import Contender, best, describe, judged
-from romsindy.selection.linearised_fit import LARGE, Tangent
+from romsindy.selection import structures
+from romsindy.selection.structures import Structure, best, describe, judged
+from romsindy.selection.linearised_fit import LARGE, LinearisedFit
 from romsindy.selection.select import Selection, default_candidates, select_model
 from romsindy.show.plots import plot_selection
 
@@ -28,8 +28,8 @@ def choice() -> Selection:
 
 
 @pytest.fixture(scope="module")
-def tangent(choice: Selection) -> Tangent:
-    return Tangent.at(choice.fit, list(FULL.terms))
+def tangent(choice: Selection) -> LinearisedFit:
+    return LinearisedFit.at(choice.fit, list(FULL.terms))
 
 
 def test_true_terms_are_chosen_among_all_orders_and_dampings(choice: Selection) -> None:
@@ -42,7 +42,7 @@ def test_models_that_lack_a_term_predict_worse(choice: Selection) -> None:
     """Every coefficient of the example is at least 20 standard errors from zero."""
     for c in choice.path:
         if not set(c.keys) >= TRUE:
-            assert c.verdict in (candidates.WORSE, candidates.INADEQUATE), c.name
+            assert c.verdict in (structures.WORSE, structures.INADEQUATE), c.name
     assert all(set(c.keys) > TRUE for c in choice.equivalent)
 
 
@@ -53,8 +53,8 @@ def test_text_and_figure_name_the_choice(choice: Selection) -> None:
     assert len(choice.table()) == len(choice.path) + 1
     ax = plot_selection(choice)
     assert [t.get_text() for t in ax.get_legend().get_texts()] == [
-        candidates.CHOSEN,
-        candidates.EQUIVALENT,
+        structures.CHOSEN,
+        structures.EQUIVALENT,
         "worse",
     ]
     plt.close(ax.figure)
@@ -68,7 +68,7 @@ def test_band_with_the_choice_is_not_narrower_than_without(choice: Selection) ->
     assert np.all(both.frequency_std > 0.98 * alone.frequency_std)
 
 
-def test_sensitivities_agree_with_fitting_anew(choice: Selection, tangent: Tangent) -> None:
+def test_sensitivities_agree_with_fitting_anew(choice: Selection, tangent: LinearisedFit) -> None:
     """A larger and a smaller model, neither the one of the tangent."""
     larger = rs.refine(_model(tangent.solve([t.key for t in FULL.terms])), DECAY)
     chi_squared = float(larger.residuals[0] @ larger.residuals[0]) / larger.noise[0].std ** 2
@@ -80,7 +80,7 @@ def test_sensitivities_agree_with_fitting_anew(choice: Selection, tangent: Tange
         )
 
 
-def test_cycles_are_predicted_by_the_fit_to_all_others(tangent: Tangent) -> None:
+def test_cycles_are_predicted_by_the_fit_to_all_others(tangent: LinearisedFit) -> None:
     keys = sorted(TRUE)
     errors = tangent.cycle_errors(keys)
     columns = [*map(tangent.keys.index, keys), -2, -1]  # the last two are the states
@@ -93,7 +93,7 @@ def test_cycles_are_predicted_by_the_fit_to_all_others(tangent: Tangent) -> None
         assert errors[cycle] == pytest.approx(rest @ rest, rel=1e-8)
 
 
-def test_forecast_is_the_fit_to_smaller_amplitudes(tangent: Tangent) -> None:
+def test_forecast_is_the_fit_to_smaller_amplitudes(tangent: LinearisedFit) -> None:
     keys = sorted(TRUE)
     columns = [*map(tangent.keys.index, keys), -2, -1]
     large = tangent.amplitude > LARGE * tangent.amplitude.max()
@@ -166,20 +166,20 @@ def test_bad_input_is_named() -> None:
         select_model(DECAY, ["IC-ROM"])
 
 
-def contender(keys: str, excess: float, std: float, p: float = 0.5, size: int = 0) -> Contender:
-    return Contender(tuple(keys.split()), size or len(keys.split()), 1.0, excess, std, 1.0, p)
+def contender(keys: str, excess: float, std: float, p: float = 0.5, size: int = 0) -> Structure:
+    return Structure(tuple(keys.split()), size or len(keys.split()), 1.0, excess, std, 1.0, p)
 
 
 def test_smallest_within_one_standard_error_wins() -> None:
     some = [contender("a b c", 0, 0), contender("a b", 2, 2.1), contender("a", 5, 4.9)]
     some += [contender("b", 5, 2.4)]
     assert best(some).keys == ("a", "b")
-    same = candidates.EQUIVALENT
+    same = structures.EQUIVALENT
     verdicts = {c.keys: c.verdict for c in judged(some, best(some))}
     assert verdicts == {
         ("a",): same,
-        ("b",): candidates.WORSE,
-        ("a", "b"): candidates.CHOSEN,
+        ("b",): structures.WORSE,
+        ("a", "b"): structures.CHOSEN,
         ("a", "b", "c"): same,
     }
 
@@ -192,7 +192,7 @@ def test_term_of_high_order_counts_as_that_order() -> None:
 def test_model_that_fails_at_large_amplitudes_is_passed_over() -> None:
     some = [contender("a b", 0, 0), contender("a", 1, 2, p=1e-4)]
     assert best(some).keys == ("a", "b")
-    assert judged(some)[0].verdict == candidates.NARROW
+    assert judged(some)[0].verdict == structures.NARROW
 
 
 def test_short_names_join_orders() -> None:

@@ -12,8 +12,8 @@ import numpy as np
 
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.fit.linear_response import nodes
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import ExtendedEquation, Part
+from romsindy.fit.record import Record
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
@@ -108,13 +108,13 @@ def errors_per_cycle(report: DiagnosisReport) -> tuple[Array, Array, Array]:
     cycle -= cycle.min()
     count = np.maximum(np.bincount(cycle), 1)
     rms = [
-        np.sqrt(np.bincount(cycle, p.record.noise(p.record.signal - x) ** 2) / count)
+        np.sqrt(np.bincount(cycle, p.record.whitened(p.record.signal - x) ** 2) / count)
         for x in (p.before, p.after)
     ]
     return np.bincount(cycle, p.record.t) / count, rms[0], rms[1]
 
 
-def _rms(record: Measured, residual: Array) -> float:
+def _rms(record: Record, residual: Array) -> float:
     if not np.all(np.isfinite(residual)):
         return float("nan")
-    return float(np.sqrt(np.mean(record.noise(residual) ** 2)))
+    return float(np.sqrt(np.mean(record.whitened(residual) ** 2)))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import singledispatch
 
 import numpy as np
-from joblib import Parallel
 
 from romsindy.beam import Beam
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
@@ -17,35 +16,17 @@ from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport, verdict_of
 from romsindy.diagnosis.search import Search
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
-from romsindy.effects.base import Effect, Scales, TermEffect
-from romsindy.fit.measured import Measured, scales
+from romsindy.effects.base import Effect, Scales
+from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
-from romsindy.physics.force_laws import term_from_key
+from romsindy.fit.record import Record, scales
+from romsindy.fit.verdict import FLOOR, ROUNDED
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
 from romsindy.record.decay import Decay
 from romsindy.record.signals import fundamental_frequency
-from romsindy.typing import Array
 
 _TRAINING = 0.75  # of each record, where no other record is held out
 _LEAST_CYCLES = 6  # of a part that is held out
-
-
-@dataclass(frozen=True)
-class CoefficientError(TermEffect):
-    """An error of one coefficient of the model."""
-
-    key: str
-
-    name, family = "coefficient", "stiffness"
-    label = "another coefficient than assumed"
-
-    @property
-    def variant(self) -> str:
-        return self.key
-
-    def term(self, shape: Array) -> Term:
-        return term_from_key(self.key)
 
 
 @singledispatch
@@ -59,7 +40,7 @@ def diagnose(
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = 0.01,
     max_effects: int = 3,
-    floor: float = 2e-4,
+    floor: float = FLOOR,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> DiagnosisReport:
@@ -123,19 +104,19 @@ def diagnose(
         tuple(e for e in catalogue if e.name not in names),
         false_alarm,
         max_effects,
-        Parallel(n_jobs),
+        n_jobs,
         progress or (lambda _: None),
     )
     found = search.run()
     best = _snapped(search, found.rivals[0])
     rivals = [best, *found.rivals[1:]]
-    parts_of_best = best.solution.parts if best.names else ()
+    parts_of_best = best.solution.parts
     left = search.remainder(best)
-    gap = Gap(tuple(predict(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen)
+    gap = Gap(tuple(predict(model, parts_of_best, Record.loud(d, floor)) for d in tests), unseen)
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
-        model=extended_model(model, parts_of_best),
+        model=extended(model, parts_of_best),
         best=best,
         rivals=tuple(rivals),
         compared=tuple(found.compared),
@@ -182,8 +163,9 @@ def _unsure(
     known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
     unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
     parts = [Part.of(effect, all_scales, n_records, ()) for effect in unsure]
+    terms = {term.key: term for term in model.terms}
     for name, relative in tolerances.items():
-        effect: Effect = known.get(name) or CoefficientError(name)
+        effect: Effect = known.get(name) or Coefficient(terms[name])
         part = Part.of(effect, all_scales, n_records, ())
         parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
     return tuple(parts)
@@ -211,16 +193,4 @@ def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
         return best
     trial = search.hypothesis(fixed)
     rise = trial.solution.chi_squared - best.solution.chi_squared
-    return trial if trial.solution.converged and rise < 4.0 else best
-
-
-def extended_model(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
-    """The model with the terms of the parts added; parts that are no terms are left out."""
-    terms = {t.key: t for t in model.terms}
-    values = model.coefficients
-    for part in parts:
-        term = part.effect.term(part.shape)
-        if term is not None:
-            terms[term.key] = terms.get(term.key, term)
-            values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])
-    return replace(model, terms=tuple(terms.values()), values=tuple(values[k] for k in terms))
+    return trial if trial.solution.converged and rise < ROUNDED else best

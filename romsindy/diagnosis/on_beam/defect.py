@@ -16,12 +16,12 @@ import numpy as np
 
 from romsindy.beam import Beam
 from romsindy.beam.effects import Effect
-from romsindy.diagnosis.gap import held_out_solution
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
 from romsindy.fit.collocation import integrate
+from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import ExtendedEquation, Part, read
+from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
@@ -56,14 +56,14 @@ def _effect(part: Part) -> Any:
 
 
 def corrected(
-    seen: InstrumentedBeam, model: ReducedModel, parts: Sequence[Part], record: Measured
+    seen: InstrumentedBeam, model: ReducedModel, parts: Sequence[Part], record: Record
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
 
     Only the coordinate of the release is fitted.
     """
     parts = on_the_beam(parts)
-    solution = held_out_solution(model, parts, record)
+    solution = fit(model, parts, [record], fixed=True, iterations=25)
     start = solution.motions[0].q[:1]
     if not np.isfinite(solution.chi_squared):
         start = record.motion.q[:1]

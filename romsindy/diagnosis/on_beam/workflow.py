@@ -22,8 +22,8 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.workflow import diagnose
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -92,7 +92,7 @@ def diagnose_beam(
     _check(sensors, several, everything, free)
     seen = InstrumentedBeam(beam, sensors)
     for i, decay in enumerate(everything):
-        _check_release(Measured.of(seen.decay(decay), floor), i)
+        _check_release(Record.loud(seen.decay(decay), floor), i)
     seen, own, faults, decays = _with_right_sensors(seen, several, everything)
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(several)]
@@ -102,7 +102,7 @@ def diagnose_beam(
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in catalogue if isinstance(e, Effect) and e.name not in unneeded]
     unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
-    records = [Measured.of(d, floor) for d in coordinates]
+    records = [Record.loud(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
 
     def look(decays: Sequence[Decay], most: int, floor: float = floor) -> DiagnosisReport:
@@ -168,7 +168,7 @@ def _with_right_sensors(
     return seen, simulated, () if fault is None else (fault,), decays
 
 
-def _check_release(record: Measured, i: int) -> None:
+def _check_release(record: Record, i: int) -> None:
     """Raise a ValueError for a record that does not start from rest."""
     speed = np.abs(record.motion.q_dot)
     if speed[0] > _MOVING * speed.max():
@@ -204,7 +204,7 @@ def _physical(report: DiagnosisReport) -> tuple[Part, ...]:
 
 
 def _sensor_errors(
-    seen: InstrumentedBeam, model: ReducedModel, record: Measured, decay: Decay, after: Corrected
+    seen: InstrumentedBeam, model: ReducedModel, record: Record, decay: Decay, after: Corrected
 ) -> tuple[SensorError, ...]:
     """Every sensor against the beam before and after, in one record."""
     readings = decay.between(record.decay.t[0], record.decay.t[-1]).q

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.effects.base import Scales
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
-from romsindy.record.signals import noise_std
-from romsindy.record.smoothing import HarmonicSpline, Whitener, swing
-from romsindy.typing import Array
+from romsindy.record.noise import Noise
+from romsindy.record.signals import clipped, noise_std
+from romsindy.record.smoothing import HarmonicSpline, swing
+from romsindy.typing import Array, Indices
 
-_DERIVATIVE = {"displacement": 0, "velocity": 1, "acceleration": 2}
-_STEPS_PER_CYCLE = 30
-# What vibrates below this part of the largest amplitude is not looked at.
-_QUIET = 0.01
-# A record starts with its decay if its first cycle is this large a part of the largest.
-_RELEASED = 0.8
+_LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
 
 
 @dataclass(frozen=True)
-class Measured:
+class Record:
     """One decay: what was measured, its noise, and the smooth motion behind it.
 
     Attributes
@@ -32,9 +31,9 @@ class Measured:
     decay : Decay
     signal : (n,) array
         The measured quantity.
-    derivative : int
-        0, 1, 2 for displacement, velocity, acceleration.
-    noise : Whitener
+    valid : (n,) array of bool
+        False where the sensor was at the end of its range: such samples may be left out.
+    noise : Noise
     spline : HarmonicSpline
         Of the signal.
     motion : Trajectory
@@ -43,67 +42,98 @@ class Measured:
 
     decay: Decay
     signal: Array
-    derivative: int
-    noise: Whitener
+    valid: NDArray[np.bool_]
+    noise: Noise
     spline: HarmonicSpline
     motion: Trajectory
 
     @classmethod
-    def of(cls, decay: Decay, floor: float) -> Measured:
+    def of(cls, decay: Decay, floor: float) -> Record:
         """Look at a decay; ``floor`` is the least noise, as a part of the largest amplitude."""
-        decay = _loud(decay.single())
+        decay = decay.single()
         t = decay.t - decay.t[0]
-        derivative = _DERIVATIVE[decay.measured]
-        signal = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[derivative], float)
+        signal = decay.signal
         spline = HarmonicSpline.fit(t, signal)
-        n_cycles = (spline.phase(t[-1]) - spline.phase(0.0)) / (2 * np.pi)
-        rest = signal - spline(t)[0]
-        noise = Whitener.of(rest, len(t) / n_cycles, floor * float(np.abs(signal).max()))
-        displacement = spline if derivative == 0 else HarmonicSpline.fit(t, decay.q)
-        fastest = float(spline.phase(t, 1).max())
-        grid = Grid.over(t, 2 * np.pi / fastest, _STEPS_PER_CYCLE)
-        return cls(decay, signal, derivative, noise, spline, _motion(grid, displacement))
+        cycle = t[-1] * 2 * np.pi / float(spline.phase(t[-1]) - spline.phase(0.0))
+        peak = float(np.abs(signal).max())
+        noise = Noise.of(signal - spline(t)[0], cycle, decay.dt, floor * peak)
+        displacement = spline if decay.derivative == 0 else HarmonicSpline.fit(t, decay.q)
+        shortest = 2 * np.pi / float(spline.phase(t, 1).max())
+        grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))
+        valid = np.ones(len(t), bool)
+        return cls(decay, signal, valid, noise, spline, _motion(grid, displacement))
+
+    @classmethod
+    def loud(cls, decay: Decay, floor: float) -> Record:
+        """Look at the part of a decay between its release and where it is too small to matter.
+
+        Unlike `Decay.free`, an offset stays, and growth is accepted: either may be an effect.
+
+        Raises
+        ------
+        ValueError
+            If less than three cycles stand out of the noise.
+        """
+        return cls.of(_loud(decay.single()), floor)
 
     @property
     def t(self) -> Array:
         """Times from the start of the record, s."""
         return self.decay.t - self.decay.t[0]
 
-    def early(self, part: float) -> Measured:
-        """The first part of the record, such as 0.4 of it."""
-        end = part * self.t[-1]
-        grid = self.motion.grid.until(end)
-        n, m = len(grid.fraction), self.motion
-        motion = Trajectory(
-            grid, m.q[: grid.n_steps + 1], m.q_dot[: grid.n_steps + 1], m.q_ddot[: grid.n_steps]
-        )
-        decay = self.decay.between(end=self.decay.t[n - 1])
-        return replace(self, decay=decay, signal=self.signal[:n], motion=motion)
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return self.decay.derivative
+
+    @cached_property
+    def cycles(self) -> Indices:
+        """First sample of every cycle, by the phase of the smooth motion."""
+        turn = np.floor(self.spline.phase(self.t) / (2 * np.pi))
+        return np.flatnonzero(np.diff(turn) > 0) + 1
 
     @property
     def amplitude(self) -> float:
         """Largest displacement."""
         return float(np.abs(self.motion.q).max())
 
+    def without_clipped(self) -> Record:
+        """The same, but samples at the end of the sensor's range take no part."""
+        return replace(self, valid=~clipped(self.signal))
+
+    def with_signal(self, signal: Array) -> Record:
+        """The same with another measurement, such as a simulated one."""
+        return replace(self, signal=signal)
+
+    def whitened(self, x: Array) -> Array:
+        """Misfits or their derivatives (n, ...) over the noise, made white."""
+        valid = self.valid if x.ndim == 1 else self.valid[:, None]
+        return self.noise(x * valid)
+
+
+def _steps_per_cycle(noise_share: float) -> int:
+    """Steps that keep the error of the integration, of order six, at about 1 % of the noise."""
+    steps = 20 * (0.01 / max(noise_share, 1e-12)) ** (1 / 6)
+    return int(np.clip(steps, _LEAST_STEPS, _MOST_STEPS))
+
 
 def _loud(decay: Decay) -> Decay:
-    """The part between the release and where the vibration is too small to matter."""
-    x = np.asarray((decay.q, decay.q_dot, decay.q_ddot)[_DERIVATIVE[decay.measured]])
+    x = decay.signal
     centred, cycle = swing(x)
     envelope = np.sqrt(np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
     top = int(np.argmax(envelope))
     first = 0
-    if envelope[:cycle].max() < _RELEASED * envelope[top]:  # held, or pushed, before the release
+    if envelope[:cycle].max() < RELEASED * envelope[top]:  # held, or pushed, before the release
         near = slice(max(top - cycle, 0), top + cycle)
         first = near.start + int(np.argmax(np.abs(centred[near])))
-    quiet = max(_QUIET * envelope[top], 2 * noise_std(x))
-    loud = np.flatnonzero(envelope > quiet)
-    if len(loud) == 0 or loud[-1] - first < 3 * cycle:
+    quiet = max(QUIET * envelope[top], 2 * noise_std(x))
+    above = np.flatnonzero(envelope > quiet)
+    if len(above) == 0 or above[-1] - first < 3 * cycle:
         raise ValueError(
             f"the vibration stands out of the noise (rms {noise_std(x):.2g}) for less than three"
             " cycles: it is noise, or another channel vibrates"
         )
-    return decay.between(decay.t[first], decay.t[loud[-1]])
+    return decay.between(decay.t[first], decay.t[above[-1]])
 
 
 def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
@@ -112,7 +142,7 @@ def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
     return Trajectory(grid, ends[0], ends[1], inside.reshape(-1, 3))
 
 
-def scales(records: Sequence[Measured]) -> Scales:
+def scales(records: Sequence[Record]) -> Scales:
     """Scales of all records together, with the strongest lines beside the harmonics."""
     longest = max(records, key=lambda r: r.t[-1])
     n_turns = longest.spline.phase(longest.t[-1]) - longest.spline.phase(0.0)
