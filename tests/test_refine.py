@@ -168,7 +168,7 @@ def test_a_model_that_becomes_singular_on_the_way_is_refused_with_a_remedy() -> 
     singular = {**EXAMPLE_MODEL.coefficients, "Upsilon_3": -0.4, "Upsilon_5": 0.0}
     model = rs.ReducedModel.from_coefficients(singular, unit="m")
     with pytest.raises(TrajectoryError, match=r"no motion.*use fewer terms"):
-        refine(model, noisy(0))
+        refine(model, noisy(0), fixed=("Upsilon_3", "Upsilon_5"))
 
 
 def test_an_interrupt_keeps_what_was_fitted() -> None:
@@ -176,11 +176,11 @@ def test_an_interrupt_keeps_what_was_fitted() -> None:
 
     def stop(line: str) -> None:
         lines.append(line)
-        if len(lines) == 7:
+        if len(lines) == 2:
             raise KeyboardInterrupt
 
     fit = refine(regressed(noisy(9)), noisy(9), progress=stop)
-    assert any("interrupted at a horizon" in note for note in fit.notes)
+    assert any("interrupted before the simulations" in note for note in fit.notes)
     assert fit.model.coefficients["omega^2"] == pytest.approx(36, rel=1e-3)
 
 
