@@ -9,10 +9,10 @@ from scipy.linalg import lstsq
 
 import romsindy as rs
 from romsindy.physics.example import EXAMPLE_MODEL, add_noise
-from romsindy.selection import structures
+from romsindy.selection import candidates
+from romsindy.selection.candidates import Structure, best, describe, judged
 from romsindy.selection.linearised_fit import LARGE, LinearisedFit
 from romsindy.selection.select import Selection, default_candidates, select_model
-from romsindy.selection.structures import Structure, best, describe, judged
 from romsindy.show.plots import plot_selection
 
 TRUE = set(EXAMPLE_MODEL.coefficients)
@@ -42,7 +42,7 @@ def test_models_that_lack_a_term_predict_worse(choice: Selection) -> None:
     """Every coefficient of the example is at least 20 standard errors from zero."""
     for c in choice.path:
         if not set(c.keys) >= TRUE:
-            assert c.verdict in (structures.WORSE, structures.INADEQUATE), c.name
+            assert c.verdict in (candidates.WORSE, candidates.INADEQUATE), c.name
     assert all(set(c.keys) > TRUE for c in choice.equivalent)
 
 
@@ -53,8 +53,8 @@ def test_text_and_figure_name_the_choice(choice: Selection) -> None:
     assert len(choice.table()) == len(choice.path) + 1
     ax = plot_selection(choice)
     assert [t.get_text() for t in ax.get_legend().get_texts()] == [
-        structures.CHOSEN,
-        structures.EQUIVALENT,
+        candidates.CHOSEN,
+        candidates.EQUIVALENT,
         "worse",
     ]
     plt.close(ax.figure)
@@ -173,12 +173,12 @@ def test_smallest_within_one_standard_error_wins() -> None:
     some = [contender("a b c", 0, 0), contender("a b", 2, 2.1), contender("a", 5, 4.9)]
     some += [contender("b", 5, 2.4)]
     assert best(some).keys == ("a", "b")
-    same = structures.EQUIVALENT
+    same = candidates.EQUIVALENT
     verdicts = {c.keys: c.verdict for c in judged(some, best(some))}
     assert verdicts == {
         ("a",): same,
-        ("b",): structures.WORSE,
-        ("a", "b"): structures.CHOSEN,
+        ("b",): candidates.WORSE,
+        ("a", "b"): candidates.CHOSEN,
         ("a", "b", "c"): same,
     }
 
@@ -191,7 +191,7 @@ def test_term_of_high_order_counts_as_that_order() -> None:
 def test_model_that_fails_at_large_amplitudes_is_passed_over() -> None:
     some = [contender("a b", 0, 0), contender("a", 1, 2, p=1e-4)]
     assert best(some).keys == ("a", "b")
-    assert judged(some)[0].verdict == structures.NARROW
+    assert judged(some)[0].verdict == candidates.NARROW
 
 
 def test_short_names_join_orders() -> None:

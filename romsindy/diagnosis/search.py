@@ -14,9 +14,11 @@ from romsindy.diagnosis.evidence import Hypothesis, ranked
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
 from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy, examine
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
+from romsindy.fit.shooting import shoot
 from romsindy.fit.verdict import EQUIVALENT, SCREENED, WORTH
 from romsindy.physics.model import ReducedModel
 
@@ -105,12 +107,12 @@ class Search:
 
     def remainder(self, hypothesis: Hypothesis) -> Adequacy:
         """What a hypothesis leaves."""
-        solution = hypothesis.solution
-        return examine(self.records, solution.residuals, solution.n_values)
+        s = hypothesis.solution
+        return examine(self.records, s.residuals, s.n_values, self.false_alarm)
 
     def run(self) -> Finding:
         """Look for the best hypothesis."""
-        base = self.hypothesis([])
+        base = self._settled(self.hypothesis([]))
         best = base
         seen: list[Hypothesis] = [base]
         first: Screening | None = None
@@ -143,6 +145,17 @@ class Search:
         if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
         return Finding(self._rivals(best, seen), ranked(seen), base)
+
+    def _settled(self, base: Hypothesis) -> Hypothesis:
+        """The hypothesis that all others are held against, at its least misfit."""
+        s = base.solution
+        if s.converged or not s.finite:
+            return base
+        try:
+            more = shoot(self.model, s.parts, self.records, s.motions)[0]
+        except TrajectoryError:
+            return base
+        return ranked([base, _weighed(more, self.records, len(self.free))])[0]
 
     def _negligible(self, best: Hypothesis) -> bool:
         """Whether what a hypothesis leaves is too small to matter."""

@@ -20,7 +20,7 @@ from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
-from romsindy.fit.verdict import FLOOR, ROUNDED
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR, ROUNDED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import fundamental_frequency
@@ -38,7 +38,7 @@ def diagnose(
     free: Sequence[str | Effect] = ("omega^2", "c_linear"),
     tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
-    false_alarm: float = 0.01,
+    false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
     floor: float = FLOOR,
     n_jobs: int = 1,
@@ -93,6 +93,47 @@ def diagnose(
     several = [over_shared_amplitudes(model, d) for d in several]
     training, tests, unseen = _split(several, held_out)
     records = checked_records(model, training, floor)
+    return diagnose_records(
+        model,
+        records,
+        [Record.loud(d, floor) for d in tests] if unseen else records,
+        unseen=unseen,
+        free=free,
+        tolerances=tolerances,
+        catalogue=catalogue,
+        false_alarm=false_alarm,
+        max_effects=max_effects,
+        n_jobs=n_jobs,
+        progress=progress,
+    )
+
+
+def diagnose_records(
+    model: ReducedModel,
+    records: Sequence[Record],
+    tests: Sequence[Record],
+    *,
+    unseen: bool,
+    free: Sequence[str | Effect] = ("omega^2", "c_linear"),
+    tolerances: Mapping[str, float] | None = None,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    false_alarm: float = FALSE_ALARM,
+    max_effects: int = 3,
+    n_jobs: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> DiagnosisReport:
+    """As `diagnose`, for records that are prepared and belong to the model.
+
+    Parameters
+    ----------
+    model : ReducedModel
+    records, tests : sequences of Record
+        To learn from, and to judge by.
+    unseen : bool
+        Whether the tests take no part otherwise.
+    free, tolerances, catalogue, false_alarm, max_effects, n_jobs, progress
+        As in `diagnose`.
+    """
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
     parts = _unsure(model, free, tolerances or {}, all_scales, len(records))
@@ -110,13 +151,12 @@ def diagnose(
     found = search.run()
     best = _snapped(search, found.rivals[0])
     rivals = [best, *found.rivals[1:]]
-    parts_of_best = best.solution.parts
     left = search.remainder(best)
-    gap = Gap(tuple(predict(model, parts_of_best, Record.loud(d, floor)) for d in tests), unseen)
+    gap = Gap(tuple(predict(model, best.solution.parts, test) for test in tests), unseen)
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
-        model=extended(model, parts_of_best),
+        model=extended(model, best.solution.parts),
         best=best,
         rivals=tuple(rivals),
         compared=tuple(found.compared),

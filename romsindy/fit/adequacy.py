@@ -48,6 +48,8 @@ class Adequacy:
         0 where not even the quietest cycles are.
     unit : str or None
         Of the amplitudes.
+    false_alarm : float
+        How often a right model is said to leave something at the harmonics.
     """
 
     ratio: float
@@ -58,11 +60,12 @@ class Adequacy:
     misfit: Array
     limit: float
     unit: str | None
+    false_alarm: float = FALSE_ALARM
 
     @property
     def structured(self) -> bool:
         """Whether something is left that repeats with the vibration, and matters."""
-        significant = self.p_value < FALSE_ALARM and self.structure > STRUCTURE
+        significant = self.p_value < self.false_alarm and self.structure > STRUCTURE
         return significant and not self.below_floor
 
     @property
@@ -96,7 +99,12 @@ class Adequacy:
         return f"most of it at the {name}, {rms[worst]:.3g} times the noise there"
 
 
-def examine(records: Sequence[Record], residuals: Sequence[Array], n_values: int) -> Adequacy:
+def examine(
+    records: Sequence[Record],
+    residuals: Sequence[Array],
+    n_values: int,
+    false_alarm: float = FALSE_ALARM,
+) -> Adequacy:
     """Test residuals for what repeats with the vibration.
 
     Parameters
@@ -106,7 +114,13 @@ def examine(records: Sequence[Record], residuals: Sequence[Array], n_values: int
         Measured minus simulated, unit of the measured quantity.
     n_values : int
         Number of values that were fitted to all records together.
+    false_alarm : float
+        How often a right model may be said to leave something at the harmonics.
     """
+    unit = records[0].decay.unit
+    if not all(np.all(np.isfinite(x)) for x in residuals):  # there is no motion at all
+        nothing = np.zeros((0, _HARMONICS + 1))
+        return Adequacy(np.inf, 0.0, np.inf, False, nothing[:, 0], nothing, 0.0, unit, false_alarm)
     white = [r.whitened(x) for r, x in zip(records, residuals, strict=True)]
     windows = [w for r, e in zip(records, white, strict=True) for w in _windows(r, e)]
     at, between = np.array([w.at for w in windows]), np.array([w.between for w in windows])
@@ -126,7 +140,7 @@ def examine(records: Sequence[Record], residuals: Sequence[Array], n_values: int
     n = sum(int(np.sum(r.valid)) for r in records)
     total = sum(float(e @ e) for e in white)
     matters = sum(len(r.signal) * (r.noise.floor / r.noise.std) ** 2 for r in records)
-    everything = Adequacy(
+    adequacy = Adequacy(
         ratio=float(np.sqrt(total / max(n - n_values, 1))),
         p_value=probability(np.inf),
         structure=float(at.sum() / (columns.sum() * share)),
@@ -134,14 +148,15 @@ def examine(records: Sequence[Record], residuals: Sequence[Array], n_values: int
         amplitude=amplitude,
         misfit=np.sqrt(power),
         limit=float(amplitude.max()),
-        unit=records[0].decay.unit,
+        unit=unit,
+        false_alarm=false_alarm,
     )
-    if everything.explained:
-        return everything
+    if adequacy.explained:
+        return adequacy
     below = np.sort(amplitude)
-    failed = [i for i, a in enumerate(below) if probability(a) < FALSE_ALARM]
+    failed = [i for i, a in enumerate(below) if probability(a) < false_alarm]
     first = failed[0] if failed else len(below)
-    return replace(everything, limit=float(below[first - 1]) if first else 0.0)
+    return replace(adequacy, limit=float(below[first - 1]) if first else 0.0)
 
 
 @dataclass(frozen=True)

@@ -86,10 +86,15 @@ class Record:
         """0, 1, 2 where displacement, velocity or acceleration was measured."""
         return self.decay.derivative
 
+    def phase(self, t: Array) -> Array:
+        """Phase of the displacement at times from the start, rad; 0 where q crosses 0 upwards."""
+        # q is a sine of its phase; each derivative leads by a quarter of a cycle.
+        return np.asarray(self.spline.phase(t)) - self.derivative * np.pi / 2
+
     @cached_property
     def cycles(self) -> Indices:
         """First sample of every cycle, by the phase of the smooth motion."""
-        turn = np.floor(self.spline.phase(self.t) / (2 * np.pi))
+        turn = np.floor(self.phase(self.t) / (2 * np.pi))
         return np.flatnonzero(np.diff(turn) > 0) + 1
 
     @property
@@ -97,9 +102,9 @@ class Record:
         """Largest displacement."""
         return float(np.abs(self.motion.q).max())
 
-    def without_clipped(self) -> Record:
-        """The same, but samples at the end of the sensor's range take no part."""
-        return replace(self, valid=~clipped(self.signal))
+    def without_faults(self) -> Record:
+        """The same for a fit that looks for none: clipped samples take no part, lines are noise."""
+        return replace(self, valid=~clipped(self.signal), noise=self.noise.weighing_alike())
 
     def with_signal(self, signal: Array) -> Record:
         """The same with another measurement, such as a simulated one."""

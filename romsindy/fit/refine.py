@@ -267,7 +267,7 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
                 f"decay {i} is the same record as an earlier one: counted twice, it would make"
                 " every error bar too small; give it once"
             )
-    return tuple(Record.of(d.single().free(), _NUMERICS).without_clipped() for d in several)
+    return tuple(Record.of(d.single().free(), _NUMERICS).without_faults() for d in several)
 
 
 def fit_records(

@@ -38,7 +38,7 @@ LEAST_CYCLES, OTHER_MODE = 3, 1.5
 # The vibration must be this many times the noise in the rms: 6 dB.
 ABOVE_NOISE = 2.0
 # How near to -1 times the asymmetry of the model that of a reversed record is: its standard error
-# must be half of this at most, so that the two signs are 13 standard errors apart.
+# must be half of this at most, so that the other sign is 11 standard errors off.
 REVERSED = 0.3
 # Chi-square of reversed records over that of the records as they are, at most, and over that with
 # a quadratic force that explains them: then the force is the plainer explanation.

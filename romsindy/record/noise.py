@@ -7,7 +7,7 @@ lines (mains hum, a second mode), which are listed beside it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -22,11 +22,12 @@ _HIGHEST_ORDER = 30  # of that of any signal
 # Scatter of the logarithm of the median of n lines of a windowed spectrum: 1.8 / sqrt(n). Noise
 # counts as white where no part of its spectrum is off by five times that.
 _SCATTER, _WHITE = 1.8, 5.0
-# Between low harmonics the smooth motion takes part of the noise, or leaves some of itself.
-_LOW_MAY_DIFFER = 2.0
-# Power of a line over its surroundings: of 1e4 lines of noise the largest is ln(1e4) / ln(2) = 13
-# times their median.
-_LINE, _NEAR = 20.0, 40
+# Between low harmonics the smooth motion takes part of the noise, or leaves some of itself. Only a
+# large difference over many lines says that the noise is louder there.
+_LOW_MAY_DIFFER, _MANY_LINES = 2.0, 100
+# Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
+# much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
+_LINE, _NEAR = 30.0, 40
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,11 @@ class Noise:
         Misfit that does not matter, unit of the record; part of std.
     lines : tuple of Line
         Strongest first.
+    level : float
+        Rms of all that lies between the harmonics, lines included.
+    alike : bool
+        Whether all samples weigh alike, by the level, and lines are noise. Whitening lets the
+        quietest part of the spectrum decide, which a wrong model does not survive.
     """
 
     std: float
@@ -60,6 +66,8 @@ class Noise:
     innovation: float
     floor: float
     lines: tuple[Line, ...] = ()
+    level: float = 0.0
+    alike: bool = False
 
     @classmethod
     def of(cls, rest: Array, cycle: float, dt: float, floor: float) -> Noise:
@@ -76,23 +84,28 @@ class Noise:
         order, power = _between_harmonics(rest, cycle / dt)
         lines = _lines(order, power, len(rest), cycle)
         power = power + floor**2
+        level = float(np.sqrt(np.mean(power)))
         high = order > HARMONICS + 0.5
         asked = power[high] if np.count_nonzero(high) > 200 else power
         std = float(np.sqrt(_level(asked)))
         if _is_white(asked, std) and (np.all(high) or _low_is_alike(power[~high], std)):
-            return cls(std, np.ones(1), std, floor, lines)
+            return cls(std, np.ones(1), std, floor, lines, level)
         smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)
         every = np.linspace(0, order[-1], len(rest) // 2 + 1)
         lags = np.fft.irfft(np.interp(every, order, smooth))[: _ORDER + 1]
         a = np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
         white = _between_harmonics(lfilter(a, [1.0], rest), cycle / dt)[1]
-        innovation = np.sqrt(_level(white) + floor**2 * float(a @ a))
-        return cls(float(np.sqrt(lags[0])), a, float(innovation), floor, lines)
+        innovation = float(np.sqrt(_level(white) + floor**2 * float(a @ a)))
+        return cls(float(np.sqrt(lags[0])), a, innovation, floor, lines, level)
+
+    def weighing_alike(self) -> Noise:
+        """The same for fits that may be wrong: see `alike`."""
+        return replace(self, std=self.level, alike=True)
 
     def __call__(self, x: Array) -> Array:
         """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
-        if len(self.filter) == 1:
-            return x / self.innovation
+        if self.alike or len(self.filter) == 1:
+            return x / self.std
         return lfilter(self.filter, [1.0], x, axis=0) / self.innovation
 
     def draw(self, n: int, dt: float, rng: np.random.Generator) -> Array:
@@ -114,7 +127,7 @@ def _between_harmonics(x: Array, cycle: float) -> tuple[Array, Array]:
     order = np.arange(len(power)) * cycle / n
     between = (np.abs(order % 1 - 0.5) < 0.25) | (order > HARMONICS + 0.5)
     between[: min(3, len(between))] = False
-    between[-1] = False  # at half the sampling rate there is a cosine only
+    between[-3:] = False  # near half the sampling rate a window mirrors its line into itself
     return order[between], power[between]
 
 
@@ -131,8 +144,7 @@ def _is_white(power: Array, std: float) -> bool:
 
 
 def _low_is_alike(power: Array, std: float) -> bool:
-    scatter = _WHITE * _SCATTER / np.sqrt(len(power))
-    return _off(power, std) < max(scatter, np.log(_LOW_MAY_DIFFER))
+    return len(power) < _MANY_LINES or _off(power, std) < np.log(_LOW_MAY_DIFFER)
 
 
 def _off(power: Array, std: float) -> float:
@@ -142,7 +154,7 @@ def _off(power: Array, std: float) -> float:
 def _lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]:
     """Peaks that stand out of the spectrum round them as noise never does."""
     floor = median_filter(power, 2 * _NEAR + 1, mode="nearest")
-    left, found = power.copy(), []
+    left, found = np.where(order > 0.5, power, 0.0), []
     while len(left) and (peak := int(np.argmax(left / np.maximum(floor, 1e-300)))):
         if left[peak] < _LINE * floor[peak]:
             break

@@ -17,14 +17,14 @@ from romsindy.physics.terms import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import row_weights
 from romsindy.regression.projection import HarmonicProjection, Rows
-from romsindy.selection.linearised_fit import Keys, LinearisedFit
-from romsindy.selection.structures import (
+from romsindy.selection.candidates import (
     EQUIVALENT,
     LOST,
     Structure,
     describe,
     judged,
 )
+from romsindy.selection.linearised_fit import Keys, LinearisedFit
 from romsindy.typing import Array, Indices
 
 # Cycles are dealt into this many parts for the screening by regression.

@@ -19,15 +19,15 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.terms import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.library import ROMLibrary, library_terms
-from romsindy.selection.linearised_fit import LARGE, Keys
-from romsindy.selection.search import Screen, Search
-from romsindy.selection.structures import (
+from romsindy.selection.candidates import (
     CHOSEN,
     EQUIVALENT,
     Structure,
     best,
     judged,
 )
+from romsindy.selection.linearised_fit import LARGE, Keys
+from romsindy.selection.search import Screen, Search
 from romsindy.typing import Array
 
 ORDERS = (3, 5, 7, 9)
