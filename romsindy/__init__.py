@@ -1,81 +1,61 @@
 """romsindy: equations of motion, with nonlinear inertia, from measured free decays."""
 
-from romsindy.beam import Beam
-from romsindy.diagnosis import BeamReport, DiagnosisReport, diagnose, diagnose_beam
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.bootstrap import Bootstrap, bootstrap
-from romsindy.fit.refine import Band, Fit, refine
-from romsindy.orbits.continuation import Branch, ContinuationError, Steps, continue_branch
-from romsindy.orbits.curves import (
-    BackboneCurve,
-    Bifurcation,
-    ForcedResponse,
-    backbone_curve,
-    forced_response,
-)
-from romsindy.physics.example import add_noise, example_decay
-from romsindy.physics.model import ReducedModel, SingularInertiaError
-from romsindy.record.backbone import Backbone, extract_backbone
-from romsindy.record.decay import Decay
-from romsindy.record.files import load_decay, save_decay
-from romsindy.record.filters import Butterworth, SavitzkyGolay
-from romsindy.regression.estimator import HarmonicSINDy, ScaledOptimizer
-from romsindy.regression.library import (
-    BeamTheoryLibrary,
-    DampingLibrary,
-    ICROMLibrary,
-    ROMLibrary,
-    StiffnessLibrary,
-    implicit_data,
-)
-from romsindy.regression.projection import HarmonicLibrary, HarmonicProjection
-from romsindy.selection.select import Selection, default_candidates, select_model
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "Adequacy",
-    "Backbone",
-    "BackboneCurve",
-    "Band",
-    "Beam",
-    "BeamReport",
-    "BeamTheoryLibrary",
-    "Bifurcation",
-    "Bootstrap",
-    "Branch",
-    "Butterworth",
-    "ContinuationError",
-    "DampingLibrary",
-    "Decay",
-    "DiagnosisReport",
-    "Fit",
-    "ForcedResponse",
-    "HarmonicLibrary",
-    "HarmonicProjection",
-    "HarmonicSINDy",
-    "ICROMLibrary",
-    "ROMLibrary",
-    "ReducedModel",
-    "SavitzkyGolay",
-    "ScaledOptimizer",
-    "Selection",
-    "SingularInertiaError",
-    "Steps",
-    "StiffnessLibrary",
-    "add_noise",
-    "backbone_curve",
-    "bootstrap",
-    "continue_branch",
-    "default_candidates",
-    "diagnose",
-    "diagnose_beam",
-    "example_decay",
-    "extract_backbone",
-    "forced_response",
-    "implicit_data",
-    "load_decay",
-    "refine",
-    "save_decay",
-    "select_model",
-]
+# Public names by the module that they live in. A module is imported when a name of it is used:
+# to print help needs no compiler, and to fit a model no beam. `__init__.pyi` says the same to type
+# checkers.
+_HOMES = {
+    "romsindy.beam": ("Beam",),
+    "romsindy.diagnosis": ("BeamReport", "DiagnosisReport", "diagnose"),
+    "romsindy.fit.adequacy": ("Adequacy",),
+    "romsindy.fit.bootstrap": ("Bootstrap", "bootstrap"),
+    "romsindy.fit.refine": ("Band", "Fit", "refine"),
+    "romsindy.orbits.continuation": ("Branch", "ContinuationError", "Steps", "continue_branch"),
+    "romsindy.orbits.curves": (
+        "BackboneCurve",
+        "Bifurcation",
+        "ForcedResponse",
+        "backbone_curve",
+        "forced_response",
+    ),
+    "romsindy.physics.example": ("add_noise", "example_decay"),
+    "romsindy.physics.model": ("ReducedModel", "SingularInertiaError"),
+    "romsindy.record.backbone": ("Backbone", "extract_backbone"),
+    "romsindy.record.decay": ("Decay",),
+    "romsindy.record.files": ("load_decay", "save_decay"),
+    "romsindy.record.filters": ("Butterworth", "SavitzkyGolay"),
+    "romsindy.regression.estimator": ("HarmonicSINDy", "ScaledOptimizer"),
+    "romsindy.regression.library": (
+        "BeamTheoryLibrary",
+        "DampingLibrary",
+        "ICROMLibrary",
+        "ROMLibrary",
+        "StiffnessLibrary",
+        "implicit_data",
+    ),
+    "romsindy.regression.projection": ("HarmonicLibrary", "HarmonicProjection"),
+    "romsindy.selection.select": ("Selection", "default_candidates", "select_model"),
+}
+_ROOMS = ("beam", "diagnosis", "effects", "physics", "show", "study")
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name, or a room, when it is first used (PEP 562)."""
+    if name in _ROOMS:
+        return import_module(f"romsindy.{name}")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'romsindy' has no attribute {name!r}")
+    value = getattr(import_module(_MODULE_OF[name]), name)
+    globals()[name] = value  # the next use is a plain look-up
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_ROOMS})

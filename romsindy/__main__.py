@@ -1,5 +1,5 @@
 """``python -m romsindy``."""
 
-from romsindy.commands.identify import main
+from romsindy.commands.main import main
 
 main()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from romsindy.beam import Beam, Shape, normal_modes
-from romsindy.beam.effects.dashpot import Dashpot
+from romsindy.effects import Damper
 from romsindy.record.backbone import extract_backbone
 
 
@@ -90,6 +90,6 @@ def test_bad_input_is_named() -> None:
         beam.normal_mode([0.0])
     with pytest.raises(ValueError, match="forces = 1 must be at least 2"):
         beam.normal_mode([0.01], forces=1)
-    damped = plain(4).with_effect(Dashpot(coefficient=0.01))
+    damped = plain(4).with_effect(Damper().on_beam(0.01))
     with pytest.raises(ValueError, match="effects of the beam dissipate"):
         damped.normal_mode([0.01], progress=False)

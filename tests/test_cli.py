@@ -1,12 +1,22 @@
 import base64
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from romsindy import ReducedModel, __version__, add_noise, example_decay, save_decay
-from romsindy.commands.identify import main
+from romsindy import (
+    ReducedModel,
+    __version__,
+    add_noise,
+    example_decay,
+    extract_backbone,
+    save_decay,
+)
+from romsindy.commands import identify as identify_module
+from romsindy.commands.main import main
 
 
 @pytest.fixture
@@ -24,6 +34,10 @@ def test_example_prints_models_and_writes_a_page(run, tmp_path):
     errors = re.search(r"IC-ROM model misses .* by ([\d.]+) % rms.* stiffness .* by ([\d.]+) % rms",
                        result.output)  # fmt: skip
     assert float(errors[1]) < 0.2 < float(errors[2])
+    # The last cycle is lost in the noise: it judges no model, and no sentence counts it.
+    cycles = len(extract_backbone(example_decay(35.0, 0).free()))
+    assert f"Over {cycles - 1} cycles" in result.output
+    assert "whose own frequency is not known to 1 % are left out (1)" in result.output
     page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert len(pictures) == 6 and "http" not in page.replace("http-equiv", "")
@@ -64,6 +78,11 @@ def test_file_with_options(run, tmp_path):
     assert "36 (fixed)" in result.output and "c_quadratic" in result.output
     assert "Upsilon_4" not in result.output and "cutoff=8.0" in result.output
     assert (tmp_path / "page.html").is_file()
+
+
+def test_amplitudes_without_a_cycle(run):
+    result = run("identify", "--example", "--amplitude", 100, 200)
+    assert result.exit_code == 2 and "amplitude = (100.0, 200.0) holds no cycle" in result.stderr
 
 
 def test_measured_velocity(run, measured):
@@ -123,7 +142,7 @@ def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, name, options, mes
     assert message in " ".join(result.output.split())
     assert "Traceback" not in result.output
     errors = [line for line in result.output.splitlines() if line.startswith("Error: ")]
-    assert len(errors) == 1
+    assert len(errors) == 1 and result.stderr.splitlines()[-1] == errors[0]
 
 
 def test_text_in_a_number_column_empty_and_missing_files(run, tmp_path):
@@ -160,6 +179,53 @@ def test_saved_decays_are_read_back(run, tmp_path):
     result = run("identify", "clean.npz", "--no-refine")
     assert result.exit_code == 0, result.output
     assert "IC-ROM model misses the measured frequency by 0.001" in result.output
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--bogus"],
+        ["bogus"],
+        ["identify", "--bogus"],
+        ["identify", "--order", "two"],
+        ["simulate"],
+        ["simulate", "decay.csv", "--elements", "-3"],
+        ["study", "--seeds", "1"],
+        ["diagnose"],
+        ["diagnose", "--measured", "nowhere.csv"],
+    ],
+)
+def test_every_command_refuses_in_one_line(run, arguments):
+    result = run(*arguments)
+    assert result.exit_code == 2 and result.stdout == ""
+    assert re.fullmatch(r"Error: .*\n", result.stderr)
+
+
+def test_an_internal_error_is_no_refusal(run, monkeypatch):
+    """It ends with exit code 1 and keeps its traceback."""
+
+    def broken(*_):
+        raise KeyError("a bug")
+
+    monkeypatch.setattr(identify_module, "example_decay", broken)
+    result = run("identify", "--example")
+    assert result.exit_code == 1 and isinstance(result.exception, KeyError)
+
+
+def test_help_imports_no_command(run):
+    """Neither the numbers nor the figures: help is printed at once."""
+    code = (
+        "import sys; from romsindy.commands.main import main;"
+        " main(['--help'], standalone_mode=False);"
+        " sys.exit(bool({'numpy', 'matplotlib', 'romsindy.commands.study'} & {*sys.modules}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    # Each line of help is the first of the command's own.
+    listed = dict(re.findall(r"^  (\w+)  +(.+)$", done.stdout.partition("Commands:")[2], re.M))
+    for name, line in listed.items():
+        assert line in " ".join(run(name, "--help").output.split())
+    assert run().output == run("--help").output
 
 
 def test_version_and_help(run):

@@ -39,7 +39,7 @@ def test_known_coefficients_enter_every_model():
 
 
 def test_uncertain_cycles_do_not_judge(candidates):
-    """The last cycle, in the noise, is known to less than 1 %: nan, and counted nowhere."""
+    """The frequency of the last cycle is not known to 1 %: nan, and counted nowhere."""
     icrom = candidates[2]
     assert np.count_nonzero(np.isnan(icrom.error)) == 1 and icrom.lost == 0
 
@@ -74,3 +74,12 @@ def test_table_has_a_row_for_every_coefficient(candidates):
     assert float(by["backbone error, rms"][4]) == pytest.approx(
         100 * candidates[2].rms_error, rel=0.01
     )
+
+
+def test_rows_are_in_the_order_of_their_numbers():
+    """gamma_10 comes after gamma_2 and gamma_9."""
+    free = example_decay(35.0, 0).free()
+    found = list(compare_models(free.conditioned(), extract_backbone(free), 10))
+    names = [row[0] for row in coefficient_table(found)]
+    gammas = [name for name in names if name.startswith("gamma")]
+    assert gammas == [f"gamma_{m}" for m in range(2, 11)]

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import romsindy as rs
-from romsindy.commands.identify import main
+from romsindy.commands import diagnose as diagnose_command
+from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
+from romsindy.diagnosis.missing_force import MissingForce, record_errors
 from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.effects import AirDrag
+from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
-from romsindy.physics.force_laws import PowerDamping
-from romsindy.show.diagnosis_page import drawn
+from romsindy.physics.damping import PowerDamping
 
 OMEGA = 2 * np.pi * 5
 NOMINAL = {
@@ -128,7 +135,7 @@ def test_an_effect_of_the_users_own():
         name, family, sign = "fourth_power", "damping", 1
         label = "damping with the fourth power of speed"
 
-        def term(self, shape):
+        def term(self):
             return PowerDamping(4.0)
 
     *learn, test = three(force=lambda t, q, v: 3e-6 * abs(v) ** 3 * v)
@@ -159,7 +166,67 @@ def test_report_files(tmp_path):
     assert page.count("data:image/png;base64") == 6 and result.sentence[:40] in page
     assert json.loads(result.to_json())["effects"][0]["name"] == "quadratic_drag"
     result.to_csv(tmp_path / "table.csv")
-    assert "quadratic_drag,strength" in (tmp_path / "table.csv").read_text()
+    assert "quadratic_drag,,strength" in (tmp_path / "table.csv").read_text()
+
+
+def test_before_by_record_is_the_simulation_as_it_was():
+    """As in the table of the gap; a fit of the frequency alone would leave nothing of it."""
+    *learn, test = three(changed={"omega^2": 1.004 * OMEGA**2})
+    result = diagnose(MODEL, learn, held_out=test)
+    parts = result.best.solution.parts
+    names, before, after = record_errors(MODEL, parts, result.records, result.gap)
+    assert names == ["record 1", "record 2", "held out"]
+    assert before[-1] == result.gap.before and after[-1] == result.gap.after
+    # In 12 s the phase is lost by a tenth of a cycle, and noise is at 1 % of the rms.
+    assert before.min() > 5 and after.max() < 1.1
+
+
+@pytest.mark.parametrize("quantity", ["displacement", "velocity"])
+def test_drag_is_in_phase_with_the_velocity_whatever_was_measured(quantity):
+    clean = decay(1.0, HIDDEN["quadratic_drag"][0]["force"], snr_db=80)
+    if quantity == "velocity":
+        clean = rs.Decay.from_velocity(clean.t, CubicSpline(clean.t, clean.q)(clean.t, 1))
+    missing = MissingForce.of(MODEL, (), Record.loud(clean, 1e-4))
+    with_q, with_v = np.abs(missing.harmonics())
+    # The mean of an asymmetric vibration, which velocity has lost, looks like stiffness.
+    assert with_v[1] > 2 * with_q[1]
+    # At the up-crossing of q, where its phase is 0, the velocity is largest.
+    assert_allclose(missing.q, np.hypot(missing.q, missing.q_dot) * np.sin(missing.phase), atol=0.2)
+
+
+def test_the_side_of_a_stop_is_reported():
+    """In the sentence, the table and the JSON text: a stop below is met at negative q."""
+    hidden = three(force=lambda t, q, v: -0.02 * OMEGA**2 * max(-q - 0.4, 0.0))
+    result = diagnose(MODEL, hidden[:2], held_out=hidden[2])
+    assert result.best.names == ("stop",)
+    assert "a stop on one side [below] (" in result.sentence
+    assert result.table()[1][:2] == ["stop", "below"]
+    assert json.loads(result.to_json())["effects"][0]["variant"] == "below"
+
+
+def test_one_function_for_every_simulation():
+    """All arguments have names, and those of the other kind of simulation are refused."""
+    good = decay(1.0)
+    beam = rs.Beam.cantilever(elements=4)
+    sensors = beam.sensors([0.45])
+    assert {"model", "sensors", "tolerances"} <= {*inspect.signature(rs.diagnose).parameters}
+    result = rs.diagnose(model=MODEL, measured=good, catalogue=CATALOGUE[:1], max_effects=1)
+    assert result.verdict == "none"
+    refused(good, "sensors = None: a Beam needs", beam)
+    refused(
+        good, "coefficients of a ReducedModel", beam, sensors=sensors, tolerances={"gamma_3": 1}
+    )
+    refused(good, "belong to a Beam", sensors=sensors)
+    refused(good, "model is a str", "model.json")
+    refused(good, "catalogue", catalogue=[AirDrag])
+
+
+def test_an_error_that_grows_does_not_fall():
+    result = report(**HIDDEN["quadratic_drag"][0])
+    assert "falls from" in result.sentence
+    swapped = [replace(p, before=p.after, after=p.before) for p in result.gap.predictions]
+    worse = replace(result, gap=replace(result.gap, predictions=tuple(swapped)))
+    assert "goes from" in worse.sentence and "falls" not in worse.sentence
 
 
 # -- bad input --------------------------------------------------------------------------------
@@ -261,7 +328,7 @@ def test_pendulum_lacks_dry_friction(measured):
     after = np.concatenate(result.best.solution.residuals)
     assert np.rad2deg(np.sqrt(np.mean(after**2))) < 0.8
     # Eight cycles are enough for every picture; the simulation damps too much there.
-    readings = {title: reading for title, _, reading in drawn(result)}
+    readings = {p.title: p.caption for p in result.page()["pictures"]}
     assert "nan" not in " ".join(readings.values())
     assert "with the velocity: damping" in readings["By phase"]
 
@@ -287,7 +354,7 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
     assert left < 0.05
 
 
-def test_command_line(tmp_path):
+def test_command_line(tmp_path, monkeypatch):
     rs.save_decay(decay(1.0, HIDDEN["quadratic_drag"][0]["force"]), tmp_path / "test.csv")
     (tmp_path / "model.json").write_text(MODEL.to_json())
     arguments = ["diagnose", "--measured", str(tmp_path / "test.csv"), "--model"]
@@ -297,6 +364,16 @@ def test_command_line(tmp_path):
     assert "air drag" in done.output and (tmp_path / "page.html").is_file()
     exact = CliRunner().invoke(main, [*arguments, "--free", "nothing"])
     assert exact.exit_code == 0 and "air drag" in exact.output
+    # A floor of 0 is a floor: nothing is too small to matter.
+    seen = {}
+
+    def watched(**options):
+        seen.update(options)
+        raise ValueError("seen enough")
+
+    monkeypatch.setattr(diagnose_command, "run_diagnosis", watched)
+    CliRunner().invoke(main, [*arguments, "--floor", "0"])
+    assert seen["floor"] == 0.0 and "free" not in seen
     refusal = CliRunner().invoke(main, arguments[:3])
     assert refusal.exit_code == 2 and "--simulated" in refusal.output
 

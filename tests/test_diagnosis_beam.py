@@ -13,15 +13,15 @@ from click.testing import CliRunner
 
 import romsindy as rs
 from romsindy.beam import Beam
-from romsindy.beam.effects import AddedMass, ClampCompliance, Dashpot, Drag
+from romsindy.beam.changes import ClampCompliance, StifferBending
 from romsindy.beam.sensors import Sensor
-from romsindy.commands.identify import main
-from romsindy.diagnosis.on_beam import InstrumentedBeam, ViscousForce, load_beam
-from romsindy.diagnosis.on_beam.forces import OtherMassDamping, beam_forces
-from romsindy.diagnosis.on_beam.parameters import Stiffer, parameter_effects
+from romsindy.commands.main import main
+from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam
+from romsindy.diagnosis.on_beam.mounted import mounted_effects
+from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
 from romsindy.diagnosis.on_beam.static_curve import StaticCurve
-from romsindy.effects import CATALOGUE
+from romsindy.effects import CATALOGUE, AirDrag, AtPoint, Damper, PointMass
 from romsindy.effects.base import Scales, State
 from romsindy.record.signals import with_noise
 
@@ -44,7 +44,7 @@ def decay(beam, q, seed):
 
 @pytest.fixture(scope="module")
 def heavier():
-    beam = BEAM.with_effect(AddedMass(mass=4e-4))
+    beam = BEAM.with_effect(PointMass(4e-4))
     return [decay(beam, q, i) for i, q in enumerate((0.016, 0.011, 0.013))]
 
 
@@ -80,7 +80,7 @@ def test_hidden_mass_is_named_weighed_and_put_back(report):
 def test_report_is_written(report, tmp_path):
     report.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
-    assert "Sensors of the beam" in page and "beam.with_effect(AddedMass(" in page
+    assert "Sensors of the beam" in page and "beam.with_effect(PointMass(" in page
     assert json.loads(report.to_json())["sensors"][0]["label"] == "y(0.12)"
     report.to_csv(tmp_path / "table.csv")
     assert "added_mass" in (tmp_path / "table.csv").read_text()
@@ -95,30 +95,30 @@ def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     assert [e.label for e in report.sensor_errors] == ["y(0.12)", "y(0.28)", "y(0.36)", "y(0.45)"]
 
 
-class MiddleDamper(ViscousForce):
-    """A force of one's own: a damper at mid-span."""
+class MiddleDamper(Damper):
+    """An effect of one's own: a damper at mid-span."""
 
-    name, family, sign = "middle_damper", "damping", 1
-    label, unit = "a damper at mid-span", "N s/m"
-
-    def beam_effect(self, strength, shape):
-        return Dashpot(coefficient=max(strength, 0.0), at=0.225)
+    name, label = "middle_damper", "a second damper"
+    mounting = AtPoint(0.225)
 
 
 def test_a_force_of_ones_own_is_found():
     """At mid-span a damper acts along another curve than at the tip, which drops faster."""
-    truth = BEAM.with_effect(Dashpot(coefficient=0.02, at=0.225))
+    truth = BEAM.with_effect(Damper().on_beam(0.02, AtPoint(0.225)))
     decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.011, 0.013))]
     report = rs.diagnose(
         BEAM,
         decays[:2],
         sensors=SEEN.sensors,
         held_out=decays[2],
-        catalogue=(*CATALOGUE, MiddleDamper),
+        catalogue=(*CATALOGUE, MiddleDamper()),
     )
     assert ("middle_damper",) in report.equivalent
     best = {h.names: h.effects[0].strengths[0, 0] for h in report.reduced.rivals}
     assert best[("middle_damper",)] == pytest.approx(0.02, rel=0.02)
+    effect = next(e for e in report.effects if e.name in ("middle_damper", "viscous"))
+    assert effect.units == {"strength": "N s/m"}
+    assert effect.label.endswith(("at 0.225 m", "at the tip"))
 
 
 def test_forces_do_the_work_of_the_beam():
@@ -130,27 +130,48 @@ def test_forces_do_the_work_of_the_beam():
     zero = np.zeros(len(at))
     rate = 0.3
     state = State(zero, curve.q[at], zero + rate, zero, 1e-3)
-    force = OtherMassDamping(curve).forces(state, np.zeros(0))[0]
+    mass_damping = damping_effects(curve)[0]
+    force = mass_damping.forces(state)[0]
     # Differences over 1/60 of the reach; the spline of 42 shapes.
     np.testing.assert_allclose(force, rate * np.array(power), rtol=1e-4)
     middle = State(zero, zero, zero + 1.0, zero, 1e-3)
-    unit = OtherMassDamping(curve).forces(middle, np.zeros(0))[0]
+    unit = mass_damping.forces(middle)[0]
     np.testing.assert_allclose(unit, 1.0, rtol=1e-4)
 
 
-@pytest.mark.parametrize("force", beam_forces(StaticCurve.of(SEEN, 0.016)), ids=lambda f: f.name)
+CURVE = StaticCurve.of(SEEN, 0.016)
+FORCES = [
+    f.shaped({p.name: p.starts[2] for p in f.parameters(Scales(0.016, 38.0, 20.0))})
+    for f in (*mounted_effects(CURVE), *damping_effects(CURVE))
+]
+
+
+@pytest.mark.parametrize("force", FORCES, ids=lambda f: f"{f.name} {f.variant}")
+def test_a_force_on_the_beam_is_projected_on_its_curve(force):
+    """The work of the load itself on the shapes x(q) with velocity x'(q) q_dot, node by node."""
+    at = np.arange(5, len(CURVE.q) - 5, 11)
+    rate = 0.3
+    loaded, own = BEAM.with_effect(force.on_beam(1.0)).assembly, BEAM.assembly
+    work = [
+        np.vdot(v, loaded.residual(x, rate * v)[0] - own.residual(x, rate * v)[0])
+        for x, v in zip(CURVE.shapes[at], CURVE.tangents[at], strict=True)
+    ]
+    zero = np.zeros(len(at))
+    said = force.forces(State(zero, CURVE.q[at], zero + rate, zero, 0.0))[0]
+    # Friction creeps below 1 mm/s; Simpson's rule on 8 elements integrates drag to 1e-3.
+    np.testing.assert_allclose(said, work, atol=2e-3 * np.abs(work).max() + 1e-12)
+
+
+@pytest.mark.parametrize("force", FORCES, ids=lambda f: f"{f.name} {f.variant}")
 def test_slopes_are_those_of_the_force(force):
     """Central differences; 1e-5 of the reach keeps their error below 1e-6 of the largest slope."""
-    shape = np.array([s.starts[2] for s in force.shapes(Scales(0.016, 38.0, 20.0))])
     q, q_dot = np.array([-0.0113, -0.004, 0.0052, 0.0121]), np.array([0.2, -0.3, 0.1, -0.25])
 
     def at(q, q_dot):
-        return force.forces(State(0 * q, q, q_dot, 0 * q + 3.0, 1e-3), shape)[0]
+        return force.forces(State(0 * q, q, q_dot, 0 * q + 3.0, 1e-3))[0]
 
     h = 1.6e-7
-    by_q, by_q_dot, _ = force.slopes(
-        State(0 * q, q, q_dot, 0 * q + 3.0, 1e-3), shape, np.array([1.0])
-    )
+    by_q, by_q_dot, _ = force.slopes(State(0 * q, q, q_dot, 0 * q + 3.0, 1e-3), np.array([1.0]))
     top = np.abs(by_q).max() + np.abs(by_q_dot).max() + 1e-300
     for slope, (dq, dv) in ((by_q, (h, 0.0)), (by_q_dot, (0.0, h))):
         change = (at(q + dq, q_dot + dv) - at(q - dq, q_dot - dv)) / (2 * h)
@@ -159,11 +180,11 @@ def test_slopes_are_those_of_the_force(force):
 
 def test_directions_follow_the_beam():
     """Second-order convergence of omega^2: the direction is the derivative."""
-    directions = {p.name: p.direction for p in parameter_effects(SEEN, 0.016)}
+    directions = {p.name: p for p in parameter_effects(SEEN, 0.016)}
     slope = directions["bending_stiffness"].linear_shift(SEEN.basis.omega[0] ** 2)
 
     def omega2(change):
-        return BEAM.with_effect(Stiffer(change)).modes(count=3).omega[0] ** 2
+        return BEAM.with_effect(StifferBending(change)).modes(count=3).omega[0] ** 2
 
     assert slope == pytest.approx((omega2(0.01) - omega2(-0.01)) / 0.02, rel=0.02)
     softer = BEAM.with_effect(ClampCompliance(1e-3)).modes(count=3).omega[0]
@@ -203,7 +224,7 @@ def test_few_clipped_swings_are_seen(own):
 
 
 def test_physics_is_no_fault_of_a_sensor(own):
-    for effect in (Drag(coefficient=2.0), AddedMass(mass=1e-3), ClampCompliance(0.01)):
+    for effect in (AirDrag().on_beam(0.03), PointMass(1e-3), ClampCompliance(0.01)):
         beam = BEAM.with_effect(effect)
         readings = with_noise(seen(beam).readings(beam, 0.016, 3.0, STEP), 35, 0)
         assert find_fault(readings, own, SEEN.shapes, SEEN.sensors.labels) is None

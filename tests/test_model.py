@@ -242,3 +242,9 @@ def test_coefficients_are_checked():
         ReducedModel(EXAMPLE_MODEL.terms[:1], (1.0, 2.0))
     with pytest.raises(ValueError, match="appear twice"):
         ReducedModel(EXAMPLE_MODEL.terms[:1] * 2, (1.0, 2.0))
+
+
+def test_printed_natural_frequency_counts_added_mass():
+    """Of (1 + mu) q'' + omega^2 q = 0: sqrt(omega^2 / (1 + mu))."""
+    model = ReducedModel.from_coefficients({"omega^2": 36.0, "mu": 0.44})
+    assert "omega = 5 rad/s, 0.79577 Hz" in str(model)

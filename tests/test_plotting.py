@@ -13,6 +13,7 @@ from romsindy import (
     forced_response,
 )
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import plots
 
 
@@ -50,6 +51,18 @@ def test_decay_damping_magnitudes_and_residuals(backbone):
     ax = plots.plot_residual({"IC-ROM": estimator})
     assert len(ax.patches) == 4 and ax.get_xlabel() == "harmonic"
     assert all(bar.get_height() > 0 for bar in ax.patches)
+
+
+def test_magnitudes_of_every_kind_of_term():
+    """Stops, magnets and a constant force are drawn too, under a name of their own."""
+    values = {"omega^2": 36.0, "gamma_3": 9.0, "k_above 0.5": 1.0, "k_gap 0.3": 1.0}
+    others = {"f_constant": 0.1, "mu": 0.1, "c_|q_dot|^2": 0.1, "gamma_|q|^2.5": 1.0}
+    magnet = MagnetForce(3.0, 1, 2.0).key
+    model = ReducedModel.from_coefficients(values | others | {magnet: 0.1})
+    ax = plots.plot_relative_magnitude(model, [0.1, 1.0])
+    labels = [line.get_label() for line in ax.lines]
+    assert len({*labels}) == 9 and labels[2:5] == ["k_above 0.5", "k_gap 0.3", "f_constant"]
+    assert all(np.all(line.get_ydata() > 0) for line in ax.lines if "k_" not in line.get_label())
 
 
 def test_forced_response_with_backbone_curve():

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 from romsindy import HarmonicSINDy, ROMLibrary
 from romsindy.commands import study as study_command
-from romsindy.commands.identify import main
+from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.record.cycles import crossings
 from romsindy.study import (

@@ -21,10 +21,24 @@ from joblib import Parallel, delayed
 
 import romsindy as rs
 from romsindy.beam import Beam
-from romsindy.beam import effects as on_beam
-from romsindy.beam.effects.spring import find_spring
+from romsindy.beam.changes import ClampCompliance, ExtraTension
 from romsindy.beam.sensors import Sensor
+from romsindy.beam.spring import find_spring
 from romsindy.diagnosis.on_beam import InstrumentedBeam, diagnose_beam
+from romsindy.effects import (
+    AirDrag,
+    AtPoint,
+    CubicStiffness,
+    Damper,
+    DryFriction,
+    Load,
+    PointMass,
+    SpringFriction,
+    Stop,
+    TowardsAnchor,
+    TwoSidedGap,
+)
+from romsindy.physics.stiffness import MagnetForce
 from romsindy.record.signals import with_noise
 
 AMPLITUDES = (0.017, 0.011, 0.014)  # kg^0.5 m
@@ -61,26 +75,25 @@ def hidden(name: str, beam: Beam, rng: np.random.Generator) -> Beam:
     if name == "material_damping":
         return replace(beam, eta=beam.eta + 8e-5 * size)
     gap = rng.uniform(0.4, 0.7) * reach
+    at_rest = AtPoint(datum=rest)
+    stiffness = 0.5 * size  # N/m, of contacts
+    pole = (beam.length, rest + side * 1.5 * reach)
     effect = {
-        "quadratic_drag": lambda: on_beam.Drag(coefficient=1.2 * size),
-        "viscous": lambda: on_beam.Dashpot(coefficient=2e-3 * size),
-        "dry_friction": lambda: on_beam.Friction(limit=5e-4 * size),
-        "added_mass": lambda: on_beam.AddedMass(mass=3e-4 * size),
-        "pre_tension": lambda: on_beam.ExtraTension(tension=0.03 * size * side),
-        "clamp_compliance": lambda: on_beam.ClampCompliance(compliance=5e-3 * size),
-        "cubic_stiffness": lambda: on_beam.CubicSpring(cubic=100.0 * size * side),
-        "stop": lambda: on_beam.Stop(
-            stiffness=0.5 * size,
-            above=rest + gap if side > 0 else None,
-            below=rest - gap if side < 0 else None,
+        # 1/2 density of air, drag coefficient 1.2, width 25 mm
+        "quadratic_drag": lambda: AirDrag().on_beam(0.5 * 1.2 * 0.025 * 1.2 * size),
+        "viscous": lambda: Damper().on_beam(2e-3 * size),
+        "dry_friction": lambda: DryFriction().on_beam(5e-4 * size),
+        "added_mass": lambda: PointMass(3e-4 * size),
+        "pre_tension": lambda: ExtraTension(tension=0.03 * size * side),
+        "clamp_compliance": lambda: ClampCompliance(compliance=5e-3 * size),
+        "cubic_stiffness": lambda: CubicStiffness().on_beam(100.0 * size * side),
+        "stop": lambda: Stop(int(side), side * gap).on_beam(stiffness, at_rest),
+        "two_sided_gap": lambda: TwoSidedGap(gap).on_beam(stiffness, at_rest),
+        # two dipoles, 1e-6 N m^4
+        "magnet": lambda: Load(
+            MagnetForce(0.1, -1, 4.0), 1e-6 * size / 0.1**4, TowardsAnchor(pole, length=0.1)
         ),
-        "two_sided_gap": lambda: on_beam.Stop(
-            stiffness=0.5 * size, above=rest + gap, below=rest - gap
-        ),
-        "magnet": lambda: on_beam.Magnet(
-            strength=1e-6 * size, position=(beam.length, rest + side * 1.5 * reach), power=4.0
-        ),
-        "spring_friction": lambda: on_beam.SpringFriction(limit=0.02 * size),
+        "spring_friction": lambda: SpringFriction().on_beam(0.02 * size),
     }[name]()
     return beam.with_effect(effect)
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from romsindy.beam import element, kernel
-from romsindy.beam.effects.base import ForceEffect, LineEffect, Point, PointEffect, Vector
-from romsindy.beam.effects.mass import AddedMass
+from romsindy.effects.load import MountedLaw, PointMass
+from romsindy.effects.mounting import Point, Vector
 
 if TYPE_CHECKING:
     from romsindy.beam.beam import Beam
@@ -69,13 +69,11 @@ class Assembly:
         for i, share in enumerate((1.0, 4.0, 1.0)):
             stop = self.n_nodes - 2 + i
             self.tributary[i:stop:2] += share / 6.0 * self._length
-        self._point_effects = [
-            (self.place(e.at), e) for e in beam.effects if isinstance(e, PointEffect)
-        ]
-        self._line_effects = [e for e in beam.effects if isinstance(e, LineEffect)]
-        forces = [*(e for _, e in self._point_effects), *self._line_effects]
-        self.has_effects = bool(forces)
-        self._dissipates = not all(stores_energy(e) for e in forces)
+        loads = [e for e in beam.effects if isinstance(e, MountedLaw)]
+        self._point_loads = [(self.place(e.at), e) for e in loads if not e.distributed]
+        self._line_loads = [e for e in loads if e.distributed]
+        self.has_loads = bool(loads)
+        self._dissipates = any(e.dissipates for e in loads)
         self.mass = self._mass_matrices()
         self._alpha_mass = beam.alpha * self.mass
         self.fixed, self._ground = self._supports()
@@ -89,7 +87,7 @@ class Assembly:
     def _mass_matrices(self) -> np.ndarray:
         M = np.repeat(element.mass(self._length, self.beam.section)[None], self.n_elements, axis=0)
         for effect in self.beam.effects:
-            if isinstance(effect, AddedMass):
+            if isinstance(effect, PointMass):
                 place = self.place(effect.at)
                 inertia = np.diag([effect.mass, effect.mass, effect.rotary_inertia])
                 M[place.element] += place.spread.T @ inertia @ place.spread
@@ -111,21 +109,20 @@ class Assembly:
     def _points(self, x: np.ndarray, v: np.ndarray) -> Point:
         return Point(self.s, self.s + x[:, 0], x[:, 1], x[:, 2], v[:, 0], v[:, 1], v[:, 2])
 
-    def _add_effects(self, x: np.ndarray, v: np.ndarray, out: np.ndarray) -> float:
-        """Subtract the force of every effect from `out`; return what is dissipated [W]."""
+    def _add_loads(self, x: np.ndarray, v: np.ndarray, out: np.ndarray) -> float:
+        """Subtract the force of every load from `out`; return what is dissipated [W]."""
         power = 0.0
-        for place, effect in self._point_effects:
+        for place, load in self._point_loads:
             point = place.point(x, v)
-            fx, fy, moment = force = effect.force(point)
-            place.subtract(force, out)
-            if not stores_energy(effect):
-                power -= fx * point.x_dot + fy * point.y_dot + moment * point.theta_dot
-        for line in self._line_effects:
-            density = np.broadcast_arrays(*line.force(self._points(x, v)), self.s)[:3]
-            nodal = np.column_stack(density) * self.tributary[:, None]
-            out -= nodal
-            if not stores_energy(line):
-                power -= float(np.vdot(nodal, v))
+            place.subtract(load.force(point), out)
+            if load.dissipates:
+                power += float(load.power(point))
+        for line in self._line_loads:
+            points = self._points(x, v)
+            density = np.broadcast_arrays(*line.force(points), self.s)[:3]
+            out -= np.column_stack(density) * self.tributary[:, None]
+            if line.dissipates:
+                power += float(self.tributary @ line.power(points))
         return power
 
     def residual(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, float]:
@@ -142,8 +139,8 @@ class Assembly:
             power += float(np.vdot(drag, v))
         out[0, 2] += self._ground[0] * x[0, 2]
         out[-1, 2] += self._ground[1] * x[-1, 2]
-        if self.has_effects:
-            power += self._add_effects(x, rate, out)
+        if self.has_loads:
+            power += self._add_loads(x, rate, out)
         out[self.fixed] = 0.0
         return out, power
 
@@ -154,9 +151,9 @@ class Assembly:
         )
         R[:, 0, 2] += self._ground[0] * X[:, 0, 2]
         R[:, -1, 2] += self._ground[1] * X[:, -1, 2]
-        if self.has_effects:
+        if self.has_loads:
             for x, v, out in zip(X, V, R, strict=True):
-                self._add_effects(x, v, out)
+                self._add_loads(x, v, out)
         R[:, self.fixed] = 0.0
         return R
 
@@ -165,7 +162,7 @@ class Assembly:
         powers = kernel.stage_powers(X, V, self.mass, self.alpha, *self._stiffness, self.eta)
         if self._dissipates:
             scratch = np.zeros_like(self._rest)
-            powers += [self._add_effects(x, v, scratch) for x, v in zip(X, V, strict=True)]
+            powers += [self._add_loads(x, v, scratch) for x, v in zip(X, V, strict=True)]
         return powers
 
     def smooth_acceleration(self, x: np.ndarray, stiffening: float) -> np.ndarray:
@@ -193,16 +190,16 @@ class Assembly:
         C *= self.eta
         if self.alpha:
             C += self._alpha_mass
-        self._add_supports_and_effects(x, self._rest if v is None else v, K, C)
+        self._add_supports_and_loads(x, self._rest if v is None else v, K, C)
         return K, C
 
-    def _add_supports_and_effects(
+    def _add_supports_and_loads(
         self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray
     ) -> None:
         K[0, 2, 2] += self._ground[0]
         K[-1, 8, 8] += self._ground[1]
-        if self.has_effects:
-            self._add_effect_tangents(x, v, K, C)
+        if self.has_loads:
+            self._add_load_tangents(x, v, K, C)
 
     def modal_stiffness(self, x: np.ndarray, phi: np.ndarray) -> float:
         """Return phi^T K phi at x, summed from squared strains.
@@ -214,19 +211,19 @@ class Assembly:
         # with eta = 1 the damping power of the velocity phi is phi^T D phi
         material = kernel.add_internal_force(x, phi, *self._stiffness, 1.0, scratch)
         rest, _ = kernel.tangent(x, *self._stiffness)
-        self._add_supports_and_effects(x, self._rest, rest, np.zeros_like(rest))
+        self._add_supports_and_loads(x, self._rest, rest, np.zeros_like(rest))
         scratch[:] = 0.0
         kernel.add_product(rest, phi, scratch)
         return float(material + np.vdot(phi, scratch))
 
-    def _add_effect_tangents(
+    def _add_load_tangents(
         self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray
     ) -> None:
-        for place, effect in self._point_effects:
+        for place, load in self._point_loads:
             point = place.point(x, v)
-            for matrices, block in ((K, effect.tangent(point)), (C, effect.damping_tangent(point))):
+            for matrices, block in ((K, load.tangent(point)), (C, load.damping_tangent(point))):
                 matrices[place.element] += place.spread.T @ np.array(block) @ place.spread
-        for line in self._line_effects:
+        for line in self._line_loads:
             points = self._points(x, v)
             for matrices, block in ((K, line.tangent(points)), (C, line.damping_tangent(points))):
                 self._add_blocks(matrices, block)
@@ -251,17 +248,12 @@ class Assembly:
     def potential(self, x: np.ndarray) -> float:
         """Return the potential energy of gravity and of the effects that store energy [J]."""
         energy = -float(np.vdot(self.weight, x))
-        for place, effect in self._point_effects:
-            energy += effect.potential(place.point(x, self._rest))
-        for line in self._line_effects:
+        for place, load in self._point_loads:
+            energy += float(load.potential(place.point(x, self._rest)))
+        for line in self._line_loads:
             density = line.potential(self._points(x, self._rest))
             energy += float(np.sum(self.tributary * density))
         return energy
-
-
-def stores_energy(effect: ForceEffect) -> bool:
-    """Tell whether an effect has a potential of its own."""
-    return type(effect).potential is not ForceEffect.potential
 
 
 def factorise(matrices: np.ndarray, fixed: np.ndarray) -> np.ndarray:

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.effects.base import Effect
-from romsindy.beam.effects.mass import AddedMass
-from romsindy.beam.effects.spring import Spring
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.section import Section
+from romsindy.beam.spring import Spring
 from romsindy.beam.statics import Control, find_displaced, find_equilibrium
 from romsindy.beam.validation import require_finite, require_position, require_positive
+from romsindy.effects.load import MountedLaw, PointMass
+from romsindy.effects.mounting import TowardsAnchor
 
 if TYPE_CHECKING:
     from romsindy.beam.collocation import RadauIIA
@@ -129,7 +129,7 @@ class Beam:
     gravity: tuple[float, float] = (0.0, -9.81)
     alpha: float = 0.0
     eta: float = 0.0
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[MountedLaw | PointMass, ...] = ()
 
     def __post_init__(self) -> None:
         require_positive("length", self.length)
@@ -143,9 +143,12 @@ class Beam:
             at = getattr(effect, "at", None)
             position = self.length if at is None else at
             require_position(f"at of {type(effect).__name__}", position, self.length)
-            if isinstance(effect, Spring) and effect.span(position, 0.0) < 1e-9 * self.length:
+            mounting = getattr(effect, "mounting", None)
+            if not isinstance(mounting, TowardsAnchor):
+                continue
+            if mounting.span(position, 0.0) < 1e-9 * self.length:
                 raise ValueError(
-                    f"anchor = {effect.anchor} lies on the beam's own point at {position} m, so "
+                    f"anchor = {mounting.anchor} lies on the beam's own point at {position} m, so "
                     "the spring has no length and no direction; move the anchor away"
                 )
 
@@ -200,11 +203,11 @@ class Beam:
         Source: the paper's parameters as reconstructed from the numbers that it prints
         (doi 10.1007/s11071-023-08813-z).
         """
-        effects: list[Effect] = []
+        effects: list[MountedLaw | PointMass] = []
         require_positive("tip_mass", tip_mass, zero_allowed=True)
         require_positive("spring_stiffness", spring_stiffness, zero_allowed=True)
         if tip_mass > 0.0:
-            effects.append(AddedMass(tip_mass))
+            effects.append(PointMass(tip_mass))
         if spring_stiffness > 0.0:
             require_positive("length", length)
             natural = spring_length - spring_pretension / spring_stiffness
@@ -227,8 +230,24 @@ class Beam:
             effects=tuple(effects),
         )
 
-    def with_effect(self, effect: Effect) -> Beam:
-        """Return this beam with one more physical effect; the beam itself stays as it is."""
+    def with_effect(self, effect: Any) -> Beam:
+        """Return this beam with one more physical effect; the beam itself stays as it is.
+
+        Parameters
+        ----------
+        effect : Load, PointMass, Spring, or a change of `romsindy.beam.changes`
+            ``effect.on_beam(strength)`` makes a load of an effect of `romsindy.effects`.
+
+        Raises
+        ------
+        TypeError
+            For anything else.
+        """
+        if not hasattr(effect, "applied_to"):
+            raise TypeError(
+                f"effect is a {type(effect).__name__}: give a load, such as"
+                " AirDrag().on_beam(strength), a PointMass, a Spring or a change of the beam"
+            )
         return effect.applied_to(self)
 
     @cached_property

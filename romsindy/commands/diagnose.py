@@ -1,21 +1,21 @@
-"""The command `romsindy diagnose`."""
+"""The command ``romsindy diagnose``."""
 
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 from tqdm import tqdm
 
-from romsindy.diagnosis.on_beam import BeamReport, load_beam
-from romsindy.diagnosis.simulated import SimulationModel, model_of_simulation
-from romsindy.diagnosis.workflow import diagnose as run_diagnosis
+from romsindy.diagnosis import BeamReport
+from romsindy.diagnosis import diagnose as run_diagnosis
+from romsindy.diagnosis.on_beam import load_beam
+from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.physics.model import ReducedModel
 from romsindy.record.files import load_decay
 
-_FLOOR = 2e-4
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -68,30 +68,25 @@ def diagnose(
     """
     if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
         raise click.UsageError("name one of --simulated, --model and --beam")
-    columns: str | list[str] | None = column
-    if beam_file is not None:
-        beam, sensors, columns = load_beam(beam_file)
+    simulation, columns = _simulation(simulated, model_file, beam_file, unit, column)
     decays = [load_decay(f, unit, column=columns, start=start, end=end) for f in measured]
     test = None if held_out is None else load_decay(held_out, unit, column=columns)
-    unsure = [name for name in free if name != "nothing"]
+    # What was not given stays as the simulation has it; 0 and nothing are given values.
+    unsure = [name for name in free if name != "nothing"] if free else None
+    asked = {"free": unsure, "floor": floor}
     with tqdm(desc="candidates", leave=False, disable=not sys.stderr.isatty()) as bar:
 
         def progress(candidate: str) -> None:
             bar.set_postfix_str(candidate)
             bar.update()
 
-        diagnosis = partial(run_diagnosis, held_out=test, n_jobs=jobs, progress=progress)
-        if beam_file is not None:
-            result = diagnosis(beam, decays, sensors=sensors, free=unsure, floor=floor or _FLOOR)
-        else:
-            known = _simulation(simulated, model_file, unit)
-            result = diagnosis(
-                known.model,
-                decays,
-                free=unsure if free else ("omega^2", "c_linear"),
-                tolerances=known.tolerances,
-                floor=floor or known.floor,
-            )
+        result = run_diagnosis(
+            **simulation | {k: v for k, v in asked.items() if v is not None},
+            measured=decays,
+            held_out=test,
+            n_jobs=jobs,
+            progress=progress,
+        )
     click.echo(f"{result.verdict}: {result.sentence}\n")
     of_sensors: list[list[str]] = (
         [[], *result.sensor_table()] if isinstance(result, BeamReport) else []
@@ -108,9 +103,17 @@ def diagnose(
 
 
 def _simulation(
-    simulated: Path | None, model_file: Path | None, unit: str | None
-) -> SimulationModel:
+    simulated: Path | None,
+    model_file: Path | None,
+    beam_file: Path | None,
+    unit: str | None,
+    column: str | None,
+) -> tuple[dict[str, Any], str | list[str] | None]:
+    """Arguments of the diagnosis that stand for the simulation, and the columns to measure."""
+    if beam_file is not None:
+        beam, sensors, columns = load_beam(beam_file)
+        return {"model": beam, "sensors": sensors}, columns
     if simulated is not None:
-        return model_of_simulation(load_decay(simulated, unit))
+        return model_of_simulation(load_decay(simulated, unit))._asdict(), column
     text = model_file.read_text(encoding="utf-8")  # type: ignore[union-attr]
-    return SimulationModel(ReducedModel.from_json(text), {}, _FLOOR)
+    return {"model": ReducedModel.from_json(text)}, column

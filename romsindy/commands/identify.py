@@ -1,23 +1,18 @@
-"""Command line: ``romsindy study``, ``romsindy identify FILE``, ``romsindy simulate OUTPUT``."""
+"""The command ``romsindy identify``."""
 
 from __future__ import annotations
 
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
-from matplotlib.figure import Figure
+import numpy as np
 from tqdm import tqdm
 
-from romsindy import __version__
-from romsindy.commands.diagnose import diagnose
-from romsindy.commands.simulate import simulate
-from romsindy.commands.study import study
+from romsindy.physics.damping import DAMPING
 from romsindy.physics.example import example_decay
-from romsindy.physics.terms import DAMPING_KINDS
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
@@ -25,44 +20,7 @@ from romsindy.record.filters import Butterworth
 from romsindy.regression.projection import HarmonicProjection
 from romsindy.selection.comparison import coefficient_table, compare_models
 from romsindy.selection.select import Selection, select_model
-from romsindy.show.identification_page import Identification, write_report
-from romsindy.show.plots import plot_backbone
-
-
-class _Refusal(click.ClickException):
-    """One line on the error stream and exit code 2."""
-
-    exit_code = 2
-
-
-class _Commands(click.Group):
-    """Turns refused input into one line, for every command alike."""
-
-    def invoke(self, ctx: click.Context) -> Any:
-        with warnings.catch_warnings():
-            warnings.simplefilter("default", UserWarning)
-            warnings.showwarning = _show_warning  # type: ignore[assignment]
-            try:
-                return super().invoke(ctx)
-            except (ValueError, TypeError, OSError, RuntimeError) as error:
-                if isinstance(error, click.exceptions.Exit):
-                    raise
-                raise _Refusal(" ".join(str(error).split())) from error
-
-
-def _show_warning(message: Warning | str, *_: Any) -> None:
-    click.echo(f"Note: {message}", err=True)
-
-
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__)
-def main() -> None:
-    """Equations of motion, with nonlinear inertia, from measured free decays."""
-
-
-main.add_command(simulate)
-main.add_command(study)
-main.add_command(diagnose)
+from romsindy.show.identification_page import Identification, pictures, write_identification
 
 
 def _coefficients(
@@ -92,7 +50,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
         ) from None
 
 
-@main.command()
+@click.command()
 @click.argument("file", required=False, type=click.Path(path_type=Path))
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
 @click.option("--seed", default=0, show_default=True, help="Seed of the example's noise (35 dB).")
@@ -115,7 +73,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
     multiple=True,
     default=("linear",),
     show_default=True,
-    type=click.Choice(DAMPING_KINDS),
+    type=click.Choice(list(DAMPING)),
     help="Kind of damping; may be repeated.",
 )
 @click.option(
@@ -206,19 +164,13 @@ def identify(
         selection = _selected(result, fix, projection)
         result, icrom = replace(result, selection=selection), selection.model
         click.echo(f"\n{selection}")
-    write_report(result, report, lambda steps: _bar(steps, "drawing"))
+    write_identification(result, report, lambda steps: _bar(steps, "drawing"))
     click.echo(f"Report: {report}")
     if model is not None:
         model.write_text(icrom.to_json() + "\n", encoding="utf-8")
         click.echo(f"Model: {model}")
     if figure is not None:
-        canvas = Figure(figsize=(6.4, 4.4), layout="constrained")
-        both = (result.named(name) for name in ("stiffness", "IC-ROM"))
-        shown = {c.name: c.fit or c.model for c in both}
-        if result.selection:
-            shown["chosen terms"] = result.selection.fit
-        plot_backbone(result.backbone, shown, ax=canvas.subplots())
-        canvas.savefig(figure, dpi=130)
+        next(p for p in pictures(result) if p.name == "backbone").write(figure)
         click.echo(f"Figure: {figure}")
 
 
@@ -254,6 +206,12 @@ def _within(decay: Decay, backbone: Backbone, amplitude: tuple[float, float] | N
     if amplitude is None:
         return decay
     inside = (backbone.amplitude >= amplitude[0]) & (backbone.amplitude <= amplitude[1])
+    if not np.any(inside):
+        low, high = backbone.amplitude.min(), backbone.amplitude.max()
+        raise ValueError(
+            f"amplitude = {amplitude} holds no cycle: those of the decay have amplitudes from"
+            f" {low:.3g} to {high:.3g} {decay.unit or '[q]'}"
+        )
     return decay.between(float(backbone.t[inside][0]), float(backbone.t[inside][-1]))
 
 

@@ -1,4 +1,4 @@
-"""The command `romsindy simulate`: the decay of the default beam, or a changed one, to a file."""
+"""The command ``romsindy simulate``."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from romsindy.beam.beam import Beam
-from romsindy.beam.errors import NoEquilibriumError, StepTooLongError
-from romsindy.beam.motion import Motion
-from romsindy.beam.sensors import SensorArray
+from romsindy.beam import Beam, Motion, SensorArray, StepTooLongError
 
 _UNIT = "kg^0.5 m"
 
@@ -74,36 +71,35 @@ def simulate(
     quiet: bool,
     **parameters: float,
 ) -> None:
-    """Simulate the free decay of the beam and write it to OUTPUT (.csv or .npz).
+    """Simulate the free decay of the beam and write it to OUTPUT.
 
-    Columns are t, q, q_dot, q_ddot of one mode and the displacement of every sensor.  A run that
-    is interrupted, or that fails on the way, writes what it has.
+    OUTPUT is a .csv or an .npz file. Its columns are t, q, q_dot, q_ddot of one mode and the
+    displacement of every sensor. A run that is interrupted, or that fails on the way, writes what
+    it has.
     """
     if output.suffix not in (".csv", ".npz"):
         raise click.BadParameter(f"{output}: name a .csv or an .npz file", param_hint="OUTPUT")
     damping = {"alpha": 0.0, "eta": 0.0} if undamped else {"alpha": alpha, "eta": eta}
+    beam = Beam.cantilever(**parameters, **damping)  # type: ignore[arg-type]
+    array = beam.sensors(sensors) if sensors else None
+    tip = beam.length / 3.0 if tip_displacement is None else tip_displacement
+    shape = beam.release_shape(tip, mode=release_mode)
+    modes = beam.modes(count=max(10, mode))
+    modes.index(mode)
     failure = None
     try:
-        beam = Beam.cantilever(**parameters, **damping)  # type: ignore[arg-type]
-        array = beam.sensors(sensors) if sensors else None
-        tip = beam.length / 3.0 if tip_displacement is None else tip_displacement
-        shape = beam.release_shape(tip, mode=release_mode)
-        modes = beam.modes(count=max(10, mode))
-        modes.index(mode)
         motion = beam.simulate(
             shape, duration, step, modes=modes, sensors=array, progress=not quiet
         )
     except StepTooLongError as error:
         failure, motion = error, error.motion
-    except (ValueError, NoEquilibriumError) as error:
-        raise click.ClickException(str(error)) from error
     write_motion(motion, output, mode, array, snr, seed, full=full)
     if not quiet:
         click.echo(f"{motion!r}\nwritten to {output}")
     if failure is not None:
-        raise click.ClickException(str(failure)) from failure
+        raise failure
     if motion.stop_reason != "completed":
-        raise click.exceptions.Exit(130)
+        raise KeyboardInterrupt
 
 
 def write_motion(

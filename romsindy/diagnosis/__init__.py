@@ -1,10 +1,10 @@
 """Find what a simulation lacks: name it, add it, show the gap shrink."""
 
-from romsindy.diagnosis.on_beam import BeamReport, diagnose_beam
+from romsindy.diagnosis.diagnose import diagnose
+from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect
-from romsindy.diagnosis.workflow import diagnose
 from romsindy.effects import CATALOGUE
-from romsindy.effects.base import Effect, ReadingEffect, Shape, TermEffect, TimedEffect
+from romsindy.effects.base import Effect, Parameter, ReadingEffect, TermEffect, TimedEffect
 
 __all__ = [
     "CATALOGUE",
@@ -12,10 +12,9 @@ __all__ = [
     "DiagnosisReport",
     "Effect",
     "FoundEffect",
+    "Parameter",
     "ReadingEffect",
-    "Shape",
     "TermEffect",
     "TimedEffect",
     "diagnose",
-    "diagnose_beam",
 ]

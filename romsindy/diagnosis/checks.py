@@ -189,8 +189,8 @@ def _fit_mirrored(model: ReducedModel, records: Sequence[Record]) -> bool:
     Such a force may reverse the model's own, but not its other even terms.
     """
     at = scales(records)
-    free = [Part.of(effect, at, 1, ()) for effect in (LinearFrequency(), Viscous())]
-    quadratic = Part.of(QuadraticStiffness(), at, 1, ())
+    free = [Part.of(effect, at, 1) for effect in (LinearFrequency(), Viscous())]
+    quadratic = Part.of(QuadraticStiffness(), at, 1)
     mirrored = fit(model, free, [_mirrored(r) for r in records]).chi_squared
     if mirrored > REVERSED_IS_BETTER * fit(model, free, records).chi_squared:
         return False

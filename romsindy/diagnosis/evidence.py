@@ -102,8 +102,8 @@ def _price_of_free(
 
 def _price_of_shape(part: Part, covariance: Array) -> float:
     price = 0.0
-    for shape, variance in zip(part.shapes, np.diag(covariance), strict=True):
-        prior = shape.spread or (shape.high - shape.low) / np.sqrt(2 * np.pi)
+    for p, variance in zip(part.parameters, np.diag(covariance), strict=True):
+        prior = p.spread or (p.high - p.low) / np.sqrt(2 * np.pi)
         price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
     return price
 

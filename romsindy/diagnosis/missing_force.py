@@ -6,14 +6,17 @@ fit, and no simulation that keeps step with the measurement.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.gap import Gap, Prediction
+from romsindy.diagnosis.prediction import predict
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
+from romsindy.physics.model import ReducedModel
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
@@ -27,7 +30,7 @@ class MissingForce:
     """Residual force along the measured motion of one record, (n,) each.
 
     ``force`` is in parts of the largest restoring force, ``q`` and ``q_dot`` in parts of their
-    largest; ``phase`` in rad; ``t`` in s.
+    largest; ``phase`` is that of q, in rad; ``t`` in s.
     """
 
     t: Array
@@ -37,30 +40,26 @@ class MissingForce:
     force: Array
 
     @classmethod
-    def of(cls, report: DiagnosisReport, parts: tuple[Part, ...], index: int = 0) -> MissingForce:
-        """Of the nominal model with some parts, along a record."""
-        record = report.records[index]
+    def of(
+        cls, model: ReducedModel, parts: Sequence[Part], record: Record, index: int = 0
+    ) -> MissingForce:
+        """Of a model with some parts, along a record: number ``index`` of those fitted."""
         t = nodes(record.motion)[0]
+        # Of the displacement, whatever was measured: a velocity leads it by a quarter of a cycle.
+        phase = HarmonicSpline.fit(record.t, record.decay.q).phase
         # Fewer knots and harmonics than a fit starts from: accelerations amplify noise.
-        phase = record.spline.phase
         n_cycles = float(phase(record.t[-1]) - phase(0.0)) / (2 * np.pi)
         cycles = min(max(n_cycles / 10, _CYCLES[0]), _CYCLES[1])
         spline = HarmonicSpline.along(phase, record.t, record.decay.q, cycles, HARMONICS)
         q, q_dot, q_ddot = spline(t)
-        equation = ExtendedEquation(report.nominal, parts, index, record.motion.grid.step)
+        equation = ExtendedEquation(model, tuple(parts), index, record.motion.grid.step)
         # What is missing on the right side: positive pushes towards positive q.
         force = equation.linearise(t, q, q_dot, q_ddot).residual
         scale = float(np.abs(q_ddot).max())
-        return cls(
-            t,
-            q / np.abs(q).max(),
-            q_dot / np.abs(q_dot).max(),
-            record.spline.phase(t),
-            force / scale,
-        )
+        return cls(t, q / np.abs(q).max(), q_dot / np.abs(q_dot).max(), phase(t), force / scale)
 
     def harmonics(self) -> Array:
-        """Amplitudes of the loudest third on harmonics 0 to 3: in phase with q, and with q_dot."""
+        """Amplitudes (2, 4) of the loudest third on harmonics 0 to 3: with q, and with q_dot."""
         loud = self.t <= np.quantile(self.t, 1 / 3)
         phase, force = self.phase[loud], self.force[loud]
         # The phase counts from the up-crossing: q is a sine of it, q_dot a cosine.
@@ -84,26 +83,27 @@ class MissingForce:
         return *edges, np.where(count >= _LEAST_NODES, total / np.maximum(count, 1), np.nan)
 
 
-def record_errors(report: DiagnosisReport) -> tuple[list[str], Array, Array]:
-    """Names, and error over noise before and after, of every record and what was held out."""
-    names: list[str] = []
-    before: list[float] = []
-    after: list[float] = []
-    fits = [report.base.solution.residuals, report.best.solution.residuals]
-    for i, record in enumerate(report.records):
-        names.append(f"record {i + 1}")
-        for residuals, values in zip(fits, (before, after), strict=True):
-            values.append(_rms(record, residuals[i]))
-    for i, p in enumerate(report.gap.predictions if report.gap.unseen else ()):
-        names.append("held out" if len(report.gap.predictions) == 1 else f"held out {i + 1}")
-        before.append(p.error(p.before))
-        after.append(p.error(p.after))
-    return names, np.array(before), np.array(after)
+def record_errors(
+    model: ReducedModel, parts: Sequence[Part], records: Sequence[Record], gap: Gap
+) -> tuple[list[str], Array, Array]:
+    """Names, and error over noise before and after, of every record and what was held out.
+
+    As in the table of the gap, "before" is the simulation as it was: only the initial state follows
+    the record.
+    """
+    predictions = [predict(model, parts, record) for record in records]
+    names = [f"record {i + 1}" for i in range(len(records))]
+    if gap.unseen:
+        n = len(gap.predictions)
+        predictions += gap.predictions
+        names += ["held out"] if n == 1 else [f"held out {i + 1}" for i in range(n)]
+    before = np.array([p.error(p.before) for p in predictions])
+    after = np.array([p.error(p.after) for p in predictions])
+    return names, before, after
 
 
-def errors_per_cycle(report: DiagnosisReport) -> tuple[Array, Array, Array]:
-    """Times of the held-out cycles, and their error over noise before and after."""
-    p = report.gap.predictions[0]
+def errors_per_cycle(p: Prediction) -> tuple[Array, Array, Array]:
+    """Times of the cycles of a record, and their error over noise before and after."""
     cycle = np.floor(p.record.spline.phase(p.record.t) / (2 * np.pi)).astype(int)
     cycle -= cycle.min()
     count = np.maximum(np.bincount(cycle), 1)
@@ -112,9 +112,3 @@ def errors_per_cycle(report: DiagnosisReport) -> tuple[Array, Array, Array]:
         for x in (p.before, p.after)
     ]
     return np.bincount(cycle, p.record.t) / count, rms[0], rms[1]
-
-
-def _rms(record: Record, residual: Array) -> float:
-    if not np.all(np.isfinite(residual)):
-        return float("nan")
-    return float(np.sqrt(np.mean(record.whitened(residual) ** 2)))

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -46,6 +46,10 @@ class FoundEffect:
     Attributes
     ----------
     name, label, family : str
+    variant : str
+        What tells apart effects of the same name: "above" or "below", the side of a stop or a
+        magnet where q is larger or smaller, or the name of a coefficient; empty where there is but
+        one.
     values, standard_errors : dict of str to float
         Strength and shape values by name, in the unit of q and seconds.
     weight : float
@@ -59,6 +63,7 @@ class FoundEffect:
     name: str
     label: str
     family: str
+    variant: str
     values: dict[str, float]
     standard_errors: dict[str, float]
     weight: float
@@ -68,7 +73,12 @@ class FoundEffect:
     def __str__(self) -> str:
         text = ", ".join(f"{k} {self._value(k)}" for k in self.values)
         weight = f"; posterior {self.weight:.2f}" if self.weight > 0 else ""
-        return f"{self.label} ({text}{weight})"
+        return f"{self.title} ({text}{weight})"
+
+    @property
+    def title(self) -> str:
+        """The label, with the variant if there is one."""
+        return f"{self.label} [{self.variant}]" if self.variant else self.label
 
     def _value(self, name: str) -> str:
         text = _pm(self.values[name], self.standard_errors[name])
@@ -162,6 +172,7 @@ class DiagnosisReport:
             part.effect.name,
             part.effect.label,
             part.effect.family,
+            part.effect.variant,
             dict(zip(names, part.values.tolist(), strict=True)),
             dict(zip(names, std.tolist(), strict=True)),
             float(weight),
@@ -174,9 +185,10 @@ class DiagnosisReport:
     @property
     def sentence(self) -> str:
         """The finding in one or two sentences."""
-        before, after = f"{self.gap.before:.3g}", f"{self.gap.after:.3g}"
+        before, after = self.gap.before, self.gap.after
         where = "what was held out" if self.gap.unseen else "the records themselves"
-        gap = f"the error on {where} falls from {before} to {after} times the noise"
+        change = "falls" if after < before else "goes"
+        gap = f"the error on {where} {change} from {before:.3g} to {after:.3g} times the noise"
         if self.verdict == "none":
             return (
                 "The simulation lacks nothing that these data can show: what it leaves is"
@@ -199,7 +211,7 @@ class DiagnosisReport:
         if self.verdict == "named":
             return f"The simulation lacks {found}: with it, {gap}.{also}"
         others = ", or ".join(
-            " and ".join(e.label for e in self._found(h)) for h in self.rivals[1:]
+            " and ".join(e.title for e in self._found(h)) for h in self.rivals[1:]
         )
         advice = self._found(self.rivals[0])[0].advice
         return (
@@ -226,13 +238,15 @@ class DiagnosisReport:
 
     def table(self) -> list[list[str]]:
         """Rows of text: every explanation that the data allow, with its values."""
-        rows = [["explanation", "value", "estimate", "standard error", "unit", "posterior"]]
+        rows = [
+            ["explanation", "variant", "value", "estimate", "standard error", "unit", "posterior"]
+        ]
         for h, share in zip(self.rivals, weights(self.rivals), strict=True):
             for effect in self._found(h):
                 for key, value in effect.values.items():
                     error = effect.standard_errors[key]
-                    numbers = (f"{value:.6g}", f"{error:.2g}", effect.units[key], f"{share:.3f}")
-                    rows.append([effect.name, key, *numbers])
+                    numbers = [f"{value:.6g}", f"{error:.2g}", effect.units[key], f"{share:.3f}"]
+                    rows.append([effect.name, effect.variant, key, *numbers])
         return rows
 
     def to_json(self) -> str:
@@ -257,16 +271,42 @@ class DiagnosisReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.show.diagnosis_page import write_page
+        from romsindy.show.page import write_report  # draws: only where a page is asked for
 
-        write_page(self, path)
+        write_report(path, **self.page())
+
+    def page(self) -> dict[str, Any]:
+        """What `romsindy.show.page.write_report` takes."""
+        from romsindy.diagnosis.pictures import pictures
+        from romsindy.show.page import TextTable
+
+        terms = {p.effect.name for p in self._parts if p.effect.term() is not None}
+        outside = ", ".join(e.label for e in self.effects if e.name not in terms)
+        note = "Not a term of the equation of motion, so not in it: "
+        return {
+            "title": "What the simulation lacks",
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "equation_title": "The simulation with it added",
+            "equation": str(self.model),
+            "equation_note": f"{note}{outside}." if outside else "",
+            "tables": [
+                TextTable("The gap, before and after", self.gap.table()),
+                TextTable("Explanations that the data allow", self.table()),
+            ],
+            "pictures": pictures(self.nominal, self._parts, self.records, self.gap),
+            "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
+        }
+
+    @property
+    def _parts(self) -> tuple[Part, ...]:
+        return self.best.solution.parts
 
 
 def _units(part: Part, of_q: str | None) -> list[str]:
-    term = part.effect.term(part.shape)
-    of_term = "" if term is None or term.unit(of_q) == "1" else term.unit(of_q)
-    shapes = [(of_q or "") if s.unit == "q" else s.unit for s in part.shapes]
-    return [part.effect.unit or of_term] * part.strengths.size + shapes
+    own = part.effect.strength_unit(of_q)
+    shapes = [(of_q or "") if p.unit == "q" else p.unit for p in part.parameters]
+    return ["" if own == "1" else own] * part.strengths.size + shapes
 
 
 def _value_names(part: Part) -> list[str]:
@@ -274,4 +314,4 @@ def _value_names(part: Part) -> list[str]:
     kinds = ["strength"] if k == 1 else ["cosine", "sine"] if k == 2 else list(map(str, range(k)))
     sets = len(part.strengths)
     names = [f"{n} {i + 1}" if sets > 1 else n for i in range(sets) for n in kinds]
-    return names + [s.name for s in part.shapes]
+    return names + [p.name for p in part.parameters]

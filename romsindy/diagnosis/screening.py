@@ -27,19 +27,17 @@ _BEATS = 0.12
 
 @dataclass(frozen=True)
 class Screened:
-    """One effect with one set of shape values, screened.
+    """One effect with its shape values, screened.
 
     Attributes
     ----------
     effect : Effect
-    shape : tuple of float
     chi_squared : float
         What the linear problem leaves with it.
     strengths : (n_sets, k) array
     """
 
     effect: Effect
-    shape: tuple[float, ...]
     chi_squared: float
     strengths: Array
 
@@ -52,7 +50,7 @@ class Screening:
     ----------
     matrix, right, power
         Of the normal equations; the first ``n_base`` columns are always free.
-    candidates : tuple of (Effect, shape, columns)
+    candidates : tuple of (Effect, columns)
     scales : Scales
         With the lines of the spectrum.
     """
@@ -61,7 +59,7 @@ class Screening:
     right: Array
     power: float
     n_base: int
-    candidates: tuple[tuple[Effect, tuple[float, ...], Indices], ...]
+    candidates: tuple[tuple[Effect, Indices], ...]
     scales: Scales
 
     @property
@@ -84,34 +82,34 @@ class Screening:
         """Every candidate by itself, best first; the first ``held`` free columns stay out."""
         found = []
         always = np.arange(held, self.n_base)
-        for effect, shape, columns in self.candidates:
+        for effect, columns in self.candidates:
             x, gain = self._solve(np.concatenate([always, columns]))
             own = x[len(always) :]
-            if effect.sign and np.all(own < 0) and not hasattr(effect, "start"):
+            if effect.sign and np.all(own < 0) and not effect.start:
                 gain = self.power - self.base
             strengths = own.reshape(-1, effect.n_strengths)
-            found.append(Screened(effect, shape, self.power - gain, strengths))
+            found.append(Screened(effect, self.power - gain, strengths))
         return sorted(found, key=lambda s: s.chi_squared)
 
     def pairs(self, chosen: Sequence[Screened]) -> list[tuple[float, Screened, Screened]]:
         """Pairs of different effects among some candidates: what is left, best first."""
-        where = {(c[0], c[1]): c[2] for c in self.candidates}
+        where = dict(self.candidates)
         found = []
         for a, b in itertools.combinations(chosen, 2):
             if a.effect.name == b.effect.name:
                 continue
-            columns = [np.arange(self.n_base), where[a.effect, a.shape], where[b.effect, b.shape]]
+            columns = [np.arange(self.n_base), where[a.effect], where[b.effect]]
             x, gain = self._solve(np.concatenate(columns))
             k = len(columns[1])
             own = (x[self.n_base : self.n_base + k], x[self.n_base + k :])
             if any(
-                s.effect.sign and np.all(v < 0) and not hasattr(s.effect, "start")
+                s.effect.sign and np.all(v < 0) and not s.effect.start
                 for s, v in zip((a, b), own, strict=True)
             ):
                 continue
             left = self.power - gain
             first, second = (
-                Screened(s.effect, s.shape, left, v.reshape(-1, s.effect.n_strengths))
+                Screened(s.effect, left, v.reshape(-1, s.effect.n_strengths))
                 for s, v in zip((a, b), own, strict=True)
             )
             found.append((left, first, second))
@@ -148,14 +146,13 @@ def screen(
     trials = [
         Part.of(e, tuned, n_records, start)
         for e in effects
-        for start in itertools.product(*(s.starts for s in e.shapes(tuned)))
+        for start in itertools.product(*(p.starts for p in e.parameters(tuned)))
     ]
     first = n_parts + 2 * n_records
-    candidates: list[tuple[Effect, tuple[float, ...], Indices]] = []
+    candidates: list[tuple[Effect, Indices]] = []
     for trial in trials:
         n = trial.strengths.size
-        shape = tuple(trial.shape.tolist())
-        candidates.append((trial.effect, shape, np.arange(first, first + n)))
+        candidates.append((trial.effect, np.arange(first, first + n)))
         first += n
     matrix, right, power = np.zeros((first, first)), np.zeros(first), 0.0
     for i, record in enumerate(records):
@@ -182,7 +179,7 @@ def _rows(
     at = nodes(motion)
     state = State(*at, motion.grid.step)
     own = equation.by_parameter(*at)
-    forces = [t.effect.forces(state, t.shape) for t in trials]
+    forces = [t.effect.forces(state) for t in trials]
     pushed = [f for f in forces if f is not None]
     response = respond(equation, motion, np.concatenate([own, *pushed]))
     change = response.samples(record.derivative)
@@ -194,13 +191,13 @@ def _rows(
     blocks, next_force = [base], m
     where = [columns_of(parts, i), n_parts + 2 * i + np.arange(2)]
     measured = sampled(motion, record.derivative)
-    for trial, force, (effect, _, at_columns) in zip(trials, forces, candidates, strict=True):
+    for force, (effect, at_columns) in zip(forces, candidates, strict=True):
         k = effect.n_strengths
         block = np.zeros((len(record.t), k))
         if force is not None:
             block += columns[:, next_force : next_force + k]
             next_force += k
-        shown_too = effect.readings(record.t, measured, trial.shape)
+        shown_too = effect.readings(record.t, measured)
         if shown_too is not None:
             block += shown_too.T
         blocks.append(block)
@@ -240,10 +237,12 @@ def _with_tones(
 
 def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:
     """A part to start a fit from."""
-    part = Part.of(screened.effect, scales, n_records, screened.shape)
-    if hasattr(screened.effect, "start"):
+    effect = screened.effect
+    start = [effect.value(p.name) for p in effect.parameters(scales)]
+    part = Part.of(effect, scales, n_records, start)
+    if effect.start:
         return part
     strengths = screened.strengths
-    if screened.effect.sign:
+    if effect.sign:
         strengths = np.maximum(strengths, 0.0)
     return replace(part, strengths=strengths)

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, ranked
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
+from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
@@ -25,17 +26,6 @@ from romsindy.physics.model import ReducedModel
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _PAIRS = 5
-# Effects that resemble each other for one mode, and are never judged one without the other.
-SIBLINGS = (
-    {"cubic_stiffness", "nonlinear_inertia", "gain", "added_mass", "magnet"},
-    {"quintic_stiffness", "two_sided_gap", "stop", "cubic_stiffness", "saturation"},
-    {"quadratic_drag", "amplitude_damping", "cubic_damping"},
-    {"dry_friction", "rubbing", "hysteretic"},
-    {"quadratic_stiffness", "bilinear", "constant_force", "bias", "sensor_nonlinearity"},
-    {"drift", "sudden_change"},
-    {"base_excitation", "mains_hum", "second_mode"},
-)
-
 Progress = Callable[[str], None]
 
 
@@ -187,11 +177,19 @@ class Search:
         needed = chi2.isf(self.false_alarm / max(len(self.catalogue), 1), 1)
         if not singles or min(screening.base, best.misfit) - singles[0].chi_squared < 0.5 * needed:
             return []
-        trials = [
-            [*best.effects, self._part(s, screening)] for s in _survivors(singles, _SURVIVORS)
-        ]
+        trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
         tried = ranked(self.fitted(trials))
         return ranked([*self.polished(tried[:3]), *tried[3:]])
+
+    def _survivors(self, singles: Sequence[Screened]) -> list[Screened]:
+        """The best effects and what resembles them, and a second start for the leaders."""
+        leaders = _leaders(singles, 1)
+        names = [s.effect.name for s in leaders[:_SURVIVORS]]
+        alike = [look_alikes(name, self.catalogue) for name in names[:2]]
+        kept = set(names).union(*alike)
+        chosen = [s for s in leaders if s.effect.name in kept]
+        again = [s for s in singles if s.effect.name in names[:2] and s not in chosen]
+        return chosen + again[:2]
 
     def _part(self, screened: Screened, screening: Screening) -> Part:
         return part_of(screened, screening.scales, len(self.records))
@@ -238,7 +236,7 @@ class Search:
         used = {p.effect.name for p in best.effects}
         trials = []
         for i, part in enumerate(best.effects):
-            for name in sorted(_siblings(part.effect.name) - used):
+            for name in sorted(look_alikes(part.effect.name, self.catalogue) - used):
                 if name in leaders:
                     other = self._part(leaders[name], first)
                     trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
@@ -291,19 +289,3 @@ def _leaders(singles: Sequence[Screened], each: int) -> list[Screened]:
         if len(found.setdefault(s.effect.name, [])) < each:
             found[s.effect.name].append(s)
     return [s for group in found.values() for s in group]
-
-
-def _survivors(singles: Sequence[Screened], count: int) -> list[Screened]:
-    """The best shape of the best effects, of their siblings, and of a sensor that saturates."""
-    leaders = _leaders(singles, 1)
-    names = [s.effect.name for s in leaders[:count]]
-    kept = set(names) | _siblings(names[0]) | _siblings(names[min(1, len(names) - 1)])
-    chosen = [s for s in leaders if s.effect.name in kept]
-    second = [s for s in singles if s.effect.name in names[:2] and s not in chosen][
-        :2
-    ]  # another start for the leaders
-    return chosen + second
-
-
-def _siblings(name: str) -> set[str]:
-    return set().union(*(group for group in SIBLINGS if name in group))

@@ -13,8 +13,8 @@ from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import FLOOR
-from romsindy.physics.force_laws import term_from_key
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.serial import term_from_key
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
 
@@ -70,7 +70,7 @@ def _fitted(start: ReducedModel, names: tuple[str, ...], record: Record) -> Solu
         Viscous(),
         *(Coefficient(term_from_key(n)) for n in names),
     ]
-    parts = [Part.of(e, scales([record]), 1, ()) for e in effects]
+    parts = [Part.of(e, scales([record]), 1) for e in effects]
     return fit(start, parts, [record], iterations=30)
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import singledispatch
 
 import numpy as np
 
-from romsindy.beam import Beam
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import Gap
@@ -27,15 +25,15 @@ from romsindy.record.signals import fundamental_frequency
 
 _TRAINING = 0.75  # of each record, where no other record is held out
 _LEAST_CYCLES = 6  # of a part that is held out
+FREE = ("omega^2", "c_linear")  # what a model is unsure of, where nothing else is said
 
 
-@singledispatch
-def diagnose(
-    model: ReducedModel | Beam,
+def diagnose_model(
+    model: ReducedModel,
     measured: Decay | Sequence[Decay],
     *,
     held_out: Decay | None = None,
-    free: Sequence[str | Effect] = ("omega^2", "c_linear"),
+    free: Sequence[str | Effect] = FREE,
     tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = FALSE_ALARM,
@@ -44,50 +42,7 @@ def diagnose(
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> DiagnosisReport:
-    """Find, name and add what a simulation lacks.
-
-    Parameters
-    ----------
-    model : ReducedModel or Beam
-        The simulation; for a `Beam` see `diagnose_beam`, which this calls.
-    measured : Decay or sequence of Decay
-        One channel each, in the unit of the model.
-    held_out : Decay, optional
-        A decay to judge by, which takes no part otherwise. Without it the last quarter of each
-        record is held out, if it holds six cycles.
-    free : names or effects
-        Coefficients that the simulation is unsure of, of "omega^2" and "c_linear", or effects
-        without shape values. They follow the data under every hypothesis, and are blamed only
-        where nothing else is needed. Empty: the model is taken as exact.
-    tolerances : mapping of str to float, optional
-        Relative standard deviations of other coefficients.
-    catalogue : sequence of Effect
-        What to look for; add your own.
-    false_alarm : float
-        Probability of naming an effect where there is none.
-    max_effects : int
-        Most effects at once.
-    floor : float
-        Disagreement that does not matter, as a part of the largest amplitude.
-    n_jobs : int
-        Processes for the candidates (joblib).
-    progress : callable, optional
-        Called with a line of text for every candidate under test.
-
-    Returns
-    -------
-    DiagnosisReport
-
-    Raises
-    ------
-    TypeError
-        For a simulation that is neither a ReducedModel nor a Beam.
-    ValueError
-        For records that cannot be compared with the model: other unit, sign, scale or mode, too
-        few cycles, noise alone. The message names the remedy.
-    """
-    if not isinstance(model, ReducedModel):
-        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
+    """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
     several = [measured] if isinstance(measured, Decay) else list(measured)
     check_request(model, several, held_out, free, tolerances or {}, false_alarm)
     several = [over_shared_amplitudes(model, d) for d in several]
@@ -202,35 +157,31 @@ def _unsure(
 ) -> tuple[Part, ...]:
     known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
     unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
-    parts = [Part.of(effect, all_scales, n_records, ()) for effect in unsure]
+    parts = [Part.of(effect, all_scales, n_records) for effect in unsure]
     terms = {term.key: term for term in model.terms}
     for name, relative in tolerances.items():
         effect: Effect = known.get(name) or Coefficient(terms[name])
-        part = Part.of(effect, all_scales, n_records, ())
+        part = Part.of(effect, all_scales, n_records)
         parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
     return tuple(parts)
 
 
 def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     """Round exponents back to those of the textbook where the data do not object."""
-    fixed = [
-        replace(
-            p,
-            shapes=tuple(
-                replace(s, low=s.starts[0], high=s.starts[0]) if s.name == "exponent" else s
-                for s in p.shapes
-            ),
-            shape=np.array(
-                [
-                    s.starts[0] if s.name == "exponent" else v
-                    for s, v in zip(p.shapes, p.shape, strict=True)
-                ]
-            ),
-        )
-        for p in best.effects
-    ]
-    if not any(s.name == "exponent" for p in fixed for s in p.shapes):
+    fixed = [_with_textbook_exponent(p) for p in best.effects]
+    if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
         return best
     trial = search.hypothesis(fixed)
     rise = trial.solution.chi_squared - best.solution.chi_squared
     return trial if trial.solution.converged and rise < ROUNDED else best
+
+
+def _with_textbook_exponent(part: Part) -> Part:
+    known = [
+        replace(p, low=p.starts[0], high=p.starts[0]) if p.name == "exponent" else p
+        for p in part.parameters
+    ]
+    if known == list(part.parameters):
+        return part
+    shape = np.clip(part.shape, [p.low for p in known], [p.high for p in known])
+    return replace(part.shaped(shape), parameters=tuple(known))

@@ -1,15 +1,31 @@
-"""The effects that a diagnosis looks for."""
+"""Effects that a simulation may lack: each written once, for models, beams and the diagnosis."""
 
-from romsindy.effects.base import Effect
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from romsindy.effects.base import (
+    Effect,
+    Parameter,
+    ReadingEffect,
+    Scales,
+    State,
+    TermEffect,
+    TimedEffect,
+)
 from romsindy.effects.damping import (
-    AmplitudeDamping,
-    CubicDamping,
+    AirDrag,
+    Damper,
     DryFriction,
+    GrowingDamping,
     Hysteretic,
-    QuadraticDrag,
     Rubbing,
+    SpeedCubedDamping,
+    SpringFriction,
     Viscous,
 )
+from romsindy.effects.load import Load, PointMass
+from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, TowardsAnchor
 from romsindy.effects.outside import (
     BaseExcitation,
     Bias,
@@ -24,23 +40,24 @@ from romsindy.effects.outside import (
 from romsindy.effects.stiffness import (
     Bilinear,
     CubicStiffness,
-    Gap,
     LinearFrequency,
-    MagnetPull,
+    Magnet,
     MoreMass,
     NonlinearInertia,
     QuadraticStiffness,
     QuinticStiffness,
     SteadyForce,
     Stop,
+    TwoSidedGap,
 )
 
+# What a diagnosis looks for in the coordinate of one mode.
 CATALOGUE: tuple[Effect, ...] = (
     Viscous(),
-    QuadraticDrag(),
+    AirDrag(),
     DryFriction(),
-    AmplitudeDamping(),
-    CubicDamping(),
+    GrowingDamping(),
+    SpeedCubedDamping(),
     Hysteretic(),
     Rubbing(1),
     Rubbing(-1),
@@ -54,9 +71,9 @@ CATALOGUE: tuple[Effect, ...] = (
     Bilinear(),
     Stop(1),
     Stop(-1),
-    Gap(),
-    MagnetPull(1),
-    MagnetPull(-1),
+    TwoSidedGap(),
+    Magnet(1),
+    Magnet(-1),
     Drift(),
     SuddenChange(),
     BaseExcitation(),
@@ -68,3 +85,77 @@ CATALOGUE: tuple[Effect, ...] = (
     SensorNonlinearity(3),
     Saturation(),
 )
+
+# What it looks for on a beam, each mounted; two dipoles attract with the fourth power.
+BEAM_CATALOGUE: tuple[TermEffect, ...] = (
+    Damper(),
+    AirDrag(),
+    DryFriction(),
+    SpringFriction(),
+    CubicStiffness(),
+    Stop(1),
+    Stop(-1),
+    TwoSidedGap(),
+    Magnet(1, exponent=4.0),
+    Magnet(-1, exponent=4.0),
+)
+
+
+def look_alikes(name: str, catalogue: Iterable[Effect]) -> set[str]:
+    """Names of the effects that one resembles, by its own word or by theirs."""
+    found: set[str] = set()
+    for effect in catalogue:
+        if effect.name == name:
+            found.update(effect.resembles)
+        elif name in effect.resembles:
+            found.add(effect.name)
+    return found
+
+
+__all__ = [
+    "BEAM_CATALOGUE",
+    "CATALOGUE",
+    "AirDrag",
+    "AlongBeam",
+    "AtPoint",
+    "BaseExcitation",
+    "Bias",
+    "Bilinear",
+    "CubicStiffness",
+    "Damper",
+    "Drift",
+    "DryFriction",
+    "Effect",
+    "Gain",
+    "GrowingDamping",
+    "Hum",
+    "Hysteretic",
+    "LinearFrequency",
+    "Load",
+    "Magnet",
+    "MoreMass",
+    "Mounting",
+    "NonlinearInertia",
+    "Parameter",
+    "PointMass",
+    "QuadraticStiffness",
+    "QuinticStiffness",
+    "ReadingEffect",
+    "Rubbing",
+    "Saturation",
+    "Scales",
+    "SecondMode",
+    "SensorNonlinearity",
+    "SpeedCubedDamping",
+    "SpringFriction",
+    "State",
+    "SteadyForce",
+    "Stop",
+    "SuddenChange",
+    "TermEffect",
+    "TimedEffect",
+    "TowardsAnchor",
+    "TwoSidedGap",
+    "Viscous",
+    "look_alikes",
+]

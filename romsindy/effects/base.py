@@ -1,24 +1,32 @@
-"""What an effect is: something that a simulation may lack, with its strength and its shape.
+"""What an effect is: something that a simulation may lack, written once.
 
-The contract for a new effect, one small class with ``name``, ``label``, ``family``:
+The contract for a new effect: one small frozen dataclass with ``name``, ``label``, ``family``,
+whose fields are its shape values (an exponent, a gap), each with its usual value as default.
 
-* an effect on the motion derives from `TermEffect` and returns its `Term` for given shape values;
-* an effect that knows the time derives from `TimedEffect` (``pull``);
-* an effect of the sensor derives from `ReadingEffect` (``shown``).
+* An effect on the motion derives from `TermEffect` and returns its law from `term`; or it derives
+  from a law too, and is its own. From the law follow the term of a reduced model, the load on a
+  beam (``mounting``: where on it), the candidate of the diagnosis, and its JSON.
+* An effect that knows the time derives from `TimedEffect` (``pull``).
+* An effect of the sensor derives from `ReadingEffect` (``shown``).
 
-All are linear in their strengths. Shape values (exponents, gaps, frequencies) have starting
-values, limits and a prior. ``sign`` = 1 says that a negative strength is unphysical.
+All are linear in their strengths. `parameters` says which fields a fit may change, from which
+values it starts, their limits and prior. ``sign`` = 1 says that a negative strength is unphysical;
+``resembles`` names effects that look alike in one mode and are never judged one without the other.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from romsindy.physics.terms import Term
+from romsindy.effects.load import Load, PointMass
+from romsindy.effects.mounting import AlongBeam, Mounting, Point
+from romsindy.physics.damping import FrictionLaw
+from romsindy.physics.term import Term, unit_text
 from romsindy.typing import Array
 
 
@@ -33,7 +41,7 @@ class State(NamedTuple):
 
 
 class Scales(NamedTuple):
-    """What shapes are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s)."""
+    """What parameters are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s)."""
 
     amplitude: float
     omega: float
@@ -42,12 +50,13 @@ class Scales(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shape:
-    """A shape value of an effect.
+class Parameter:
+    """A shape value of an effect that a fit may change.
 
     Attributes
     ----------
     name : str
+        The field of the effect.
     starts : tuple of float
         Values to screen.
     low, high : float
@@ -68,7 +77,7 @@ class Shape:
     reach: float | None = None
     unit: str = ""
 
-    def from_start(self, start: float) -> Shape:
+    def from_start(self, start: float) -> Parameter:
         """The same with the limits of a fit that starts from one of the values."""
         if self.reach is None:
             return self
@@ -76,7 +85,7 @@ class Shape:
         return replace(self, low=low, high=high)
 
     @classmethod
-    def near(cls, name: str, value: float, spread: float) -> Shape:
+    def near(cls, name: str, value: float, spread: float) -> Parameter:
         """A value known to a standard deviation."""
         return cls(name, (value,), value - 4 * spread, value + 4 * spread, spread)
 
@@ -87,7 +96,9 @@ class Effect(ABC):
     name: ClassVar[str]
     label: ClassVar[str]  # as an engineer says it
     family: ClassVar[str]  # damping, stiffness, inertia, time, outside, measurement
+    resembles: ClassVar[tuple[str, ...]] = ()
     sign: ClassVar[int] = 0
+    start: ClassVar[float] = 0.0  # strength that a fit starts from
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
     unit: ClassVar[str] = ""  # of the strength, where it does not follow from the term
@@ -98,79 +109,148 @@ class Effect(ABC):
         """What tells apart effects of the same name, such as the side of a stop."""
         return ""
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        """Shape values."""
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        """Fields that a fit may change."""
         return ()
 
-    def forces(self, state: State, shape: Array) -> Array | None:
+    def shaped(self, values: Mapping[str, float]) -> Effect:
+        """The same with other values of some of its fields."""
+        return replace(self, **values) if values else self  # type: ignore[type-var]
+
+    def value(self, name: str) -> float:
+        """Present value of a parameter."""
+        return float(getattr(self, name))
+
+    def forces(self, state: State) -> Array | None:
         """Additions to the left side of the equation for unit strengths, (n_strengths, n)."""
         return None
 
-    def slopes(self, state: State, shape: Array, strengths: Array) -> tuple[Any, Any, Any]:
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """Derivatives of the force with respect to q, q_dot, q_ddot."""
         return 0.0, 0.0, 0.0
 
-    def readings(self, t: Array, q: Array, shape: Array) -> Array | None:
+    def readings(self, t: Array, q: Array) -> Array | None:
         """Additions to what the sensor shows for unit strengths, (n_strengths, n)."""
         return None
 
-    def reading_slopes(self, t: Array, q: Array, shape: Array) -> Array:
+    def reading_slopes(self, t: Array, q: Array) -> Array:
         """Derivatives of the readings with respect to q."""
         return np.zeros((self.n_strengths, len(q)))
 
-    def term(self, shape: Array) -> Term | None:
-        """The term that it adds to a `ReducedModel`, where it can be one."""
+    def term(self) -> Term | None:
+        """The law that it adds to a `ReducedModel`, where it can be one."""
         return None
 
-    def beam_effect(self, strength: float, shape: Array) -> Any:
-        """What the beam is given, by `Beam.with_effect`; None where there is no counterpart."""
+    def strength_unit(self, unit: str | None) -> str:
+        """Unit of the strength for a coordinate in ``unit``."""
+        law = self.term()
+        return self.unit or ("" if law is None else law.unit(unit))
+
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
+        """What `Beam.with_effect` takes; None where there is no counterpart on a beam."""
         return None
 
 
 class TermEffect(Effect):
-    """An effect that is a `Term` of the equation of motion."""
+    """An effect that is a law of the equation of motion."""
 
-    @abstractmethod
-    def term(self, shape: Array) -> Term:
-        """The term for given shape values."""
+    mounting: ClassVar[Mounting | None] = None  # where it is looked for on a beam
 
-    def forces(self, state: State, shape: Array) -> Array:
-        """The term in its strong form."""
-        value = self.term(shape).strong(state.q, state.q_dot, state.q_ddot)
+    def term(self) -> Term:
+        """The law; the effect itself, where it derives from one.
+
+        Raises
+        ------
+        TypeError
+            If the effect is no law and returns none.
+        """
+        if not isinstance(self, Term):
+            raise TypeError(
+                f"{type(self).__name__} must derive from a law, or return one in term()"
+            )
+        return self
+
+    def forces(self, state: State) -> Array:
+        """The law in its strong form; a jump is averaged over the step in time."""
+        law = self.term()
+        if isinstance(law, FrictionLaw) and not law.smooth:
+            value = law.averaged(state.q, state.q_dot, *_changes(state)).force
+        else:
+            value = law.strong(state.q, state.q_dot, state.q_ddot)
         return np.atleast_2d(np.broadcast_to(value, state.q.shape))
 
-    def slopes(self, state: State, shape: Array, strengths: Array) -> tuple[Any, Any, Any]:
-        """Derivatives of the term."""
-        term, s = self.term(shape), strengths[0]
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
+        """Derivatives of the law."""
+        law, s = self.term(), strengths[0]
         _, q, q_dot, q_ddot, _ = state
+        if isinstance(law, FrictionLaw) and not law.smooth:
+            _, by_q, by_q_dot = law.averaged(q, q_dot, *_changes(state))
+            return s * by_q, s * by_q_dot, 0.0
         by_q = (
-            term.inertia_dq(q) * q_ddot
-            + term.convection_dq(q) * q_dot**2
-            + term.stiffness_dq(q)
-            + term.damping_dq(q, q_dot)
+            law.inertia_dq(q) * q_ddot
+            + law.convection_dq(q) * q_dot**2
+            + law.stiffness_dq(q)
+            + law.damping_dq(q, q_dot)
         )
-        by_q_dot = 2 * term.convection(q) * q_dot + term.damping_dq_dot(q, q_dot)
-        return s * by_q, s * by_q_dot, s * term.inertia(q)
+        by_q_dot = 2 * law.convection(q) * q_dot + law.damping_dq_dot(q, q_dot)
+        return s * by_q, s * by_q_dot, s * law.inertia(q)
+
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Load | PointMass:
+        """The law as a load, at ``mounting`` or where the effect usually is.
+
+        Raises
+        ------
+        ValueError
+            If neither says where it acts; and as `Load`.
+        """
+        where = mounting or self.mounting
+        if where is None:
+            raise ValueError(
+                f"mounting = None, and {type(self).__name__} names no place on a beam of its own:"
+                " give one, such as AtPoint()"
+            )
+        law = self.term()
+        smooth = law if law.smooth else law.regularised(CREEP)
+        return Load(smooth, strength, where)
+
+    def placed(self, mounting: Mounting, rest: Point) -> Mounting:
+        """The mounting of a candidate, given where its point is at rest."""
+        return mounting
+
+    def strength_on_beam(self, mounting: Mounting) -> str:
+        """Unit of the strength of a load."""
+        length, time = self.term().dimension
+        along = isinstance(mounting, AlongBeam)
+        return unit_text({"N": 1, "m": -length - along, "s": -time})
+
+
+# Velocity [m/s] below which friction on a beam turns round smoothly.
+CREEP = 1e-3
+
+
+def _changes(state: State) -> tuple[Array, Array]:
+    """How q and q_dot change from one Gauss point to the next."""
+    return state.q_dot * state.step / 3, state.q_ddot * state.step / 3
 
 
 class TimedEffect(Effect):
     """A force that knows the time."""
 
     @abstractmethod
-    def pull(self, t: Array, q: Array, shape: Array) -> Array:
+    def pull(self, t: Array, q: Array) -> Array:
         """Additions to the left side of the equation, (n_strengths, n)."""
 
-    def pull_dq(self, t: Array, q: Array, shape: Array) -> Array:
+    def pull_dq(self, t: Array, q: Array) -> Array:
         """Derivative of `pull` with respect to q."""
         return np.zeros((self.n_strengths, len(q)))
 
-    def forces(self, state: State, shape: Array) -> Array:
+    def forces(self, state: State) -> Array:
         """The pull at the times of the state."""
-        return self.pull(state.t, state.q, shape)
+        return self.pull(state.t, state.q)
 
-    def slopes(self, state: State, shape: Array, strengths: Array) -> tuple[Any, Any, Any]:
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """It depends on q alone."""
-        return strengths @ self.pull_dq(state.t, state.q, shape), 0.0, 0.0
+        return strengths @ self.pull_dq(state.t, state.q), 0.0, 0.0
 
 
 class ReadingEffect(Effect):
@@ -179,29 +259,17 @@ class ReadingEffect(Effect):
     family = "measurement"
 
     @abstractmethod
-    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+    def shown(self, t: Array, q: Array) -> Array:
         """Additions to the reading, (n_strengths, n)."""
 
-    def shown_dq(self, t: Array, q: Array, shape: Array) -> Array:
+    def shown_dq(self, t: Array, q: Array) -> Array:
         """Derivative of `shown` with respect to q."""
         return np.zeros((self.n_strengths, len(q)))
 
-    def readings(self, t: Array, q: Array, shape: Array) -> Array:
+    def readings(self, t: Array, q: Array) -> Array:
         """What is shown beside q."""
-        return self.shown(t, q, shape)
+        return self.shown(t, q)
 
-    def reading_slopes(self, t: Array, q: Array, shape: Array) -> Array:
+    def reading_slopes(self, t: Array, q: Array) -> Array:
         """Derivatives of what is shown."""
-        return self.shown_dq(t, q, shape)
-
-
-def mean_sign(x: Array, change: Array) -> Array:
-    """Sign of x averaged over x - change to x + change: a jump spread over a step in time."""
-    change = np.maximum(np.abs(change), 1e-12 * np.max(np.abs(x)) + 1e-300)
-    return np.clip(x / change, -1.0, 1.0)
-
-
-def mean_sign_slope(x: Array, change: Array) -> Array:
-    """Derivative of `mean_sign` with respect to x."""
-    change = np.maximum(np.abs(change), 1e-12 * np.max(np.abs(x)) + 1e-300)
-    return (np.abs(x) < change) / change
+        return self.shown_dq(t, q)

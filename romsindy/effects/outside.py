@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.effects.base import ReadingEffect, Scales, Shape, TimedEffect
+from romsindy.effects.base import Parameter, ReadingEffect, Scales, TimedEffect
 from romsindy.typing import Array
 
 
@@ -14,111 +14,135 @@ from romsindy.typing import Array
 class Drift(TimedEffect):
     """Stiffness that changes slowly; ``duration`` (s) is the time for one strength."""
 
+    exponent: float = 1.0
+
     name, family = "drift", "time"
+    resembles = ("sudden_change",)
     label = "a stiffness that drifts in time"
     advice = "the same decay repeated: a drift goes on, an amplitude effect comes back"
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return (Shape.near("exponent", 1.0, 0.07),)
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        return (Parameter.near("exponent", 1.0, 0.07),)
 
-    def pull(self, t: Array, q: Array, shape: Array) -> Array:
-        return self.pull_dq(t, q, shape) * q
+    def pull(self, t: Array, q: Array) -> Array:
+        return self.pull_dq(t, q) * q
 
-    def pull_dq(self, t: Array, q: Array, shape: Array) -> Array:
-        return np.maximum(t, 0.0)[None] ** shape[0]
+    def pull_dq(self, t: Array, q: Array) -> Array:
+        return np.maximum(t, 0.0)[None] ** self.exponent
 
 
+@dataclass(frozen=True)
 class SuddenChange(TimedEffect):
     """Stiffness that jumps at one instant."""
+
+    time: float = 1.0
 
     name, family = "sudden_change", "time"
     label = "a sudden change of stiffness"
     advice = "the same decay repeated after an inspection"
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         starts = tuple(scales.duration * np.linspace(0.05, 0.9, 18))
-        return (Shape("time", starts, 0.02 * scales.duration, 0.97 * scales.duration, unit="s"),)
+        return (
+            Parameter("time", starts, 0.02 * scales.duration, 0.97 * scales.duration, unit="s"),
+        )
 
-    def pull(self, t: Array, q: Array, shape: Array) -> Array:
-        return self.pull_dq(t, q, shape) * q
+    def pull(self, t: Array, q: Array) -> Array:
+        return self.pull_dq(t, q) * q
 
-    def pull_dq(self, t: Array, q: Array, shape: Array) -> Array:
+    def pull_dq(self, t: Array, q: Array) -> Array:
         # Smooth over a short while, so that the instant can be fitted.
-        return 0.5 + 0.5 * np.tanh((t / shape[0] - 1) * 500)[None]
+        return 0.5 + 0.5 * np.tanh((t / self.time - 1) * 500)[None]
 
 
-def _tone(scales: Scales) -> Shape:
+def _tone(scales: Scales) -> Parameter:
     omega = scales.omega
-    return Shape(
+    return Parameter(
         "frequency", scales.tones, 0.02 * omega, 60 * omega, reach=0.04 * omega, unit="rad/s"
     )
 
 
+@dataclass(frozen=True)
 class BaseExcitation(TimedEffect):
     """Steady shaking of the support at one frequency."""
 
+    frequency: float = 1.0
+
     name, family, per_record, n_strengths = "base_excitation", "outside", True, 2
+    resembles = ("mains_hum", "second_mode")
     label = "base excitation at one frequency"
     advice = "a sensor on the support, or a record of the structure at rest"
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return (_tone(scales),)
 
-    def pull(self, t: Array, q: Array, shape: Array) -> Array:
-        return np.stack([np.cos(shape[0] * t), np.sin(shape[0] * t)])
+    def pull(self, t: Array, q: Array) -> Array:
+        return np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
 
 
+@dataclass(frozen=True)
 class Hum(ReadingEffect):
     """A steady line in the sensor."""
 
+    frequency: float = 1.0
+
     name, family, per_record, n_strengths = "mains_hum", "outside", True, 2
+    resembles = ("second_mode",)
     label = "mains hum in the sensor"
     advice = "a record with the structure at rest"
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return (_tone(scales),)
 
-    def shown(self, t: Array, q: Array, shape: Array) -> Array:
-        return np.stack([np.cos(shape[0] * t), np.sin(shape[0] * t)])
+    def shown(self, t: Array, q: Array) -> Array:
+        return np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
 
 
+@dataclass(frozen=True)
 class SecondMode(ReadingEffect):
     """A second mode that rings down beside the first."""
+
+    frequency: float = 1.0
+    damping_ratio: float = 0.005
 
     name, family, per_record, n_strengths = "second_mode", "outside", True, 2
     label = "a second mode that vibrates along"
     advice = "a sensor at the node of the first mode"
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return (_tone(scales), Shape("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05))
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        return (_tone(scales), Parameter("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05))
 
-    def shown(self, t: Array, q: Array, shape: Array) -> Array:
-        envelope = np.exp(-shape[1] * shape[0] * t)
-        return envelope * np.stack([np.cos(shape[0] * t), np.sin(shape[0] * t)])
+    def shown(self, t: Array, q: Array) -> Array:
+        envelope = np.exp(-self.damping_ratio * self.frequency * t)
+        return envelope * np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
 
 
+@dataclass(frozen=True)
 class Bias(ReadingEffect):
     """A zero that is not zero."""
 
     name = "bias"
+    resembles = ("sensor_nonlinearity",)
     label = "an offset of the sensor"
     advice = "a record of the structure at rest"
 
-    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+    def shown(self, t: Array, q: Array) -> Array:
         return np.ones((1, len(t)))
 
 
+@dataclass(frozen=True)
 class Gain(ReadingEffect):
     """A wrong calibration."""
 
     name = "gain"
+    resembles = ("added_mass", "magnet")
     label = "a wrong gain of the sensor"
     advice = "a calibration of the sensor, or a second sensor beside it"
 
-    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+    def shown(self, t: Array, q: Array) -> Array:
         return q[None]
 
-    def shown_dq(self, t: Array, q: Array, shape: Array) -> Array:
+    def shown_dq(self, t: Array, q: Array) -> Array:
         return np.ones((1, len(q)))
 
 
@@ -136,28 +160,30 @@ class SensorNonlinearity(ReadingEffect):
     def variant(self) -> str:
         return f"q^{self.power}"
 
-    def shown(self, t: Array, q: Array, shape: Array) -> Array:
+    def shown(self, t: Array, q: Array) -> Array:
         return q[None] ** self.power
 
-    def shown_dq(self, t: Array, q: Array, shape: Array) -> Array:
+    def shown_dq(self, t: Array, q: Array) -> Array:
         return self.power * q[None] ** (self.power - 1)
 
 
+@dataclass(frozen=True)
 class Saturation(ReadingEffect):
     """A sensor that shows no more than its limit; strength 1 clips hard."""
 
-    name, sign = "saturation", 1
+    limit: float = 1.0
+
+    name, sign, start = "saturation", 1, 1.0
     label = "a sensor that saturates"
     advice = "a sensor of larger range, or a decay from a smaller amplitude"
-    start: float = 1.0
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
         starts = tuple(a * np.array([1.0, 0.985, 0.965, 0.94]))
-        return (Shape("limit", starts, 0.5 * a, 1.05 * a, unit="q"),)
+        return (Parameter("limit", starts, 0.5 * a, 1.05 * a, unit="q"),)
 
-    def shown(self, t: Array, q: Array, shape: Array) -> Array:
-        return -(np.sign(q) * np.maximum(np.abs(q) - shape[0], 0.0))[None]
+    def shown(self, t: Array, q: Array) -> Array:
+        return -(np.sign(q) * np.maximum(np.abs(q) - self.limit, 0.0))[None]
 
-    def shown_dq(self, t: Array, q: Array, shape: Array) -> Array:
-        return -1.0 * (np.abs(q) > shape[0])[None]
+    def shown_dq(self, t: Array, q: Array) -> Array:
+        return -1.0 * (np.abs(q) > self.limit)[None]

@@ -6,19 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import Scales, Shape, TermEffect
-from romsindy.physics.force_laws import (
-    AddedMass,
+from romsindy.effects.base import Parameter, Scales, TermEffect
+from romsindy.effects.load import Load, PointMass
+from romsindy.effects.mounting import AtPoint, Mounting, Point, TowardsAnchor
+from romsindy.physics.inertia import AddedMass, Inertia
+from romsindy.physics.stiffness import (
     ConstantForce,
-    Magnet,
-    PowerStiffness,
-    StopStiffness,
-    TwoSidedGap,
+    GapForce,
+    MagnetForce,
+    Stiffness,
+    StopForce,
+    side_name,
 )
-from romsindy.physics.terms import Inertia, Stiffness, Term
-from romsindy.typing import Array
 
 
+@dataclass(frozen=True)
 class LinearFrequency(TermEffect):
     """A wrong linear stiffness."""
 
@@ -26,10 +28,11 @@ class LinearFrequency(TermEffect):
     label = "another linear stiffness (natural frequency) than assumed"
     advice = "a second mode, or a decay with a known mass added"
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> Stiffness:
         return Stiffness(1)
 
 
+@dataclass(frozen=True)
 class MoreMass(TermEffect):
     """Mass that moves along."""
 
@@ -37,150 +40,213 @@ class MoreMass(TermEffect):
     label = "added mass"
     advice = "a second mode: mass and stiffness move it differently"
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> AddedMass:
         return AddedMass()
 
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> PointMass:
+        """A point mass [kg], at the right end if nothing else is said."""
+        return PointMass(strength, None if mounting is None else mounting.at)
 
+
+@dataclass(frozen=True)
 class CubicStiffness(TermEffect):
     """Hardening or softening with the cube of displacement."""
+
+    exponent: float = 3.0
 
     name, family = "cubic_stiffness", "stiffness"
     label = "cubic stiffness"
     advice = "a larger amplitude: the third harmonic decides"
+    resembles = (
+        "nonlinear_inertia",
+        "gain",
+        "added_mass",
+        "magnet",
+        "quintic_stiffness",
+        "saturation",
+    )
+    mounting = AtPoint()
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return (Shape.near("exponent", 3.0, 0.04),)
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        return (Parameter.near("exponent", 3.0, 0.04),)
 
-    def term(self, shape: Array) -> Term:
-        return PowerStiffness(float(shape[0]))
+    def term(self) -> Stiffness:
+        return Stiffness(self.exponent)
 
 
+@dataclass(frozen=True)
 class QuinticStiffness(TermEffect):
     """Hardening or softening with the fifth power."""
+
+    exponent: float = 5.0
 
     name, family = "quintic_stiffness", "stiffness"
     label = "quintic stiffness"
     advice = "a larger amplitude"
+    resembles = ("two_sided_gap", "stop", "saturation")
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return (Shape.near("exponent", 5.0, 0.07),)
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        return (Parameter.near("exponent", 5.0, 0.07),)
 
-    def term(self, shape: Array) -> Term:
-        return PowerStiffness(float(shape[0]))
+    def term(self) -> Stiffness:
+        return Stiffness(self.exponent)
 
 
+@dataclass(frozen=True)
 class QuadraticStiffness(TermEffect):
     """Asymmetric stiffness, as of a sagged structure."""
 
     name, family = "quadratic_stiffness", "stiffness"
     label = "quadratic (asymmetric) stiffness, as from sag"
     advice = "a test in another position relative to gravity"
+    resembles = ("bilinear", "constant_force", "bias", "sensor_nonlinearity")
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> Stiffness:
         return Stiffness(2)
 
 
+@dataclass(frozen=True)
 class SteadyForce(TermEffect):
     """A constant force."""
 
     name, family = "constant_force", "stiffness"
     label = "a constant force"
     advice = "a record of the structure at rest before and after"
+    resembles = ("bilinear", "bias", "sensor_nonlinearity")
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> ConstantForce:
         return ConstantForce()
 
 
+@dataclass(frozen=True)
 class NonlinearInertia(TermEffect):
     """Inertia that grows with displacement."""
 
     name, family = "nonlinear_inertia", "inertia"
     label = "nonlinear inertia"
     advice = "a larger amplitude: the third harmonic decides"
+    resembles = ("gain", "added_mass", "magnet")
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> Inertia:
         return Inertia(3)
 
 
+@dataclass(frozen=True)
 class Bilinear(TermEffect):
     """Two stiffnesses that meet near rest."""
+
+    gap: float = 0.0
 
     name, family = "bilinear", "stiffness"
     label = "bilinear stiffness, as of a crack that opens and closes"
     advice = "a static pull to either side"
+    resembles = ("bias", "sensor_nonlinearity")
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
         starts = (0.0, 0.025 * a, -0.025 * a, 0.05 * a, -0.05 * a)
-        return (Shape("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
+        return (Parameter("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
 
-    def term(self, shape: Array) -> Term:
-        return StopStiffness(float(shape[0]))
+    def term(self) -> StopForce:
+        return StopForce(self.gap)
 
 
-def _gaps(scales: Scales, least: float) -> tuple[Shape, ...]:
+class _AtRest(TermEffect):
+    """Contacts, whose gap and distance count from the position at rest."""
+
+    advice = "a decay from just below the gap"
+
+    def placed(self, mounting: Mounting, rest: Point) -> Mounting:
+        return mounting.zeroed(rest)
+
+
+def _gap(scales: Scales, least: float) -> Parameter:
     a = scales.amplitude
     starts = np.linspace(max(least, 0.2), 0.9, 9)
-    return (Shape("gap", tuple(starts * a), least * a, 0.97 * a, unit="q"),)
+    return Parameter("gap", tuple(starts * a), least * a, 0.97 * a, unit="q")
 
 
 @dataclass(frozen=True)
-class Stop(TermEffect):
+class Stop(_AtRest):
     """A stop that is met on one side."""
 
     side: int = 1
+    gap: float = 0.0
+    exponent: float = 1.0
 
     name, family, sign = "stop", "stiffness", 1
     label = "a stop on one side"
-    advice = "a decay from just below the gap"
+    resembles = ("two_sided_gap", "cubic_stiffness", "saturation")
+    mounting = AtPoint()
 
     @property
     def variant(self) -> str:
-        return "above" if self.side > 0 else "below"
+        return side_name(self.side)
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        (gap,) = _gaps(scales, 0.2)
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        gap = _gap(scales, 0.2)
         if self.side < 0:
             starts = tuple(-g for g in gap.starts)
             gap = replace(gap, starts=starts, low=-gap.high, high=-gap.low)
-        return (gap, Shape.near("exponent", 1.0, 0.04))
+        return (gap, Parameter.near("exponent", 1.0, 0.04))
 
-    def term(self, shape: Array) -> Term:
-        return StopStiffness(float(shape[0]), self.side, float(shape[1]))
-
-
-class Gap(TermEffect):
-    """Springs met on both sides beyond a gap."""
-
-    name, family = "two_sided_gap", "stiffness"
-    label = "a spring with a gap on both sides"
-    advice = "a decay from just below the gap"
-
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
-        return (*_gaps(scales, 0.15), Shape.near("exponent", 1.0, 0.04))
-
-    def term(self, shape: Array) -> Term:
-        return TwoSidedGap(float(shape[0]), float(shape[1]))
+    def term(self) -> StopForce:
+        return StopForce(self.gap, self.side, self.exponent)
 
 
 @dataclass(frozen=True)
-class MagnetPull(TermEffect):
-    """Attraction that grows on approach."""
+class TwoSidedGap(_AtRest):
+    """Springs met on both sides beyond a gap."""
+
+    gap: float = 0.0
+    exponent: float = 1.0
+
+    name, family, sign = "two_sided_gap", "stiffness", 1
+    label = "a spring with a gap on both sides"
+    resembles = ("cubic_stiffness", "saturation")
+    mounting = AtPoint()
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        return (_gap(scales, 0.15), Parameter.near("exponent", 1.0, 0.04))
+
+    def term(self) -> GapForce:
+        return GapForce(self.gap, self.exponent)
+
+
+@dataclass(frozen=True)
+class Magnet(_AtRest):
+    """Attraction that grows on approach; its strength is the pull at rest."""
 
     side: int = 1
+    distance: float = 1.0
+    exponent: float = 2.0
 
     name, family, sign = "magnet", "stiffness", 1
     label = "a magnet that attracts from one side"
     advice = "a static pull towards the magnet, or a larger amplitude"
+    resembles = ("gain", "added_mass")
+    mounting = AtPoint()
 
     @property
     def variant(self) -> str:
-        return "above" if self.side > 0 else "below"
+        return side_name(self.side)
 
-    def shapes(self, scales: Scales) -> tuple[Shape, ...]:
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
-        distance = Shape("distance", (1.3 * a, 1.5 * a, 1.8 * a, 2.3 * a), 1.1 * a, 4 * a, unit="q")
-        return (distance, Shape.near("exponent", 2.0, 0.07))
+        starts = (1.3 * a, 1.5 * a, 1.8 * a, 2.3 * a)
+        distance = Parameter("distance", starts, 1.1 * a, 4 * a, unit="q")
+        return (distance, Parameter.near("exponent", self.exponent, 0.07))
 
-    def term(self, shape: Array) -> Term:
-        return Magnet(float(shape[0]), self.side, float(shape[1]))
+    def term(self) -> MagnetForce:
+        return MagnetForce(self.distance, self.side, self.exponent)
+
+    def placed(self, mounting: Mounting, rest: Point) -> Mounting:
+        """A pole at the distance from the point at rest, pulling along the line to it."""
+        ex, ey, _ = mounting.gradient(rest)
+        reach = self.side * self.distance
+        return TowardsAnchor((rest.x + reach * ex, rest.y + reach * ey), mounting.at, self.distance)
+
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Load | PointMass:
+        # Towards a pole, d is the lengthening: the pole is below.
+        side = -1 if isinstance(mounting, TowardsAnchor) else self.side
+        return super(Magnet, replace(self, side=side)).on_beam(strength, mounting)

@@ -10,8 +10,7 @@ import numpy as np
 from romsindy.effects.base import TermEffect
 from romsindy.fit.part import Part
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
-from romsindy.typing import Array
+from romsindy.physics.term import Term
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class Coefficient(TermEffect):
         """Name of the coefficient."""
         return self.of.key
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> Term:
         """The term of the model itself."""
         return self.of
 
@@ -36,9 +35,7 @@ class Coefficient(TermEffect):
 def free_coefficients(model: ReducedModel, names: Sequence[str]) -> tuple[Part, ...]:
     """Changes, 0 at first, of some coefficients of a model."""
     terms = {term.key: term for term in model.terms}
-    return tuple(
-        Part(Coefficient(terms[name]), (), np.zeros((1, 1)), np.zeros(0)) for name in names
-    )
+    return tuple(Part(Coefficient(terms[name]), (), np.zeros((1, 1))) for name in names)
 
 
 def extended(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
@@ -46,7 +43,7 @@ def extended(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
     terms = {t.key: t for t in model.terms}
     values = model.coefficients
     for part in parts:
-        term = part.effect.term(part.shape)
+        term = part.effect.term()
         if term is not None:
             terms[term.key] = terms.get(term.key, term)
             values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.fit.coefficient import extended
-from romsindy.fit.gauss_newton import Solution
+from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
@@ -32,8 +32,8 @@ _ROUGH = 1e-2  # tolerance of chi-square: shorter horizons only lead on
 
 def fit_growing(
     model: ReducedModel, parts: Sequence[Part], records: Sequence[Record]
-) -> tuple[Part, ...]:
-    """Values from which a fit over the whole records may start.
+) -> tuple[tuple[Part, ...], tuple[Trajectory, ...]]:
+    """Values, and motions over most of the records, from which a fit over all of them may start.
 
     Parameters
     ----------
@@ -47,15 +47,47 @@ def fit_growing(
     TrajectoryError
         If the model cannot be simulated over the first cycles.
     """
-    cycle = max(2 * np.pi / r.rate for r in records)
     longest = max(float(r.t[-1]) for r in records)
-    horizon = _FIRST * cycle
-    found = tuple(parts)
-    states = None
+    horizon = _FIRST * max(2 * np.pi / r.rate for r in records)
+    found, motions = tuple(parts), tuple(r.motion for r in records)
     while horizon < longest:
-        early = [r.until(horizon) for r in records]
-        found, states = _step(model, found, early, states)
+        found, motions = _step(model, found, [r.until(horizon) for r in records], motions)
         horizon *= _GROWTH
-    return found
+    return found, motions
 
 
+def _step(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    records: Sequence[Record],
+    motions: tuple[Trajectory, ...],
+) -> tuple[tuple[Part, ...], tuple[Trajectory, ...]]:
+    """Fit the first part of the records; coefficients are held near their present values."""
+    here = extended(model, parts)
+    still = tuple(replace(p, strengths=0 * p.strengths) if _is_law(p) else p for p in parts)
+    leashes = _leashes(here, still, records[0])
+    # Where the model misses more than the noise, its misfit takes the place of the noise.
+    missed = max(float(np.median(np.abs(simulated_misfit(here, still, records, motions)))), 1.0)
+    leashed = [
+        replace(p, tolerance=leash / missed) if _is_law(p) else p
+        for p, leash in zip(still, leashes, strict=True)
+    ]
+    solution = shoot(here, leashed, records, motions, tolerance=_ROUGH)[0]
+    moved = tuple(
+        replace(p, strengths=p.strengths + new.strengths) if _is_law(p) else new
+        for p, new in zip(parts, solution.parts, strict=True)
+    )
+    return moved, solution.motions
+
+
+def _is_law(part: Part) -> bool:
+    return part.effect.term() is not None
+
+
+def _leashes(model: ReducedModel, parts: tuple[Part, ...], record: Record) -> Array:
+    """Strength of each part that changes the acceleration by one part in a hundred."""
+    motion = record.motion
+    equation = ExtendedEquation(model, parts, 0, motion.grid.step)
+    slopes = equation.by_parameter(*nodes(motion))
+    sizes = np.maximum(np.sqrt(np.mean(slopes**2, axis=1)), 1e-300)
+    return _LEASH * float(np.sqrt(np.mean(motion.q_ddot**2))) / sizes

@@ -117,8 +117,8 @@ def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:
             if part.tolerance is not None:
                 known.append((at, -float(value), part.tolerance))
             at += 1
-        for value, shape in zip(part.shape, part.shapes, strict=True):
-            if shape.spread is not None:
-                known.append((at, shape.starts[0] - float(value), shape.spread))
+        for value, p in zip(part.shape, part.parameters, strict=True):
+            if p.spread is not None:
+                known.append((at, p.starts[0] - float(value), p.spread))
             at += 1
     return known

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import Effect, Scales, Shape, State
+from romsindy.effects.base import Effect, Parameter, Scales, State
 from romsindy.fit.collocation import Linearisation
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
@@ -15,27 +15,50 @@ from romsindy.typing import Array, Indices
 
 @dataclass(frozen=True)
 class Part:
-    """One effect in a hypothesis, with its values: strengths (n_sets, k) and shape (s,)."""
+    """One effect in a hypothesis: the effect with its shape values, and its strengths.
+
+    Attributes
+    ----------
+    effect : Effect
+        With its present shape values.
+    parameters : tuple of Parameter
+        Which of them a fit may change.
+    strengths : (n_sets, k) array
+        One set for all records, or one for each.
+    tolerance : float or None
+        Standard deviation of a strength known beforehand to be near 0.
+    """
 
     effect: Effect
-    shapes: tuple[Shape, ...]
+    parameters: tuple[Parameter, ...]
     strengths: Array
-    shape: Array
-    tolerance: float | None = None  # standard deviation of a strength known beforehand to be near 0
+    tolerance: float | None = None
 
     @classmethod
-    def of(cls, effect: Effect, scales: Scales, n_records: int, start: Sequence[float]) -> Part:
-        """A part with no strength yet; an effect may name a strength to start from."""
+    def of(
+        cls, effect: Effect, scales: Scales, n_records: int, start: Sequence[float] = ()
+    ) -> Part:
+        """A part with the strength that its effect starts from, zero for most."""
         sets = n_records if effect.per_record else 1
-        first = float(getattr(effect, "start", 0.0))
-        strengths = np.full((sets, effect.n_strengths), first)
-        shapes = tuple(s.from_start(v) for s, v in zip(effect.shapes(scales), start, strict=True))
-        return cls(effect, shapes, strengths, np.array(start, float))
+        strengths = np.full((sets, effect.n_strengths), effect.start)
+        known = effect.parameters(scales)
+        parameters = tuple(p.from_start(v) for p, v in zip(known, start, strict=True))
+        return cls(_shaped(effect, parameters, start), parameters, strengths)
 
     @property
     def size(self) -> int:
         """Number of values."""
-        return self.strengths.size + self.shape.size
+        return self.strengths.size + len(self.parameters)
+
+    @property
+    def shape(self) -> Array:
+        """Values of the parameters, (s,)."""
+        return np.array([self.effect.value(p.name) for p in self.parameters], float)
+
+    @property
+    def values(self) -> Array:
+        """Strengths, then shape."""
+        return np.concatenate([self.strengths.ravel(), self.shape])
 
     def own(self, record: int) -> Array:
         """Strengths in one record, (k,)."""
@@ -46,42 +69,45 @@ class Part:
         k = self.effect.n_strengths
         first = k * record if self.effect.per_record else 0
         n = self.strengths.size
-        return [*range(first, first + k), *range(n, n + self.shape.size)]
+        return [*range(first, first + k), *range(n, self.size)]
+
+    def shaped(self, shape: Sequence[float] | Array) -> Part:
+        """The same with other values of the parameters."""
+        return replace(self, effect=_shaped(self.effect, self.parameters, shape))
 
     def moved(self, change: Array) -> Part:
         """Values plus a change, within limits but for rounding."""
         n = self.strengths.size
         values = np.clip(self.values + change, *self.limits())
-        return replace(self, strengths=values[:n].reshape(self.strengths.shape), shape=values[n:])
+        strengths = values[:n].reshape(self.strengths.shape)
+        return replace(self.shaped(values[n:]), strengths=strengths)
 
     def limits(self) -> tuple[Array, Array]:
         """Least and largest of all values."""
         least = np.full(self.strengths.size, 0.0 if self.effect.sign else -np.inf)
-        low = np.array([*least, *(s.low for s in self.shapes)])
-        high = np.array([*np.full(len(least), np.inf), *(s.high for s in self.shapes)])
+        low = np.array([*least, *(p.low for p in self.parameters)])
+        high = np.array([*np.full(len(least), np.inf), *(p.high for p in self.parameters)])
         return low, high
-
-    @property
-    def values(self) -> Array:
-        """Strengths, then shape."""
-        return np.concatenate([self.strengths.ravel(), self.shape])
-
-    def steps(self) -> Array:
-        """Small changes of the shape for differences."""
-        return np.array([1e-6 * max(abs(s.high - s.low), abs(s.high)) for s in self.shapes])
 
     def by_value(self, of: str, arguments: tuple, record: int) -> Array:
         """Derivatives of force or reading with respect to the values in `columns`, (m, n)."""
-        function = getattr(self.effect, of)
-        unit = function(*arguments, self.shape)
-        own = self.own(record)
+        unit = getattr(self.effect, of)(*arguments)
+        own, shape = self.own(record), self.shape
         rows: list[Array] = [unit]
-        for i, h in enumerate(self.steps()):
-            there = self.shape.copy()
-            there[i] += h if self.shape[i] + h <= self.shapes[i].high else -h
-            change = function(*arguments, there) - unit
-            rows.append((own @ change / (there[i] - self.shape[i]))[None])
+        for i, p in enumerate(self.parameters):
+            there = shape.copy()
+            step = 1e-6 * max(abs(p.high - p.low), abs(p.high))
+            there[i] += step if shape[i] + step <= p.high else -step
+            change = getattr(self.shaped(there).effect, of)(*arguments) - unit
+            rows.append((own @ change / (there[i] - shape[i]))[None])
         return np.concatenate(rows)
+
+
+def _shaped(
+    effect: Effect, parameters: Sequence[Parameter], shape: Sequence[float] | Array
+) -> Effect:
+    values = {p.name: float(v) for p, v in zip(parameters, shape, strict=True)}
+    return effect.shaped(values)
 
 
 @dataclass(frozen=True)
@@ -99,10 +125,10 @@ class ExtendedEquation:
         state = State(t, q, q_dot, q_ddot, self.step)
         for part in self.parts:
             own = part.own(self.record)
-            forces = part.effect.forces(state, part.shape) if np.any(own) else None
+            forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
                 residual = residual + own @ forces
-                added = part.effect.slopes(state, part.shape, own)
+                added = part.effect.slopes(state, own)
                 slopes = [a + b for a, b in zip(slopes, added, strict=True)]
         return Linearisation(residual, *(np.broadcast_to(s, q.shape) for s in slopes))
 
@@ -111,7 +137,7 @@ class ExtendedEquation:
         state = State(t, q, q_dot, q_ddot, self.step)
         rows: list[Array] = []
         for part in self.parts:
-            if part.effect.forces(state, part.shape) is None:
+            if part.effect.forces(state) is None:
                 rows.append(np.zeros((len(part.columns(self.record)), len(q))))
             else:
                 rows.append(part.by_value("forces", (state,), self.record))
@@ -123,13 +149,13 @@ def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> tuple[Array,
     shown, slope = x, np.ones_like(x)
     rows: list[Array] = []
     for part in parts:
-        added = part.effect.readings(t, x, part.shape)
+        added = part.effect.readings(t, x)
         if added is None:
             rows.append(np.zeros((len(part.columns(record)), len(x))))
             continue
         own = part.own(record)
         shown = shown + own @ added
-        slope = slope + own @ part.effect.reading_slopes(t, x, part.shape)
+        slope = slope + own @ part.effect.reading_slopes(t, x)
         rows.append(part.by_value("readings", (t, x), record))
     return shown, slope, np.concatenate(rows) if rows else np.zeros((0, len(x)))
 
@@ -148,7 +174,7 @@ def prior_cost(parts: Sequence[Part]) -> float:
     for part in parts:
         if part.tolerance is not None:
             cost += float(np.sum((part.strengths / part.tolerance) ** 2))
-        for value, shape in zip(part.shape, part.shapes, strict=True):
-            if shape.spread is not None:
-                cost += float((value - shape.starts[0]) / shape.spread) ** 2
+        for value, p in zip(part.shape, part.parameters, strict=True):
+            if p.spread is not None:
+                cost += float((value - p.starts[0]) / p.spread) ** 2
     return cost

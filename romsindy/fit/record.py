@@ -102,6 +102,19 @@ class Record:
         """Largest displacement."""
         return float(np.abs(self.motion.q).max())
 
+    @property
+    def rate(self) -> float:
+        """Mean angular frequency, rad/s."""
+        return float(self.phase(self.t[-1:])[0] - self.phase(self.t[:1])[0]) / float(self.t[-1])
+
+    def until(self, end: float) -> Record:
+        """The first seconds of the record, with the noise of all of it."""
+        m, grid = self.motion, self.motion.grid.until(end)
+        n, steps = len(grid.fraction), grid.n_steps
+        motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
+        decay = self.decay.between(end=float(self.decay.t[n - 1]))
+        return Record(decay, self.signal[:n], self.valid[:n], self.noise, self.spline, motion)
+
     def without_faults(self) -> Record:
         """The same for a fit that looks for none: clipped samples take no part, lines are noise."""
         return replace(self, valid=~clipped(self.signal), noise=self.noise.weighing_alike())

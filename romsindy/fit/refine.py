@@ -20,6 +20,7 @@ from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.coefficient import extended, free_coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.shooting import LOSSES, shoot
@@ -34,6 +35,7 @@ _SMOOTHING = 0.01
 _NUMERICS = 1e-6
 
 
+@dataclass(frozen=True)
 class _Offset(Bias):
     """A zero of the sensor that differs from record to record."""
 
@@ -283,16 +285,11 @@ def fit_records(
     start = smoothed(model, records)
     parts: tuple[Part, ...] = free_coefficients(start, free)
     if offset:
-        parts += (Part(_Offset(), (), np.zeros((len(records), 1)), np.zeros(0)),)
+        parts += (Part(_Offset(), (), np.zeros((len(records), 1))),)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        near = fit(start, parts, records)
         try:
-            if not near.finite:
-                raise TrajectoryError("the motion leaves that of the measurement")
-            solution, covariance = shoot(
-                start, near.parts, records, near.motions, loss=loss, progress=progress
-            )
+            solution, covariance = _followed(start, parts, records, loss, progress)
         except TrajectoryError as error:
             raise TrajectoryError(
                 f"the model with {len(free)} free coefficients has no motion near the measured one"
@@ -309,6 +306,21 @@ def fit_records(
         covariance[: len(free), : len(free)],
         examine(records, solution.residuals, solution.n_values),
     )
+
+
+def _followed(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    records: Sequence[Record],
+    loss: str,
+    progress: Callable[[str], None] | None,
+) -> tuple[Solution, Array]:
+    """Fit from the measured motion; where that does not settle, over growing horizons."""
+    near = fit(model, parts, records)
+    if near.converged:
+        return shoot(model, near.parts, records, near.motions, loss=loss, progress=progress)
+    found, motions = fit_growing(model, parts, records)
+    return shoot(model, found, records, motions, loss=loss, progress=progress)
 
 
 def _free_names(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:

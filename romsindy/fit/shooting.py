@@ -118,6 +118,20 @@ def tables(
     return found
 
 
+def simulated_misfit(
+    model: ReducedModel,
+    parts: Sequence[Part],
+    records: Sequence[Record],
+    motions: Sequence[Trajectory],
+) -> Array:
+    """Whitened misfit of all records, simulated from the initial states of some motions."""
+    problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
+    rows = problem.misfit(problem.start)
+    if not np.all(np.isfinite(rows)):
+        raise TrajectoryError("the first motions cannot be simulated, or lead far away")
+    return rows
+
+
 def shoot(
     model: ReducedModel,
     parts: Sequence[Part],
@@ -127,6 +141,7 @@ def shoot(
     fixed: bool = False,
     loss: str = "linear",
     evaluations: int = _EVALUATIONS,
+    tolerance: float = _TOLERANCE,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Solution, Array]:
     """Fit the values of all parts and the initial states, from those of some motions on.
@@ -141,6 +156,8 @@ def shoot(
         The second forgives outliers.
     evaluations : int
         Simulations, at most.
+    tolerance : float
+        Relative change of chi-square at which it ends.
     progress : callable, optional
         Called with a line of text at every simulation.
 
@@ -157,8 +174,7 @@ def shoot(
     """
     parts = tuple(parts)
     problem = _Problem(model, parts, records, list(motions), progress or (lambda _: None))
-    if not np.all(np.isfinite(problem.misfit(problem.start))):
-        raise TrajectoryError("the first motions cannot be simulated, or lead far away")
+    simulated_misfit(model, parts, records, motions)
     free = np.ones(len(problem.start), bool)
     free[: problem.n_values] = ~held_values(parts, fixed, first=False)
     low, high = np.full((2, len(free)), np.inf) * np.array([[-1], [1]])
@@ -181,7 +197,7 @@ def shoot(
             x_scale="jac",
             loss=loss,
             f_scale=_OUTLIER,
-            ftol=_TOLERANCE,
+            ftol=tolerance,
             xtol=1e-9,
             max_nfev=evaluations,
         )

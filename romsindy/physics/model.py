@@ -11,9 +11,9 @@ from numpy.polynomial import Chebyshev
 from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
-from romsindy.physics.force_laws import term_from_key
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
-from romsindy.physics.terms import Term
+from romsindy.physics.serial import content_of, term_from_key, term_of
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
@@ -70,7 +70,7 @@ class ReducedModel:
         Raises
         ------
         ValueError
-            If a name is not known (see `romsindy.physics.terms.term_from_key`).
+            If a name is not known (see `romsindy.physics.serial.term_from_key`).
 
         Examples
         --------
@@ -143,8 +143,8 @@ class ReducedModel:
 
     def undamped(self) -> ReducedModel:
         """Model without its damping terms."""
-        pairs = zip(self.terms, self.values, strict=True)
-        kept = {term: value for term, value in pairs if not term.has("damping")}
+        pairs = [(t.undamped(), v) for t, v in zip(self.terms, self.values, strict=True)]
+        kept = {term: value for term, value in pairs if term is not None}
         return replace(self, terms=tuple(kept), values=tuple(kept.values()))
 
     def regularised(self, velocity_scale: float) -> ReducedModel:
@@ -416,7 +416,7 @@ class ReducedModel:
         for term, value in zip(self.terms, self.values, strict=True):
             note = ""
             if term.key == "omega^2" and value > 0:
-                omega = np.sqrt(value)
+                omega = np.sqrt(value / float(self.inertia(0.0)))  # mass may have been added
                 note = f"omega = {omega:.5g} rad/s, {omega / (2 * np.pi):.5g} Hz"
             lines.append(
                 f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip()
@@ -429,9 +429,13 @@ class ReducedModel:
     # -- JSON ---------------------------------------------------------------------------------
 
     def to_json(self) -> str:
-        """JSON text with coefficients, unit and amplitude range."""
+        """JSON text: type, fields, name and value of every term, unit and amplitude range.
+
+        Every number reads back as the same number.
+        """
+        pairs = zip(self.terms, self.values, strict=True)
         content = {
-            "coefficients": self.coefficients,
+            "terms": [{"name": t.key, "value": v, **content_of(t)} for t, v in pairs],
             "unit": self.unit,
             "amplitude_range": self.amplitude_range,
         }
@@ -439,20 +443,28 @@ class ReducedModel:
 
     @classmethod
     def from_json(cls, text: str) -> ReducedModel:
-        """Read what `to_json` wrote.
+        """Read what `to_json` wrote, or ``{"coefficients": {"omega^2": ...}, "unit": ...}``.
 
         Raises
         ------
         ValueError
-            If the text is not JSON, or holds no coefficients, or an unknown one.
+            If the text is not JSON, or holds no model, or a law that is not known.
         """
         content = json.loads(text)
-        if not isinstance(content, dict) or not isinstance(content.get("coefficients"), dict):
-            raise ValueError('the JSON text holds no model: expected {"coefficients": {...}, ...}')
-        limits = content.get("amplitude_range")
-        return cls.from_coefficients(
-            content["coefficients"], content.get("unit"), tuple(limits) if limits else None
+        if not isinstance(content, dict) or not {"terms", "coefficients"} & set(content):
+            raise ValueError(
+                'the JSON text holds no model: expected {"terms": [...], ...} or'
+                ' {"coefficients": {...}, ...}'
+            )
+        unit, limits = content.get("unit"), content.get("amplitude_range")
+        reach = (float(limits[0]), float(limits[1])) if limits else None
+        if "coefficients" in content:
+            return cls.from_coefficients(content["coefficients"], unit, reach)
+        terms, values = (
+            tuple(map(term_of, content["terms"])),
+            [c["value"] for c in content["terms"]],
         )
+        return cls(terms, tuple(values), unit, reach)
 
 
 @dataclass(frozen=True)

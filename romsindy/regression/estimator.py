@@ -15,7 +15,8 @@ from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term, term_from_key
+from romsindy.physics.serial import term_from_key
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Filter
 from romsindy.regression.library import ROMLibrary, library_terms
@@ -316,9 +317,10 @@ def _fixed_columns(
     keys = [term.key for term in terms]
     columns = {}
     for key, value in fixed.items():
-        term = term_from_key(key)
         if key not in keys:
+            term_from_key(key)  # a name that is no law at all is refused with the nearest one
             raise ValueError(f"fixed names {key!r}, but the library has only {keys}: add the term")
+        term = terms[keys.index(key)]
         if not np.isfinite(value):
             raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
         if term.dimension[0] != 1 and not unit_known:

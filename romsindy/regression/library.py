@@ -21,14 +21,10 @@ from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
 from pysindy.utils import comprehend_axes
 from sklearn.utils.validation import check_is_fitted
 
-from romsindy.physics.terms import (
-    Inertia,
-    LinearConvection,
-    QuadraticInertia,
-    Stiffness,
-    Term,
-    damping_term,
-)
+from romsindy.physics.damping import damping_law
+from romsindy.physics.inertia import Inertia, LinearConvection, QuadraticInertia
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 
 
@@ -93,7 +89,7 @@ class TermLibrary(BaseFeatureLibrary):
 
 
 class ICROMLibrary(TermLibrary):
-    """Inertial compensation of the given orders (`romsindy.physics.terms.Inertia`)."""
+    """Inertial compensation of the given orders (`Inertia`)."""
 
     def __init__(self, orders: Sequence[int] = (3, 4, 5), channels: Sequence[int] = (0, 1, 2)):
         self.orders = orders
@@ -105,7 +101,7 @@ class ICROMLibrary(TermLibrary):
 
 
 class StiffnessLibrary(TermLibrary):
-    """Powers of q: omega^2 for degree 1, gamma_m beyond (`romsindy.physics.terms.Stiffness`)."""
+    """Powers of q: omega^2 for degree 1, gamma_m beyond (`Stiffness`)."""
 
     def __init__(
         self, degrees: Sequence[int] = (1, 2, 3, 4, 5), channels: Sequence[int] = (0, 1, 2)
@@ -128,7 +124,7 @@ class DampingLibrary(TermLibrary):
     @property
     def terms(self) -> tuple[Term, ...]:
         kinds = [self.kinds] if isinstance(self.kinds, str) else self.kinds
-        return tuple(damping_term(kind) for kind in kinds)
+        return tuple(damping_law(kind) for kind in kinds)
 
 
 class BeamTheoryLibrary(TermLibrary):

@@ -16,7 +16,7 @@ from pysindy.utils import comprehend_axes
 from scipy.special import bernoulli
 from sklearn.base import BaseEstimator
 
-from romsindy.physics.terms import Term, WeakForm
+from romsindy.physics.term import Term, WeakForm
 from romsindy.record.cycles import crossings
 from romsindy.record.decay import Decay, Quantity
 from romsindy.typing import Array, Indices

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -34,10 +35,10 @@ class Candidate:
     failure : str
         Why it did not help, empty if it did.
     error : (n_cycles,) array
-        Relative deviation of the model's backbone from the extracted one; nan for cycles whose
-        frequency is known to less than 1 %, and where the model has no motion.
+        Relative deviation of the model's backbone from the extracted one; nan for cycles that do
+        not judge it (see `judging`), and where the model has no motion.
     lost : int
-        Number of certain cycles at whose amplitude the model has no motion.
+        Number of judging cycles at whose amplitude the model has no motion.
     """
 
     name: str
@@ -138,11 +139,16 @@ def _refined(plain: Candidate, measured: Decay, backbone: Backbone) -> Candidate
     return refined
 
 
+def judging(backbone: Backbone) -> NDArray[np.bool_]:
+    """Cycles that judge a model: those whose own frequency is known well enough."""
+    return np.asarray(backbone.frequency_std < CERTAIN * backbone.frequency)
+
+
 def _errors(model: ReducedModel, backbone: Backbone) -> tuple[NDArray[np.float64], int]:
-    """Error of a backbone, and at how many certain cycles the model has no motion."""
-    certain = backbone.frequency_std < CERTAIN * backbone.frequency
+    """Error of a backbone, and at how many judging cycles the model has no motion."""
+    judges = judging(backbone)
     error = model.backbone(backbone.amplitude) / backbone.frequency - 1
-    return np.where(certain, error, np.nan), int(np.sum(np.isnan(error) & certain))
+    return np.where(judges, error, np.nan), int(np.sum(np.isnan(error) & judges))
 
 
 def coefficient_table(candidates: Sequence[Candidate]) -> list[list[str]]:
@@ -152,7 +158,7 @@ def coefficient_table(candidates: Sequence[Candidate]) -> list[list[str]]:
         for term in candidate.model.terms:
             keys.setdefault(term.key, term.unit(candidate.model.unit))
     family = {"omega^2": 0, "gamma": 1, "Upsilon": 2, "c": 3}
-    ordered = sorted(keys, key=lambda k: (family.get(k.split("_")[0], 4), k))
+    ordered = sorted(keys, key=lambda k: (family.get(k.split("_")[0], 4), _by_number(k)))
     rows = [["coefficient", "unit", *(c.name for c in candidates)]]
     for key in ordered:
         rows.append([key, keys[key], *(_cell(c, key) for c in candidates)])
@@ -162,6 +168,11 @@ def coefficient_table(candidates: Sequence[Candidate]) -> list[list[str]]:
     rows.append(["backbone error, rms", "%", *(_percent(c.rms_error) for c in candidates)])
     rows.append(["backbone error, max", "%", *(_percent(c.max_error) for c in candidates)])
     return rows
+
+
+def _by_number(key: str) -> list[str | float]:
+    """Text and numbers of a key in turn: gamma_10 comes after gamma_2."""
+    return [float(x) if i % 2 else x for i, x in enumerate(re.split(r"(\d+)", key))]
 
 
 def _cell(candidate: Candidate, key: str) -> str:

@@ -26,7 +26,7 @@ from romsindy.fit.record import Record
 from romsindy.fit.refine import Fit, smoothed
 from romsindy.fit.shooting import tables
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
+from romsindy.physics.term import Term
 from romsindy.record.noise import autoregression
 from romsindy.typing import Array
 

@@ -13,7 +13,7 @@ from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.record import Record
 from romsindy.fit.refine import Fit, fit_records
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import row_weights
 from romsindy.regression.projection import HarmonicProjection, Rows

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.refine import Band, Fit, prepared
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.terms import Term
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.library import ROMLibrary, library_terms
 from romsindy.selection.candidates import (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -12,10 +11,7 @@ from romsindy.beam.beam import Shape
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode
-
-
-def _axes(ax: Axes | None) -> Axes:
-    return plt.subplots(layout="constrained")[1] if ax is None else ax
+from romsindy.show.axes import given_or_new
 
 
 def plot_shapes(shapes: Mapping[str, Shape], ax: Axes | None = None) -> Axes:
@@ -26,7 +22,7 @@ def plot_shapes(shapes: Mapping[str, Shape], ax: Axes | None = None) -> Axes:
     shapes : mapping from label to Shape
     ax : Axes, optional
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     for i, (label, shape) in enumerate(shapes.items()):
         if i == 0:
             ax.plot(shape.s, 0.0 * shape.s, color="0.7", lw=1.0, label="straight")
@@ -47,7 +43,7 @@ def plot_modes(basis: ModalBasis, count: int = 3, ax: Axes | None = None) -> Axe
         Number of modes.
     ax : Axes, optional
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     s = basis.equilibrium.s
     for mode in range(1, count + 1):
         omega = basis.omega[basis.index(mode)]
@@ -68,7 +64,7 @@ def plot_modal_responses(motion: Motion, count: int = 3, ax: Axes | None = None)
         Number of modes.
     ax : Axes, optional
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     motion.basis.index(count)
     for column in range(count):
         ax.plot(motion.t, motion.coordinates.displacement[:, column], label=f"$q_{{{column + 1}}}$")
@@ -93,7 +89,7 @@ def plot_coupling(
     scale : bool
         Whether each curve is divided by its largest value, which the legend then names.
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     motion.basis.index(count)
     q = motion.coordinates.displacement
     for column in range(1, count):
@@ -118,7 +114,7 @@ def plot_normal_mode(
     ax : Axes, optional
     label : str
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     hz = orbits.frequency / (2 * np.pi)
     # Above the curves that it judges.
     ax.plot(hz, orbits.amplitude, "kD", ms=5, zorder=4, label=label)

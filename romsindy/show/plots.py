@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from romsindy.fit.refine import Fit
@@ -19,6 +18,7 @@ from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.selection.candidates import CHOSEN, EQUIVALENT
 from romsindy.selection.select import Selection
+from romsindy.show.axes import given_or_new, log_ratio
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
@@ -32,18 +32,6 @@ _CYCLES: dict[str, Any] = {
     "label": "cycles of the decay",
     "zorder": 1,
 }
-
-
-def _axes(ax: Axes | None) -> Axes:
-    return plt.subplots(layout="constrained")[1] if ax is None else ax
-
-
-def _log_ratio(ax: Axes) -> None:
-    """Ratios near 1 on a log axis: 0.4 rather than 4 x 10^-1."""
-    ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _styled(
@@ -72,7 +60,7 @@ def plot_decay(
     record : Decay, optional
         The whole record, drawn pale behind.
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     if record is not None:
         ax.plot(record.t, record.q, color="0.8", lw=0.6, label="record")
     ax.plot(decay.t, decay.q, color="C0", lw=0.6, label="free decay")
@@ -100,7 +88,7 @@ def plot_backbone(
     models : mapping of str to ReducedModel or Fit, optional
         Curves by label; a fit has its 95 % band.
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     backbones, models = _measured(measured, models)
     for backbone in backbones:
         ax.errorbar(
@@ -161,7 +149,7 @@ def plot_damping(
     ax: Axes | None = None,
 ) -> Axes:
     """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     backbones, models = _measured(measured, models)
     for backbone in backbones:
         ax.errorbar(
@@ -194,7 +182,7 @@ def plot_misfit(fit: Fit, *, ax: Axes | None = None) -> Axes:
     Rms of the residual over the noise at the same frequencies, in windows of eight cycles; near 1
     nothing is missing.
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     verdict = fit.verdict
     order = np.argsort(verdict.amplitude)
     for k, column in enumerate(verdict.misfit.T):
@@ -206,7 +194,7 @@ def plot_misfit(fit: Fit, *, ax: Axes | None = None) -> Axes:
         xlabel=f"amplitude ({verdict.unit or 'unit of q'})",
         ylabel="residual over noise",
     )
-    _log_ratio(ax)
+    log_ratio(ax)
     ax.legend(loc="best", frameon=False, ncols=2)
     return ax
 
@@ -215,7 +203,7 @@ def plot_relative_magnitude(
     model: ReducedModel, amplitudes: ArrayLike, *, ax: Axes | None = None
 ) -> Axes:
     """Rms of every term relative to the acceleration, against amplitude (the paper's fig. 11)."""
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     amplitudes = np.asarray(amplitudes, float)
     shares = model.relative_magnitude(amplitudes)
     for i, (key, share) in enumerate(shares.items()):
@@ -238,7 +226,7 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
     White noise in the displacement leaves bars that grow with the square of the harmonic, as the
     second derivative does; a harmonic that stands out from this shows a missing term.
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     width = 0.8 / len(estimators)
     for i, (label, estimator) in enumerate(estimators.items()):
         rows = estimator.rows_
@@ -250,7 +238,7 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
         ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
         ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
     ax.set(xlabel="harmonic", ylabel="rms residual / rms target")
-    _log_ratio(ax)
+    log_ratio(ax)
     ax.legend(loc="best", frameon=False)
     return ax
 
@@ -261,7 +249,7 @@ def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
     The error is squared error over noise of held-out cycles, beyond that of the best, with one
     standard error to either side: a structure whose bar reaches zero predicts as well as the best.
     """
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     looks: dict[str, dict[str, Any]] = {
         CHOSEN: {"color": "C3", "ms": 9, "fmt": "*", "zorder": 3, "label": CHOSEN},
         EQUIVALENT: {"color": "C0", "ms": 4, "fmt": "o", "zorder": 2, "label": EQUIVALENT},
@@ -339,7 +327,7 @@ _MARKERS = {"fold": "o", "branch point": "s", "period doubling": "^", "Neimark-S
 
 
 def _orbit_axes(orbits: PeriodicOrbits, ax: Axes | None) -> Axes:
-    ax = _axes(ax)
+    ax = given_or_new(ax)
     ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({orbits.unit or 'unit of q'})")
     return ax
 
@@ -364,6 +352,10 @@ def _symbol(key: str) -> str:
     if key == "omega^2":
         return r"$\omega^2$"
     name, _, index = key.partition("_")
-    greek = {"gamma": r"\gamma", "Upsilon": r"\Upsilon", "beta": r"\beta", "c": "c"}[name]
+    greek = {"gamma": r"\gamma", "Upsilon": r"\Upsilon", "beta": r"\beta", "c": "c", "mu": r"\mu"}
+    if name not in greek:  # a stop or a magnet: its name says more than a letter
+        return key
+    if "^" in index:
+        return f"${greek[name]}$ ({index})"
     subscript = index if index.isdigit() else rf"\mathrm{{{index.replace(' ', '~')}}}"
-    return f"${greek}_{{{subscript}}}$" if "^" not in index else f"${greek}$ ({index})"
+    return f"${greek[name]}_{{{subscript}}}$" if index else f"${greek[name]}$"

@@ -21,15 +21,10 @@ from romsindy.study.system import System
 from romsindy.study.tables import Fits
 
 _FAMILY_NOTES = {
-    "stiffness": "A polynomial must put the kinetic energy of the slaved modes into stiffness, so"
-    " its gamma_m cannot be the structure's.",
-    "beam theory": "On the first and third harmonic q^2 q_ddot, q q_dot^2 and q^3 are three"
-    " columns with two degrees of freedom. With beta_1 and beta_2 apart they are almost"
-    " collinear, and the regression answers with coefficients that have the wrong sign. Errors"
-    " are against Upsilon_3, which both are on the static manifold.",
-    "IC-ROM": "One coefficient for both inertia terms, as energy conservation asks, removes the"
-    " collinearity. High orders share their work between neighbours, so single high coefficients"
-    " mean little while the backbone is exact.",
+    "stiffness": "No term of inertia; damping is left out.",
+    "beam theory": "q^2 q_ddot and q q_dot^2 have coefficients of their own, beta_1 and beta_2."
+    " Errors are against Upsilon_3, which both are on the static manifold.",
+    "IC-ROM": "One coefficient for both inertia terms of each order, as energy conservation asks.",
 }
 
 
@@ -67,9 +62,8 @@ def cycles(system: System) -> Chapter:
     return Chapter(
         "Decay and backbone",
         f"{system.backbone!r}".strip("<>") + ". At the amplitudes of the periodic orbits of the"
-        f" undamped beam its cycles lie within {decay:.2g} % of them: what is read off the decay is"
-        f" the structure's own backbone. The direct model of order 9 lies within {high:.2g} %,"
-        " while a polynomial of low order cannot follow the spring over these amplitudes.",
+        f" undamped beam, its cycles are off by {decay:.2g} % at most, and the direct model of"
+        f" order 9 by {high:.2g} %.",
         [orbits],
         [
             Picture(
@@ -156,16 +150,14 @@ def recipes(system: System, plain: Fits, weighted: Fits) -> Chapter:
     }
     return Chapter(
         "Plain and weighted regression",
-        "Least squares on equal rows lets the loudest cycles decide, where a model of low order"
-        " misses most, and the linear frequency pays. `HarmonicSINDy` weighs rows by the error"
-        " that noise and misfit make expected in them.",
+        "Plain: least squares on equal rows. Weighted: `HarmonicSINDy` divides each row by the"
+        " error that noise and misfit make expected in it.",
         [tables.recipes({"plain": plain, "weighted": weighted}, system)],
         [
             Picture(
                 "residuals", "What the regressions leave, by harmonic",
-                "Models of order 5. What the polynomial leaves in the third harmonic is the"
-                " inertia. The fourth, which no model takes away, is mode 2 (4.3 omega_1), let"
-                " go by the tip force along with mode 1.",
+                "Models of order 5. The tip force lets mode 2 go along with mode 1, at"
+                f" {system.modes.omega[1] / system.omega:.3g} times its frequency.",
                 partial(figures.residuals, recipes=shown), (10, 4.2),
             )
         ],
@@ -190,8 +182,8 @@ def releases(system: System, modal: Motion) -> Chapter:
         fits = [identify(record, extracted, family, order) for family, order in wanted]
         results[label] = ({c.name: c for c in fits}, float(extracted.amplitude.max()))
     return Chapter(
-        "The release matters through its amplitude",
-        "The order that a model needs depends on how far the structure swings.",
+        "Two ways to let the beam go",
+        "Held by a force at its tip or by a modal force, at the same tip displacement.",
         [tables.releases(results)],
     )
 
@@ -218,7 +210,7 @@ def experiment(system: System, finished: Sequence[Trial], asked: int) -> Chapter
         "Five points, vertical and axial, 35 dB of noise on displacements and on mode shapes,"
         " three bending modes told apart by the pseudo-inverse, Butterworth filter of order 4"
         " at 100 Hz, the first 18 s. The error of a noisy mode shape scales q, and so every"
-        " coefficient but omega_1, in the same way for all cycles: no filter removes it."
+        " coefficient but omega_1, in the same way for all cycles."
         f" {len(finished)} seeds.{part}",
         [table, tables.seeds(finished)],
         [
@@ -295,8 +287,7 @@ def harmonics(system: System, seed: int) -> Chapter:
             searches[f"{signal}, {name}"] = choose_harmonics(decay, estimator, seed=seed)
     return Chapter(
         "Beyond the paper: harmonics by cross-validation",
-        "How many harmonics of a cycle should the regression see? Too few do not tell inertia"
-        " from stiffness; too many bring noise, which plain least squares takes at face value.",
+        "How many harmonics of a cycle should the regression see?",
         [tables.harmonics(searches)],
         [
             Picture(

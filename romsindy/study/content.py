@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from matplotlib.figure import Figure
+from romsindy.show.page import Picture
 
 Cell = str | float | None
 
@@ -53,28 +53,6 @@ def _text(cell: Cell) -> str:
     if isinstance(cell, str):
         return cell
     return "no motion" if math.isnan(cell) else f"{cell:.4g}"
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure that is drawn when it is written.
-
-    Attributes
-    ----------
-    name : str
-        Of the files.
-    title, caption : str
-    draw : callable
-        Draws into an empty Figure.
-    size : (float, float)
-        Inches.
-    """
-
-    name: str
-    title: str
-    caption: str
-    draw: Callable[[Figure], None]
-    size: tuple[float, float] = (8.0, 4.2)
 
 
 @dataclass(frozen=True)

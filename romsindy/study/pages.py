@@ -7,10 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
-from romsindy.show.identification_page import render
-from romsindy.study.content import Chapter, Check, Picture, Table
+from romsindy.show.page import Picture, write_page
+from romsindy.study.content import Chapter, Check, Table
 
 
 @dataclass(frozen=True)
@@ -29,8 +27,7 @@ def write_chapter(chapter: Chapter, folder: Path) -> Written:
 
 
 def _write_picture(picture: Picture, folder: Path) -> str:
-    figure = Figure(figsize=picture.size, layout="constrained")
-    picture.draw(figure)
+    figure = picture.figure()
     path = folder / f"{picture.name}.png"
     figure.savefig(path, dpi=110)
     figure.set_layout_engine("none")  # as laid out, once
@@ -52,17 +49,17 @@ def checks_table(checks: Sequence[Check]) -> Table:
     )  # fmt: skip
 
 
-def write_page(
+def write_story(
     written: Sequence[Written], checks: Sequence[Check], folder: Path, settings: str
 ) -> None:
     """Write report.html about the chapters that there are, and checks.csv."""
     table = checks_table(checks)
     table.write_csv(folder)
-    page = render(
-        "study.html.j2",
+    write_page(
+        folder / "report.html",
+        "study",
         title="From a decay to an equation of motion: the study of the default beam",
         checks=table,
         written=written,
         settings=settings,
     )
-    (folder / "report.html").write_text(page, encoding="utf-8")

@@ -76,7 +76,7 @@ def simulate_release(
         s.
     release_mode : int, optional
         Hold by the modal force of this mode before the release; by default by a force at the tip,
-        which lets mode 2 sound along (6 % of mode 1).
+        which lets mode 2 go along.
     progress : bool
         Whether to show a bar.
 

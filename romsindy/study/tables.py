@@ -157,11 +157,8 @@ def recipes(fits: Mapping[str, Fits], system: System) -> Table:
     return Table(
         "recipes",
         "The paper's plain regression and this package's weighted one",
-        "Linear frequency estimated, errors in %. Weighting brings the backbone of the stiffness"
-        " polynomial close to that of the IC-ROM: the frequencies alone hardly tell them apart,"
-        " the harmonics do (figure). On these noise-free signals it costs parameters: it counts"
-        " the third harmonic, which tells inertia from stiffness, for 1/81 of the first, as noise"
-        " of a displacement sensor would call for.",
+        "Linear frequency estimated, errors in %. The weighted regression counts the third harmonic"
+        " for 1/81 of the first, as noise of a displacement sensor calls for.",
         ["regression", "family", "order", "max", "rms", "omega_1", "gamma_3", "Upsilon_3"],
         rows,
     )
@@ -273,9 +270,8 @@ def releases(results: Mapping[str, tuple[Fits, float]]) -> Table:
         "releases",
         "How the beam is let go",
         "Largest backbone error, %, linear frequency estimated, plain regression. A modal force"
-        " that holds the same tip displacement lets mode 1 go at a larger q. Without those loud"
-        " cycles its decay is no harder to model than that of the tip force: the range of"
-        " amplitudes decides. At order 9 it is easier, since mode 2 does not sound along.",
+        " that holds the same tip displacement lets mode 1 go at a larger q; the last line leaves"
+        " those loud cycles out.",
         ["release", "largest amplitude, kg^0.5 m", *names],
         [
             [label, top, *(100 * fits[n].max_error for n in names)]

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.beam import Beam
-from romsindy.beam.effects import Effect
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
+from romsindy.diagnosis.on_beam.mounted import BeamEffect
 from romsindy.fit.collocation import integrate
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
@@ -36,12 +36,12 @@ class Corrected(NamedTuple):
 
 def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
     """Parts that exist on a beam and are there."""
-    return tuple(p for p in parts if np.any(p.strengths) and _effect(p) is not None)
+    return tuple(p for p in parts if isinstance(p.effect, BeamEffect) and np.any(p.strengths))
 
 
-def effects_of(parts: Sequence[Part]) -> list[Effect]:
-    """Effects on a beam of some parts."""
-    return [_effect(p) for p in on_the_beam(parts)]
+def effects_of(parts: Sequence[Part]) -> list[Any]:
+    """What `Beam.with_effect` takes, of some parts."""
+    return [p.effect.on_beam(float(p.strengths[0, 0])) for p in on_the_beam(parts)]
 
 
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
@@ -49,10 +49,6 @@ def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
     for effect in effects_of(parts):
         beam = beam.with_effect(effect)
     return beam
-
-
-def _effect(part: Part) -> Any:
-    return part.effect.beam_effect(float(part.strengths[0, 0]), part.shape)
 
 
 def corrected(

@@ -7,17 +7,27 @@ changed one about its own equilibrium and brought to the coordinate of the senso
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from romsindy.beam import Beam
-from romsindy.beam import effects as on_beam
-from romsindy.beam.effects.spring import find_spring
+from romsindy.beam.changes import (
+    ClampCompliance,
+    ExtraTension,
+    MassDamping,
+    MaterialDamping,
+    StifferBending,
+    StifferSpring,
+)
+from romsindy.beam.spring import Spring
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
+from romsindy.diagnosis.on_beam.static_curve import StaticCurve
 from romsindy.effects.base import TermEffect
-from romsindy.physics.force_laws import term_from_key
-from romsindy.physics.terms import Scalars, Term, WeakForm
-from romsindy.typing import Array
+from romsindy.effects.load import PointMass
+from romsindy.effects.mounting import Mounting
+from romsindy.physics.combination import Combination
+from romsindy.physics.serial import term_from_key
 
 _ORDER = 7
 _LEAST = 1e-12  # an effect that must be positive, and is zero
@@ -25,96 +35,21 @@ _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put 
 
 
 @dataclass(frozen=True)
-class Stiffer(on_beam.Effect):
-    """A relative change of the bending stiffness."""
+class ParameterEffect(TermEffect, BeamEffect):
+    """A parameter of the beam that is another than assumed; the strength is its change.
 
-    change: float
-
-    def applied_to(self, beam: Beam) -> Beam:
-        """Return `beam` with another EI."""
-        section = replace(beam.section, EI=beam.section.EI * (1 + self.change))
-        return replace(beam, section=section)
-
-
-@dataclass(frozen=True)
-class StifferSpring(on_beam.Effect):
-    """A relative change of the stiffness of the beam's spring; its natural length stays."""
-
-    change: float
-
-    def applied_to(self, beam: Beam) -> Beam:
-        """Return `beam` with another spring."""
-        spring = find_spring(beam)
-        new = replace(spring, stiffness=spring.stiffness * (1 + self.change))
-        return replace(beam, effects=tuple(new if e is spring else e for e in beam.effects))
-
-
-@dataclass(frozen=True)
-class Combination(Term):
-    """A weighted sum of terms with one common coefficient."""
-
-    name: str
-    terms: tuple[Term, ...]
-    weights: tuple[float, ...]
-
-    dimension = (1, -2)
-
-    @property
-    def key(self) -> str:
-        return self.name
-
-    def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"d_{self.name}({q}, {q_dot}, {q_ddot})"
-
-    def _sum(self, part: str, *arguments: Scalars) -> Scalars:
-        pairs = zip(self.terms, self.weights, strict=True)
-        return sum(w * getattr(term, part)(*arguments) for term, w in pairs)
-
-    def linear_shift(self, omega2: float) -> float:
-        """Change of omega^2 for a unit of the coefficient."""
-        weights = dict(zip((t.key for t in self.terms), self.weights, strict=True))
-        return weights["omega^2"] - omega2 * weights["mu"]
-
-    def inertia(self, q: Scalars) -> Scalars:
-        return self._sum("inertia", q)
-
-    def convection(self, q: Scalars) -> Scalars:
-        return self._sum("convection", q)
-
-    def stiffness(self, q: Scalars) -> Scalars:
-        return self._sum("stiffness", q)
-
-    def potential(self, q: Scalars) -> Scalars:
-        return self._sum("potential", q)
-
-    def inertia_dq(self, q: Scalars) -> Scalars:
-        return self._sum("inertia_dq", q)
-
-    def convection_dq(self, q: Scalars) -> Scalars:
-        return self._sum("convection_dq", q)
-
-    def stiffness_dq(self, q: Scalars) -> Scalars:
-        return self._sum("stiffness_dq", q)
-
-    def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
-        return self._sum("damping", q, q_dot)
-
-    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
-        return self._sum("damping_dq_dot", q, q_dot)
-
-    def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
-        """Sum of the weak forms."""
-        forms = [(w, t.weak(q, q_dot)) for t, w in zip(self.terms, self.weights, strict=True)]
-        columns = [[(w, f[i]) for w, f in forms if f[i] is not None] for i in range(4)]
-        return WeakForm(*(sum(w * x for w, x in c) if c else None for c in columns))
-
-
-@dataclass(frozen=True)
-class ParameterEffect(TermEffect):
-    """A parameter of the beam that is another than assumed; the strength is its change."""
+    Attributes
+    ----------
+    direction : Combination
+        What a unit of the change does to the coefficients.
+    change : type
+        What `Beam.with_effect` takes, in one number.
+    name, label, unit : str
+    sign : int
+    """
 
     direction: Combination
-    law: type  # the effect on a beam, which takes the change as its first argument
+    change: type
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
     unit: str  # type: ignore[misc]
@@ -123,29 +58,61 @@ class ParameterEffect(TermEffect):
     family = "beam"
     advice = "a second mode, or the equilibrium shape"
 
-    def term(self, shape: Array) -> Term:
+    def term(self) -> Combination:
         return self.direction
 
-    def beam_effect(self, strength: float, shape: Array) -> on_beam.Effect:
-        return changed_by(self.law, max(strength, _LEAST) if self.sign else strength)
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
+        return self.change(max(strength, _LEAST) if self.sign else strength)
+
+    def linear_shift(self, omega2: float) -> float:
+        """Change of omega^2 for a unit of the parameter."""
+        pairs = zip(self.direction.terms, self.direction.weights, strict=True)
+        weights = {term.key: w for term, w in pairs}
+        return weights["omega^2"] - omega2 * weights["mu"]
 
 
-def changed_by(law: type, value: float) -> Any:
-    """The effect on a beam with a strength."""
-    return law(cubic=value) if law is on_beam.CubicSpring else law(value)
-
-
-# name, label, unit, effect on the beam, step of the difference, sign
+# name, label, unit, change of the beam, step of the difference, sign
 _OF_ANY_BEAM = (
-    ("bending_stiffness", "another bending stiffness", "of the assumed one", Stiffer, 0.01, 0),
-    ("added_mass", "more mass at the tip", "kg", on_beam.AddedMass, 1e-4, 1),
-    ("clamp_compliance", "a clamp that gives way", "rad/(N m)", on_beam.ClampCompliance, 1e-3, 1),
-    ("cubic_stiffness", "a cubic spring at the tip", "N/m^3", on_beam.CubicSpring, 100.0, 0),
+    (
+        "bending_stiffness",
+        "another bending stiffness",
+        "of the assumed one",
+        StifferBending,
+        0.01,
+        0,
+    ),
+    ("added_mass", "more mass at the tip", "kg", PointMass, 1e-4, 1),
+    ("clamp_compliance", "a clamp that gives way", "rad/(N m)", ClampCompliance, 1e-3, 1),
 )
 _OF_A_SPRING = (
     ("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring, 0.01, 0),
-    ("pre_tension", "another tension in the spring", "N", on_beam.ExtraTension, 0.01, 0),
+    ("pre_tension", "another tension in the spring", "N", ExtraTension, 0.01, 0),
 )
+# name, label, unit, change of the beam, advice
+_DAMPING = (
+    (
+        "mass_damping",
+        "other damping in proportion to mass (alpha) than assumed",
+        "1/s",
+        MassDamping,
+        "a longer decay from a larger amplitude",
+    ),
+    (
+        "material_damping",
+        "other damping in proportion to stiffness (eta) than assumed",
+        "s",
+        MaterialDamping,
+        "a second mode: it damps that more",
+    ),
+)
+
+
+def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
+    """The beam's own damping, in proportion to mass and to stiffness."""
+    return tuple(
+        DampingEffect(curve, change, name, label, unit, advice)
+        for name, label, unit, change, advice in _DAMPING
+    )
 
 
 def parameter_effects(
@@ -163,24 +130,29 @@ def parameter_effects(
         By how much omega^2 was found to differ, 1/s^2: the differences are taken over the change
         of each parameter that would cause this, so that they are exact there.
     """
-    springs = [e for e in seen.beam.effects if isinstance(e, on_beam.Spring)]
+    springs = [e for e in seen.beam.effects if isinstance(e, Spring)]
     start = _seen_coefficients(seen, seen.beam, amplitude)
     found = []
     known = _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ())
-    for name, label, unit, law, step, sign in known:
+    for name, label, unit, change, step, sign in known:
 
-        def direction(step: float, name: str = name, law: type = law) -> Combination:
-            changed = seen.beam.with_effect(changed_by(law, step))
-            there = _seen_coefficients(seen, changed, amplitude)
-            return _direction(name, start, there, step)
+        def effect(
+            step: float,
+            name: str = name,
+            label: str = label,
+            unit: str = unit,
+            change: Any = change,
+            sign: int = sign,
+        ) -> ParameterEffect:
+            there = _seen_coefficients(seen, seen.beam.with_effect(change(step)), amplitude)
+            direction = _direction(name, start, there, step)
+            return ParameterEffect(direction, change, name, label, unit, sign)
 
-        tangent = direction(step)
+        tangent = effect(step)
         needed = shift / tangent.linear_shift(start["omega^2"])
         # Steps that the frequency does not ask for stay small.
         chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
-        found.append(
-            ParameterEffect(direction(needed) if chord else tangent, law, name, label, unit, sign)
-        )
+        found.append(effect(needed) if chord else tangent)
     return tuple(found)
 
 

@@ -125,21 +125,20 @@ class BeamReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from matplotlib.figure import Figure
+        from romsindy.diagnosis.pictures import by
+        from romsindy.show.page import TextTable, write_report
 
-        from romsindy.show.diagnosis_page import write_page
-        from romsindy.show.diagnosis_plots import draw_errors
-
-        figure = Figure(figsize=(5.4, 3.8), layout="constrained")
         before, after = (np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES)
-        labels = [e.label for e in self.sensor_errors]
-        reading = draw_errors(labels, before, after, figure.subplots())
-        write_page(
-            self.reduced,
-            path,
-            verdict=self.verdict,
-            sentence=self.sentence,
-            simulation=self.recipe,
-            tables=[("Sensors of the beam", self.sensor_table())],
-            pictures=[("By sensor", figure, reading)],
-        )
+        page = self.reduced.page()
+        gap, explanations = page["tables"]
+        sensors = TextTable("Sensors of the beam", self.sensor_table())
+        by_sensor = by("sensor", [e.label for e in self.sensor_errors], before, after)
+        own = {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "equation": self.recipe,
+            "equation_note": "",
+            "tables": [gap, sensors, explanations],
+            "pictures": (*page["pictures"], by_sensor),
+        }
+        write_report(path, **page | own)

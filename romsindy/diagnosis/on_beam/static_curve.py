@@ -8,12 +8,12 @@ coordinate feels of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from romsindy.beam import Beam
-from romsindy.beam.effects import Effect
 from romsindy.beam.reduction import solve_static_cases
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.typing import Array
@@ -61,12 +61,11 @@ class StaticCurve:
         return cls(seen.beam, reach, omega2, grid, spline(grid), spline(grid, 1))
 
     @property
-    def tip(self) -> Array:
-        """Transverse displacement of the right end from equilibrium, (n,), m."""
-        rest = self.beam.equilibrium().displacement[-1, 1]
-        return np.asarray(self.shapes[:, -1, 1] - rest)
+    def rest(self) -> Array:
+        """Equilibrium displacement, (n_nodes, 3)."""
+        return self.beam.equilibrium().displacement
 
-    def resistance(self, effect: Effect, rate: float) -> CubicSpline:
+    def resistance(self, effect: Any, rate: float) -> CubicSpline:
         """What an effect adds to the left side of the equation of motion, over q, at one q_dot."""
         changed, own = self.beam.with_effect(effect).assembly, self.beam.assembly
         work = [

@@ -12,19 +12,20 @@ from joblib import Parallel, delayed
 from romsindy.beam import Beam
 from romsindy.beam.sensors import SensorArray
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
-from romsindy.diagnosis.on_beam.forces import BeamForce, beam_forces
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
-from romsindy.diagnosis.on_beam.parameters import parameter_effects
+from romsindy.diagnosis.on_beam.mounted import mounted_effects
+from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.static_curve import StaticCurve
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.workflow import diagnose
-from romsindy.effects import CATALOGUE
-from romsindy.effects.base import Effect
+from romsindy.diagnosis.workflow import diagnose_model
+from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
+from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR, MOVING
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import noise_std
@@ -32,60 +33,33 @@ from romsindy.typing import Array
 
 _ORDER = 7
 _ROUNDS = 5
-_MOVING = 0.3  # of the largest speed, at which a record does not start from rest
-_FLOOR = 2e-4
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 # Parameters of a beam that stand for the coefficients of a reduced model.
 _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 
-@diagnose.register(Beam)
 def diagnose_beam(
     beam: Beam,
     measured: Decay | Sequence[Decay],
     *,
     sensors: SensorArray,
     held_out: Decay | None = None,
-    free: Sequence[str] = (),
-    catalogue: Sequence[Effect | type[BeamForce]] = CATALOGUE,
-    false_alarm: float = 0.01,
+    free: Sequence[str | Effect] = (),
+    catalogue: Sequence[Effect] = CATALOGUE,
+    false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
-    floor: float = _FLOOR,
+    floor: float = FLOOR,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> BeamReport:
-    """Find, name and add what a beam lacks; `diagnose` calls this for a `Beam`.
+    """Find, name and add what a beam lacks; arguments as those of `diagnose`.
 
     The measurement is looked at in the coordinate of the first mode, beside a reduced model of the
     beam. What the beam does beside that model is simulated with the effects that were found, and
-    taken off, until the effects stay: they are then fitted to the beam.
-
-    Parameters
-    ----------
-    beam : Beam
-        The simulation.
-    measured : Decay or sequence of Decay
-        Displacements from the equilibrium [m], one channel per sensor. The first mode rings down
-        from rest at the first sample.
-    sensors : SensorArray
-        Where the displacements were measured.
-    held_out : Decay, optional
-        As `measured`, to judge by.
-    free : names
-        As in `diagnose`: "omega^2" leaves the bending stiffness free, "c_linear" the damping in
-        proportion to mass. Empty: the parameters of the beam are those assumed, or are to blame.
-    catalogue : sequence of Effect or classes of BeamForce
-        What to look for beside `beam_forces` and `parameter_effects`, which replace effects of the
-        same name. Your own force on the beam is a class, such as a `ViscousForce`.
-    false_alarm, max_effects, floor, n_jobs, progress
-        As in `diagnose`.
-
-    Raises
-    ------
-    ValueError
-        For records that do not fit the sensors, do not start from rest, or cannot be compared with
-        the beam.
+    taken off, until the effects stay: they are then fitted to the beam. `BEAM_CATALOGUE`
+    and the parameters of the beam replace effects of the catalogue that have the same name; an
+    effect of your own with a ``mounting`` is looked for there.
     """
     several = [measured] if isinstance(measured, Decay) else list(measured)
     everything = [*several, *([held_out] if held_out is not None else [])]
@@ -97,16 +71,15 @@ def diagnose_beam(
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(several)]
     model, rough = calibrated(beam, own)
-    own_kinds = [kind for kind in catalogue if isinstance(kind, type)]
-    effects = _effects(seen, model, training, float(np.abs(own.q).max()), own_kinds)
+    effects = _effects(seen, model, training, float(np.abs(own.q).max()), catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
-    general = [e for e in catalogue if isinstance(e, Effect) and e.name not in unneeded]
-    unsure = [e for e in effects if e.name in [_FREE[name] for name in free]]
+    general = [e for e in catalogue if e.name not in unneeded]
+    unsure = [e for e in effects if e.name in [_FREE[str(name)] for name in free]]
     records = [Record.loud(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
 
     def look(decays: Sequence[Decay], most: int, floor: float = floor) -> DiagnosisReport:
-        return diagnose(
+        return diagnose_model(
             model,
             decays[: len(several)],
             held_out=decays[-1] if held_out is not None else None,
@@ -171,7 +144,7 @@ def _with_right_sensors(
 def _check_release(record: Record, i: int) -> None:
     """Raise a ValueError for a record that does not start from rest."""
     speed = np.abs(record.motion.q_dot)
-    if speed[0] > _MOVING * speed.max():
+    if speed[0] > MOVING * speed.max():
         turn = int(np.argmax(np.diff(np.sign(record.motion.q_dot)) != 0))
         start = record.decay.t[0] + turn * record.motion.grid.step
         raise ValueError(
@@ -185,13 +158,15 @@ def _effects(
     model: ReducedModel,
     decays: Sequence[Decay],
     reach: float,
-    kinds: Sequence[type[BeamForce]],
+    catalogue: Sequence[Effect],
 ) -> tuple[Effect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
     curve = StaticCurve.of(seen, reach)
     shift = _frequency_shift(model, decays)
-    forces = [*(kind(curve) for kind in kinds), *beam_forces(curve)]
-    return (*forces, *parameter_effects(seen, reach, shift))
+    known = {e.name for e in BEAM_CATALOGUE}
+    own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
+    mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE])
+    return (*damping_effects(curve), *mounted, *parameter_effects(seen, reach, shift))
 
 
 def _physical(report: DiagnosisReport) -> tuple[Part, ...]:
@@ -255,7 +230,10 @@ def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:
 
 
 def _check(
-    sensors: SensorArray, several: Sequence[Decay], everything: Sequence[Decay], free: Sequence[str]
+    sensors: SensorArray,
+    several: Sequence[Decay],
+    everything: Sequence[Decay],
+    free: Sequence[str | Effect],
 ) -> None:
     if not several:
         raise ValueError("measured is empty: give at least one Decay")

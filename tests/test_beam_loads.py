@@ -8,35 +8,48 @@ import pytest
 from numpy.testing import assert_allclose
 
 from romsindy.beam import Beam, Section
-from romsindy.beam.effects import (
-    AddedMass,
-    ClampCompliance,
-    CubicSpring,
-    Dashpot,
-    Drag,
-    ExtraTension,
-    Friction,
+from romsindy.beam.changes import ClampCompliance, ExtraTension
+from romsindy.beam.spring import Spring
+from romsindy.effects import (
+    AirDrag,
+    AlongBeam,
+    AtPoint,
+    CubicStiffness,
+    Damper,
+    DryFriction,
+    Load,
     Magnet,
-    Point,
-    Spring,
+    MoreMass,
+    NonlinearInertia,
+    PointMass,
     SpringFriction,
     Stop,
+    TowardsAnchor,
+    TwoSidedGap,
 )
+from romsindy.effects.mounting import Point
+from romsindy.physics.damping import CoulombFriction, PowerDamping
+from romsindy.physics.inertia import Inertia
+from romsindy.physics.stiffness import GapForce, MagnetForce, Stiffness, StopForce
 
+ANCHOR = TowardsAnchor((0.6, 0.1))
 FORCES = [
     Spring(stiffness=30.0, anchor=(0.6, 0.1), natural_length=0.05),
-    CubicSpring(linear=3.0, cubic=200.0, direction=(1.0, 2.0)),
-    Dashpot(coefficient=0.3, direction=(1.0, 1.0)),
-    Friction(limit=0.2, creep=0.5),
-    SpringFriction(limit=0.2, creep=0.5, anchor=(0.6, 0.1)),
-    Stop(stiffness=100.0, above=0.01),
-    Stop(stiffness=100.0, above=0.01, below=-0.01, direction=(0.0, -1.0)),
-    Magnet(strength=1e-4, position=(0.4, -0.1), power=3.0),
-    Drag(coefficient=1.2, width=0.5),
+    Load(Stiffness(3), 200.0, AtPoint(direction=(1.0, 2.0))),
+    Load(PowerDamping(1), 0.3, AtPoint(direction=(1.0, 1.0))),
+    Load(CoulombFriction(creep=0.5), 0.2),
+    Load(CoulombFriction(creep=0.5), 0.2, ANCHOR),
+    Load(PowerDamping(1.7), 0.2, ANCHOR),
+    Load(StopForce(0.01), 100.0),
+    Load(GapForce(0.01), 100.0, AtPoint(direction=(0.0, -1.0), datum=0.003)),
+    Load(MagnetForce(0.2, -1, 3.0), 0.01, TowardsAnchor((0.4, -0.1), length=0.2)),
+    Load(MagnetForce(0.2, 1, 3.0), 0.01),
+    Load(PowerDamping(2), 0.36, AlongBeam()),
+    Load(PowerDamping(1.2), 0.36, AlongBeam()),
 ]
 PLACE = Point(0.45, 0.42, 0.08, 0.4, -0.3, 0.9, 2.0)
 REST = (0.45, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0)
-ids = [type(e).__name__ for e in FORCES]
+ids = [f"{type(e.law).__name__} {type(e.mounting).__name__}" for e in FORCES]
 
 
 def numeric(function, step=1e-6):
@@ -78,19 +91,19 @@ def test_an_effect_stores_or_dissipates(effect):
     "effect",
     [
         Spring(stiffness=20.0, anchor=(0.3, 0.4), natural_length=0.2, at=0.225),
-        CubicSpring(cubic=2e4),
-        Dashpot(coefficient=0.02, at=0.3),
-        Friction(limit=0.02),
-        SpringFriction(limit=0.02),
-        Stop(stiffness=500.0, above=0.05),
-        Stop(stiffness=500.0, above=0.05, below=-0.05, at=0.4),
-        Magnet(strength=1e-6, position=(0.46, -0.2)),
-        Drag(coefficient=2.0),
-        AddedMass(0.002, at=0.31),
+        CubicStiffness().on_beam(2e4),
+        Damper().on_beam(0.02, AtPoint(0.3)),
+        DryFriction().on_beam(0.02),
+        SpringFriction().on_beam(0.02),
+        Stop(gap=0.05).on_beam(500.0),
+        TwoSidedGap(gap=0.05).on_beam(500.0, AtPoint(0.4)),
+        Magnet(distance=0.2).on_beam(6e-4, TowardsAnchor((0.46, -0.2), length=0.2)),
+        AirDrag().on_beam(0.03),
+        MoreMass().on_beam(0.002, AtPoint(0.31)),
         ExtraTension(0.2),
         ClampCompliance(0.05),
     ],
-    ids=lambda e: type(e).__name__,
+    ids=lambda e: type(getattr(e, "law", e)).__name__,
 )
 def test_energy_balance_with_the_effect(effect):
     beam = Beam.cantilever(elements=10).with_effect(effect)
@@ -107,7 +120,7 @@ def bare(**options) -> Beam:
 
 def test_dashpot_damps_small_modal_motion():
     """zeta omega = c phi(tip)^2 / 2, with phi(tip) = 2 for the unit cantilever."""
-    beam = bare().with_effect(Dashpot(coefficient=0.05))
+    beam = bare().with_effect(Damper().on_beam(0.05))
     motion = beam.simulate(
         beam.release_shape(1e-3, mode=1), 20.0, 0.02, modes=beam.modes(count=1), progress=False
     )
@@ -119,7 +132,7 @@ def test_dashpot_damps_small_modal_motion():
 
 def test_drag_damps_in_proportion_to_amplitude():
     """d a/dt = -(4 / 3 pi) omega k int |phi|^3 ds a^2, averaged over a cycle."""
-    drag = Drag(coefficient=2.0, width=1.0, density=1.0)  # k = 1 per unit length and mass
+    drag = AirDrag().on_beam(1.0)  # k = 1 per unit length and mass
     beam = bare().with_effect(drag)
     modes = beam.modes(count=1)
     motion = beam.simulate(
@@ -137,7 +150,7 @@ def test_drag_damps_in_proportion_to_amplitude():
 def test_added_mass_at_the_tip():
     """Rayleigh quotient of a light mass: omega^2 / (1 + m phi(tip)^2)."""
     light = 1e-5
-    omega = bare().with_effect(AddedMass(light)).modes(count=1).omega[0]
+    omega = bare().with_effect(PointMass(light)).modes(count=1).omega[0]
     assert_allclose(omega, bare().modes(count=1).omega[0] * (1 - 0.5 * light * 4), rtol=1e-8)
 
 
@@ -146,15 +159,16 @@ def test_clamp_compliance_is_an_elastic_clamp():
     assert_allclose(omega, oracles.elastic_clamp_root(5.0) ** 2, rtol=1e-5)
 
 
-def test_cubic_spring_carries_a_tip_load():
+def test_a_grounded_spring_carries_a_tip_load():
     """A grounded linear spring beside the beam's own 3 EI / L^3."""
-    beam = bare().with_effect(CubicSpring(linear=7.0))
+    beam = bare().with_effect(Load(Stiffness(1), 7.0))
     assert_allclose(beam.equilibrium(beam.point_load((0.0, 1e-4))).tip[1], 1e-5, rtol=1e-5)
 
 
 def test_stop_is_silent_inside_its_gap():
     beam = Beam.cantilever(elements=10)
-    stopped = beam.with_effect(Stop(stiffness=1e3, above=0.05, below=-0.08))
+    stopped = beam.with_effect(Stop(1, gap=0.05).on_beam(1e3))
+    stopped = stopped.with_effect(Stop(-1, gap=-0.08).on_beam(1e3))
     shape = beam.release_shape(0.03, mode=1)
     free, held = (
         b.simulate(shape, 0.2, modes=b.modes(count=1), progress=False).coordinates.displacement
@@ -175,8 +189,32 @@ def test_extra_tension_pulls_harder():
 def test_magnet_attracts():
     beam = Beam.cantilever(elements=10)
     sag = beam.equilibrium().tip[1]
-    below = beam.with_effect(Magnet(strength=1e-6, position=(0.45, -0.1)))
+    law, pole = MagnetForce(0.1, -1, 4.0), TowardsAnchor((0.45, -0.1), length=0.1)
+    below = beam.with_effect(Load(law, 0.01, pole))
     assert below.equilibrium().tip[1] < sag
+
+
+def test_a_magnet_pulls_by_the_inverse_power_of_the_distance():
+    """Force 0.01 N at 0.1 m, towards the pole, with the fourth power."""
+    law, pole = MagnetForce(0.1, -1, 4.0), TowardsAnchor((0.4, -0.1), length=0.1)
+    fx, fy, moment = Load(law, 0.01, pole).force(PLACE)
+    dx, dy = 0.4 - PLACE.x, -0.1 - PLACE.y
+    r = np.hypot(dx, dy)
+    assert_allclose([fx, fy, moment], 0.01 * (0.1 / r) ** 4 * np.array([dx, dy, 0]) / r, rtol=1e-13)
+
+
+def test_a_mounted_law_is_the_law():
+    """At a point the force is the law of the displacement along the direction, and nothing else."""
+    load = Load(StopForce(0.03), 70.0, AtPoint(direction=(0.0, 1.0), datum=0.02))
+    assert_allclose(load.force(PLACE), (0.0, -70.0 * (PLACE.y - 0.02 - 0.03), 0.0), rtol=1e-14)
+
+
+def test_the_equilibrium_of_a_mounted_contact():
+    """A contact counts its gap from where its point rests."""
+    rest = Point(0.45, 0.449, -0.012, -0.04)
+    assert Stop(gap=0.05).placed(AtPoint(), rest) == AtPoint(datum=-0.012)
+    pole = Magnet(-1, 0.2).placed(AtPoint(), rest)
+    assert_allclose(pole.anchor, (0.449, -0.212)) and pole.length == 0.2
 
 
 def test_point_between_nodes_shares_its_force():
@@ -189,24 +227,32 @@ def test_point_between_nodes_shares_its_force():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Dashpot(coefficient=-1.0), "coefficient must be zero or positive.*-1"),
-        (lambda: Friction(creep=0.0), "creep must be positive.*0"),
-        (lambda: Stop(stiffness=-1.0, above=0.1), "stiffness must be positive"),
-        (lambda: Stop(), "above = below = None is no stop"),
-        (lambda: Stop(above=-0.1, below=0.1), "must be less than above"),
-        (lambda: CubicSpring(direction=(0.0, 0.0)), "points nowhere"),
-        (lambda: Magnet(power=1.0), "power - 1 must be positive"),
-        (lambda: Drag(width=0.0), "width must be positive"),
-        (lambda: AddedMass(-0.1), "mass must be zero or positive"),
+        (lambda: Load(PowerDamping(1), float("nan")), "strength must be a finite number"),
+        (lambda: Load(CoulombFriction(), 0.1), "CoulombFriction jumps: give it a creep"),
+        (lambda: Load(Inertia(3), 0.1), "Inertia is no force"),
+        (lambda: Load(Stiffness(1), 1.0, AlongBeam()), "mount it AtPoint or TowardsAnchor"),
+        (lambda: NonlinearInertia().on_beam(1.0), "NonlinearInertia names no place on a beam"),
+        (lambda: AtPoint(direction=(0.0, 0.0)), "points nowhere"),
+        (lambda: TowardsAnchor((0.1, float("inf"))), "anchor must be a finite number"),
+        (lambda: TowardsAnchor((0.1, 0.2), length=-1.0), "length = -1.0 m must be zero or"),
+        (lambda: PointMass(-0.1), "mass must be zero or positive"),
         (lambda: ClampCompliance(0.0), "compliance must be positive"),
         (lambda: Spring(stiffness=float("inf")), "stiffness must be a finite number"),
-        (lambda: Beam.cantilever().with_effect(Dashpot(at=0.9)), "at of Dashpot = 0.9 m is off"),
+        (
+            lambda: Beam.cantilever().with_effect(Damper().on_beam(1.0, AtPoint(0.9))),
+            "0.9 m is off",
+        ),
         (lambda: Beam.cantilever().with_effect(ExtraTension(2.0)), "at most 0.856"),
         (lambda: bare().with_effect(ExtraTension(0.1)), "the beam has 0 springs"),
-        (lambda: bare().with_effect(SpringFriction()), "the beam has 0 springs"),
-        (lambda: SpringFriction().force(PLACE), "with_effect"),
+        (lambda: bare().with_effect(SpringFriction().on_beam(0.1)), "the beam has 0 springs"),
+        (lambda: SpringFriction().on_beam(0.1).force(PLACE), "with_effect"),
     ],
 )
 def test_bad_input(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_what_is_no_effect_is_refused():
+    with pytest.raises(TypeError, match=r"effect is a AirDrag: give a load, such as AirDrag\(\)"):
+        bare().with_effect(AirDrag())

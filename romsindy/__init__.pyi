@@ -1,0 +1,48 @@
+"""What type checkers see of the late imports in ``__init__.py``."""
+
+from romsindy.beam import Beam as Beam
+from romsindy.diagnosis import BeamReport as BeamReport
+from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
+from romsindy.diagnosis import diagnose as diagnose
+from romsindy.fit.adequacy import Adequacy as Adequacy
+from romsindy.fit.bootstrap import Bootstrap as Bootstrap
+from romsindy.fit.bootstrap import bootstrap as bootstrap
+from romsindy.fit.refine import Band as Band
+from romsindy.fit.refine import Fit as Fit
+from romsindy.fit.refine import refine as refine
+from romsindy.orbits.continuation import Branch as Branch
+from romsindy.orbits.continuation import ContinuationError as ContinuationError
+from romsindy.orbits.continuation import Steps as Steps
+from romsindy.orbits.continuation import continue_branch as continue_branch
+from romsindy.orbits.curves import BackboneCurve as BackboneCurve
+from romsindy.orbits.curves import Bifurcation as Bifurcation
+from romsindy.orbits.curves import ForcedResponse as ForcedResponse
+from romsindy.orbits.curves import backbone_curve as backbone_curve
+from romsindy.orbits.curves import forced_response as forced_response
+from romsindy.physics.example import add_noise as add_noise
+from romsindy.physics.example import example_decay as example_decay
+from romsindy.physics.model import ReducedModel as ReducedModel
+from romsindy.physics.model import SingularInertiaError as SingularInertiaError
+from romsindy.record.backbone import Backbone as Backbone
+from romsindy.record.backbone import extract_backbone as extract_backbone
+from romsindy.record.decay import Decay as Decay
+from romsindy.record.files import load_decay as load_decay
+from romsindy.record.files import save_decay as save_decay
+from romsindy.record.filters import Butterworth as Butterworth
+from romsindy.record.filters import SavitzkyGolay as SavitzkyGolay
+from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
+from romsindy.regression.estimator import ScaledOptimizer as ScaledOptimizer
+from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary
+from romsindy.regression.library import DampingLibrary as DampingLibrary
+from romsindy.regression.library import ICROMLibrary as ICROMLibrary
+from romsindy.regression.library import ROMLibrary as ROMLibrary
+from romsindy.regression.library import StiffnessLibrary as StiffnessLibrary
+from romsindy.regression.library import implicit_data as implicit_data
+from romsindy.regression.projection import HarmonicLibrary as HarmonicLibrary
+from romsindy.regression.projection import HarmonicProjection as HarmonicProjection
+from romsindy.selection.select import Selection as Selection
+from romsindy.selection.select import default_candidates as default_candidates
+from romsindy.selection.select import select_model as select_model
+
+__version__: str
+__all__: list[str]

@@ -1,0 +1,92 @@
+"""The command ``romsindy``. Each of its commands is imported when it runs: help costs no time."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+import click
+
+from romsindy import __version__
+
+_COMMANDS = {
+    "diagnose": "Name what a simulation lacks, from measured free decays.",
+    "identify": "Identify an equation of motion from the free decay in FILE.",
+    "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
+    "study": "Run the study of the method's paper on the default beam.",
+}
+_REFUSED = 2
+_INTERRUPTED = 130  # as a shell reports Ctrl-C
+
+
+class _Refusal(click.ClickException):
+    """One line on the error stream."""
+
+    exit_code = _REFUSED
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Turn refused input into one line and exit code 2; an internal error keeps its traceback."""
+    try:
+        yield
+    except click.exceptions.Exit:
+        raise
+    except click.UsageError as error:
+        hint = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
+        raise _Refusal(_one_line(error.format_message()) + hint) from error
+    except (ValueError, OSError, RuntimeError) as error:
+        raise _Refusal(_one_line(str(error))) from error
+    except KeyboardInterrupt:
+        raise click.exceptions.Exit(_INTERRUPTED) from None
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
+
+
+class _Commands(click.Group):
+    """Commands that are imported late and that refuse input alike."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in _COMMANDS:
+            return None
+        command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+    def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
+        with _refusals():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with warnings.catch_warnings(), _refusals():
+            warnings.simplefilter("default", UserWarning)
+            warnings.showwarning = _show_warning  # type: ignore[assignment]
+            return super().invoke(ctx)
+
+
+def _show_warning(message: Warning | str, *_: Any) -> None:
+    click.echo(f"Note: {message}", err=True)
+
+
+@click.group(
+    cls=_Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.version_option(__version__)
+@click.pass_context
+def main(ctx: click.Context) -> None:
+    """Equations of motion, with nonlinear inertia, from measured free decays."""
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())

@@ -1,0 +1,123 @@
+"""One function for every simulation: find, name and add what it lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from romsindy.beam import Beam, SensorArray
+from romsindy.diagnosis.on_beam.report import BeamReport
+from romsindy.diagnosis.on_beam.workflow import diagnose_beam
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.workflow import FLOOR, FREE, diagnose_model
+from romsindy.effects import CATALOGUE
+from romsindy.effects.base import Effect
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+
+
+def diagnose(
+    model: ReducedModel | Beam,
+    measured: Decay | Sequence[Decay],
+    *,
+    sensors: SensorArray | None = None,
+    held_out: Decay | None = None,
+    free: Sequence[str | Effect] | None = None,
+    tolerances: Mapping[str, float] | None = None,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    false_alarm: float = 0.01,
+    max_effects: int = 3,
+    floor: float = FLOOR,
+    n_jobs: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> DiagnosisReport | BeamReport:
+    """Find, name and add what a simulation lacks.
+
+    Parameters
+    ----------
+    model : ReducedModel or Beam
+        The simulation.
+    measured : Decay or sequence of Decay
+        For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
+        [m], one channel per sensor; the beam is let go from rest at the first sample.
+    sensors : SensorArray, optional
+        Where the displacements of a beam were measured; needed for a beam, and for it alone.
+    held_out : Decay, optional
+        A decay to judge by, which takes no part otherwise. Without it the last quarter of each
+        record is held out, if it holds six cycles.
+    free : names or effects, optional
+        What the simulation is unsure of: of "omega^2" and "c_linear", or effects without shape
+        values. It follows the data under every hypothesis, and is blamed only where nothing else is
+        needed. Of a beam, "omega^2" stands for the bending stiffness and "c_linear" for the damping
+        in proportion to mass. Both by default for a model, nothing for a beam. Empty: the
+        simulation is taken as exact.
+    tolerances : mapping of str to float, optional
+        Relative standard deviations of other coefficients of a model.
+    catalogue : sequence of Effect
+        What to look for; add your own. On a beam an effect is looked for at its ``mounting``.
+    false_alarm : float
+        Probability of naming an effect where there is none.
+    max_effects : int
+        Most effects at once.
+    floor : float
+        Disagreement that does not matter, as a part of the largest amplitude.
+    n_jobs : int
+        Processes for the candidates (joblib).
+    progress : callable, optional
+        Called with a line of text for every candidate under test.
+
+    Returns
+    -------
+    DiagnosisReport or BeamReport
+        For a ReducedModel or a Beam.
+
+    Raises
+    ------
+    ValueError
+        For a simulation that is neither, for arguments that do not belong to it, and for records
+        that cannot be compared with it: other unit, sign, scale or mode, too few cycles, noise
+        alone. The message names the remedy.
+    """
+    strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
+    if strange:
+        raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
+    if isinstance(model, Beam):
+        if sensors is None:
+            raise ValueError(
+                "sensors = None: a Beam needs the sensors that measured it, such as"
+                " sensors=beam.sensors([0.2, 0.45])"
+            )
+        if tolerances:
+            raise ValueError(
+                f"tolerances = {dict(tolerances)} are of the coefficients of a ReducedModel: of a"
+                " Beam, name what it is unsure of in free="
+            )
+        return diagnose_beam(
+            model,
+            measured,
+            sensors=sensors,
+            held_out=held_out,
+            free=free or (),
+            catalogue=catalogue,
+            false_alarm=false_alarm,
+            max_effects=max_effects,
+            floor=floor,
+            n_jobs=n_jobs,
+            progress=progress,
+        )
+    if not isinstance(model, ReducedModel):
+        raise ValueError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
+    if sensors is not None:
+        raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
+    return diagnose_model(
+        model,
+        measured,
+        held_out=held_out,
+        free=FREE if free is None else free,
+        tolerances=tolerances,
+        catalogue=catalogue,
+        false_alarm=false_alarm,
+        max_effects=max_effects,
+        floor=floor,
+        n_jobs=n_jobs,
+        progress=progress,
+    )

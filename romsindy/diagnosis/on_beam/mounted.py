@@ -1,0 +1,257 @@
+"""Effects mounted on a beam, as its one coordinate feels them.
+
+Along the curve of shapes x(q) a point of the beam is displaced by d(q) and moves at D(q) q_dot,
+with D = dd/dq. A law f(d, w) that is mounted there does the work Q dq with
+
+    Q(q, q_dot) = sum of D(q) f(d(q), D(q) q_dot)
+
+over the points: that is its projection on the mode, exact along the curve.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from romsindy.beam.spring import Spring
+from romsindy.diagnosis.on_beam.static_curve import StaticCurve
+from romsindy.effects import BEAM_CATALOGUE
+from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
+from romsindy.effects.mounting import AlongBeam, Mounting, Point, TowardsAnchor
+from romsindy.physics.damping import FrictionLaw
+from romsindy.physics.term import Term
+from romsindy.typing import Array
+
+_POINTS = 8  # Gauss points along a beam: exact for cubes of the first mode's shape to 1e-6
+
+
+class BeamEffect(Effect):
+    """An effect that exists on a beam."""
+
+    @abstractmethod
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
+        """What `Beam.with_effect` takes."""
+
+
+@dataclass(frozen=True, eq=False)
+class MountedEffect(BeamEffect):
+    """An effect at its place on a beam.
+
+    Attributes
+    ----------
+    effect : TermEffect
+    curve : StaticCurve
+    mounting : Mounting
+        Where it is looked for.
+    """
+
+    effect: TermEffect
+    curve: StaticCurve
+    mounting: Mounting
+
+    name = property(lambda self: self.effect.name)
+    family = property(lambda self: self.effect.family)
+    sign = property(lambda self: self.effect.sign)
+    advice = property(lambda self: self.effect.advice)
+    resembles = property(lambda self: self.effect.resembles)
+
+    @property
+    def label(self) -> str:  # type: ignore[override]
+        """As an engineer says it, with the place."""
+        return f"{self.effect.label} {self.mounting.place}"
+
+    @property
+    def variant(self) -> str:
+        return self.effect.variant
+
+    def strength_unit(self, unit: str | None) -> str:
+        return self.effect.strength_on_beam(self.mounting)
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        """Those of the effect, in metres; textbook exponents are exact on a beam."""
+        at_rest = self.mounting.zeroed(_points(self.curve, self.mounting, self.curve.rest[None])[0])
+        ends = np.array([-self.curve.reach, self.curve.reach])
+        d = _Path.of(self.curve, at_rest).displacement(ends)
+        metres = scales._replace(amplitude=float(np.abs(d).min()))
+        known = [p for p in self.effect.parameters(metres) if p.name != "exponent"]
+        return tuple(replace(p, unit="m") if p.unit == "q" else p for p in known)
+
+    def shaped(self, values: Mapping[str, float]) -> MountedEffect:
+        return replace(self, effect=self.effect.shaped(values))  # type: ignore[arg-type]
+
+    def value(self, name: str) -> float:
+        return self.effect.value(name)
+
+    @cached_property
+    def placed(self) -> Mounting:
+        """The mounting for the present shape values, counted from the equilibrium where it must."""
+        rest = _points(self.curve, self.mounting, self.curve.rest[None])[0]
+        return self.effect.placed(self.mounting, rest)
+
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
+        least = max(strength, 0.0) if self.sign else strength
+        return self.effect.on_beam(least, mounting or self.placed)
+
+    @cached_property
+    def _law(self) -> Term:
+        law = self.on_beam(1.0).law
+        # A fit averages the jump over its step in time, the beam needs it smooth.
+        return law.jumping() if isinstance(law, FrictionLaw) else law
+
+    def _motion(self, state: State) -> tuple[_Path, Array, Array, Array]:
+        path = _Path.of(self.curve, self.placed)
+        inside = np.clip(state.q, self.curve.q[0], self.curve.q[-1])
+        slope = path.slope(inside)
+        return path, inside, slope, slope * state.q_dot[:, None]
+
+    def forces(self, state: State) -> Array:
+        """The projection for a unit of strength."""
+        path, q, slope, w = self._motion(state)
+        law, d = self._law, path.displacement(q)
+        if isinstance(law, FrictionLaw):
+            change = slope * state.q_ddot[:, None] * state.step / 3
+            force = law.averaged(d, w, w * state.step / 3, change).force
+        else:
+            force = law.stiffness(d) + law.preload + law.damping(d, w)
+        return np.asarray((slope * force) @ path.weights)[None]
+
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
+        """Derivatives of the projection."""
+        path, q, slope, w = self._motion(state)
+        law, d, bend = self._law, path.displacement(q), path.slope(q, 1)
+        if isinstance(law, FrictionLaw):
+            change = slope * state.q_ddot[:, None] * state.step / 3
+            force, by_d, by_w = law.averaged(d, w, w * state.step / 3, change)
+        else:
+            force = law.stiffness(d) + law.preload + law.damping(d, w)
+            by_d = law.stiffness_dq(d) + law.damping_dq(d, w)
+            by_w = law.damping_dq_dot(d, w)
+        if not path.holonomic:
+            by_d = 0.0
+        by_q = bend * force + slope * (by_d * slope + by_w * bend * state.q_dot[:, None])
+        by_q_dot = slope * slope * by_w
+        s = strengths[0]
+        return s * (by_q @ path.weights), s * (by_q_dot @ path.weights), 0.0
+
+    def readings(self, t: Array, q: Array) -> Array | None:
+        """Displacements are counted from the equilibrium, which a force at rest moves."""
+        if not self._law.has("stiffness"):
+            return None
+        still = State(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), 0.0)
+        pull = float(self.forces(still)[0, 0])
+        return np.full((1, len(q)), pull / self.curve.omega2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """How the points of a mounting move along the curve; (n_points,) columns.
+
+    ``displacement`` and ``slope`` are splines over q of d and of D.
+    """
+
+    displacement: CubicSpline
+    slope: CubicSpline
+    weights: Array
+    holonomic: bool
+
+    @staticmethod
+    @lru_cache(maxsize=256)
+    def of(curve: StaticCurve, mounting: Mounting) -> _Path:
+        columns, weights = [], []
+        for place, weight in _places(curve, mounting):
+            point = _point(place, curve.shapes)
+            tangent = place.of(curve.tangents)
+            g = np.stack(np.broadcast_arrays(*mounting.gradient(point), point.y)[:3], axis=-1)
+            columns.append((mounting.displacement(point), np.sum(g * tangent, axis=-1)))
+            weights.append(weight)
+        d, slope = (np.stack(c, axis=1) for c in zip(*columns, strict=True))
+        holonomic = not isinstance(mounting, AlongBeam)
+        return _Path(
+            CubicSpline(curve.q, d), CubicSpline(curve.q, slope), np.array(weights), holonomic
+        )
+
+
+def _places(curve: StaticCurve, mounting: Mounting) -> list[tuple[Any, float]]:
+    """Places of a mounting on the beam, each with its weight: one, or Gauss points along it."""
+    assembly, length = curve.beam.assembly, curve.beam.length
+    if not isinstance(mounting, AlongBeam):
+        return [(assembly.place(mounting.at), 1.0)]
+    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    return [
+        (assembly.place(float(length * (1 + a) / 2)), float(length * b / 2))
+        for a, b in zip(x, w, strict=True)
+    ]
+
+
+def _point(place: Any, shapes: Array) -> Point:
+    u, w, theta = np.moveaxis(place.of(shapes), -1, 0)
+    return Point(place.s, place.s + u, w, theta)
+
+
+def _points(curve: StaticCurve, mounting: Mounting, shapes: Array) -> list[Point]:
+    """The first place of a mounting in some shapes (n, n_nodes, 3), one point each."""
+    place = _places(curve, mounting)[0][0]
+    return [Point(place.s, place.s + u, w, theta) for u, w, theta in place.of(shapes).tolist()]
+
+
+@dataclass(frozen=True, eq=False)
+class DampingEffect(BeamEffect):
+    """A change of the beam's own damping; its force is a difference of two beams.
+
+    Attributes
+    ----------
+    curve : StaticCurve
+    change : type
+        Of `romsindy.beam.changes`, in one number.
+    name, label, unit, advice : str
+    """
+
+    curve: StaticCurve
+    change: type
+    name: str  # type: ignore[misc]
+    label: str  # type: ignore[misc]
+    unit: str  # type: ignore[misc]
+    advice: str  # type: ignore[misc]
+
+    family = "damping"
+
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
+        return self.change(strength)
+
+    @cached_property
+    def _resistance(self) -> CubicSpline:
+        """Resistance over q for a unit of the change, and of q_dot."""
+        rate = self.curve.reach * np.sqrt(self.curve.omega2)
+        spline = self.curve.resistance(self.change(1.0), rate)
+        spline.c /= rate
+        return spline
+
+    def forces(self, state: State) -> Array:
+        inside = np.clip(state.q, self.curve.q[0], self.curve.q[-1])
+        return (self._resistance(inside) * state.q_dot)[None]
+
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
+        inside = np.clip(state.q, self.curve.q[0], self.curve.q[-1])
+        by_q = self._resistance(inside, 1) * state.q_dot
+        return strengths[0] * by_q, strengths[0] * self._resistance(inside), 0.0
+
+
+def mounted_effects(
+    curve: StaticCurve, catalogue: Sequence[TermEffect] = BEAM_CATALOGUE
+) -> tuple[MountedEffect, ...]:
+    """The effects of a catalogue that can be on this beam, each at its place."""
+    springs = [e for e in curve.beam.effects if isinstance(e, Spring)]
+    found = []
+    for effect in catalogue:
+        where = effect.mounting
+        if isinstance(where, TowardsAnchor) and where.anchor is None and len(springs) != 1:
+            continue
+        if where is not None:
+            found.append(MountedEffect(effect, curve, where.settled(curve.beam)))
+    return tuple(found)

@@ -1,0 +1,216 @@
+"""Where on a structure a law acts: at a point, towards an anchor, along the beam.
+
+A mounting turns the motion of a point of the beam into the one displacement d and speed w that a
+law knows, and the force of the law back into a force on the beam. With the gradient g of d,
+
+    w = g . v,      force = -f(d, w) g.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Vector = tuple[Any, Any, Any]
+Matrix = tuple[Vector, Vector, Vector]
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+ZEROS: Matrix = (ZERO, ZERO, ZERO)
+
+
+class Point(NamedTuple):
+    """Where a point of the beam's axis is and how it moves [m, m, rad; m/s, m/s, rad/s].
+
+    `s` is its position on the undeformed axis, so the axial displacement is x - s. Each may be a
+    number, or an array over points.
+    """
+
+    s: Any
+    x: Any
+    y: Any
+    theta: Any
+    x_dot: Any = 0.0
+    y_dot: Any = 0.0
+    theta_dot: Any = 0.0
+
+    @property
+    def velocity(self) -> Vector:
+        """(x_dot, y_dot, theta_dot)."""
+        return self.x_dot, self.y_dot, self.theta_dot
+
+
+def _hypot(x: Any, y: Any) -> Any:
+    # The beam's solvers ask for one point at a time: plain floats are several times faster.
+    return math.hypot(x, y) if isinstance(x, float) else np.hypot(x, y)
+
+
+class Mounting(ABC):
+    """The contract: displacement, its gradient, and how the gradient turns."""
+
+    at: float | None = None  # position on the undeformed axis [m]; None is the right end
+
+    @abstractmethod
+    def kinematics(self, point: Point) -> tuple[Any, Vector]:
+        """d [m], and its derivatives with respect to (x, y, theta)."""
+
+    def displacement(self, point: Point) -> Any:
+        """d [m]."""
+        return self.kinematics(point)[0]
+
+    def gradient(self, point: Point) -> Vector:
+        """Derivatives of d with respect to (x, y, theta)."""
+        return self.kinematics(point)[1]
+
+    def turning(self, point: Point) -> Matrix:
+        """Derivatives of the gradient (rows) with respect to (x, y, theta)."""
+        return ZEROS
+
+    def zeroed(self, rest: Point) -> Mounting:
+        """The same with d zero at a point at rest."""
+        return self
+
+    def settled(self, beam: Any) -> Mounting:
+        """The same with what it takes from the beam filled in."""
+        return self
+
+    @property
+    @abstractmethod
+    def place(self) -> str:
+        """Where it is, for a label."""
+
+
+@dataclass(frozen=True)
+class AtPoint(Mounting):
+    """At one point, along a fixed direction.
+
+    Parameters
+    ----------
+    at : float, optional
+        Position on the undeformed axis [m]; None is the right end, the tip of a cantilever.
+    direction : (float, float)
+        (x, y), of any length; (0, 1) is transverse, upwards.
+    datum : float
+        Displacement from the undeformed beam [m] at which d is zero.
+
+    Raises
+    ------
+    ValueError
+        For a direction of length zero.
+    """
+
+    at: float | None = None
+    direction: tuple[float, float] = (0.0, 1.0)
+    datum: float = 0.0
+
+    def __post_init__(self) -> None:
+        norm = math.hypot(*self.direction)
+        if not 0.0 < norm < math.inf:
+            raise ValueError(f"direction = {self.direction} points nowhere; (0, 1) is upwards")
+        unit = (self.direction[0] / norm, self.direction[1] / norm)
+        object.__setattr__(self, "direction", unit)
+
+    def kinematics(self, point: Point) -> tuple[Any, Vector]:
+        ex, ey = self.direction
+        return ex * (point.x - point.s) + ey * point.y - self.datum, (ex, ey, 0.0)
+
+    def zeroed(self, rest: Point) -> AtPoint:
+        return replace(self, datum=self.datum + self.displacement(rest))
+
+    @property
+    def place(self) -> str:
+        return "at the tip" if self.at is None else f"at {self.at:.4g} m"
+
+
+@dataclass(frozen=True)
+class TowardsAnchor(Mounting):
+    """Between a point and a fixed anchor: d is the lengthening of the straight line.
+
+    Parameters
+    ----------
+    anchor : (float, float), optional
+        (x, y) of the fixed end [m]; None takes place and anchor from the beam's own spring.
+    at : float, optional
+        Position on the undeformed axis [m]; None is the right end.
+    length : float
+        Length [m] at which d is zero.
+    """
+
+    anchor: tuple[float, float] | None = None
+    at: float | None = None
+    length: float = 0.0
+
+    def __post_init__(self) -> None:
+        for value in self.anchor or ():
+            if not math.isfinite(value):
+                raise ValueError(f"anchor must be a finite number, got {value}")
+        if not 0.0 <= self.length < math.inf:
+            raise ValueError(f"length = {self.length!r} m must be zero or positive")
+
+    def settled(self, beam: Any) -> TowardsAnchor:
+        """With place and anchor of the beam's one spring, where none is given.
+
+        Raises
+        ------
+        ValueError
+            If the beam has not exactly one spring.
+        """
+        if self.anchor is not None:
+            return self
+        mounted = [getattr(e, "mounting", None) for e in beam.effects]
+        springs = [m for m in mounted if isinstance(m, TowardsAnchor)]
+        if len(springs) != 1:
+            raise ValueError(
+                f"anchor = None, but the beam has {len(springs)} springs to take it from: give the"
+                " anchor (x, y) in m"
+            )
+        return replace(self, at=springs[0].at, anchor=springs[0].anchor)
+
+    def span(self, x: Any, y: Any) -> Any:
+        """Distance [m] of a point (x, y) from the anchor."""
+        return _hypot(*self._from_anchor(x, y))
+
+    def _from_anchor(self, x: Any, y: Any) -> tuple[Any, Any]:
+        if self.anchor is None:
+            raise ValueError("anchor = None; add the load by beam.with_effect(...), or give it")
+        return x - self.anchor[0], y - self.anchor[1]
+
+    def kinematics(self, point: Point) -> tuple[Any, Vector]:
+        dx, dy = self._from_anchor(point.x, point.y)
+        span = _hypot(dx, dy)
+        return span - self.length, (dx / span, dy / span, 0.0)
+
+    def zeroed(self, rest: Point) -> TowardsAnchor:
+        return replace(self, length=self.length + self.displacement(rest))
+
+    def turning(self, point: Point) -> Matrix:
+        d, (ex, ey, _) = self.kinematics(point)
+        span = d + self.length
+        xy = -ex * ey / span
+        return (ey * ey / span, xy, 0.0), (xy, ex * ex / span, 0.0), ZERO
+
+    @property
+    def place(self) -> str:
+        return "in the spring" if self.anchor is None else "towards an anchor"
+
+
+@dataclass(frozen=True)
+class AlongBeam(Mounting):
+    """All along the beam, across its own axis; the law gives a force per unit length.
+
+    Only the velocity across the section is known, so that laws of the speed alone can act.
+    """
+
+    def kinematics(self, point: Point) -> tuple[Any, Vector]:
+        return 0.0 * point.y, (-np.sin(point.theta), np.cos(point.theta), 0.0)
+
+    def turning(self, point: Point) -> Matrix:
+        c, s = np.cos(point.theta), np.sin(point.theta)
+        return (0.0, 0.0, -c), (0.0, 0.0, -s), ZERO
+
+    @property
+    def place(self) -> str:
+        return "along the beam"

@@ -1,0 +1,77 @@
+"""Laws from the names of their coefficients, and laws as JSON: type and fields, exact."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+# The laws must be there before they are looked up by name.
+from romsindy.physics import combination, inertia  # noqa: F401
+from romsindy.physics.damping import DAMPING
+from romsindy.physics.term import Term, type_name
+
+_NAMES = (*(law.key for law in DAMPING.values()), "omega^2", "beta_1", "beta_2")
+
+
+def term_from_key(key: str) -> Term:
+    """Return the law whose coefficient is called ``key``.
+
+    Raises
+    ------
+    ValueError
+        If no law has this key; the message names the keys there are and the nearest one.
+    """
+    for kind in list(Term.kinds.values()):
+        term = kind.from_key(key)
+        if term is not None:
+            return term
+    near = difflib.get_close_matches(key, [*_NAMES, "gamma_2", "gamma_3", "Upsilon_3"], n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise ValueError(
+        f"coefficient name {key!r} is not known: use {', '.join(_NAMES)}, gamma_m or Upsilon_k"
+        f" (m, k >= 2){hint}"
+    )
+
+
+def content_of(term: Term) -> dict[str, Any]:
+    """Type and fields of a law, as JSON has them."""
+    values = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
+    return {"type": type_name(type(term)), **{name: _plain(v) for name, v in values.items()}}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Term):
+        return content_of(value)
+    return [_plain(v) for v in value] if isinstance(value, tuple) else value
+
+
+def term_of(content: Mapping[str, Any]) -> Term:
+    """The law that `content_of` describes; a name and a value beside it do not matter.
+
+    Raises
+    ------
+    ValueError
+        If its type is not known or has other fields; a law of your own must be imported first.
+    """
+    values = {k: _value(v) for k, v in content.items() if k not in ("type", "name", "value")}
+    kind = Term.kinds.get(content.get("type", ""))
+    if kind is None:
+        raise ValueError(
+            f"type = {content.get('type')!r} is no law that is known here: import the module that"
+            f" defines it first; known are {sorted(Term.kinds)}"
+        )
+    try:
+        return kind(**values)
+    except TypeError as error:
+        names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+        raise ValueError(
+            f"a {content['type']} has the fields {names}, not {list(values)}"
+        ) from error
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, dict):
+        return term_of(value)
+    return tuple(_value(v) for v in value) if isinstance(value, list) else value

@@ -1,0 +1,127 @@
+"""Self-contained HTML pages, from the templates beside this file."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+from matplotlib.figure import Figure
+
+from romsindy import __version__
+
+_DPI = 130
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that is drawn when it is written.
+
+    Attributes
+    ----------
+    name : str
+        Of its files, where it is written to files.
+    title, caption : str
+    draw : callable
+        Draws into an empty Figure.
+    size : (float, float)
+        Inches.
+    """
+
+    name: str
+    title: str
+    caption: str
+    draw: Callable[[Figure], object]
+    size: tuple[float, float] = (8.0, 4.2)
+
+    def figure(self) -> Figure:
+        """The figure, drawn."""
+        figure = Figure(figsize=self.size, layout="constrained")
+        self.draw(figure)
+        return figure
+
+    def write(self, path: str | Path | IO[bytes], format: str | None = None) -> None:
+        """Draw it to a file; the ending of a path says how, as in matplotlib."""
+        self.figure().savefig(path, format=format, dpi=_DPI)
+
+
+class TextTable(NamedTuple):
+    """Rows of text, the first of them the header, under a title and above a note."""
+
+    title: str
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+def write_page(path: str | Path, template: str, **content: Any) -> None:
+    """Fill one of the package's templates and write it.
+
+    Parameters
+    ----------
+    path : str or Path
+    template : str
+        Name of the template without its ending.
+    **content
+        What the template names.
+    """
+    environment = Environment(
+        loader=PackageLoader("romsindy.show"), autoescape=select_autoescape(["j2"])
+    )
+    page = environment.get_template(f"{template}.html.j2").render(version=__version__, **content)
+    Path(path).write_text(page, encoding="utf-8")
+
+
+def write_report(
+    path: str | Path,
+    title: str,
+    *,
+    sentence: str,
+    equation_title: str,
+    equation: str,
+    tables: Sequence[TextTable],
+    pictures: Iterable[Picture],
+    notes: Sequence[str],
+    verdict: str = "",
+    equation_note: str = "",
+) -> None:
+    """Write the page about an identification or a diagnosis.
+
+    Parameters
+    ----------
+    path : str or Path
+    title, sentence : str
+        What the page is about, and the finding.
+    equation_title, equation, equation_note : str
+        The model, or the lines of Python that make it.
+    tables : sequence of TextTable
+    pictures : iterable of Picture
+        Drawn one after the other.
+    notes : sequence of str
+        On the records.
+    verdict : str
+        One word before the sentence.
+    """
+    figures = [{"title": p.title, "caption": p.caption, "png": _png(p)} for p in pictures]
+    write_page(
+        path,
+        "report",
+        title=title,
+        verdict=verdict,
+        sentence=sentence,
+        equation_title=equation_title,
+        equation=equation,
+        equation_note=equation_note,
+        tables=tables,
+        figures=figures,
+        notes=notes,
+    )
+
+
+def _png(picture: Picture) -> str:
+    buffer = io.BytesIO()
+    picture.write(buffer, "png")
+    return base64.b64encode(buffer.getvalue()).decode()
