@@ -101,8 +101,19 @@ class Search:
         return examine(self.records, s.residuals, s.n_values, self.false_alarm)
 
     def run(self) -> Finding:
-        """Look for the best hypothesis."""
+        """Look for the best hypothesis.
+
+        Raises
+        ------
+        ValueError
+            If the model alone has no motion near the measured one.
+        """
         base = self._settled(self.hypothesis([]))
+        if not base.solution.finite:
+            raise ValueError(
+                "the model has no motion near that of the records: small disturbances of it grow"
+                " without bound; check the signs and the units of its coefficients"
+            )
         best = base
         seen: list[Hypothesis] = [base]
         first: Screening | None = None
