@@ -1,4 +1,4 @@
-"""What type checkers see of the late imports in ``__init__.py``."""
+# The public names and where they live; `__init__.py` reads this list.
 
 from romsindy.beam import Beam as Beam
 from romsindy.diagnosis import BeamReport as BeamReport

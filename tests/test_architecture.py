@@ -180,7 +180,10 @@ def test_ci_runs_the_readme():
     readme = (ROOT / "README.md").read_text()
     block = re.search(r"<!-- test command -->\n```sh\n(.*?)```", readme, re.S)
     assert "pytest" in block[1] and "pip install" in block[1]
-    assert "<!-- test command -->" in (ROOT / ".ci" / "run").read_text()
+    run = (ROOT / ".ci" / "run").read_text()
+    steps = ['ruff" check', 'ruff" format --check', 'mypy"', "<!-- test command -->"]
+    places = [run.index(step) for step in steps]
+    assert places == sorted(places)
 
 
 def test_python_examples_in_the_readme_run(capsys):

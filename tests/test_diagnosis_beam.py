@@ -19,6 +19,7 @@ from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
+from romsindy.diagnosis.on_beam.report import recipe_of
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
 from romsindy.diagnosis.on_beam.static_curve import StaticCurve
 from romsindy.effects import CATALOGUE, AirDrag, AtPoint, Damper, PointMass
@@ -144,6 +145,15 @@ FORCES = [
     f.shaped({p.name: p.starts[2] for p in f.parameters(Scales(0.016, 38.0, 20.0))})
     for f in (*mounted_effects(CURVE), *damping_effects(CURVE))
 ]
+
+
+def test_recipes_run():
+    """What a diagnosis adds to a beam is added again where its recipe is pasted."""
+    changes = [StifferBending(0.01), ClampCompliance(1e-3), PointMass(4e-4)]
+    for added in (*(force.on_beam(0.01) for force in FORCES), *changes):
+        names = {"beam": BEAM}
+        exec(recipe_of([added]), names)
+        assert names["beam"] == BEAM.with_effect(added) != BEAM
 
 
 @pytest.mark.parametrize("force", FORCES, ids=lambda f: f"{f.name} {f.variant}")

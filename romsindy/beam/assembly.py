@@ -6,7 +6,7 @@ Nodal fields are (n_nodes, 3) with (u, w, theta) per node, matrices are kept per
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -70,7 +70,12 @@ class Assembly:
             stop = self.n_nodes - 2 + i
             self.tributary[i:stop:2] += share / 6.0 * self._length
         loads = [e for e in beam.effects if isinstance(e, MountedLaw)]
-        self._point_loads = [(self.place(e.at), e) for e in loads if not e.distributed]
+        # Loads at the same place share its motion.
+        places = dict.fromkeys(e.at for e in loads if not e.distributed)
+        self._point_loads = [
+            (self.place(at), [e for e in loads if not e.distributed and e.at == at])
+            for at in places
+        ]
         self._line_loads = [e for e in loads if e.distributed]
         self.has_loads = bool(loads)
         self._dissipates = any(e.dissipates for e in loads)
@@ -109,20 +114,27 @@ class Assembly:
     def _points(self, x: np.ndarray, v: np.ndarray) -> Point:
         return Point(self.s, self.s + x[:, 0], x[:, 1], x[:, 2], v[:, 0], v[:, 1], v[:, 2])
 
-    def _add_loads(self, x: np.ndarray, v: np.ndarray, out: np.ndarray) -> float:
-        """Subtract the force of every load from `out`; return what is dissipated [W]."""
-        power = 0.0
-        for place, load in self._point_loads:
+    def _add_loads(self, x: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
+        """Subtract the force of every load from `out`."""
+        for place, loads in self._point_loads:
             point = place.point(x, v)
-            place.subtract(load.force(point), out)
-            if load.dissipates:
-                power += float(load.power(point))
+            fx, fy, moment = loads[0].force(point)
+            for load in loads[1:]:
+                more = load.force(point)
+                fx, fy, moment = fx + more[0], fy + more[1], moment + more[2]
+            place.subtract((fx, fy, moment), out)
         for line in self._line_loads:
-            points = self._points(x, v)
-            density = np.broadcast_arrays(*line.force(points), self.s)[:3]
-            out -= np.column_stack(density) * self.tributary[:, None]
-            if line.dissipates:
-                power += float(self.tributary @ line.power(points))
+            for i, density in enumerate(line.force(self._points(x, v))):
+                out[:, i] -= self.tributary * density
+
+    def _load_power(self, x: np.ndarray, v: np.ndarray) -> float:
+        """Return what the loads dissipate [W]."""
+        power = 0.0
+        for place, loads in self._point_loads:
+            point = place.point(x, v)
+            power += sum(float(load.power(point)) for load in loads if load.dissipates)
+        for line in self._line_loads:
+            power += float(self.tributary @ line.power(self._points(x, v)))
         return power
 
     def residual(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, float]:
@@ -140,7 +152,8 @@ class Assembly:
         out[0, 2] += self._ground[0] * x[0, 2]
         out[-1, 2] += self._ground[1] * x[-1, 2]
         if self.has_loads:
-            power += self._add_loads(x, rate, out)
+            self._add_loads(x, rate, out)
+            power += self._load_power(x, rate) if self._dissipates else 0.0
         out[self.fixed] = 0.0
         return out, power
 
@@ -161,8 +174,7 @@ class Assembly:
         """Return the power dissipated [W] in several states."""
         powers = kernel.stage_powers(X, V, self.mass, self.alpha, *self._stiffness, self.eta)
         if self._dissipates:
-            scratch = np.zeros_like(self._rest)
-            powers += [self._add_loads(x, v, scratch) for x, v in zip(X, V, strict=True)]
+            powers += [self._load_power(x, v) for x, v in zip(X, V, strict=True)]
         return powers
 
     def smooth_acceleration(self, x: np.ndarray, stiffening: float) -> np.ndarray:
@@ -219,10 +231,13 @@ class Assembly:
     def _add_load_tangents(
         self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray
     ) -> None:
-        for place, load in self._point_loads:
+        for place, loads in self._point_loads:
             point = place.point(x, v)
-            for matrices, block in ((K, load.tangent(point)), (C, load.damping_tangent(point))):
-                matrices[place.element] += place.spread.T @ np.array(block) @ place.spread
+            for load in loads:
+                K[place.element] += place.spread.T @ np.array(load.tangent(point)) @ place.spread
+                if load.dissipates:
+                    rows: Any = load.damping_tangent(point)
+                    C[place.element] += place.spread.T @ np.array(rows) @ place.spread
         for line in self._line_loads:
             points = self._points(x, v)
             for matrices, block in ((K, line.tangent(points)), (C, line.damping_tangent(points))):
@@ -248,8 +263,9 @@ class Assembly:
     def potential(self, x: np.ndarray) -> float:
         """Return the potential energy of gravity and of the effects that store energy [J]."""
         energy = -float(np.vdot(self.weight, x))
-        for place, load in self._point_loads:
-            energy += float(load.potential(place.point(x, self._rest)))
+        for place, loads in self._point_loads:
+            point = place.point(x, self._rest)
+            energy += float(sum(load.potential(point) for load in loads))
         for line in self._line_loads:
             density = line.potential(self._points(x, self._rest))
             energy += float(np.sum(self.tributary * density))

@@ -72,10 +72,12 @@ def diagnose(
 
     Raises
     ------
+    TypeError
+        For a simulation that is neither a ReducedModel nor a Beam.
     ValueError
-        For a simulation that is neither, for arguments that do not belong to it, and for records
-        that cannot be compared with it: other unit, sign, scale or mode, too few cycles, noise
-        alone. The message names the remedy.
+        For arguments that do not belong to the simulation, and for records that cannot be compared
+        with it: other unit, sign, scale or mode, too few cycles, noise alone. The message names the
+        remedy.
     """
     strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
     if strange:
@@ -105,7 +107,7 @@ def diagnose(
             progress=progress,
         )
     if not isinstance(model, ReducedModel):
-        raise ValueError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
+        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
     return diagnose_model(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,8 +17,6 @@ from romsindy.record.decay import Decay
 from romsindy.show import diagnosis_plots as show
 from romsindy.show.page import Picture
 from romsindy.typing import Array
-
-_SIZE = (5.4, 3.8)
 
 
 def pictures(
@@ -53,13 +52,7 @@ def _in_time(p: Prediction, gap: Gap) -> Picture:
         " is the first of them."
     )
     signals = (p.record.t, p.record.signal, p.before, p.after, p.record.decay.unit)
-    return Picture(
-        "gap",
-        "Before and after",
-        caption,
-        lambda figure: show.draw_errors_in_time(*signals, figure.subplots()),
-        _SIZE,
-    )
+    return Picture("gap", "Before and after", caption, partial(show.draw_errors_in_time, *signals))
 
 
 def _by_amplitude(p: Prediction) -> Picture:
@@ -74,11 +67,7 @@ def _by_amplitude(p: Prediction) -> Picture:
     )
     unit = p.record.decay.unit
     return Picture(
-        "amplitude",
-        "By amplitude",
-        caption,
-        lambda figure: show.draw_backbones(backbones, unit, figure),
-        (5.4, 4.6),
+        "amplitude", "By amplitude", caption, partial(show.draw_backbones, backbones, unit)
     )
 
 
@@ -105,8 +94,7 @@ def _by_phase(missing: MissingForce) -> Picture:
         "phase",
         "By phase",
         f"The missing force reaches {top:.2g} % of the largest restoring force; {text}",
-        lambda figure: show.draw_plane(radius, angle, force, figure.subplots()),
-        _SIZE,
+        partial(show.draw_plane, radius, angle, force),
     )
 
 
@@ -120,13 +108,7 @@ def _by_harmonic(before: Array, after: Array) -> Picture:
         f" {('displacement', 'velocity')[kind]}. What noise leaves grows with the square of the"
         " harmonic."
     )
-    return Picture(
-        "harmonic",
-        "By harmonic",
-        caption,
-        lambda figure: show.draw_harmonics(before, after, figure.subplots()),
-        _SIZE,
-    )
+    return Picture("harmonic", "By harmonic", caption, partial(show.draw_harmonics, before, after))
 
 
 def _by_cycle(p: Prediction) -> Picture:
@@ -136,13 +118,7 @@ def _by_cycle(p: Prediction) -> Picture:
         f"After, no cycle is worse than {after[worst]:.3g} times the noise (at {t[worst]:.3g} s);"
         f" before, the worst was {before.max():.3g}."
     )
-    return Picture(
-        "time",
-        "Over time",
-        caption,
-        lambda figure: show.draw_cycles(t, before, after, figure.subplots()),
-        _SIZE,
-    )
+    return Picture("time", "Over time", caption, partial(show.draw_cycles, t, before, after))
 
 
 def by(what: str, names: Sequence[str], before: Array, after: Array) -> Picture:
@@ -152,6 +128,5 @@ def by(what: str, names: Sequence[str], before: Array, after: Array) -> Picture:
         what,
         f"By {what}",
         f"After, the worst is {names[worst]} at {after[worst]:.3g} times its noise (line: 1).",
-        lambda figure: show.draw_errors(names, before, after, figure.subplots()),
-        _SIZE,
+        partial(show.draw_errors, names, before, after),
     )

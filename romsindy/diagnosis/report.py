@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EXPLAINED, PREDICTED
 from romsindy.physics.model import ReducedModel
+
+if TYPE_CHECKING:
+    from romsindy.show.page import Picture
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
 
@@ -271,16 +274,26 @@ class DiagnosisReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.show.page import write_report  # draws: only where a page is asked for
+        from romsindy.show.page import write_page  # draws: only where a page is asked for
 
-        write_report(path, **self.page())
+        write_page(path, "report", pictures=self.pictures().values(), **self.page())
+
+    def pictures(self) -> dict[str, Picture]:
+        """Pictures by name; ``draw(figure)`` draws one, its caption is what its numbers say.
+
+        "gap", "amplitude", "phase", "harmonic", "time" and "record".
+        """
+        from romsindy.diagnosis.pictures import pictures
+
+        parts = self.best.solution.parts
+        return {p.name: p for p in pictures(self.nominal, parts, self.records, self.gap)}
 
     def page(self) -> dict[str, Any]:
-        """What `romsindy.show.page.write_report` takes."""
-        from romsindy.diagnosis.pictures import pictures
+        """What the page shows beside the pictures."""
         from romsindy.show.page import TextTable
 
-        terms = {p.effect.name for p in self._parts if p.effect.term() is not None}
+        parts = self.best.solution.parts
+        terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if e.name not in terms)
         note = "Not a term of the equation of motion, so not in it: "
         return {
@@ -294,13 +307,8 @@ class DiagnosisReport:
                 TextTable("The gap, before and after", self.gap.table()),
                 TextTable("Explanations that the data allow", self.table()),
             ],
-            "pictures": pictures(self.nominal, self._parts, self.records, self.gap),
             "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
         }
-
-    @property
-    def _parts(self) -> tuple[Part, ...]:
-        return self.best.solution.parts
 
 
 def _units(part: Part, of_q: str | None) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -42,13 +43,33 @@ class MountedLaw:
         """Return `beam` with this load."""
         return replace(beam, effects=(*beam.effects, self))
 
+    @cached_property
+    def stores(self) -> bool:
+        """Whether the law has a potential."""
+        return self.law.has("stiffness")
+
+    @cached_property
+    def dissipates(self) -> bool:
+        """Whether the law takes energy out of the motion."""
+        return self.law.has("damping")
+
+    @cached_property
+    def _preload(self) -> float:
+        return self.law.preload
+
     def _motion(self, point: Point) -> tuple[Any, Any, Vector]:
         d, g = self.mounting.kinematics(point)
         return d, g[0] * point.x_dot + g[1] * point.y_dot + g[2] * point.theta_dot, g
 
     def _resistance(self, d: Any, w: Any) -> Any:
         """Force against d."""
-        return self.strength * (self.law.stiffness(d) + self.law.preload + self.law.damping(d, w))
+        # Only what the law has: a beam asks a million times.
+        force = self._preload
+        if self.stores:
+            force = force + self.law.stiffness(d)
+        if self.dissipates:
+            force = force + self.law.damping(d, w)
+        return self.strength * force
 
     def force(self, point: Point) -> Vector:
         """Return (fx, fy, moment) on the beam, N and N m (per m for a distributed load)."""
@@ -64,16 +85,16 @@ class MountedLaw:
         by_w = self.strength * self.law.damping_dq_dot(d, w)
         by_d = self.strength * (self.law.stiffness_dq(d) + self.law.damping_dq(d, w))
         by_d = 0.0 if self.distributed else by_d
+        v, (t0, t1, t2) = point.velocity, turning
         # w = g . v turns with g.
-        w_by = [
-            sum(row[j] * v for row, v in zip(turning, point.velocity, strict=True))
-            for j in range(3)
-        ]
-        rows = [
-            tuple(g[i] * (by_d * g[j] + by_w * w_by[j]) + f * turning[i][j] for j in range(3))
-            for i in range(3)
-        ]
-        return rows[0], rows[1], rows[2]
+        b0, b1, b2 = (
+            by_d * g[j] + by_w * (t0[j] * v[0] + t1[j] * v[1] + t2[j] * v[2]) for j in range(3)
+        )
+        return (
+            (g[0] * b0 + f * t0[0], g[0] * b1 + f * t0[1], g[0] * b2 + f * t0[2]),
+            (g[1] * b0 + f * t1[0], g[1] * b1 + f * t1[1], g[1] * b2 + f * t1[2]),
+            (g[2] * b0 + f * t2[0], g[2] * b1 + f * t2[1], g[2] * b2 + f * t2[2]),
+        )
 
     def damping_tangent(self, point: Point) -> Matrix:
         """Return -d(force)/d(x_dot, y_dot, theta_dot)."""
@@ -84,15 +105,10 @@ class MountedLaw:
 
     def potential(self, point: Point) -> Any:
         """Return the stored energy [J] (per m for a distributed load)."""
-        if not self.law.has("stiffness"):
+        if not self.stores:
             return 0.0
         d = self.mounting.displacement(point)
         return self.strength * (self.law.potential(d) + self.law.preload * d)
-
-    @property
-    def dissipates(self) -> bool:
-        """Whether the law takes energy out of the motion."""
-        return self.law.has("damping")
 
     def power(self, point: Point) -> Any:
         """Return the power [W] that is dissipated (per m for a distributed load)."""

@@ -205,6 +205,8 @@ def exact(number: float) -> str:
 
 def power_of(q: Scalars, power: float) -> Scalars:
     """q^power for whole powers, |q|^power sign(q) for others."""
+    if power == 1:
+        return q
     if power != int(power):
         return np.abs(q) ** power * np.sign(q)
     # Repeated products: several times faster than ** on arrays, and exact for floats alike.

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis, from arrays. Every function draws into Axes or a Figure."""
+"""Figures of a diagnosis, from arrays. Every function draws into an empty Figure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy.record.backbone import Backbone
@@ -22,9 +21,10 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 
 def draw_errors_in_time(
-    t: Array, measured: Array, before: Array, after: Array, unit: str | None, ax: Axes
+    t: Array, measured: Array, before: Array, after: Array, unit: str | None, figure: Figure
 ) -> None:
     """A record, and what a simulation misses of it before and after; all (n,)."""
+    ax = figure.subplots()
     ax.plot(t, measured, color="0.75", lw=1.5, label="measured")
     ax.plot(t, before - measured, color=BEFORE, lw=0.6, label="error before")
     ax.plot(t, after - measured, color=AFTER, lw=0.6, label="error after")
@@ -44,17 +44,19 @@ def draw_backbones(backbones: Mapping[str, Backbone], unit: str | None, figure: 
     above.legend(frameon=False, fontsize="small")
 
 
-def draw_plane(radius: Array, angle: Array, force: Array, ax: Axes) -> None:
+def draw_plane(radius: Array, angle: Array, force: Array, figure: Figure) -> None:
     """A force over rings (r + 1,) and sectors (s + 1,) of the (q, q_dot) plane, (r, s)."""
+    ax = figure.subplots()
     top = 100 * float(np.nanmax(np.abs(force)))
     x, y = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
     image = ax.pcolormesh(x, y, 100 * force, cmap="RdBu_r", vmin=-top, vmax=top)
-    ax.figure.colorbar(image, ax=ax, label="missing force (% of largest restoring)")
+    figure.colorbar(image, ax=ax, label="missing force (% of largest restoring)")
     ax.set(xlabel="q / largest", ylabel="q_dot / largest", aspect="equal")
 
 
-def draw_harmonics(before: Array, after: Array, ax: Axes) -> None:
+def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
     """Missing force by harmonic, (2, n) each: in phase with q, and with q_dot."""
+    ax = figure.subplots()
     orders = np.arange(before.shape[1])
     bars = [
         (before[0], BEFORE, 1.0, "before, with q"),
@@ -69,8 +71,9 @@ def draw_harmonics(before: Array, after: Array, ax: Axes) -> None:
     ax.legend(frameon=False, fontsize="small")
 
 
-def draw_cycles(t: Array, before: Array, after: Array, ax: Axes) -> None:
+def draw_cycles(t: Array, before: Array, after: Array, figure: Figure) -> None:
     """Error over noise of every cycle, (n,) each."""
+    ax = figure.subplots()
     ax.plot(t, before, color=BEFORE, lw=1, label="before")
     ax.plot(t, after, color=AFTER, lw=1, label="after")
     ax.axhline(1.0, color="0.5", lw=0.8)
@@ -79,8 +82,9 @@ def draw_cycles(t: Array, before: Array, after: Array, ax: Axes) -> None:
     ax.legend(frameon=False, fontsize="small")
 
 
-def draw_errors(names: Sequence[str], before: Array, after: Array, ax: Axes) -> None:
+def draw_errors(names: Sequence[str], before: Array, after: Array, figure: Figure) -> None:
     """Errors over noise of records or sensors."""
+    ax = figure.subplots()
     at = np.arange(len(names))
     ax.bar(at - 0.2, before, 0.4, color=BEFORE, label="before")
     ax.bar(at + 0.2, after, 0.4, color=AFTER, label="after")

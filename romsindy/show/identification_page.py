@@ -14,9 +14,7 @@ from romsindy.record.decay import Decay
 from romsindy.selection.comparison import CERTAIN, Candidate, coefficient_table, judging
 from romsindy.selection.select import Selection
 from romsindy.show import plots
-from romsindy.show.page import Picture, TextTable, write_report
-
-_SIZE = (6.4, 4.4)
+from romsindy.show.page import Picture, TextTable, write_page
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +91,6 @@ def pictures(result: Identification) -> list[Picture]:
             lambda figure: plots.plot_decay(
                 result.decay, b, record=result.record, ax=figure.subplots()
             ),
-            _SIZE,
         ),
         Picture(
             "backbone",
@@ -101,21 +98,18 @@ def pictures(result: Identification) -> list[Picture]:
             "Each circle is a cycle with its standard error; curves are the undamped models, with"
             " their 95 % bands where they are refined.",
             lambda figure: plots.plot_backbone(b, models, ax=figure.subplots()),
-            _SIZE,
         ),
         Picture(
             "damping",
             "Damping",
             "Damping ratio of each cycle, and what the models dissipate.",
             lambda figure: plots.plot_damping(b, models, ax=figure.subplots()),
-            _SIZE,
         ),
         Picture(
             "relative_magnitude",
             "Relative magnitude of the terms",
             "Terms of the IC-ROM over a cycle: which of them matter.",
             lambda figure: plots.plot_relative_magnitude(icrom, amplitudes, ax=figure.subplots()),
-            _SIZE,
         ),
         Picture(
             "residual",
@@ -125,7 +119,6 @@ def pictures(result: Identification) -> list[Picture]:
             lambda figure: plots.plot_residual(
                 {c.name: c.estimator for c in both}, ax=figure.subplots()
             ),
-            _SIZE,
         ),
         *(_misfit(c.name, c.fit) for c in both if c.fit),
         *(_choice(result.selection) if result.selection else ()),
@@ -141,7 +134,6 @@ def _choice(selection: Selection) -> list[Picture]:
             f"Chosen: {selection.chosen.name}; {len(selection.equivalent)} others cannot be told"
             " from it. Error of held-out cycles, in squared noise, against size.",
             lambda figure: plots.plot_selection(selection, ax=figure.subplots()),
-            _SIZE,
         ),
         _misfit(name, selection.fit),
     ]
@@ -154,7 +146,6 @@ def _misfit(name: str, fit: Fit) -> Picture:
         "Residual at the harmonics of the motion over the noise, in windows of eight cycles: near"
         " 1 nothing is missing.",
         lambda figure: plots.plot_misfit(fit, ax=figure.subplots()),
-        _SIZE,
     )
 
 
@@ -162,9 +153,10 @@ def write_identification(
     result: Identification, path: str | Path, progress: Callable[[Iterable], Iterable] = iter
 ) -> None:
     """Write the page; ``progress`` may wrap the figures in a progress bar."""
-    write_report(
+    write_page(
         path,
-        result.title,
+        "report",
+        title=result.title,
         sentence=result.verdict(),
         equation_title="The equation of motion",
         equation=str(result.named("IC-ROM").model),

@@ -36,7 +36,7 @@ class Picture:
     title: str
     caption: str
     draw: Callable[[Figure], object]
-    size: tuple[float, float] = (8.0, 4.2)
+    size: tuple[float, float] = (6.4, 4.4)
 
     def figure(self) -> Figure:
         """The figure, drawn."""
@@ -57,68 +57,29 @@ class TextTable(NamedTuple):
     note: str = ""
 
 
-def write_page(path: str | Path, template: str, **content: Any) -> None:
+def write_page(
+    path: str | Path, template: str, *, pictures: Iterable[Picture] = (), **content: Any
+) -> None:
     """Fill one of the package's templates and write it.
 
     Parameters
     ----------
     path : str or Path
     template : str
-        Name of the template without its ending.
+        "report" for an identification or a diagnosis, "study".
+    pictures : iterable of Picture
+        Drawn one after the other, the template's ``figures``.
     **content
-        What the template names.
+        What else the template names.
     """
     environment = Environment(
         loader=PackageLoader("romsindy.show"), autoescape=select_autoescape(["j2"])
     )
-    page = environment.get_template(f"{template}.html.j2").render(version=__version__, **content)
-    Path(path).write_text(page, encoding="utf-8")
-
-
-def write_report(
-    path: str | Path,
-    title: str,
-    *,
-    sentence: str,
-    equation_title: str,
-    equation: str,
-    tables: Sequence[TextTable],
-    pictures: Iterable[Picture],
-    notes: Sequence[str],
-    verdict: str = "",
-    equation_note: str = "",
-) -> None:
-    """Write the page about an identification or a diagnosis.
-
-    Parameters
-    ----------
-    path : str or Path
-    title, sentence : str
-        What the page is about, and the finding.
-    equation_title, equation, equation_note : str
-        The model, or the lines of Python that make it.
-    tables : sequence of TextTable
-    pictures : iterable of Picture
-        Drawn one after the other.
-    notes : sequence of str
-        On the records.
-    verdict : str
-        One word before the sentence.
-    """
     figures = [{"title": p.title, "caption": p.caption, "png": _png(p)} for p in pictures]
-    write_page(
-        path,
-        "report",
-        title=title,
-        verdict=verdict,
-        sentence=sentence,
-        equation_title=equation_title,
-        equation=equation,
-        equation_note=equation_note,
-        tables=tables,
-        figures=figures,
-        notes=notes,
+    text = environment.get_template(f"{template}.html.j2").render(
+        version=__version__, figures=figures, **content
     )
+    Path(path).write_text(text, encoding="utf-8")
 
 
 def _png(picture: Picture) -> str:

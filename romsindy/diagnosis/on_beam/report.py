@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +18,9 @@ from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect, Verdict
 from romsindy.fit.part import Part
+
+if TYPE_CHECKING:
+    from romsindy.show.page import Picture
 
 _SIDES = ("before", "after")
 
@@ -83,9 +88,8 @@ class BeamReport:
 
     @property
     def recipe(self) -> str:
-        """The lines of Python that make `model` from the beam as it was."""
-        lines = [f"beam = beam.with_effect({effect!r})" for effect in effects_of(self.parts)]
-        return "\n".join(lines) or "# the beam as it was"
+        """The lines of Python that make `model` from `beam`, the beam as it was."""
+        return recipe_of(effects_of(self.parts))
 
     @property
     def gap(self) -> Gap:
@@ -123,22 +127,43 @@ class BeamReport:
         with open(path, "w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(self.table())
 
-    def to_html(self, path: str | Path) -> None:
-        """Write one self-contained page with figures."""
+    def pictures(self) -> dict[str, Picture]:
+        """Pictures by name, as those of a `DiagnosisReport`, and "sensor"."""
         from romsindy.diagnosis.pictures import by
-        from romsindy.show.page import TextTable, write_report
 
         before, after = (np.array([getattr(e, k) for e in self.sensor_errors]) for k in _SIDES)
+        sensors = by("sensor", [e.label for e in self.sensor_errors], before, after)
+        return {**self.reduced.pictures(), sensors.name: sensors}
+
+    def to_html(self, path: str | Path) -> None:
+        """Write one self-contained page with figures."""
+        from romsindy.show.page import TextTable, write_page
+
         page = self.reduced.page()
         gap, explanations = page["tables"]
         sensors = TextTable("Sensors of the beam", self.sensor_table())
-        by_sensor = by("sensor", [e.label for e in self.sensor_errors], before, after)
         own = {
             "verdict": self.verdict,
             "sentence": self.sentence,
             "equation": self.recipe,
             "equation_note": "",
             "tables": [gap, sensors, explanations],
-            "pictures": (*page["pictures"], by_sensor),
         }
-        write_report(path, **page | own)
+        write_page(path, "report", pictures=self.pictures().values(), **page | own)
+
+
+def recipe_of(effects: Sequence[Any]) -> str:
+    """Lines of Python, imports first, that add effects to `beam`."""
+    kinds = {kind for effect in effects for kind in _kinds(effect)}
+    imports = sorted(f"from {kind.__module__} import {kind.__name__}" for kind in kinds)
+    with np.printoptions(legacy="1.25"):  # 0.2 and not np.float64(0.2)
+        lines = [f"beam = beam.with_effect({effect!r})" for effect in effects]
+    return "\n".join([*imports, *lines]) or "# the beam as it was"
+
+
+def _kinds(value: Any) -> Iterator[type]:
+    """Classes in the text of a value: its own, and those of its fields."""
+    if is_dataclass(value):
+        yield type(value)
+        for field in fields(value):
+            yield from _kinds(getattr(value, field.name))
