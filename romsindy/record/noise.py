@@ -24,7 +24,7 @@ _HIGHEST_ORDER = 30  # of that of any signal
 _SCATTER, _WHITE = 1.8, 5.0
 # Between low harmonics the smooth motion takes part of the noise, or leaves some of itself. Only a
 # large difference over many lines says that the noise is louder there.
-_LOW_MAY_DIFFER, _MANY_LINES = 2.0, 100
+_LOW_MAY_DIFFER, _MANY_LINES = 2.0, 50
 # Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
 # much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
 _LINE, _NEAR = 30.0, 40
