@@ -10,6 +10,7 @@ from scipy.special import ellipj, ellipk
 import romsindy as rs
 from romsindy.fit.collocation import Grid, TrajectoryError, integrate, sensitivity
 from romsindy.fit.output_error import ModelEquation
+from romsindy.physics.example import EXAMPLE_MODEL
 
 
 def equation(**coefficients: float) -> ModelEquation:
@@ -63,7 +64,7 @@ def test_duffing_against_elliptic_function_converges_with_order_six() -> None:
 
 
 def test_inertia_and_every_derivative_against_an_adaptive_integrator() -> None:
-    model = rs.synthetic.EXAMPLE_MODEL
+    model = EXAMPLE_MODEL
     t = np.linspace(0, 20, 4001)
     reference = model.simulate(1.5, 0.0, t, rtol=1e-13)
     eq = ModelEquation(model, ())
@@ -74,7 +75,7 @@ def test_inertia_and_every_derivative_against_an_adaptive_integrator() -> None:
 
 
 def test_sensitivity_matches_finite_differences_for_every_coefficient() -> None:
-    model = rs.synthetic.EXAMPLE_MODEL
+    model = EXAMPLE_MODEL
     names = tuple(model.coefficients)
     t = np.linspace(0, 10, 501)
     grid = Grid.over(t, 2 * np.pi / 7)
@@ -99,7 +100,7 @@ def test_sensitivity_matches_finite_differences_for_every_coefficient() -> None:
 
 
 def test_warm_start_gives_the_same_motion() -> None:
-    model = rs.synthetic.EXAMPLE_MODEL
+    model = EXAMPLE_MODEL
     t = np.linspace(0, 20, 2001)
     grid = Grid.over(t, 1.0)
     eq = ModelEquation(model, ())
