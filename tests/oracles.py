@@ -8,6 +8,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
+from romsindy.fit.coefficient import free_coefficients
+from romsindy.fit.part import ExtendedEquation
+
 # The paper's beam, an asymmetric IC-ROM fitted to order 5.
 ORDER_5 = {
     "omega^2": 1482.2,
@@ -70,3 +73,8 @@ def viscous_decay(t: np.ndarray, omega: float, zeta: float, q0: float = 1.0) -> 
     damped = omega * np.sqrt(1 - zeta**2)
     phase = np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t)
     return q0 * np.exp(-zeta * omega * t) * phase
+
+
+def equation_of(model, free=()):
+    """The equation of a model, some of whose coefficients are free."""
+    return ExtendedEquation(model, free_coefficients(model, free), 0, 0.01)

@@ -121,6 +121,28 @@ def test_what_came_with_derivatives_is_left_alone(clean):
     assert clean.conditioned() is clean
 
 
+def test_no_step_is_done_twice():
+    raw = Decay(T, Q + 0.4 + np.random.default_rng(0).normal(0, 0.05, len(T)))
+    free = raw.free()
+    assert (raw.stage, free.stage) == ("raw", "free")
+    assert free.free() is free
+    # A quieter part of a free decay is one: its own offset and end are not looked for again.
+    part = free.between(5.0, 12.0)
+    assert part.stage == "free" and part.free() is part
+    np.testing.assert_array_equal(free.free(start=5.0, end=12.0).q, part.q)
+    conditioned = free.conditioned()
+    assert conditioned.stage == "conditioned" and conditioned.conditioned() is conditioned
+    assert conditioned.free() is conditioned
+    assert conditioned.crossings is conditioned.crossings  # split once
+    for bad, match in (
+        ({"stage": "cooked"}, r"stage = 'cooked' must be one of"),
+        ({"stage": "conditioned"}, r"needs q_dot and q_ddot"),
+        ({"measured": "velocity"}, r"measured = 'velocity' needs q_dot"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            Decay(T, Q, **bad)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -22,7 +22,7 @@ from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.missing_force import MissingForce, record_errors
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag
-from romsindy.fit.measured import Measured
+from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.damping import PowerDamping
 
@@ -167,6 +167,32 @@ def test_exact_models_and_tolerances():
     *learn, test = three(changed={"gamma_3": 0.21 * OMEGA**2})
     result = diagnose(MODEL, learn, held_out=test, tolerances={"gamma_3": 0.1})
     assert not result.effects
+    # The value that was fitted within its tolerance is part of the model and of the prediction.
+    assert result.verdict == "none"
+    assert result.model.coefficients["gamma_3"] == pytest.approx(0.21 * OMEGA**2, rel=0.01)
+
+
+def test_two_processes_give_the_numbers_of_one():
+    *learn, test = three(**HIDDEN["quadratic_drag"][0])
+    catalogue = [e for e in CATALOGUE if e.family == "damping"]
+    lines: list[str] = []
+
+    def say(line):  # a closure that keeps what it hears cannot go to another process
+        lines.append(line)
+
+    one, two = (
+        diagnose(MODEL, learn, held_out=test, catalogue=catalogue, n_jobs=n, progress=say)
+        for n in (1, 2)
+    )
+    assert one.to_json() == two.to_json()
+    assert [h.misfit for h in one.compared] == [h.misfit for h in two.compared]
+    assert lines[: len(lines) // 2] == lines[len(lines) // 2 :]
+
+
+def test_a_model_whose_motion_escapes_is_refused():
+    """Negative damping: exp(1200) over the record is beyond all numbers."""
+    wild = rs.ReducedModel.from_coefficients(NOMINAL | {"c_linear": -200.0})
+    refused(decay(1.0), "no motion near that of the records.*check the signs", wild, free=())
 
 
 def test_without_a_held_out_record_the_last_quarter_is_kept_back():
@@ -201,7 +227,7 @@ def test_drag_is_in_phase_with_the_velocity_whatever_was_measured(quantity):
     clean = decay(1.0, HIDDEN["quadratic_drag"][0]["force"], snr_db=80)
     if quantity == "velocity":
         clean = rs.Decay.from_velocity(clean.t, CubicSpline(clean.t, clean.q)(clean.t, 1))
-    missing = MissingForce.of(MODEL, (), Measured.of(clean, 1e-4))
+    missing = MissingForce.of(MODEL, (), Record.loud(clean, 1e-4))
     with_q, with_v = np.abs(missing.harmonics())
     # The mean of an asymmetric vibration, which velocity has lost, looks like stiffness.
     assert with_v[1] > 2 * with_q[1]
@@ -264,6 +290,8 @@ def test_bad_requests_are_refused():
     refused(good, "cannot be free", free=("gamma_3",))
     refused(good, "tolerances name", tolerances={"gamma_9": 0.1})
     refused(good, "must be positive", tolerances={"gamma_3": 0.0})
+    zero = rs.ReducedModel.from_coefficients(NOMINAL | {"gamma_5": 0.0})
+    refused(good, "'gamma_5', which is 0 in the model", zero, tolerances={"gamma_5": 0.1})
     refused(good, "probability", false_alarm=2.0)
     inch = rs.Decay(good.t, good.q, unit="rad")
     refused(inch, "is in rad, the model in m", rs.ReducedModel(MODEL.terms, MODEL.values, "m"))

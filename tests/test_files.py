@@ -3,7 +3,7 @@ import pytest
 from oracles import viscous_decay
 from scipy.io import savemat
 
-from romsindy import load_decay, save_decay
+from romsindy import Decay, load_decay, save_decay
 from romsindy.record.units import UNITS, parse_unit
 
 T = np.arange(1000) * 0.01
@@ -96,6 +96,31 @@ def test_save_and_load_again(tmp_path, suffix, clean):
     assert again.unit == "m" and again.complete
     with pytest.raises(ValueError, match=r"name a .csv or an .npz file"):
         save_decay(clean, tmp_path / "decay.xlsx")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+@pytest.mark.parametrize("unit", ["m", None])
+def test_every_field_comes_back(tmp_path, suffix, unit):
+    velocity, path = np.gradient(Q, T), tmp_path / f"decay{suffix}"
+    for decay in (
+        Decay.from_velocity(T, velocity, unit),
+        Decay.from_acceleration(T, np.gradient(velocity, T), unit).free(),
+        Decay(T, Q, unit=unit).conditioned(),
+    ):
+        save_decay(decay, path)
+        again = load_decay(path)
+        for name in ("unit", "measured", "stage", "notes"):
+            assert getattr(again, name) == getattr(decay, name)
+        for name in ("t", "q", "q_dot", "q_ddot"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(decay, name))
+
+
+def test_several_channels_come_back(tmp_path):
+    both = Decay.from_velocity(T, np.stack([Q, 2 * Q], axis=1), "m")
+    save_decay(both, tmp_path / "both.npz")
+    again = load_decay(tmp_path / "both.npz")
+    np.testing.assert_array_equal(again.q_dot, both.q_dot)
+    assert again.measured == "velocity"
 
 
 def test_part_of_a_record(tmp_path):

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from oracles import equation_of
 
 import romsindy as rs
 from romsindy.fit.collocation import Grid, Trajectory, integrate
 from romsindy.fit.linear_response import nodes, respond, sampled
-from romsindy.fit.output_error import ModelEquation
 
 MODEL = rs.ReducedModel.from_coefficients(
     {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": 0.3, "c_linear": 0.06}
@@ -17,7 +17,7 @@ GRID = Grid.over(T, 2 * np.pi / 6, 40)
 
 def moved(**changes):
     coefficients = MODEL.coefficients | changes
-    return ModelEquation(rs.ReducedModel.from_coefficients(coefficients), ("gamma_3",))
+    return equation_of(rs.ReducedModel.from_coefficients(coefficients), ("gamma_3",))
 
 
 def test_columns_are_derivatives_of_the_motion():

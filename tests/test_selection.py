@@ -10,8 +10,8 @@ from scipy.linalg import lstsq
 import romsindy as rs
 from romsindy.physics.example import EXAMPLE_MODEL, add_noise
 from romsindy.selection import candidates
-from romsindy.selection.candidates import Contender, best, describe, judged
-from romsindy.selection.linearised_fit import LARGE, Tangent
+from romsindy.selection.candidates import Structure, best, describe, judged
+from romsindy.selection.linearised_fit import LARGE, LinearisedFit
 from romsindy.selection.select import Selection, default_candidates, select_model
 from romsindy.show.plots import plot_selection
 
@@ -28,8 +28,8 @@ def choice() -> Selection:
 
 
 @pytest.fixture(scope="module")
-def tangent(choice: Selection) -> Tangent:
-    return Tangent.at(choice.fit, list(FULL.terms))
+def tangent(choice: Selection) -> LinearisedFit:
+    return LinearisedFit.at(choice.fit, list(FULL.terms))
 
 
 def test_true_terms_are_chosen_among_all_orders_and_dampings(choice: Selection) -> None:
@@ -68,19 +68,18 @@ def test_band_with_the_choice_is_not_narrower_than_without(choice: Selection) ->
     assert np.all(both.frequency_std > 0.98 * alone.frequency_std)
 
 
-def test_sensitivities_agree_with_fitting_anew(choice: Selection, tangent: Tangent) -> None:
+def test_sensitivities_agree_with_fitting_anew(choice: Selection, tangent: LinearisedFit) -> None:
     """A larger and a smaller model, neither the one of the tangent."""
     larger = rs.refine(_model(tangent.solve([t.key for t in FULL.terms])), DECAY)
-    chi_squared = float(larger.residuals[0] @ larger.residuals[0]) / larger.noise[0].std ** 2
     # Of 15000; what separates models is of order one.
-    assert tangent.chi_squared(larger.free) == pytest.approx(chi_squared, abs=0.2)
+    assert tangent.chi_squared(larger.free) == pytest.approx(larger.chi_squared, abs=0.2)
     for name, error in larger.standard_errors.items():
         assert tangent.solve(larger.free)[name] == pytest.approx(
             larger.model.coefficients[name], abs=0.3 * error
         )
 
 
-def test_cycles_are_predicted_by_the_fit_to_all_others(tangent: Tangent) -> None:
+def test_cycles_are_predicted_by_the_fit_to_all_others(tangent: LinearisedFit) -> None:
     keys = sorted(TRUE)
     errors = tangent.cycle_errors(keys)
     columns = [*map(tangent.keys.index, keys), -2, -1]  # the last two are the states
@@ -93,7 +92,7 @@ def test_cycles_are_predicted_by_the_fit_to_all_others(tangent: Tangent) -> None
         assert errors[cycle] == pytest.approx(rest @ rest, rel=1e-8)
 
 
-def test_forecast_is_the_fit_to_smaller_amplitudes(tangent: Tangent) -> None:
+def test_forecast_is_the_fit_to_smaller_amplitudes(tangent: LinearisedFit) -> None:
     keys = sorted(TRUE)
     columns = [*map(tangent.keys.index, keys), -2, -1]
     large = tangent.amplitude > LARGE * tangent.amplitude.max()
@@ -166,8 +165,8 @@ def test_bad_input_is_named() -> None:
         select_model(DECAY, ["IC-ROM"])
 
 
-def contender(keys: str, excess: float, std: float, p: float = 0.5, size: int = 0) -> Contender:
-    return Contender(tuple(keys.split()), size or len(keys.split()), 1.0, excess, std, 1.0, p)
+def contender(keys: str, excess: float, std: float, p: float = 0.5, size: int = 0) -> Structure:
+    return Structure(tuple(keys.split()), size or len(keys.split()), 1.0, excess, std, 1.0, p)
 
 
 def test_smallest_within_one_standard_error_wins() -> None:

@@ -2,16 +2,8 @@ import numpy as np
 import pytest
 from oracles import viscous_decay
 
-from romsindy.record.signals import (
-    crossings,
-    free_part,
-    fundamental_frequency,
-    integrate,
-    lowpass,
-    noise_std,
-    rest_level,
-    upsample,
-)
+from romsindy.record.cycles import crossings, free_part, integrate, rest_level
+from romsindy.record.signals import fundamental_frequency, lowpass, noise_std, upsample
 
 DT = 0.01
 T = np.arange(4000) * DT

@@ -17,7 +17,7 @@ from romsindy import HarmonicSINDy, ROMLibrary
 from romsindy.commands import study as study_command
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
-from romsindy.record.signals import crossings
+from romsindy.record.cycles import crossings
 from romsindy.study import (
     chapters,
     choose_harmonics,

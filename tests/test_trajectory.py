@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from oracles import equation_of
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import romsindy as rs
 from romsindy.fit.collocation import Grid, TrajectoryError, integrate, sensitivity
-from romsindy.fit.output_error import ModelEquation
+from romsindy.fit.part import ExtendedEquation
+from romsindy.physics.example import EXAMPLE_MODEL
 
 
-def equation(**coefficients: float) -> ModelEquation:
+def equation(**coefficients: float) -> ExtendedEquation:
     model = rs.ReducedModel.from_coefficients(coefficients)
-    return ModelEquation(model, tuple(coefficients))
+    return equation_of(model, tuple(coefficients))
 
 
 def linear(t: np.ndarray, squared: float, c: float, q0: float, v0: float) -> np.ndarray:
@@ -63,10 +67,10 @@ def test_duffing_against_elliptic_function_converges_with_order_six() -> None:
 
 
 def test_inertia_and_every_derivative_against_an_adaptive_integrator() -> None:
-    model = rs.synthetic.EXAMPLE_MODEL
+    model = EXAMPLE_MODEL
     t = np.linspace(0, 20, 4001)
     reference = model.simulate(1.5, 0.0, t, rtol=1e-13)
-    eq = ModelEquation(model, ())
+    eq = equation_of(model, ())
     motion = integrate(eq, (1.5, 0.0), Grid.over(t, 2 * np.pi / 6, 120))
     for derivative, values in enumerate((reference.q, reference.q_dot, reference.q_ddot)):
         error = np.abs(motion.samples(eq, derivative) - values).max() / np.abs(values).max()
@@ -74,16 +78,16 @@ def test_inertia_and_every_derivative_against_an_adaptive_integrator() -> None:
 
 
 def test_sensitivity_matches_finite_differences_for_every_coefficient() -> None:
-    model = rs.synthetic.EXAMPLE_MODEL
+    model = EXAMPLE_MODEL
     names = tuple(model.coefficients)
     t = np.linspace(0, 10, 501)
     grid = Grid.over(t, 2 * np.pi / 7)
 
     def moved(values: np.ndarray, derivative: int) -> np.ndarray:
-        eq = ModelEquation(model, names).at(values)
+        eq = equation_of(replace(model, values=tuple(values)), names)
         return integrate(eq, (1.2, 0.5), grid).samples(eq, derivative)
 
-    eq = ModelEquation(model, names)
+    eq = equation_of(model, names)
     motion = integrate(eq, (1.2, 0.5), grid)
     values = np.array(model.values)
     for derivative in range(3):
@@ -99,10 +103,10 @@ def test_sensitivity_matches_finite_differences_for_every_coefficient() -> None:
 
 
 def test_warm_start_gives_the_same_motion() -> None:
-    model = rs.synthetic.EXAMPLE_MODEL
+    model = EXAMPLE_MODEL
     t = np.linspace(0, 20, 2001)
     grid = Grid.over(t, 1.0)
-    eq = ModelEquation(model, ())
+    eq = equation_of(model, ())
     cold = integrate(eq, (1.5, 0.0), grid)
     near = integrate(eq, (1.49, 0.1), grid.until(9.0))
     warm = integrate(eq, (1.5, 0.0), grid, near)

@@ -51,7 +51,7 @@ def one(path: Path, snr: str, levels: dict) -> dict:
             {"name": e.name, "values": e.values, "errors": e.standard_errors}
             for e in report.effects
         ],
-        "adequacy": report.remainder.adequacy,
+        "adequacy": report.remainder.ratio,
         "structure": report.remainder.structure,
         "p_value": report.remainder.p_value,
         "before": report.gap.before,

@@ -8,30 +8,30 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from romsindy.diagnosis.gap import ADEQUATE
 from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.effects.base import Effect
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import nodes
-from romsindy.fit.measured import Measured, scales
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record, scales
+from romsindy.fit.verdict import (
+    ABOVE_NOISE,
+    EXPLAINED,
+    LEAST_CYCLES,
+    OTHER_MODE,
+    REVERSED,
+    REVERSED_IS_BETTER,
+    REVERSED_IS_NO_WORSE,
+)
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.typing import Array
 
 _FREE = ("omega^2", "c_linear")
-# Fewer cycles than these tell nothing about an effect; frequencies further off are another mode.
-_CYCLES, _MODE = 3, 1.5
 # Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
 _ASYMMETRY_CYCLES = 20.0
-# How near to -1 times the asymmetry of the model that of a reversed record is; its standard error
-# must be half of this at most.
-_REVERSED = 0.3
-# Chi-square of reversed records over that of the records themselves: as they are, and with a
-# quadratic force that explains them.
-_BETTER, _NO_WORSE = 0.5, 1.02
 
 
 def check_request(
@@ -58,6 +58,11 @@ def check_request(
             )
         if not relative > 0:
             raise ValueError(f"tolerances[{name!r}] = {relative!r} must be positive (relative)")
+        if model.coefficients[name] == 0:
+            raise ValueError(
+                f"tolerances name {name!r}, which is 0 in the model: a relative tolerance of 0 is"
+                " none; give the coefficient its expected size, or leave it to the catalogue"
+            )
     if not 0 < false_alarm < 1:
         raise ValueError(f"false_alarm = {false_alarm!r} must be a probability between 0 and 1")
     everything = [*measured, *([held_out] if held_out is not None else [])]
@@ -87,22 +92,22 @@ def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
     return decay.between(end=float(decay.t[shared[-1]]))
 
 
-def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) -> list[Measured]:
+def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) -> list[Record]:
     """Prepare records, and refuse those that the model cannot be about."""
     records = []
     for i, decay in enumerate(decays):
         try:
-            record = Measured.of(decay, floor)
+            record = Record.loud(decay, floor)
         except ValueError as error:
             raise ValueError(f"decay {i} cannot be analysed: {error}") from error
         n_cycles = _turns(record) / (2 * np.pi)
-        if n_cycles < _CYCLES:
+        if n_cycles < LEAST_CYCLES:
             raise ValueError(
-                f"decay {i} holds {n_cycles:.1f} cycles, at least {_CYCLES} are needed: record"
+                f"decay {i} holds {n_cycles:.1f} cycles, at least {LEAST_CYCLES} are needed: record"
                 " longer, or start earlier"
             )
         signal = record.spline(record.t)[0]
-        if np.std(signal) < 2 * record.noise.std:
+        if np.std(signal) < ABOVE_NOISE * record.noise.std:
             raise ValueError(
                 f"decay {i} is noise: its vibration (rms {np.std(signal):.3g}) is below twice the"
                 f" noise (rms {record.noise.std:.3g}); check the channel, or excite more"
@@ -113,12 +118,12 @@ def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) 
     return records
 
 
-def _turns(record: Measured) -> float:
+def _turns(record: Record) -> float:
     t = record.t
     return float(record.spline.phase(t[-1]) - record.spline.phase(t[0]))
 
 
-def _check_frequency(model: ReducedModel, record: Measured, i: int) -> None:
+def _check_frequency(model: ReducedModel, record: Record, i: int) -> None:
     measured = _turns(record) / record.t[-1]
     amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
     said = model.backbone(amplitudes)
@@ -139,7 +144,7 @@ def _check_frequency(model: ReducedModel, record: Measured, i: int) -> None:
             f" {record.amplitude:.3g}): check the unit of the decay, or its scale"
         )
     ratio = measured / np.nanmedian(said)
-    if not 1 / _MODE < ratio < _MODE:
+    if not 1 / OTHER_MODE < ratio < OTHER_MODE:
         raise ValueError(
             f"decay {i} vibrates at {measured / 2 / np.pi:.4g} Hz, the model at"
             f" {np.nanmedian(said) / 2 / np.pi:.4g} Hz: another mode, another time unit, or another"
@@ -147,7 +152,7 @@ def _check_frequency(model: ReducedModel, record: Measured, i: int) -> None:
         )
 
 
-def _check_sign(model: ReducedModel, records: Sequence[Measured]) -> None:
+def _check_sign(model: ReducedModel, records: Sequence[Record]) -> None:
     """Refuse records whose asymmetry is that of the model, mirrored."""
     alike = [i for i, record in enumerate(records) if _mirrored_asymmetry(model, record)]
     if alike and _fit_mirrored(model, [records[i] for i in alike]):
@@ -158,7 +163,7 @@ def _check_sign(model: ReducedModel, records: Sequence[Measured]) -> None:
         )
 
 
-def _mirrored_asymmetry(model: ReducedModel, record: Measured) -> bool:
+def _mirrored_asymmetry(model: ReducedModel, record: Record) -> bool:
     """Whether the asymmetry of a record is about -1 times that of the model.
 
     Even forces deflect the vibration by a mean and a second harmonic. What of them the odd forces
@@ -175,10 +180,10 @@ def _mirrored_asymmetry(model: ReducedModel, record: Measured) -> bool:
     part = float(even @ odd) / size
     left = odd - part * even
     error = float(np.sqrt(np.mean(left**2) / size))
-    return abs(part - 1) < _REVERSED and error < _REVERSED / 2
+    return abs(part - 1) < REVERSED and error < REVERSED / 2
 
 
-def _fit_mirrored(model: ReducedModel, records: Sequence[Measured]) -> bool:
+def _fit_mirrored(model: ReducedModel, records: Sequence[Record]) -> bool:
     """Whether records fit much better mirrored, and no quadratic force explains them as well.
 
     Such a force may reverse the model's own, but not its other even terms.
@@ -187,20 +192,20 @@ def _fit_mirrored(model: ReducedModel, records: Sequence[Measured]) -> bool:
     free = [Part.of(effect, at, 1) for effect in (LinearFrequency(), Viscous())]
     quadratic = Part.of(QuadraticStiffness(), at, 1)
     mirrored = fit(model, free, [_mirrored(r) for r in records]).chi_squared
-    if mirrored > _BETTER * fit(model, free, records).chi_squared:
+    if mirrored > REVERSED_IS_BETTER * fit(model, free, records).chi_squared:
         return False
     direct = fit(model, [*free, quadratic], records).chi_squared
-    explained = direct < ADEQUATE**2 * sum(len(r.signal) for r in records)
-    return not explained or mirrored < _NO_WORSE * direct
+    explained = direct < EXPLAINED**2 * sum(len(r.signal) for r in records)
+    return not explained or mirrored < REVERSED_IS_NO_WORSE * direct
 
 
-def _mirrored(record: Measured) -> Measured:
+def _mirrored(record: Record) -> Record:
     m = record.motion
     motion = Trajectory(m.grid, -m.q, -m.q_dot, -m.q_ddot)
     return replace(record, signal=-record.signal, motion=motion)
 
 
-def _asymmetry(record: Measured, t: Array, force: Array) -> Array:
+def _asymmetry(record: Record, t: Array, force: Array) -> Array:
     """Mean and second harmonic of the deflection by a force, unit of q times omega^2.
 
     The mean of the mean is left out: it may be an offset of the sensor.

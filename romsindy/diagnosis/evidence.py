@@ -21,9 +21,6 @@ from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.part import Part, prior_cost
 from romsindy.typing import Array
 
-# Hypotheses within this of the best are not told apart: odds of 33 to 1.
-EQUIVALENT = 7.0
-
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -40,8 +37,8 @@ class Hypothesis:
     price : float
         Of all values, and of their distance from what was known.
     excess : float
-        Structure that is left in the residual, over that of noise, at least 1: by so much less do
-        differences of misfit mean.
+        Structure that is left in the residual, over that of noise, at least 1. Differences of
+        misfit are divided by it: structure that stays unexplained is as large by chance.
     """
 
     solution: Solution
@@ -54,7 +51,7 @@ class Hypothesis:
     @classmethod
     def of(cls, solution: Solution, n_free: int, n_samples: int, structure: float) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
-        if not np.isfinite(solution.chi_squared):
+        if not solution.finite:
             return cls(solution, n_free, (), np.inf, 0.0, np.inf)
         excess = max(structure, 1.0)
         slices = solution.slices()

@@ -1,94 +1,29 @@
-"""Is there a gap at all, and is it closed? Tests with stated rates of false alarms."""
+"""The gap between simulation and measurement, before and after, on what took no part in a fit."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.measured import Measured
-from romsindy.fit.part import Part
-from romsindy.physics.model import ReducedModel
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import CERTAIN
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
-
-# A residual above this many times the noise is not explained, whatever else is said.
-ADEQUATE = 1.10
-
-
-@dataclass(frozen=True)
-class Remainder:
-    """What a fit leaves, against the noise.
-
-    Attributes
-    ----------
-    adequacy : float
-        Rms of the whitened residual: 1 where it is noise.
-    structure : float
-        Chi-square of what repeats with the vibration, over its degrees of freedom: about 1.
-    p_value : float
-        Probability of as much structure in noise alone.
-    below_floor : bool
-        Whether the structure is smaller than the misfit that does not matter.
-    """
-
-    adequacy: float
-    structure: float
-    p_value: float
-    below_floor: bool
-
-    @property
-    def closed(self) -> bool:
-        """Whether the residual is down to the noise and without structure that matters."""
-        structureless = self.p_value > 1e-5 or self.structure < 1.3 or self.below_floor
-        return self.adequacy <= ADEQUATE and structureless
-
-
-def remainder(records: Sequence[Measured], residuals: Sequence[Array], n_values: int) -> Remainder:
-    """Weigh residuals (measured minus simulated) of some records."""
-    total = freedom = structured = waves = matters = 0.0
-    for record, residual in zip(records, residuals, strict=True):
-        e = record.noise(residual)
-        spline = HarmonicSpline.along(record.spline.phase, record.t, e, cycles=6.0, harmonics=4)
-        total += float(e @ e)
-        freedom += len(e)
-        structured += float(e @ spline(record.t)[0])
-        waves += spline.n_values
-        matters += len(e) * (record.noise.floor / record.noise.std) ** 2
-    adequacy = np.sqrt(total / max(freedom - n_values, 1))
-    left = max(waves - n_values, 1.0)
-    return Remainder(
-        float(adequacy),
-        float(structured / left),
-        float(chi2.sf(structured, left)),
-        bool(structured < matters),
-    )
-
-
-def held_out_solution(model: ReducedModel, parts: Sequence[Part], record: Measured) -> Solution:
-    """Predict a record that took no part: only its initial state is fitted.
-
-    Strengths that differ from record to record, such as the phase of an excitation, are too.
-    """
-    return fit(model, parts, [record], fixed=True, iterations=25)
 
 
 @dataclass(frozen=True)
 class Prediction:
     """A held-out record beside the simulation before and after, (n,) signals."""
 
-    record: Measured
+    record: Record
     before: Array
     after: Array
 
     def error(self, simulated: Array) -> float:
         """Rms of the misfit over the noise; 1 is perfect."""
-        misfit = self.record.noise(self.record.signal - simulated)
+        misfit = self.record.whitened(self.record.signal - simulated)
         return float(np.sqrt(np.mean(misfit**2)))
 
     def backbone_errors(self, simulated: Array) -> tuple[float, float]:
@@ -106,7 +41,7 @@ class Prediction:
         order = np.argsort(said.amplitude)
         a = said.amplitude[order]
         inside = (true.amplitude >= a[0]) & (true.amplitude <= a[-1])
-        inside &= true.frequency_std < 0.01 * true.frequency
+        inside &= true.frequency_std < CERTAIN * true.frequency
         if not np.any(inside):
             return float("nan"), float("nan")
         at = true.amplitude[inside]

@@ -14,8 +14,8 @@ import numpy as np
 from romsindy.diagnosis.gap import Gap, Prediction
 from romsindy.diagnosis.prediction import predict
 from romsindy.fit.linear_response import nodes
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import ExtendedEquation, Part
+from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
@@ -41,7 +41,7 @@ class MissingForce:
 
     @classmethod
     def of(
-        cls, model: ReducedModel, parts: Sequence[Part], record: Measured, index: int = 0
+        cls, model: ReducedModel, parts: Sequence[Part], record: Record, index: int = 0
     ) -> MissingForce:
         """Of a model with some parts, along a record: number ``index`` of those fitted."""
         t = nodes(record.motion)[0]
@@ -84,7 +84,7 @@ class MissingForce:
 
 
 def record_errors(
-    model: ReducedModel, parts: Sequence[Part], records: Sequence[Measured], gap: Gap
+    model: ReducedModel, parts: Sequence[Part], records: Sequence[Record], gap: Gap
 ) -> tuple[list[str], Array, Array]:
     """Names, and error over noise before and after, of every record and what was held out.
 
@@ -108,7 +108,7 @@ def errors_per_cycle(p: Prediction) -> tuple[Array, Array, Array]:
     cycle -= cycle.min()
     count = np.maximum(np.bincount(cycle), 1)
     rms = [
-        np.sqrt(np.bincount(cycle, p.record.noise(p.record.signal - x) ** 2) / count)
+        np.sqrt(np.bincount(cycle, p.record.whitened(p.record.signal - x) ** 2) / count)
         for x in (p.before, p.after)
     ]
     return np.bincount(cycle, p.record.t) / count, rms[0], rms[1]

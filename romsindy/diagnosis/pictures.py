@@ -9,8 +9,8 @@ import numpy as np
 
 from romsindy.diagnosis.gap import Gap, Prediction
 from romsindy.diagnosis.missing_force import MissingForce, errors_per_cycle, record_errors
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
@@ -20,7 +20,7 @@ from romsindy.typing import Array
 
 
 def pictures(
-    model: ReducedModel, parts: Sequence[Part], records: Sequence[Measured], gap: Gap
+    model: ReducedModel, parts: Sequence[Part], records: Sequence[Record], gap: Gap
 ) -> Iterator[Picture]:
     """What a simulation missed, and what it misses with some parts added.
 
@@ -30,7 +30,7 @@ def pictures(
         The simulation as it was.
     parts : sequence of Part
         What is added to it.
-    records : sequence of Measured
+    records : sequence of Record
         To which the parts were fitted.
     gap : Gap
         On what took no part.

@@ -6,61 +6,55 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from romsindy.diagnosis.gap import Prediction, held_out_solution
+from romsindy.diagnosis.gap import Prediction
 from romsindy.fit.collocation import TrajectoryError, integrate
-from romsindy.fit.gauss_newton import Solution
+from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import ExtendedEquation, Part, read
+from romsindy.fit.record import Record
+from romsindy.fit.shooting import shoot
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
+_ITERATIONS = 25
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
 
 
-def predict(model: ReducedModel, parts: Sequence[Part], record: Measured) -> Prediction:
+def predict(model: ReducedModel, parts: Sequence[Part], record: Record) -> Prediction:
     """What the simulation before and after says about a record that took no part."""
-    before = _simulated(model, (), record, held_out_solution(model, (), record))
-    after = before
+    before = after = _simulated(model, (), record)
     if parts:
-        own = [replace(p, strengths=p.strengths[:1]) for p in parts]
-        after = _simulated(model, own, record, held_out_solution(model, own, record))
+        after = _simulated(model, [replace(p, strengths=p.strengths[:1]) for p in parts], record)
     return Prediction(record, before, after)
 
 
-def _simulated(
-    model: ReducedModel, parts: Sequence[Part], record: Measured, solution: Solution
-) -> Array:
-    if np.isfinite(solution.chi_squared) and solution.converged:
+def _simulated(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
+    # Strengths that differ from record to record, such as the phase of an excitation, are fitted.
+    solution = fit(model, parts, [record], fixed=True, iterations=_ITERATIONS)
+    if solution.finite and solution.converged:
         return record.signal - solution.residuals[0]
     # Where the phase is lost, or jumps keep the fit from settling: simulate, from the better of the
     # fitted and the measured initial state on.
-    starts = [
-        np.array([m.q[0], m.q_dot[0]])
-        for m in (solution.motions[0], record.motion)
-        if np.isfinite(m.q[0])
-    ]
-
-    def misfit(state: Array) -> Array:
-        return record.noise(record.signal - _run(model, solution.parts, record, state))
-
-    best = min(starts, key=lambda state: float(np.sum(misfit(state) ** 2)))
-    scale = np.abs(best) + 1e-3 * record.amplitude * np.array([1.0, _rate(record)])
-    polished = least_squares(misfit, best, x_scale=scale, diff_step=1e-5, max_nfev=_POLISH)
-    return _run(model, solution.parts, record, polished.x)
+    reached = []
+    for motion in (*(solution.motions if solution.finite else ()), record.motion):
+        try:
+            reached.append(
+                shoot(model, solution.parts, [record], [motion], fixed=True, evaluations=_POLISH)[0]
+            )
+        except TrajectoryError:
+            continue
+    if not reached:
+        return _run(model, solution.parts, record)
+    return record.signal - min(reached, key=lambda s: s.chi_squared).residuals[0]
 
 
-def _rate(record: Measured) -> float:
-    return float(record.spline.phase(record.t, 1).mean())
-
-
-def _run(model: ReducedModel, parts: Sequence[Part], record: Measured, state: Array) -> Array:
-    grid = record.motion.grid
+def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
+    """As far as the motion can be followed from the measured initial state."""
+    grid, start = record.motion.grid, record.motion
     equation = ExtendedEquation(model, tuple(parts), 0, grid.step)
     try:
-        motion = integrate(equation, state.tolist(), grid)
+        motion = integrate(equation, (float(start.q[0]), float(start.q_dot[0])), grid)
     except TrajectoryError as error:
         if error.motion is None:
             return np.zeros_like(record.signal)

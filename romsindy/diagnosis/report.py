@@ -13,29 +13,27 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.gap import ADEQUATE, Gap, Remainder
+from romsindy.diagnosis.gap import Gap
 from romsindy.effects.base import Scales
-from romsindy.fit.measured import Measured
+from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import EXPLAINED, PREDICTED
 from romsindy.physics.model import ReducedModel
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
-# A held-out record must be predicted as well as this.
-_PREDICTED = 1.25
 
 
-def verdict_of(
-    best: Hypothesis, rivals: Sequence[Hypothesis], left: Remainder, gap: Gap
-) -> Verdict:
+def verdict_of(best: Hypothesis, rivals: Sequence[Hypothesis], left: Adequacy, gap: Gap) -> Verdict:
     """Weigh the best hypothesis, its rivals, and what it leaves.
 
     Stiffness and damping that move together may have one cause that is in no catalogue: a
     viscoelastic support, a small mass that vibrates along.
     """
-    if not left.closed or gap.after > _PREDICTED:
+    if not left.explained or gap.after > PREDICTED:
         return "unknown"
     if not best.names:
         return "none"
@@ -114,11 +112,11 @@ class DiagnosisReport:
         All that were fitted, the best first.
     base : Hypothesis
         Only what the simulation is unsure of, fitted.
-    remainder : Remainder
+    remainder : Adequacy
         What the best leaves of the records it was fitted to.
     gap : Gap
         Before and after, on what took no part.
-    records : tuple of Measured
+    records : tuple of Record
     scales : Scales
     """
 
@@ -129,9 +127,9 @@ class DiagnosisReport:
     rivals: tuple[Hypothesis, ...]
     compared: tuple[Hypothesis, ...]
     base: Hypothesis
-    remainder: Remainder
+    remainder: Adequacy
     gap: Gap
-    records: tuple[Measured, ...]
+    records: tuple[Record, ...]
     scales: Scales
 
     @cached_property
@@ -166,7 +164,7 @@ class DiagnosisReport:
         solution = hypothesis.solution
         part, where = solution.parts[index], solution.slices()[index]
         # Where the residual is above the noise, the errors grow with it.
-        grow = max(self.remainder.adequacy, 1.0)
+        grow = max(self.remainder.ratio, 1.0)
         std = grow * np.sqrt(np.diag(solution.covariance[where, where]))
         names = _value_names(part)
         share = weights(self.rivals)
@@ -197,7 +195,7 @@ class DiagnosisReport:
         if self.verdict == "none":
             return (
                 "The simulation lacks nothing that these data can show: what it leaves is"
-                f" {self.remainder.adequacy:.3g} times the noise, {self.gap.after:.3g} times on"
+                f" {self.remainder.ratio:.3g} times the noise, {self.gap.after:.3g} times on"
                 f" {where}."
             )
         found = " and ".join(map(str, self.effects))
@@ -228,11 +226,11 @@ class DiagnosisReport:
     def _character(self) -> str:
         left = self.remainder
         parts = []
-        if left.adequacy > ADEQUATE:
-            parts.append(f"the residual is {left.adequacy:.3g} times the noise")
-        if left.structure > 1.3:
+        if left.ratio > EXPLAINED:
+            parts.append(f"the residual is {left.ratio:.3g} times the noise")
+        if left.structured:
             parts.append(f"it repeats with the vibration ({left.structure:.3g} times by chance)")
-        if self.gap.after > _PREDICTED:
+        if self.gap.after > PREDICTED:
             parts.append(f"the error to be predicted stays at {self.gap.after:.3g} times the noise")
         return ", ".join(parts) or "the residual is not noise"
 
@@ -262,7 +260,7 @@ class DiagnosisReport:
             "effects": [vars(e) for e in self.effects],
             "moved": [vars(e) for e in self.moved],
             "equivalent": [list(names) for names in self.equivalent],
-            "adequacy": self.remainder.adequacy,
+            "adequacy": self.remainder.ratio,
             "structure": self.remainder.structure,
             "gap": {"before": self.gap.before, "after": self.gap.after},
             "model": json.loads(self.model.to_json()),

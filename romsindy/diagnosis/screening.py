@@ -16,8 +16,8 @@ import numpy as np
 from romsindy.effects.base import Effect, Scales, State
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import nodes, respond, sampled
-from romsindy.fit.measured import Measured, strongest_tones
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
+from romsindy.fit.record import Record, strongest_tones
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
@@ -120,7 +120,7 @@ def screen(
     model: ReducedModel,
     parts: Sequence[Part],
     effects: Sequence[Effect],
-    records: Sequence[Measured],
+    records: Sequence[Record],
     scales: Scales,
     motions: Sequence[Trajectory] | None = None,
 ) -> Screening:
@@ -133,7 +133,7 @@ def screen(
         Always free: their values now, and what was accepted already.
     effects : sequence of Effect
         Candidates.
-    records : sequence of Measured
+    records : sequence of Record
     scales : Scales
         Without lines; those are found in what the parts leave.
     motions : sequence of Trajectory, optional
@@ -169,7 +169,7 @@ def _rows(
     parts: tuple[Part, ...],
     trials: Sequence[Part],
     candidates: Sequence[tuple],
-    record: Measured,
+    record: Record,
     i: int,
     motion: Trajectory,
     n_parts: int,
@@ -202,7 +202,7 @@ def _rows(
             block += shown_too.T
         blocks.append(block)
         where.append(at_columns[k * i : k * i + k] if effect.per_record else at_columns)
-    return record.noise(np.column_stack([record.signal - shown, *blocks])), np.concatenate(
+    return record.whitened(np.column_stack([record.signal - shown, *blocks])), np.concatenate(
         where
     ).astype(int)
 
@@ -210,7 +210,7 @@ def _rows(
 def _with_tones(
     model: ReducedModel,
     parts: tuple[Part, ...],
-    records: Sequence[Measured],
+    records: Sequence[Record],
     scales: Scales,
     motions: Sequence[Trajectory],
 ) -> Scales:

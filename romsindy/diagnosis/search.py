@@ -8,24 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import chi2
+from threadpoolctl import threadpool_limits
 
-from romsindy.diagnosis.evidence import EQUIVALENT, Hypothesis, ranked
-from romsindy.diagnosis.gap import Remainder, remainder
+from romsindy.diagnosis.evidence import Hypothesis, ranked
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
+from romsindy.fit.adequacy import Adequacy, examine
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.measured import Measured, scales
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record, scales
+from romsindy.fit.shooting import shoot
+from romsindy.fit.verdict import EQUIVALENT, SCREENED, WORTH
 from romsindy.physics.model import ReducedModel
 
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _PAIRS = 5
-# Part of a gap that an effect may leave in the screening, where its shape is but a guess.
-_SLACK = 0.01
-# Where the gap stays open, an effect must bring the misfit down by this factor to count.
-_WORTH = 2.0
 Progress = Callable[[str], None]
 
 
@@ -55,65 +55,65 @@ class Search:
     Parameters
     ----------
     model : ReducedModel
-    records : sequence of Measured
+    records : sequence of Record
     free : tuple of Part
         What the simulation is unsure of: always free, blamed only if nothing else is.
     catalogue : sequence of Effect
     false_alarm : float
         Probability of naming an effect where there is none.
     max_effects : int
-    parallel : Parallel
+    n_jobs : int
+        Processes for the candidates.
     progress : callable
         Called with a line of text for every candidate under test.
     """
 
     model: ReducedModel
-    records: Sequence[Measured]
+    records: Sequence[Record]
     free: tuple[Part, ...]
     catalogue: tuple[Effect, ...]
     false_alarm: float
     max_effects: int
-    parallel: Parallel
+    n_jobs: int
     progress: Progress
-
-    @property
-    def n_samples(self) -> int:
-        """Samples of all records."""
-        return sum(len(r.signal) for r in self.records)
 
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
         """Fit and weigh the unsure values together with some effects."""
-        return self._weighed(fit(self.model, [*self.free, *parts], self.records))
-
-    def polished(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Fit on where a fit has not come to its end."""
-        s = hypothesis.solution
-        if s.converged or not np.isfinite(s.chi_squared):
-            return hypothesis
-        more = fit(self.model, s.parts, self.records, s.motions, iterations=40)
-        return ranked([hypothesis, self._weighed(more)])[0]
-
-    def _weighed(self, solution: Solution) -> Hypothesis:
-        left = self._remainder(solution).structure if np.isfinite(solution.chi_squared) else 1.0
-        return Hypothesis.of(solution, len(self.free), self.n_samples, left)
+        return self.fitted([parts])[0]
 
     def fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
-        """Fit several, in parallel."""
+        """Fit and weigh several, in parallel."""
         for parts in trials:
             self.progress(" + ".join(p.effect.name for p in parts))
-        return list(self.parallel(delayed(self.hypothesis)(parts) for parts in trials))
+        given = (self.model, self.records, len(self.free))
+        # Functions of data alone go to other processes: a Search holds what cannot.
+        tasks = (delayed(_fitted)(*given, (*self.free, *parts)) for parts in trials)
+        return list(Parallel(self.n_jobs)(tasks))
 
-    def remainder(self, hypothesis: Hypothesis) -> Remainder:
+    def polished(self, several: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Go on with the fits that have not come to their end."""
+        given = (self.model, self.records, len(self.free))
+        return list(Parallel(self.n_jobs)(delayed(_polished)(*given, h) for h in several))
+
+    def remainder(self, hypothesis: Hypothesis) -> Adequacy:
         """What a hypothesis leaves."""
-        return self._remainder(hypothesis.solution)
-
-    def _remainder(self, solution: Solution) -> Remainder:
-        n = sum(p.size for p in solution.parts) + 2 * len(self.records)
-        return remainder(self.records, solution.residuals, n)
+        s = hypothesis.solution
+        return examine(self.records, s.residuals, s.n_values, self.false_alarm)
 
     def run(self) -> Finding:
-        """Look for the best hypothesis."""
-        base = self.hypothesis([])
+        """Look for the best hypothesis.
+
+        Raises
+        ------
+        ValueError
+            If the model alone has no motion near the measured one.
+        """
+        base = self._settled(self.hypothesis([]))
+        if not base.solution.finite:
+            raise ValueError(
+                "the model has no motion near that of the records: small disturbances of it grow"
+                " without bound; check the signs and the units of its coefficients"
+            )
         best = base
         seen: list[Hypothesis] = [base]
         first: Screening | None = None
@@ -121,7 +121,7 @@ class Search:
             screening = self._screened(best)
             first = first or screening
             tried = self._one_more(best, screening)
-            if best is base and tried and not self.remainder(tried[0]).closed:
+            if best is base and tried and not self.remainder(tried[0]).explained:
                 tried = ranked([*tried, *self._pairs(screening)])
             if not tried or not self._worth(best, tried[0]):
                 break
@@ -143,14 +143,25 @@ class Search:
             for h in seen
             if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))
         ]
-        if not self.remainder(best).closed:
+        if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
         return Finding(self._rivals(best, seen), ranked(seen), base)
+
+    def _settled(self, base: Hypothesis) -> Hypothesis:
+        """The hypothesis that all others are held against, at its least misfit."""
+        s = base.solution
+        if s.converged or not s.finite:
+            return base
+        try:
+            more = shoot(self.model, s.parts, self.records, s.motions)[0]
+        except TrajectoryError:
+            return base
+        return ranked([base, _weighed(more, self.records, len(self.free))])[0]
 
     def _negligible(self, best: Hypothesis) -> bool:
         """Whether what a hypothesis leaves is too small to matter."""
         left = self.remainder(best)
-        return left.closed and left.below_floor
+        return left.explained and left.below_floor
 
     def _screened(self, best: Hypothesis) -> Screening:
         used = {p.effect.name for p in best.solution.parts}
@@ -165,7 +176,7 @@ class Search:
         )
         n_free = sum(p.strengths.size for p in self.free)
         leaders = _leaders(screening.singles(held=n_free), 1)
-        slack = _SLACK * (screening.left(held=n_free) - screening.base)
+        slack = SCREENED * (screening.left(held=n_free) - screening.base)
         most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
         near = [s for s in leaders if s.chi_squared < most]
         trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
@@ -179,8 +190,7 @@ class Search:
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
         tried = ranked(self.fitted(trials))
-        leaders = self.parallel(delayed(self.polished)(h) for h in tried[:3])
-        return ranked([*leaders, *tried[3:]])
+        return ranked([*self.polished(tried[:3]), *tried[3:]])
 
     def _survivors(self, singles: Sequence[Screened]) -> list[Screened]:
         """The best effects and what resembles them, and a second start for the leaders."""
@@ -245,7 +255,7 @@ class Search:
 
     def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
         """Where nothing closes the gap: as few effects as explain nearly as much."""
-        best = min(seen, key=lambda h: h.misfit * _WORTH ** len(h.effects))
+        best = min(seen, key=lambda h: h.misfit * WORTH ** len(h.effects))
         return ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
 
     def _rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -257,6 +267,30 @@ class Search:
             if near and len(h.effects) <= max(n, 1) and h.names:
                 found.setdefault(frozenset(h.names), h)
         return list(found.values()) if best.names else [best]
+
+
+def _fitted(
+    model: ReducedModel, records: Sequence[Record], n_free: int, parts: Sequence[Part]
+) -> Hypothesis:
+    # One thread: the same sums in the same order, however many processes there are.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _weighed(fit(model, parts, records), records, n_free)
+
+
+def _polished(
+    model: ReducedModel, records: Sequence[Record], n_free: int, hypothesis: Hypothesis
+) -> Hypothesis:
+    s = hypothesis.solution
+    if s.converged or not s.finite:
+        return hypothesis
+    with threadpool_limits(limits=1, user_api="blas"):
+        more = fit(model, s.parts, records, s.motions, iterations=40)
+        return ranked([hypothesis, _weighed(more, records, n_free)])[0]
+
+
+def _weighed(solution: Solution, records: Sequence[Record], n_free: int) -> Hypothesis:
+    left = examine(records, solution.residuals, solution.n_values).structure
+    return Hypothesis.of(solution, n_free, sum(len(r.signal) for r in records), left)
 
 
 def _leaders(singles: Sequence[Screened], each: int) -> list[Screened]:

@@ -6,13 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.diagnosis.workflow import CoefficientError, extended_model
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
+from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.measured import Measured, scales
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record, scales
+from romsindy.fit.verdict import FLOOR
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.serial import term_from_key
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
 
@@ -47,7 +49,7 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     ValueError
         If no equation of motion of one coordinate follows the series.
     """
-    record = Measured.of(simulated, 1e-4)
+    record = Record.loud(simulated, 1e-4)
     start = ReducedModel.from_coefficients({"omega^2": scales([record]).omega ** 2}, simulated.unit)
     plain, rich = (_fitted(start, names, record) for names in (_STIFFNESS, _RICH))
     left = min(_misfit(s, record) for s in (plain, rich))
@@ -55,18 +57,22 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
         raise ValueError(
             "no equation of motion follows the simulated series: is it the free decay of one mode?"
         )
-    model = extended_model(start, plain.parts)
+    model = extended(start, plain.parts)
     amplitudes = extract_backbone(record.decay).amplitude
     reach = (float(amplitudes.min()), float(amplitudes.max()))
     model = ReducedModel(model.terms, model.values, model.unit, reach)
-    return SimulationModel(model, dict.fromkeys(_STIFFNESS, 1.0), max(2 * left, 2e-4))
+    return SimulationModel(model, dict.fromkeys(_STIFFNESS, 1.0), max(2 * left, FLOOR))
 
 
-def _fitted(start: ReducedModel, names: tuple[str, ...], record: Measured) -> Solution:
-    effects: list[Effect] = [LinearFrequency(), Viscous(), *map(CoefficientError, names)]
+def _fitted(start: ReducedModel, names: tuple[str, ...], record: Record) -> Solution:
+    effects: list[Effect] = [
+        LinearFrequency(),
+        Viscous(),
+        *(Coefficient(term_from_key(n)) for n in names),
+    ]
     parts = [Part.of(e, scales([record]), 1) for e in effects]
     return fit(start, parts, [record], iterations=30)
 
 
-def _misfit(solution: Solution, record: Measured) -> float:
+def _misfit(solution: Solution, record: Record) -> float:
     return float(np.sqrt(np.mean(solution.residuals[0] ** 2))) / record.amplitude

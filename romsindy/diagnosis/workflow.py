@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from joblib import Parallel
 
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
 from romsindy.diagnosis.evidence import Hypothesis
@@ -15,36 +14,18 @@ from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport, verdict_of
 from romsindy.diagnosis.search import Search
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
-from romsindy.effects.base import Effect, Scales, TermEffect
-from romsindy.fit.measured import Measured, scales
+from romsindy.effects.base import Effect, Scales
+from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record, scales
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR, ROUNDED
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import term_from_key
-from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.signals import fundamental_frequency
 
 _TRAINING = 0.75  # of each record, where no other record is held out
 _LEAST_CYCLES = 6  # of a part that is held out
 FREE = ("omega^2", "c_linear")  # what a model is unsure of, where nothing else is said
-FLOOR = 2e-4  # disagreement that does not matter, as a part of the largest amplitude
-
-
-@dataclass(frozen=True)
-class CoefficientError(TermEffect):
-    """An error of one coefficient of the model."""
-
-    key: str
-
-    name, family = "coefficient", "stiffness"
-    label = "another coefficient than assumed"
-
-    @property
-    def variant(self) -> str:
-        return self.key
-
-    def term(self) -> Term:
-        return term_from_key(self.key)
 
 
 def diagnose_model(
@@ -55,7 +36,7 @@ def diagnose_model(
     free: Sequence[str | Effect] = FREE,
     tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
-    false_alarm: float = 0.01,
+    false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
     floor: float = FLOOR,
     n_jobs: int = 1,
@@ -67,6 +48,47 @@ def diagnose_model(
     several = [over_shared_amplitudes(model, d) for d in several]
     training, tests, unseen = _split(several, held_out)
     records = checked_records(model, training, floor)
+    return diagnose_records(
+        model,
+        records,
+        [Record.loud(d, floor) for d in tests] if unseen else records,
+        unseen=unseen,
+        free=free,
+        tolerances=tolerances,
+        catalogue=catalogue,
+        false_alarm=false_alarm,
+        max_effects=max_effects,
+        n_jobs=n_jobs,
+        progress=progress,
+    )
+
+
+def diagnose_records(
+    model: ReducedModel,
+    records: Sequence[Record],
+    tests: Sequence[Record],
+    *,
+    unseen: bool,
+    free: Sequence[str | Effect] = ("omega^2", "c_linear"),
+    tolerances: Mapping[str, float] | None = None,
+    catalogue: Sequence[Effect] = CATALOGUE,
+    false_alarm: float = FALSE_ALARM,
+    max_effects: int = 3,
+    n_jobs: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> DiagnosisReport:
+    """As `diagnose`, for records that are prepared and belong to the model.
+
+    Parameters
+    ----------
+    model : ReducedModel
+    records, tests : sequences of Record
+        To learn from, and to judge by.
+    unseen : bool
+        Whether the tests take no part otherwise.
+    free, tolerances, catalogue, false_alarm, max_effects, n_jobs, progress
+        As in `diagnose`.
+    """
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
     parts = _unsure(model, free, tolerances or {}, all_scales, len(records))
@@ -78,19 +100,18 @@ def diagnose_model(
         tuple(e for e in catalogue if e.name not in names),
         false_alarm,
         max_effects,
-        Parallel(n_jobs),
+        n_jobs,
         progress or (lambda _: None),
     )
     found = search.run()
     best = _snapped(search, found.rivals[0])
     rivals = [best, *found.rivals[1:]]
-    parts_of_best = best.solution.parts
     left = search.remainder(best)
-    gap = Gap(tuple(predict(model, parts_of_best, Measured.of(d, floor)) for d in tests), unseen)
+    gap = Gap(tuple(predict(model, best.solution.parts, test) for test in tests), unseen)
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
-        model=extended_model(model, parts_of_best),
+        model=extended(model, best.solution.parts),
         best=best,
         rivals=tuple(rivals),
         compared=tuple(found.compared),
@@ -137,8 +158,9 @@ def _unsure(
     known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
     unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
     parts = [Part.of(effect, all_scales, n_records) for effect in unsure]
+    terms = {term.key: term for term in model.terms}
     for name, relative in tolerances.items():
-        effect: Effect = known.get(name) or CoefficientError(name)
+        effect: Effect = known.get(name) or Coefficient(terms[name])
         part = Part.of(effect, all_scales, n_records)
         parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
     return tuple(parts)
@@ -151,7 +173,7 @@ def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
         return best
     trial = search.hypothesis(fixed)
     rise = trial.solution.chi_squared - best.solution.chi_squared
-    return trial if trial.solution.converged and rise < 4.0 else best
+    return trial if trial.solution.converged and rise < ROUNDED else best
 
 
 def _with_textbook_exponent(part: Part) -> Part:
@@ -163,15 +185,3 @@ def _with_textbook_exponent(part: Part) -> Part:
         return part
     shape = np.clip(part.shape, [p.low for p in known], [p.high for p in known])
     return replace(part.shaped(shape), parameters=tuple(known))
-
-
-def extended_model(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
-    """The model with the terms of the parts added; parts that are no terms are left out."""
-    terms = {t.key: t for t in model.terms}
-    values = model.coefficients
-    for part in parts:
-        term = part.effect.term()
-        if term is not None:
-            terms[term.key] = terms.get(term.key, term)
-            values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])
-    return replace(model, terms=tuple(terms.values()), values=tuple(values[k] for k in terms))

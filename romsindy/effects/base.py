@@ -102,7 +102,7 @@ class Effect(ABC):
     tolerance: ClassVar[float | None] = None  # standard deviation of a strength known to be near 0
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
-    unit: ClassVar[str] = ""  # of the strength, where it does not follow from the term
+    fixed_unit: ClassVar[str] = ""  # of the strength, where it does not follow from the law
     advice: ClassVar[str] = "a longer decay from a larger amplitude"
 
     @property
@@ -145,7 +145,7 @@ class Effect(ABC):
     def strength_unit(self, unit: str | None) -> str:
         """Unit of the strength for a coordinate in ``unit``."""
         law = self.term()
-        return self.unit or ("" if law is None else law.unit(unit))
+        return self.fixed_unit or ("" if law is None else law.unit(unit))
 
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
         """What `Beam.with_effect` takes; None where there is no counterpart on a beam."""

@@ -9,23 +9,19 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.special import fdtrc
 
-from romsindy.fit.output_error import Record
-from romsindy.record.noise import drifting_harmonics, rough_phase
-from romsindy.record.signals import crossings
-from romsindy.typing import Array, Indices
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import EXPLAINED, FALSE_ALARM, STRUCTURE
+from romsindy.typing import Array
 
-# A right model is called "not explained" this often.
-FALSE_ALARM = 0.01
-# More than this times the noise, and something is missing wherever it lies in the spectrum.
-LARGEST_RATIO = 1.2
 _CYCLES = 8  # in a window
 _HARMONICS = 5
-_DEGREE = 1
+_DEGREE = 1  # of the drift of amplitudes in a window
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +31,13 @@ class Adequacy:
     Attributes
     ----------
     ratio : float
-        Rms of the residual over the noise of the record; 1 where nothing is missing.
+        Rms of the whitened residual: 1 where it is noise.
     p_value : float
         Probability that noise alone leaves as much at the harmonics of the motion (F test).
+    structure : float
+        Chi-square of what lies at the harmonics, over its degrees of freedom: about 1.
+    below_floor : bool
+        Whether it is smaller than the misfit that does not matter.
     amplitude : (n,) array
         Of every window of eight cycles, half peak to peak, unit of q.
     misfit : (n, 6) array
@@ -48,19 +48,30 @@ class Adequacy:
         0 where not even the quietest cycles are.
     unit : str or None
         Of the amplitudes.
+    false_alarm : float
+        How often a right model is said to leave something at the harmonics.
     """
 
     ratio: float
     p_value: float
+    structure: float
+    below_floor: bool
     amplitude: Array
     misfit: Array
     limit: float
     unit: str | None
+    false_alarm: float = FALSE_ALARM
+
+    @property
+    def structured(self) -> bool:
+        """Whether something is left that repeats with the vibration, and matters."""
+        significant = self.p_value < self.false_alarm and self.structure > STRUCTURE
+        return significant and not self.below_floor
 
     @property
     def explained(self) -> bool:
-        """Whether the residual is noise, at a false-alarm rate of one in a hundred."""
-        return self.p_value >= FALSE_ALARM and self.ratio <= LARGEST_RATIO
+        """Whether the residual is down to the noise and without structure that matters."""
+        return self.ratio <= EXPLAINED and not self.structured
 
     def __str__(self) -> str:
         size = f"residual {self.ratio:.3g} times the noise"
@@ -80,7 +91,7 @@ class Adequacy:
         )
 
     def _loudest(self) -> str:
-        if self.p_value >= FALSE_ALARM:
+        if not self.structured:
             return "spread over all frequencies, as from a disturbance or a bad start"
         rms = np.sqrt(np.nanmean(self.misfit**2, axis=0))
         worst = int(np.nanargmax(rms))
@@ -88,7 +99,12 @@ class Adequacy:
         return f"most of it at the {name}, {rms[worst]:.3g} times the noise there"
 
 
-def examine(records: Sequence[Record], residuals: Sequence[Array], fitted: int) -> Adequacy:
+def examine(
+    records: Sequence[Record],
+    residuals: Sequence[Array],
+    n_values: int,
+    false_alarm: float = FALSE_ALARM,
+) -> Adequacy:
     """Test residuals for what repeats with the vibration.
 
     Parameters
@@ -96,52 +112,51 @@ def examine(records: Sequence[Record], residuals: Sequence[Array], fitted: int) 
     records : sequence of Record
     residuals : sequence of (n,) arrays
         Measured minus simulated, unit of the measured quantity.
-    fitted : int
+    n_values : int
         Number of values that were fitted to all records together.
+    false_alarm : float
+        How often a right model may be said to leave something at the harmonics.
     """
-    windows = [w for r, x in zip(records, residuals, strict=True) for w in _windows(r, x)]
+    unit = records[0].decay.unit
+    if not all(np.all(np.isfinite(x)) for x in residuals):  # there is no motion at all
+        nothing = np.zeros((0, _HARMONICS + 1))
+        return Adequacy(np.inf, 0.0, np.inf, False, nothing[:, 0], nothing, 0.0, unit, false_alarm)
+    white = [r.whitened(x) for r, x in zip(records, residuals, strict=True)]
+    windows = [w for r, e in zip(records, white, strict=True) for w in _windows(r, e)]
     at, between = np.array([w.at for w in windows]), np.array([w.between for w in windows])
     columns = np.array([w.columns for w in windows])  # (n, harmonics + 1), of each `at`
-    floor = np.nansum(between, axis=0) / np.maximum(np.sum(columns, axis=0), 1)
+    floor = np.sum(between, axis=0) / np.maximum(np.sum(columns, axis=0), 1)
     floor = np.where(floor > 0, floor, np.nan)
     power = at / np.where(columns > 0, columns, np.nan) / floor
-    share = max(1 - fitted / columns.sum(), 0.1)  # what the fitted values took away
+    share = max(1 - n_values / columns.sum(), 0.1)  # what the fitted values took away
     amplitude = np.array([w.amplitude for w in windows])
-    misfit = np.sqrt(power)
 
-    def probability(some: Array) -> float:
+    def probability(below: float) -> float:
+        some = amplitude <= below
         numerator, denominator = columns[some].sum(), columns.sum()
         ratio = np.nansum((columns * power)[some]) / (numerator * share)
         return float(fdtrc(numerator * share, denominator, ratio))
 
-    everything = np.ones(len(windows), bool)
-    p_value = probability(everything)
-    ratio = _ratio(records, residuals, fitted)
-    limit = float(amplitude.max())
-    if p_value < FALSE_ALARM or ratio > LARGEST_RATIO:
-        limit = _limit(amplitude, [probability(amplitude <= a) for a in amplitude])
-    return Adequacy(
-        ratio,
-        p_value,
-        amplitude,
-        misfit,
-        limit,
-        records[0].decay.unit,
+    n = sum(int(np.sum(r.valid)) for r in records)
+    total = sum(float(e @ e) for e in white)
+    matters = sum(len(r.signal) * (r.noise.floor / r.noise.std) ** 2 for r in records)
+    adequacy = Adequacy(
+        ratio=float(np.sqrt(total / max(n - n_values, 1))),
+        p_value=probability(np.inf),
+        structure=float(at.sum() / (columns.sum() * share)),
+        below_floor=bool(at.sum() < matters),
+        amplitude=amplitude,
+        misfit=np.sqrt(power),
+        limit=float(amplitude.max()),
+        unit=unit,
+        false_alarm=false_alarm,
     )
-
-
-def _limit(amplitude: Array, below: Sequence[float]) -> float:
-    """Largest amplitude up to which the cycles, taken together, pass the test."""
-    order = np.argsort(amplitude)
-    failed = np.flatnonzero(np.array(below)[order] < FALSE_ALARM)
-    first = int(failed[0]) if len(failed) else len(order)
-    return float(amplitude[order[first - 1]]) if first else 0.0
-
-
-def _ratio(records: Sequence[Record], residuals: Sequence[Array], fitted: int) -> float:
-    pairs = zip(residuals, records, strict=True)
-    chi_squared = sum(float(x @ x) / record.noise.std**2 for x, record in pairs)
-    return float(np.sqrt(chi_squared / (sum(len(x) for x in residuals) - fitted)))
+    if adequacy.explained:
+        return adequacy
+    below = np.sort(amplitude)
+    failed = [i for i, a in enumerate(below) if probability(a) < false_alarm]
+    first = failed[0] if failed else len(below)
+    return replace(adequacy, limit=float(below[first - 1]) if first else 0.0)
 
 
 @dataclass(frozen=True)
@@ -155,30 +170,29 @@ class _Energies:
 
 
 def _windows(record: Record, residual: Array) -> list[_Energies]:
-    up = crossings(record.signal, record.decay.dt)[0]
-    cycles = min(_CYCLES, len(up) - 1)
-    bounds = up[::cycles]
+    bounds = record.cycles[:: min(_CYCLES, len(record.cycles) - 1)]
     slices = [slice(int(a), int(b)) for a, b in itertools.pairwise(bounds)]
-    return [_energies(record, residual, s, up) for s in slices]
+    return [_energies(record, residual[s], s) for s in slices]
 
 
-def _energies(record: Record, residual: Array, samples: slice, up: Indices) -> _Energies:
-    x = residual[samples]
-    phase = rough_phase(np.linspace(-1, 1, len(x)), samples, up)
+def _energies(record: Record, x: Array, samples: slice) -> _Energies:
+    phase = record.spline.phase(record.t[samples])
     per_cycle = 2 * np.pi * len(x) / (phase[-1] - phase[0])
     at, between, columns = (np.zeros(_HARMONICS + 1) for _ in range(3))
-    for k in range(_HARMONICS + 1):
-        if k + 0.75 > per_cycle / 2:
-            break
+    highest = min(_HARMONICS, int(per_cycle / 2 - 0.75))
+    # Half-way places on either side: as much noise, on the mean, at any slope of it.
+    halves = [_energy(x, phase, k + 0.5) for k in range(highest + 1)]
+    for k in range(highest + 1):
         at[k], columns[k] = _energy(x, phase, k)
-        # Two half-way places on either side: as much noise, on the mean, at any slope of it.
-        sides = [_energy(x, phase, abs(k + side)) for side in (-0.5, 0.5)]
+        sides = (halves[max(k - 1, 0)], halves[k])
         between[k] = columns[k] * sum(e for e, _ in sides) / sum(m for _, m in sides)
-    q = record.decay.q[samples]
-    return _Energies(float(np.ptp(q)) / 2, at, between, columns)
+    return _Energies(float(np.ptp(record.decay.q[samples])) / 2, at, between, columns)
 
 
 def _energy(x: Array, phase: Array, order: float) -> tuple[float, int]:
-    basis, _ = np.linalg.qr(drifting_harmonics(phase, (order,), _DEGREE))
-    part = basis.T @ x
+    """Energy of a signal at a multiple of a phase, and the number of functions that it has."""
+    waves = [np.cos(order * phase), np.sin(order * phase)] if order else [np.ones_like(phase)]
+    drift = legvander(np.linspace(-1, 1, len(phase)), _DEGREE)
+    basis = (np.stack(waves, axis=1)[:, :, None] * drift[:, None, :]).reshape(len(phase), -1)
+    part = np.linalg.qr(basis)[0].T @ x
     return float(part @ part), len(part)

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
+from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.output_error import OutputError
 from romsindy.fit.refine import Fit
-from romsindy.record.noise import autoregression
+from romsindy.fit.shooting import shoot
 from romsindy.typing import Array
 
 
@@ -85,17 +84,13 @@ def bootstrap(
     """
     if repetitions < 2:
         raise ValueError(f"repetitions = {repetitions!r} must be at least 2 (100: errors to 7 %)")
-    problem = fit.problem
-    clean = [r.signal - e for r, e in zip(problem.records, fit.residuals, strict=True)]
-    colours = [_Colour.of(e) for e in fit.residuals]
-    seeds = np.random.SeedSequence(seed).spawn(repetitions)
-    tasks = (delayed(_repeat)(problem, fit.values, clean, colours, s) for s in seeds)
+    tasks = (delayed(_repeat)(fit, s) for s in np.random.SeedSequence(seed).spawn(repetitions))
     results = []
     for values in Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
         results.append(values)
         if progress:
             progress(len(results))
-    good = [v[: len(fit.free)] for v in results if v is not None]
+    good = [values for values in results if values is not None]
     if len(good) < 2:
         raise ValueError(
             f"only {len(good)} of {repetitions} repetitions could be fitted: the model comes close"
@@ -104,36 +99,17 @@ def bootstrap(
     return Bootstrap(fit.free, np.array(good), repetitions - len(good))
 
 
-@dataclass(frozen=True)
-class _Colour:
-    """An autoregression and the standard deviation of what drives it."""
-
-    coefficients: Array
-    std: float
-
-    @classmethod
-    def of(cls, residual: Array) -> _Colour:
-        a = autoregression(residual)
-        return cls(a, float(np.std(lfilter(a, [1.0], residual)[len(a) :])))
-
-    def noise(self, n: int, rng: np.random.Generator) -> Array:
-        settle = 20 * len(self.coefficients)
-        white = self.std * rng.standard_normal(n + settle)
-        return lfilter([1.0], self.coefficients, white)[settle:]
-
-
-def _repeat(
-    problem: OutputError,
-    values: Array,
-    clean: list[Array],
-    colours: list[_Colour],
-    seed: np.random.SeedSequence,
-) -> Array | None:
+def _repeat(fit: Fit, seed: np.random.SeedSequence) -> Array | None:
     rng = np.random.default_rng(seed)
-    pairs = zip(clean, colours, strict=True)
-    signals = [x + colour.noise(len(x), rng) for x, colour in pairs]
+    records = [
+        r.with_signal(r.signal - e + r.noise.draw(len(e), r.decay.dt, rng))
+        for r, e in zip(fit.records, fit.residuals, strict=True)
+    ]
+    parts, motions = fit.solution.parts, fit.solution.motions
     try:
         with threadpool_limits(limits=1, user_api="blas"):
-            return problem.with_signals(signals).polish(values)
+            again = shoot(fit.start, parts, records, motions)[0]
     except TrajectoryError:
         return None
+    values = extended(fit.start, again.parts).coefficients
+    return np.array([values[name] for name in fit.free])

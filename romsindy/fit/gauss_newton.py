@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
-from romsindy.fit.measured import Measured
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, prior_cost, read
+from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
@@ -44,6 +44,8 @@ class Solution:
     covariance : (n_values, n_values) array
         Of the values of all parts, in their order.
     converged : bool
+    interrupted : bool
+        Whether the user stopped it (Ctrl-C): then it is what had been reached.
     """
 
     parts: tuple[Part, ...]
@@ -52,6 +54,17 @@ class Solution:
     chi_squared: float
     covariance: Array
     converged: bool
+    interrupted: bool = False
+
+    @property
+    def finite(self) -> bool:
+        """Whether there is a motion at all."""
+        return bool(np.isfinite(self.chi_squared))
+
+    @property
+    def n_values(self) -> int:
+        """Number of fitted values, with q and q_dot at the start of each record."""
+        return sum(p.size for p in self.parts) + 2 * len(self.motions)
 
     def slices(self) -> list[slice]:
         """Where the values of each part are."""
@@ -62,7 +75,7 @@ class Solution:
 def fit(
     model: ReducedModel,
     parts: Sequence[Part],
-    records: Sequence[Measured],
+    records: Sequence[Record],
     motions: Sequence[Trajectory] | None = None,
     *,
     fixed: bool = False,
@@ -75,11 +88,13 @@ def fit(
     model : ReducedModel
     parts : sequence of Part
         With their starting values.
-    records : sequence of Measured
+    records : sequence of Record
     motions : sequence of Trajectory, optional
         To start from; by default the smoothed measurement.
     fixed : bool
         Fit initial states and strengths that differ between records only.
+    iterations : int
+        At most.
     """
     parts = tuple(parts)
     motions = list(motions or [r.motion for r in records])
@@ -100,7 +115,9 @@ def fit(
                 continue
             if not system.finite:
                 return _failed(parts, motions, n_values)
-            step = system.bounded_step(_held(parts, fixed, first=iteration == 0), *_limits(parts))
+            step = system.bounded_step(
+                held_values(parts, fixed, first=iteration == 0), *limits(parts)
+            )
             weights = tuple(
                 np.concatenate([[1.0], step[columns_of(parts, i)], step[n_values + 2 * i :][:2]])
                 for i in range(len(records))
@@ -123,7 +140,7 @@ def fit(
         r.signal - read(parts, i, r.t, sampled(m, r.derivative))[0]
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
-    total = sum(float(np.sum(r.noise(e) ** 2)) for r, e in zip(records, residuals, strict=True))
+    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
     return Solution(
         parts,
         tuple(motions),
@@ -155,13 +172,13 @@ class _Stage:
         motions = [
             r.moved(self.short * w) for r, w in zip(self.responses, self.weights, strict=True)
         ]
-        return _moved(self.parts, self.short * self.step), motions
+        return moved_parts(self.parts, self.short * self.step), motions
 
 
 def _linearised(
     model: ReducedModel,
     parts: tuple[Part, ...],
-    records: Sequence[Measured],
+    records: Sequence[Record],
     motions: Sequence[Trajectory],
 ) -> tuple[NormalEquations, list[Response]]:
     """Normal equations about the present motions, and the responses that they combine."""
@@ -172,14 +189,22 @@ def _linearised(
         response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
         change = response.samples(record.derivative)
         x = sampled(motion, record.derivative) + change[:, 0]
-        shown, slope, by_value = read(parts, i, record.t, x)
-        jacobian = slope[:, None] * change[:, 1:]
-        jacobian[:, :-2] += by_value.T
-        whitened = record.noise(np.column_stack([record.signal - shown, jacobian]))
-        system.add(i, columns_of(parts, i), whitened)
+        where = np.concatenate([columns_of(parts, i), system.states_of(i)])
+        system.add(where, table(parts, i, record, x, change[:, 1:]))
         responses.append(response)
     system.add_priors(parts)
     return system, responses
+
+
+def table(parts: Sequence[Part], i: int, record: Record, x: Array, by_value: Array) -> Array:
+    """Derivatives of the reading of a motion x in record i, and its misfit, whitened: (n, m + 1).
+
+    ``by_value`` (n, m) are those of the motion, by the values that act in the record and the state.
+    """
+    shown, slope, by_reading = read(parts, i, record.t, x)
+    jacobian = slope[:, None] * by_value
+    jacobian[:, :-2] += by_reading.T
+    return record.whitened(np.column_stack([jacobian, record.signal - shown]))
 
 
 def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:
@@ -189,7 +214,7 @@ def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: in
     return Solution(parts, tuple(motions), residuals, np.inf, nothing, False)
 
 
-def _held(parts: Sequence[Part], fixed: bool, first: bool) -> NDArray[np.bool_]:
+def held_values(parts: Sequence[Part], fixed: bool, first: bool) -> NDArray[np.bool_]:
     """Values that stay: with no strength there is no telling a shape."""
     held: list[NDArray[np.bool_]] = [np.zeros(0, bool)]
     for p in parts:
@@ -198,7 +223,7 @@ def _held(parts: Sequence[Part], fixed: bool, first: bool) -> NDArray[np.bool_]:
     return np.concatenate(held)
 
 
-def _limits(parts: Sequence[Part]) -> tuple[Array, Array]:
+def limits(parts: Sequence[Part]) -> tuple[Array, Array]:
     """Least and largest changes of all values."""
     lows, highs = [np.zeros(0)], [np.zeros(0)]
     for part in parts:
@@ -208,7 +233,7 @@ def _limits(parts: Sequence[Part]) -> tuple[Array, Array]:
     return np.concatenate(lows), np.concatenate(highs)
 
 
-def _moved(parts: tuple[Part, ...], change: Array) -> tuple[Part, ...]:
+def moved_parts(parts: tuple[Part, ...], change: Array) -> tuple[Part, ...]:
     moved, first = [], 0
     for part in parts:
         moved.append(part.moved(change[first : first + part.size]))

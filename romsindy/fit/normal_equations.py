@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
+from romsindy.record.noise import autoregression, coloured_product
 from romsindy.typing import Array, Indices
 
 if TYPE_CHECKING:
@@ -26,32 +28,40 @@ class NormalEquations:
         self.right = np.zeros(self.size)
         self.power = 0.0
 
-    def add(self, record: int, columns: Indices, whitened: Array) -> None:
-        """Rows of one record: its misfit, then the derivatives by its columns and states."""
-        first = self.n_values + 2 * record
-        where = np.concatenate([columns, [first, first + 1]]).astype(int)
-        gram = whitened.T @ whitened
-        self.power += gram[0, 0]
-        self.right[where] += gram[0, 1:]
-        self.matrix[np.ix_(where, where)] += gram[1:, 1:]
+    def add(self, where: Indices, rows: Array) -> None:
+        """Rows of one record: derivatives by the values at these places, then the misfit."""
+        gram = rows.T @ rows
+        self.power += gram[-1, -1]
+        self.right[where] += gram[-1, :-1]
+        self.matrix[np.ix_(where, where)] += gram[:-1, :-1]
+
+    def coloured(self, tables: Sequence[Array]) -> Array:
+        """Covariance of all values, for the colour that the residuals really have.
+
+        Where a residual is not white the covariance is the sandwich (J'J)^-1 J' S J (J'J)^-1, with
+        S that of an autoregression. ``tables`` have the rows of each record, with all columns.
+        """
+        middle = np.zeros_like(self.matrix)
+        for rows in tables:
+            jacobian, residual = rows[:, :-1], rows[:, -1]
+            a = autoregression(residual)
+            driven = lfilter(a, [1.0], residual)
+            freedom = max(len(residual) - self.size / len(tables), 1.0)
+            variance = float(driven @ driven) / freedom
+            middle += coloured_product(a, jacobian, jacobian) * variance
+        inverse = self.covariance()
+        return inverse @ middle @ inverse
+
+    def states_of(self, record: int) -> Indices:
+        """Places of q and q_dot at the start of a record."""
+        return self.n_values + 2 * record + np.arange(2)
 
     def add_priors(self, parts: Sequence[Part]) -> None:
         """What is known beforehand."""
-        at = 0
-        for part in parts:
-            for value in part.strengths.ravel():
-                if part.tolerance is not None:
-                    self._know(at, -float(value), part.tolerance)
-                at += 1
-            for value, p in zip(part.shape, part.parameters, strict=True):
-                if p.spread is not None:
-                    self._know(at, p.starts[0] - float(value), p.spread)
-                at += 1
-
-    def _know(self, at: int, off: float, spread: float) -> None:
-        self.power += (off / spread) ** 2
-        self.right[at] += off / spread**2
-        self.matrix[at, at] += 1 / spread**2
+        for at, off, spread in priors(parts):
+            self.power += (off / spread) ** 2
+            self.right[at] += off / spread**2
+            self.matrix[at, at] += 1 / spread**2
 
     @property
     def finite(self) -> bool:
@@ -93,7 +103,22 @@ class NormalEquations:
         return float(self.power - 2 * step @ self.right + step @ self.matrix @ step)
 
     def covariance(self) -> Array:
-        """Inverse of the normal matrix."""
+        """Inverse of the normal matrix: the curvature of the misfit."""
         scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
         scaled = self.matrix * scale * scale[:, None]
         return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * scale * scale[:, None]
+
+
+def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:
+    """Values known beforehand: place among all, what is known minus the value, and its spread."""
+    known, at = [], 0
+    for part in parts:
+        for value in part.strengths.ravel():
+            if part.tolerance is not None:
+                known.append((at, -float(value), part.tolerance))
+            at += 1
+        for value, p in zip(part.shape, part.parameters, strict=True):
+            if p.spread is not None:
+                known.append((at, p.starts[0] - float(value), p.spread))
+            at += 1
+    return known

@@ -1,8 +1,9 @@
 """Fit a model by simulation: the simulated motion follows the measured one over the whole decay.
 
 Regression takes noisy displacements as its regressors, and noise there biases what it finds.
-Output error has noise on its left side only. It needs a start, which regression gives, and a
-horizon that grows, so that the phase of the simulated motion is never a cycle off.
+Here all noise is on one side: that of the measurement. The fit starts from the measured motion,
+smoothed (`romsindy.fit.gauss_newton`), so that the phase is never a cycle off, and ends with exact
+motions (`romsindy.fit.shooting`).
 """
 
 from __future__ import annotations
@@ -14,15 +15,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from romsindy.effects import Bias
 from romsindy.fit.adequacy import Adequacy, examine
-from romsindy.fit.output_error import ModelEquation, OutputError, Record
+from romsindy.fit.coefficient import extended, free_coefficients
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.horizon import fit_growing
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record
+from romsindy.fit.shooting import LOSSES, shoot
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
-from romsindy.record.noise import Noise, find_line
+from romsindy.record.noise import Noise
 from romsindy.typing import Array
 
 # Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`.
 _SMOOTHING = 0.01
+# Errors of the integration, as a part of the largest amplitude.
+_NUMERICS = 1e-6
+
+
+@dataclass(frozen=True)
+class _Offset(Bias):
+    """A zero of the sensor that differs from record to record."""
+
+    per_record = True
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,33 +52,24 @@ class Fit:
         With the fitted coefficients.
     free : tuple of str
         Names of the fitted coefficients, in the order of `covariance`.
-    problem : OutputError
-        What was made least.
-    values : array
-        Fitted coefficients, states and offsets, in the order of `problem`.
-    all_covariance : array
-        Of `values`.
-    residuals : tuple of arrays
-        Measured minus simulated for every decay, unit of the measured quantity.
+    start : ReducedModel
+        The equation to which the parts of the solution are added; its dry friction is smooth.
+    records : tuple of Record
+    solution : Solution
+        Changes of the free coefficients, then the offsets of the sensor where they were fitted.
+    covariance : (n_free, n_free) array
+        Of the free coefficients, for the colour that the residuals really have.
     verdict : Adequacy
         Whether the data are explained, in numbers and in a sentence.
-    message : str
-        How the fit ended.
     """
 
     model: ReducedModel
     free: tuple[str, ...]
-    problem: OutputError
-    values: Array
-    all_covariance: Array
-    residuals: tuple[Array, ...]
+    start: ReducedModel
+    records: tuple[Record, ...]
+    solution: Solution
+    covariance: Array
     verdict: Adequacy
-    message: str
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the fitted coefficients, (n_free, n_free)."""
-        return self.all_covariance[: len(self.free), : len(self.free)]
 
     @property
     def standard_errors(self) -> dict[str, float]:
@@ -70,38 +78,53 @@ class Fit:
         return dict(zip(self.free, errors.tolist(), strict=True))
 
     @property
+    def residuals(self) -> tuple[Array, ...]:
+        """Measured minus simulated for every decay, unit of the measured quantity."""
+        return self.solution.residuals
+
+    @property
+    def chi_squared(self) -> float:
+        """Sum of squares of the whitened residuals."""
+        return self.solution.chi_squared
+
+    @property
     def states(self) -> Array:
         """q and q_dot at the first sample of each decay, (n_decays, 2)."""
-        return self.problem.split(self.values)[1]
+        return np.array([[m.q[0], m.q_dot[0]] for m in self.solution.motions])
 
     @property
     def offsets(self) -> Array:
         """Offset of the sensor in each decay, unit of the measured quantity; 0 if not fitted."""
-        return self.problem.split(self.values)[2]
+        parts = self.solution.parts[len(self.free) :]
+        return parts[0].strengths[:, 0] if parts else np.zeros(len(self.records))
 
     @property
     def decays(self) -> tuple[Decay, ...]:
         """What was fitted: the free parts."""
-        return tuple(record.decay for record in self.problem.records)
+        return tuple(record.decay for record in self.records)
 
     @property
     def noise(self) -> tuple[Noise, ...]:
         """Noise of each decay, found without the model."""
-        return tuple(record.noise for record in self.problem.records)
+        return tuple(record.noise for record in self.records)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader must know of the records and of the fit."""
-        notes = [] if "termination" in self.message else [self.message]
-        for i, record in enumerate(self.problem.records):
+        notes = []
+        if self.solution.interrupted:
+            notes.append("interrupted before the simulations came to their end: not the best fit")
+        elif not self.solution.converged:
+            notes.append("the fit has not come to its end: start from other values")
+        for i, record in enumerate(self.records):
             lost = int(np.sum(~record.valid))
             if lost:
                 notes.append(
                     f"decay {i}: {lost} samples stick to the end of the sensor's range and take no"
                     " part"
                 )
-            line = find_line(record.noise, record.decay.dt)
-            if line is not None:
+            if record.noise.lines:
+                line = record.noise.lines[0]
                 notes.append(
                     f"decay {i}: another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g},"
                     " is counted as noise; it is no part of this model"
@@ -122,17 +145,18 @@ class Fit:
             Half peak to peak, positive, unit of q.
         """
         a = np.atleast_1d(np.asarray(amplitudes, float))
-        steps = 0.1 * np.sqrt(np.diag(self.covariance))
-        equation = ModelEquation(self.model, self.free)
+        values = self.model.coefficients
         slopes = []
-        for i, step in enumerate(steps):
-            move = np.zeros(len(steps))
-            move[i] = step
-            high, low = (_curves(equation.at(equation.values + s * move), a) for s in (1, -1))
-            slopes.append((high - low) / (2 * step))
+        for name, error in self.standard_errors.items():
+            ends = [_curves(self._with(name, values[name] + s * error), a) for s in (0.1, -0.1)]
+            slopes.append((ends[0] - ends[1]) / (0.2 * error))
         variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
-        (omega, zeta), (omega_std, zeta_std) = _curves(equation, a), np.sqrt(variance)
+        (omega, zeta), (omega_std, zeta_std) = _curves(self.model, a), np.sqrt(variance)
         return Band(a, omega, zeta, omega_std, zeta_std, self.model.unit)
+
+    def _with(self, name: str, value: float) -> ReducedModel:
+        values = self.model.coefficients | {name: value}
+        return replace(self.model, values=tuple(values.values()))
 
     def __str__(self) -> str:
         errors = self.standard_errors
@@ -173,8 +197,7 @@ class Band:
     unit: str | None
 
 
-def _curves(equation: ModelEquation, amplitudes: Array) -> Array:
-    model = equation.model
+def _curves(model: ReducedModel, amplitudes: Array) -> Array:
     return np.array([model.backbone(amplitudes), model.damping_ratio(amplitudes)])
 
 
@@ -187,7 +210,7 @@ def refine(
     loss: str = "linear",
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Fit the coefficients of a model by simulation (output error).
+    """Fit the coefficients of a model by simulation.
 
     Parameters
     ----------
@@ -197,55 +220,107 @@ def refine(
         One channel each, in the unit of the model. The free part is fitted, in the quantity that
         was measured: displacement, velocity or acceleration.
     fixed : names
-        Coefficients that keep their value.
+        Coefficients that keep their value: any of ``model.coefficients``.
     offset : bool
         Fit a constant offset of the sensor too.
-    loss : str
+    loss : "linear" or "soft_l1"
         As in `scipy.optimize.least_squares`; "soft_l1" forgives outliers beyond three times the
         noise.
     progress : callable, optional
-        Called with a line of text at every horizon.
+        Called with a line of text at every simulation.
 
     Returns
     -------
     Fit
+        After an interrupt (Ctrl-C) during the simulations, what had been reached.
 
     Raises
     ------
     ValueError
-        For unknown names in ``fixed``, other units, a decay given twice, or nothing to fit.
+        For unknown names in ``fixed``, another loss, other units, a decay given twice, or nothing
+        to fit.
     TrajectoryError
-        If the start itself cannot be simulated over the first cycles.
+        If no motion of the model follows the measured one.
     """
+    if loss not in LOSSES:
+        raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
+    return fit_records(model, prepared(decays, model.unit), fixed, offset, loss, progress)
+
+
+def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record, ...]:
+    """Free decays in a unit, ready to be fitted.
+
+    Raises
+    ------
+    ValueError
+        For no decays, another unit, or a decay given twice.
+    """
+    several = [decays] if isinstance(decays, Decay) else list(decays)
+    if not several:
+        raise ValueError("decays is empty: give at least one Decay")
+    for i, decay in enumerate(several):
+        if decay.unit != unit:
+            raise ValueError(
+                f"decay {i} is in {decay.unit or 'an unknown unit'}, the model in"
+                f" {unit or 'an unknown unit'}: load the decay with unit={unit!r}"
+            )
+        if any(decay.same_record(other) for other in several[:i]):
+            raise ValueError(
+                f"decay {i} is the same record as an earlier one: counted twice, it would make"
+                " every error bar too small; give it once"
+            )
+    return tuple(Record.of(d.single().free(), _NUMERICS).without_faults() for d in several)
+
+
+def fit_records(
+    model: ReducedModel,
+    records: Sequence[Record],
+    fixed: Collection[str] = (),
+    offset: bool = False,
+    loss: str = "linear",
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """As `refine`, for records that are prepared."""
+    free = _free_names(model, fixed)
+    start = smoothed(model, records)
+    parts: tuple[Part, ...] = free_coefficients(start, free)
+    if offset:
+        parts += (Part(_Offset(), (), np.zeros((len(records), 1))),)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        records = _records(decays, model)
-        free = _free_names(model, fixed)
-        problem = OutputError.of(ModelEquation(smoothed(model, records), free), records, offset)
-        values, message = problem.solve(loss, progress)
-        return _fit(problem, values, model, free, message)
-
-
-def _fit(
-    problem: OutputError, values: Array, model: ReducedModel, free: tuple[str, ...], message: str
-) -> Fit:
-    residuals = tuple(problem.residuals(values))
-    new = {**model.coefficients, **dict(zip(free, values.tolist(), strict=False))}
-    peaks = [float(np.abs(record.decay.q).max()) for record in problem.records]
+        try:
+            solution, covariance = _followed(start, parts, records, loss, progress)
+        except TrajectoryError as error:
+            raise TrajectoryError(
+                f"the model with {len(free)} free coefficients has no motion near the measured one"
+                f" ({error}): use fewer terms, or start from other values"
+            ) from error
+    peak = max(float(np.abs(record.decay.q).max()) for record in records)
+    new = extended(model, solution.parts)
     return Fit(
-        replace(
-            model,
-            values=tuple(new.values()),
-            amplitude_range=model.amplitude_range or (0.0, max(peaks)),
-        ),
+        replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
         free,
-        problem,
-        values,
-        problem.covariance(values),
-        residuals,
-        examine(problem.records, residuals, len(values)),
-        message,
+        start,
+        tuple(records),
+        solution,
+        covariance[: len(free), : len(free)],
+        examine(records, solution.residuals, solution.n_values),
     )
+
+
+def _followed(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    records: Sequence[Record],
+    loss: str,
+    progress: Callable[[str], None] | None,
+) -> tuple[Solution, Array]:
+    """Fit from the measured motion; where that does not settle, over growing horizons."""
+    near = fit(model, parts, records)
+    if near.converged:
+        return shoot(model, near.parts, records, near.motions, loss=loss, progress=progress)
+    found, motions = fit_growing(model, parts, records)
+    return shoot(model, found, records, motions, loss=loss, progress=progress)
 
 
 def _free_names(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
@@ -258,27 +333,9 @@ def _free_names(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
     return free
 
 
-def _records(decays: Decay | Sequence[Decay], model: ReducedModel) -> tuple[Record, ...]:
-    several = [decays] if isinstance(decays, Decay) else list(decays)
-    if not several:
-        raise ValueError("decays is empty: give at least one Decay")
-    for i, decay in enumerate(several):
-        if decay.unit != model.unit:
-            raise ValueError(
-                f"decay {i} is in {decay.unit or 'an unknown unit'}, the model in"
-                f" {model.unit or 'an unknown unit'}: load the decay with unit={model.unit!r}"
-            )
-        if any(decay.same_record(other) for other in several[:i]):
-            raise ValueError(
-                f"decay {i} is the same record as an earlier one: counted twice, it would make"
-                " every error bar too small; give it once"
-            )
-    return tuple(Record.of(decay) for decay in several)
-
-
 def smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
     """Model whose dry friction is smooth at the speeds of the records."""
     if all(term.smooth for term in model.terms):
         return model
-    speed = max(float(np.abs(np.gradient(r.decay.q, r.decay.dt)).max()) for r in records)
+    speed = max(float(np.abs(r.motion.q_dot).max()) for r in records)
     return model.regularised(_SMOOTHING * speed)

@@ -219,7 +219,7 @@ class HystereticFriction(FrictionLaw):
         return self.exponent, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"|{q}|^{self.exponent:.6g} {self._sign_text(q_dot)}"
+        return f"{power_text(f'|{q}|', self.exponent)} {self._sign_text(q_dot)}"
 
     def normal(self, q: Scalars, change: Scalars = 0.0) -> Scalars:
         return np.abs(q) ** self.exponent

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from romsindy.record.decay import Decay
-from romsindy.record.signals import crossings
 from romsindy.typing import Array
 
 # Half-width of the local fits in cycles, and their degrees: a sine is a cubic (quartic) to 2e-4
@@ -110,11 +109,10 @@ def extract_backbone(decay: Decay, *, cycles: int = 12) -> Backbone:
     """
     if cycles < 2:
         raise ValueError(f"cycles = {cycles!r} must be at least 2")
-    record = decay.single()
-    record = record.free() if not record.complete else record
+    record = decay.single().free()
     fine = record.upsampled()
     repeats = (len(fine.t) - 1) / (len(record.t) - 1)  # interpolated samples are not independent
-    up, down = crossings(fine.q, fine.dt)
+    up, down = fine.crossings
     period = np.gradient(fine.t[up])
     rise = _roots(fine, fine.t[up], period, repeats)
     fall = _roots(fine, fine.t[down], period[: len(down)], repeats)

@@ -5,20 +5,26 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
+from romsindy.record.cycles import crossings, free_part, integrate
 from romsindy.record.filters import Butterworth, Filter
-from romsindy.record.signals import free_part, fundamental_frequency, integrate, noise_std, upsample
-from romsindy.typing import Array
+from romsindy.record.signals import fundamental_frequency, noise_std, upsample
+from romsindy.typing import Array, Indices
 
 Quantity = Literal["displacement", "velocity", "acceleration"]
+Stage = Literal["raw", "free", "conditioned"]
+QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
+STAGES: tuple[Stage, ...] = ("raw", "free", "conditioned")
 
 # Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
 _ROUNDING = 1e-4
+_NAMES = ("q", "q_dot", "q_ddot")
 # Fewer samples a cycle than this are interpolated before cycles are analysed.
 SAMPLES_PER_CYCLE = 40
 
@@ -41,6 +47,9 @@ class Decay:
         Which of the three the sensor gave.
     notes : tuple of str
         What was done to the record, for the reader.
+    stage : "raw", "free" or "conditioned"
+        How far it is prepared: as it came; its free part alone; with velocity and acceleration that
+        agree. One that comes with both is conditioned. No step is done twice.
 
     Raises
     ------
@@ -56,8 +65,12 @@ class Decay:
     unit: str | None = None
     measured: Quantity = "displacement"
     notes: tuple[str, ...] = ()
+    stage: Stage = "raw"
 
     def __post_init__(self) -> None:
+        for name, choices in (("measured", QUANTITIES), ("stage", STAGES)):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} = {getattr(self, name)!r} must be one of {choices}")
         t = _checked_time(self.t)
         signals = {
             name: _checked_signal(name, getattr(self, name), len(t))
@@ -69,7 +82,7 @@ class Decay:
             raise ValueError(f"q, q_dot and q_ddot must have the same shape, got {shapes}")
         uniform = np.linspace(t[0], t[-1], len(t))
         jitter = (t - uniform) / (uniform[1] - uniform[0])
-        notes = self.notes
+        notes = tuple(self.notes)
         worst, rms = np.abs(jitter).max(), np.sqrt(np.mean(jitter**2))
         if worst > _ROUNDING:
             signals = {n: make_interp_spline(t, x, k=3)(uniform) for n, x in signals.items()}
@@ -83,6 +96,13 @@ class Decay:
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         object.__setattr__(self, "notes", notes)
+        if self.signal is None:
+            name = _NAMES[self.derivative]
+            raise ValueError(f"measured = {self.measured!r} needs {name}, which is None: give it")
+        if self.complete:
+            object.__setattr__(self, "stage", "conditioned")
+        elif self.stage == "conditioned":
+            raise ValueError("stage = 'conditioned' needs q_dot and q_ddot: see differentiated()")
 
     # -- other ways to make one ---------------------------------------------------------------
 
@@ -138,6 +158,21 @@ class Decay:
     def complete(self) -> bool:
         """Whether velocity and acceleration came with the displacement."""
         return self.q_dot is not None and self.q_ddot is not None
+
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return QUANTITIES.index(self.measured)
+
+    @property
+    def signal(self) -> Array:
+        """What was measured: q, q_dot or q_ddot."""
+        return getattr(self, _NAMES[self.derivative])
+
+    @cached_property
+    def crossings(self) -> tuple[Indices, Indices]:
+        """Last samples before the up- and the down-crossings of q, see `cycles.crossings`."""
+        return crossings(self.q, self.dt)
 
     def channel(self, index: int) -> Decay:
         """One channel as a decay of its own, with q of shape (n,)."""
@@ -196,7 +231,8 @@ class Decay:
     def free(self, start: float | None = None, end: float | None = None) -> Decay:
         """The free decay alone: from the first large turning point to where noise takes over.
 
-        An offset of a displacement, where the vibration does not come to rest at 0, is removed.
+        A record that is free already is returned as it is, or cut to the times that are given. An
+        offset of a displacement, where the vibration does not come to rest at 0, is removed.
 
         Parameters
         ----------
@@ -208,7 +244,9 @@ class Decay:
         ValueError
             If fewer than three cycles are left, or the amplitude grows.
         """
-        record = self.between(start, end)
+        record = self if start is None and end is None else self.between(start, end)
+        if self.stage != "raw":
+            return record
         first, last, rest = free_part(record._strongest(), record.dt)
         first = 0 if start is not None else first
         last = len(record.t) if end is not None else last
@@ -222,7 +260,7 @@ class Decay:
                 f" noise (rms {noise:.2g} of the measured {self.measured})"
             )
         inside = slice(first, last)
-        free = record._mapped(lambda x: x[inside], record.t[inside], tuple(notes))
+        free = record._mapped(lambda x: x[inside], record.t[inside], tuple(notes), "free")
         offset = rest if self.measured == "displacement" and self.n_channels == 1 else 0.0
         if not offset:
             return free
@@ -258,24 +296,29 @@ class Decay:
     def conditioned(self, method: Filter | None = None) -> Decay:
         """What an analysis of cycles needs: free part, enough samples, derivatives.
 
-        A record that came with velocity and acceleration is returned as it is.
+        A record that is conditioned already is returned as it is.
         """
-        return self if self.complete else self.free().upsampled().differentiated(method)
+        return (
+            self if self.stage == "conditioned" else self.free().upsampled().differentiated(method)
+        )
 
     def _strongest(self) -> Array:
         # What was measured, in the liveliest channel: integration colours the noise.
-        name = {"displacement": "q", "velocity": "q_dot", "acceleration": "q_ddot"}[self.measured]
-        x = getattr(self, name)
+        x = self.signal
         return x if x.ndim == 1 else x[:, np.argmax(x.std(axis=0))]
 
     def _mapped(
-        self, change: Callable[[Array], Array], t: Array | None = None, notes: tuple[str, ...] = ()
+        self,
+        change: Callable[[Array], Array],
+        t: Array | None = None,
+        notes: tuple[str, ...] = (),
+        stage: Stage | None = None,
     ) -> Decay:
         """The same record with every signal changed, on other times where t is given."""
-        signals = {n: getattr(self, n) for n in ("q", "q_dot", "q_ddot")}
+        signals = {n: getattr(self, n) for n in _NAMES}
         changed: Any = {n: None if x is None else change(x) for n, x in signals.items()}
-        t = self.t if t is None else t
-        return replace(self, t=t, notes=(*self.notes, *notes), **changed)
+        t, stage = self.t if t is None else t, stage or self.stage
+        return replace(self, t=t, notes=(*self.notes, *notes), stage=stage, **changed)
 
 
 def _checked_time(t: ArrayLike) -> Array:

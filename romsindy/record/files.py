@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +23,10 @@ _RATE_NAMES: dict[Quantity, set[str]] = {
     "velocity": {"v", "vel", "velocity", "speed", "q_dot", "qdot", "x_dot", "xdot"},
     "acceleration": {"a", "acc", "accel", "acceleration", "q_ddot", "qddot", "x_ddot", "xddot"},
 }
+# Of the signals of a decay, after the unit of q; and its other fields.
+_RATES = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}
+_FIELDS = ("unit", "measured", "stage", "notes")
+_MARK = "# romsindy "  # first line of a CSV that `save_decay` wrote
 
 
 @dataclass(frozen=True)
@@ -93,6 +98,9 @@ def load_decay(
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
+    saved = _saved(path) if (unit, quantity, column, time, rate) == (None,) * 5 else None
+    if saved is not None:
+        return saved.between(start, end)
     columns = _read(path)
     clock, others = _split_time(path, columns, time, rate)
     quantity = quantity or (parse_unit(unit).quantity if unit else None)
@@ -117,7 +125,7 @@ def load_decay(
 
 
 def save_decay(decay: Decay, path: str | Path) -> None:
-    """Write a decay to .csv or .npz, so that `load_decay` gives it back.
+    """Write a decay to .csv or .npz, so that `load_decay` gives it back: every digit and field.
 
     Raises
     ------
@@ -125,20 +133,38 @@ def save_decay(decay: Decay, path: str | Path) -> None:
         If the name ends otherwise, or a CSV would need several channels.
     """
     path = Path(path)
-    signals = {n: getattr(decay, n) for n in ("q", "q_dot", "q_ddot")}
+    signals = {n: getattr(decay, n) for n in _RATES}
     signals = {n: x for n, x in signals.items() if x is not None}
+    fields = json.dumps({name: getattr(decay, name) for name in _FIELDS})
     if path.suffix == ".npz":
-        np.savez(path, t=decay.t, **signals, unit=decay.unit or "")
+        np.savez(path, t=decay.t, **signals, unit=decay.unit or "", romsindy=fields)
         return
     if path.suffix != ".csv":
         raise ValueError(f"{path}: name a .csv or an .npz file")
-    table = np.stack(
-        [decay.t, *(decay.single().q if n == "q" else x for n, x in signals.items())], axis=1
-    )
-    rates = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}
-    units = [f" [{decay.unit}{rates[n]}]" if decay.unit else "" for n in signals]
-    header = ",".join(["t [s]", *(n + u for n, u in zip(signals, units, strict=True))])
+    decay.single()
+    table = np.stack([decay.t, *(x.reshape(len(x)) for x in signals.values())], axis=1)
+    units = [f" [{decay.unit}{_RATES[n]}]" if decay.unit else "" for n in signals]
+    names = ",".join(["t [s]", *(n + u for n, u in zip(signals, units, strict=True))])
+    header = f"{_MARK}{fields}\n{names}"
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
+
+
+def _saved(path: Path) -> Decay | None:
+    """What `save_decay` wrote; None for any other file."""
+    if path.suffix == ".npz":
+        with np.load(path, allow_pickle=False) as content:
+            if "romsindy" not in content:
+                return None
+            fields = json.loads(str(content["romsindy"]))
+            signals = {n: content[n] for n in ("t", *_RATES) if n in content}
+        return Decay(**signals, **fields)
+    with path.open(encoding="utf-8", errors="replace") as file:
+        first, names = file.readline(), file.readline()
+    if path.suffix != ".csv" or not first.startswith(_MARK):
+        return None
+    table = np.loadtxt(path, delimiter=",", skiprows=2, ndmin=2)
+    keys = [_name_and_unit(name)[0] for name in names.split(",")]
+    return Decay(**dict(zip(keys, table.T, strict=True)), **json.loads(first[len(_MARK) :]))
 
 
 # -- reading ------------------------------------------------------------------------------------
@@ -171,13 +197,12 @@ def _read_mat(path: Path) -> dict[str, NDArray]:
 
 def _array_columns(content: dict[str, NDArray]) -> list[_Column]:
     unit = str(content["unit"]) if "unit" in content and content["unit"].ndim == 0 else None
-    rates = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}
     columns = []
     for name, value in content.items():
         array = np.asarray(value)
         if array.dtype.kind not in "iuf" or array.ndim not in (1, 2) or len(array) < 2:
             continue
-        named = unit + rates[name] if unit and name in rates else None
+        named = unit + _RATES[name] if unit and name in _RATES else None
         table = array.astype(float).reshape(len(array), -1)
         for i, values in enumerate(table.T):
             label = name if table.shape[1] == 1 else f"{name}[{i}]"

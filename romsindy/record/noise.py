@@ -1,102 +1,33 @@
-"""Noise of a record, without any model of the vibration.
+"""Noise of a record: its level, its colour and the lines in it. The one estimator of all rooms.
 
-A free decay is periodic over a few cycles, with amplitudes and phase that drift slowly. In windows
-of a few cycles it is fitted by harmonics of the local frequency whose complex amplitudes are
-polynomials in time; what no such fit reaches is noise. The same windows serve to ask whether a
-model leaves anything that repeats with the vibration.
+It looks at what a smooth motion (`romsindy.record.smoothing`) leaves of a record, between the
+harmonics of the vibration, where no such motion reaches. Medians of the spectrum there do not see
+lines (mains hum, a second mode), which are listed beside it.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial.legendre import legval, legvander
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter, welch
+from scipy.ndimage import median_filter
+from scipy.signal import lfilter
 
-from romsindy.record.signals import crossings
-from romsindy.typing import Array, Indices
+from romsindy.typing import Array
 
-_DEGREE = 4  # of the polynomials in time: phase may bend, amplitude may fall
-# Longer windows and fewer harmonics leave more of the noise to see, shorter ones follow faster
-# changes, more harmonics strong nonlinearity: the quietest wins.
-_CYCLES = (3, 6, 12, 24)
-_HARMONICS = (5, 12)
-_MAX_ORDER = 30
-# Power of a line over the median of its surroundings; averaged noise stays far below.
-_LINE = 20.0
-
-
-@dataclass(frozen=True)
-class Window:
-    """A few cycles of a record and the harmonics that fit them.
-
-    Attributes
-    ----------
-    samples : slice
-        Where in the record.
-    phase : (n,) array
-        Of the fundamental, rad; 0 in the middle.
-    smooth, rest : (n,) arrays
-        Fitted part of the record, and what is left: noise.
-    n_columns : int
-        Number of functions in the fit.
-    """
-
-    samples: slice
-    phase: Array
-    smooth: Array
-    rest: Array
-    n_columns: int
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of one record.
-
-    Attributes
-    ----------
-    std : float
-        Standard deviation, unit of the record.
-    windows : tuple of Window
-    """
-
-    std: float
-    windows: tuple[Window, ...]
-
-
-def estimate_noise(x: Array, dt: float) -> Noise:
-    """Standard deviation of what does not repeat from cycle to cycle.
-
-    Parameters
-    ----------
-    x : (n,) array
-        One free decay.
-    dt : float
-        Sampling interval, s.
-
-    Raises
-    ------
-    ValueError
-        If the record is shorter than three cycles, or has fewer than six samples a cycle.
-    """
-    candidates = []
-    up = crossings(x, dt)[0]
-    for cycles, harmonics in itertools.product(_CYCLES, _HARMONICS):
-        windows = tuple(fit_windows(x, up, cycles, harmonics))
-        freedom = sum(len(w.rest) - w.n_columns for w in windows)
-        if sum(len(w.rest) for w in windows) == len(x):
-            power = sum(float(w.rest @ w.rest) for w in windows) / freedom
-            candidates.append(Noise(float(np.sqrt(power)), windows))
-    if not candidates:
-        raise ValueError(
-            f"{len(x)} samples hold too few cycles, or too few samples a cycle, to tell noise from"
-            " vibration: record longer, or sample faster"
-        )
-    return min(candidates, key=lambda noise: noise.std)
+HARMONICS = 6  # of the smooth motion
+_ORDER = 8  # of the autoregression of coloured noise
+_HIGHEST_ORDER = 30  # of that of any signal
+# Scatter of the logarithm of the median of n lines of a windowed spectrum: 1.8 / sqrt(n). Noise
+# counts as white where no part of its spectrum is off by five times that.
+_SCATTER, _WHITE = 1.8, 5.0
+# Between low harmonics the smooth motion takes part of the noise, or leaves some of itself. Only a
+# large difference over many lines says that the noise is louder there.
+_LOW_MAY_DIFFER, _MANY_LINES = 2.0, 50
+# Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
+# much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
+_LINE, _NEAR = 30.0, 40
 
 
 @dataclass(frozen=True)
@@ -107,123 +38,132 @@ class Line:
     rms: float
 
 
-def find_line(noise: Noise, dt: float) -> Line | None:
-    """The strongest line in what the harmonics leave, if it stands out as noise never does.
+@dataclass(frozen=True)
+class Noise:
+    """Noise of a record: its size, and the filter that makes it white.
 
-    Parameters
+    Attributes
     ----------
-    noise : Noise
-    dt : float
-        Sampling interval, s.
+    std : float
+        Standard deviation of the noise without its lines, unit of the record.
+    filter : (p + 1,) array
+        Coefficients of an autoregression; [1] for white noise.
+    innovation : float
+        Standard deviation of the filtered noise.
+    floor : float
+        Misfit that does not matter, unit of the record; part of std.
+    lines : tuple of Line
+        Strongest first.
+    level : float
+        Rms of all that lies between the harmonics, lines included.
+    alike : bool
+        Whether all samples weigh alike, by the level, and lines are noise. Whitening lets the
+        quietest part of the spectrum decide, which a wrong model does not survive.
     """
-    rest = np.concatenate([w.rest for w in noise.windows])
-    frequencies, power = welch(rest, 1 / dt, nperseg=min(len(rest), 2048))
-    # What lies close to a harmonic is the vibration itself, badly followed.
-    cycles = sum(float(w.phase[-1] - w.phase[0]) for w in noise.windows) / (2 * np.pi)
-    order = frequencies * len(rest) * dt / cycles
-    own = (np.abs(order - np.round(order)) < 0.25) & (order < max(_HARMONICS) + 0.5)
-    peak = int(np.argmax(np.where(own, 0.0, power)))
-    # The floor near the peak, so that coloured noise is no line.
-    near = power[max(peak - 40, 0) : peak + 41]
-    if power[peak] < _LINE * np.median(near):
-        return None
-    around = slice(max(peak - 3, 0), peak + 4)
-    rms = np.sqrt(np.sum(power[around]) * (frequencies[1] - frequencies[0]))
-    return Line(float(frequencies[peak]), float(rms))
+
+    std: float
+    filter: Array
+    innovation: float
+    floor: float
+    lines: tuple[Line, ...] = ()
+    level: float = 0.0
+    alike: bool = False
+
+    @classmethod
+    def of(cls, rest: Array, cycle: float, dt: float, floor: float) -> Noise:
+        """From what a smooth motion leaves of a record.
+
+        Parameters
+        ----------
+        rest : (n,) array
+        cycle, dt : float
+            Mean length of a cycle and sampling interval, s.
+        floor : float
+            Least standard deviation.
+        """
+        order, power = _between_harmonics(rest, cycle / dt)
+        lines = _lines(order, power, len(rest), cycle)
+        power = power + floor**2
+        level = float(np.sqrt(np.mean(power)))
+        high = order > HARMONICS + 0.5
+        asked = power[high] if np.count_nonzero(high) > 200 else power
+        std = float(np.sqrt(_level(asked)))
+        if _is_white(asked, std) and (np.all(high) or _low_is_alike(power[~high], std)):
+            return cls(std, np.ones(1), std, floor, lines, level)
+        smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)
+        every = np.linspace(0, order[-1], len(rest) // 2 + 1)
+        lags = np.fft.irfft(np.interp(every, order, smooth))[: _ORDER + 1]
+        a = np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
+        white = _between_harmonics(lfilter(a, [1.0], rest), cycle / dt)[1]
+        innovation = float(np.sqrt(_level(white) + floor**2 * float(a @ a)))
+        return cls(float(np.sqrt(lags[0])), a, innovation, floor, lines, level)
+
+    def weighing_alike(self) -> Noise:
+        """The same for fits that may be wrong: see `alike`."""
+        return replace(self, std=self.level, alike=True)
+
+    def __call__(self, x: Array) -> Array:
+        """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
+        if self.alike or len(self.filter) == 1:
+            return x / self.std
+        return lfilter(self.filter, [1.0], x, axis=0) / self.innovation
+
+    def draw(self, n: int, dt: float, rng: np.random.Generator) -> Array:
+        """Noise like this one: the same level and colour, lines with phases of their own, (n,)."""
+        settle = 20 * len(self.filter)
+        white = self.innovation * rng.standard_normal(n + settle)
+        x = lfilter([1.0], self.filter, white)[settle:]
+        for line in self.lines:
+            phase = 2 * np.pi * (line.frequency * dt * np.arange(n) + rng.random())
+            x += np.sqrt(2) * line.rms * np.cos(phase)
+        return x
 
 
-def fit_windows(x: Array, up: Indices, cycles: int, harmonics: int) -> Iterator[Window]:
-    """Fit a record window by window; it ends where too few samples are left for the fit.
-
-    Parameters
-    ----------
-    x : (n,) array
-    up : integer array
-        One sample in each cycle at the same phase, such as `signals.crossings` finds.
-    cycles, harmonics : int
-        Cycles in a window, and the highest harmonic (fewer where sampling is coarse).
-    """
-    bounds = [0, *up[cycles::cycles], len(x)]
-    if len(bounds) > 2 and bounds[-1] - bounds[-2] < 0.5 * (bounds[-2] - bounds[-3]):
-        del bounds[-2]  # a short rest joins the last window
-    for start, end in itertools.pairwise(bounds):
-        window = _fit_window(x, slice(start, end), up, harmonics)
-        if window is None:
-            return
-        yield window
+def _between_harmonics(x: Array, cycle: float) -> tuple[Array, Array]:
+    """Frequencies over the fundamental, and the spectrum there, where a smooth motion is blind."""
+    n = len(x)
+    window = np.hanning(n)
+    power = np.abs(np.fft.rfft(x * window)) ** 2 / np.sum(window**2)
+    order = np.arange(len(power)) * cycle / n
+    between = (np.abs(order % 1 - 0.5) < 0.25) | (order > HARMONICS + 0.5)
+    between[: min(3, len(between))] = False
+    between[-3:] = False  # near half the sampling rate a window mirrors its line into itself
+    return order[between], power[between]
 
 
-def _fit_window(x: Array, samples: slice, up: Indices, most: int) -> Window | None:
-    y = x[samples]
-    tau = np.linspace(-1, 1, len(y))
-    phase = rough_phase(tau, samples, up)
-    per_cycle = 2 * np.pi * len(y) / (phase[-1] - phase[0])
-    harmonics = min(most, int(0.4 * per_cycle))
-    if harmonics < 1 or len(y) < 2 * (2 * harmonics + 1) * (_DEGREE + 1):
-        return None
-    for _ in range(3):  # the phase that makes the amplitude of the fundamental real
-        coefficients = _least_squares(drifting_harmonics(phase, (0, 1), _DEGREE), y)
-        _, even, odd = coefficients.reshape(3, -1)
-        phase = phase + np.unwrap(np.angle(legval(tau, even - 1j * odd)))
-    basis = drifting_harmonics(phase, range(harmonics + 1), _DEGREE)
-    smooth = basis @ _least_squares(basis, y)
-    return Window(samples, phase, smooth, y - smooth, basis.shape[1])
+def _level(power: Array) -> float:
+    """Mean of a white spectrum from its lower 95 %, which a few lines do not move."""
+    cut = np.quantile(power, 0.95)
+    tail = -np.log(0.05)
+    return float(np.mean(power[power <= cut]) / (1 - 0.05 * tail / 0.95))
 
 
-def _least_squares(basis: Array, y: Array) -> Array:
-    # Normal equations are fast; a second pass on the residual gives the digits back.
-    normal = basis.T @ basis
-    first = np.linalg.solve(normal, basis.T @ y)
-    return first + np.linalg.solve(normal, basis.T @ (y - basis @ first))
+def _is_white(power: Array, std: float) -> bool:
+    blocks = np.array_split(power, max(min(6, len(power) // 15), 1))
+    return all(_off(b, std) < _WHITE * _SCATTER / np.sqrt(len(b)) for b in blocks)
 
 
-def rough_phase(tau: Array, samples: slice, up: Indices) -> Array:
-    """Phase of the fundamental from a parabola through the crossings in and next to a window.
-
-    Parameters
-    ----------
-    tau : (n,) array
-        Times in the window, from -1 to 1.
-    samples : slice
-        The window.
-    up : integer array
-        Samples at the same phase of every cycle of the record.
-
-    Returns
-    -------
-    (n,) array
-        rad, 0 in the middle.
-    """
-    near = np.flatnonzero((up >= samples.start) & (up <= samples.stop))
-    first = int(np.clip(near[0] - 1 if len(near) else 0, 0, len(up) - 4))
-    chosen = slice(first, max(first + 4, int(near[-1]) + 2 if len(near) else 0))
-    place = (2 * up[chosen] - samples.start - samples.stop) / (samples.stop - samples.start)
-    cycles = np.polyval(np.polyfit(place, np.arange(len(place)), 2), tau)
-    return 2 * np.pi * (cycles - cycles[len(cycles) // 2])
+def _low_is_alike(power: Array, std: float) -> bool:
+    return len(power) < _MANY_LINES or _off(power, std) < np.log(_LOW_MAY_DIFFER)
 
 
-def drifting_harmonics(phase: Array, orders: Iterable[float], degree: int) -> Array:
-    """cos and sin of multiples of a phase, times Legendre polynomials in time.
+def _off(power: Array, std: float) -> float:
+    return float(np.abs(np.log(np.median(power) / np.log(2) / std**2)))
 
-    Parameters
-    ----------
-    phase : (n,) array
-        rad, at uniform times.
-    orders : numbers
-        Multiples of the phase; 0 gives one function, all others two.
-    degree : int
-        Of the polynomials.
 
-    Returns
-    -------
-    (n, m) array
-        (degree + 1) columns for each function.
-    """
-    waves = []
-    for order in orders:
-        waves += [np.cos(order * phase), np.sin(order * phase)] if order else [np.ones_like(phase)]
-    drift = legvander(np.linspace(-1, 1, len(phase)), degree)
-    return (np.stack(waves, axis=1)[:, :, None] * drift[:, None, :]).reshape(len(phase), -1)
+def _lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]:
+    """Peaks that stand out of the spectrum round them as noise never does."""
+    floor = median_filter(power, 2 * _NEAR + 1, mode="nearest")
+    left, found = np.where(order > 0.5, power, 0.0), []
+    while len(left) and (peak := int(np.argmax(left / np.maximum(floor, 1e-300)))):
+        if left[peak] < _LINE * floor[peak]:
+            break
+        # The window spreads a line over four lines of the spectrum; a decaying one over more.
+        around = slice(max(peak - 5, 0), peak + 6)
+        energy = np.sum(np.maximum(left[around] - floor[around] / np.log(2), 0.0))
+        found.append(Line(float(order[peak] / cycle), float(np.sqrt(2 * energy / n))))
+        left[slice(max(peak - _NEAR, 0), peak + _NEAR + 1)] = 0.0
+    return tuple(sorted(found, key=lambda line: -line.rms))
 
 
 def autoregression(x: Array) -> Array:
@@ -236,7 +176,7 @@ def autoregression(x: Array) -> Array:
     x : (n,) array
     """
     n = len(x)
-    highest = min(_MAX_ORDER, n // 10)
+    highest = min(_HIGHEST_ORDER, n // 10)
     lags = np.array([x[: n - k] @ x[k:] / n for k in range(highest + 1)])
     if not lags[0] > 0:
         return np.ones(1)

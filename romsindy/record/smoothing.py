@@ -1,4 +1,4 @@
-"""The smooth motion behind a record, and the noise beside it, with no smoother to choose.
+"""The smooth motion behind a record, with no smoother to choose.
 
 A free decay is a sum of harmonics of one phase whose complex amplitudes drift slowly. Splines for
 these amplitudes, a few cycles between knots, are fitted to the samples by least squares.
@@ -10,16 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
-from scipy.linalg import solve_toeplitz, solveh_banded
-from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.signal import lfilter
+from scipy.linalg import solveh_banded
+from scipy.ndimage import uniform_filter1d
 
-from romsindy.record.signals import crossings, fundamental_frequency
+from romsindy.record.cycles import crossings
+from romsindy.record.noise import HARMONICS
+from romsindy.record.signals import fundamental_frequency
 from romsindy.typing import Array
 
-_HARMONICS = 6
 _CYCLES = 3.0  # between knots
-_NOISE_ORDER = 8
 
 
 def swing(x: Array) -> tuple[Array, int]:
@@ -54,7 +53,7 @@ class HarmonicSpline:
 
     @classmethod
     def along(
-        cls, phase: BSpline, t: Array, x: Array, cycles: float, harmonics: int = _HARMONICS
+        cls, phase: BSpline, t: Array, x: Array, cycles: float, harmonics: int = HARMONICS
     ) -> HarmonicSpline:
         """Fit along a phase that is known, with a knot every so many cycles."""
         n_cycles = (phase(t[-1]) - phase(t[0])) / (2 * np.pi)
@@ -122,83 +121,3 @@ def _fitted(t: Array, x: Array, phase: Array, knots: Array, harmonics: int) -> A
     z = c[:, : harmonics + 1].astype(complex)
     z[:, 1:] -= 1j * c[:, harmonics + 1 :]
     return z
-
-
-@dataclass(frozen=True)
-class Whitener:
-    """Noise of a record: its size, and the filter that makes it white.
-
-    Attributes
-    ----------
-    std : float
-        Standard deviation of the noise, unit of the record.
-    filter : (p + 1,) array
-        Coefficients of an autoregression; [1] for white noise.
-    innovation : float
-        Standard deviation of the filtered noise.
-    floor : float
-        Misfit that does not matter, unit of the record; part of std.
-    """
-
-    std: float
-    filter: Array
-    innovation: float
-    floor: float
-
-    @classmethod
-    def of(cls, rest: Array, cycle: float, floor: float) -> Whitener:
-        """From what a smooth motion leaves of a record.
-
-        The spectrum is taken between the harmonics, where the smooth motion could not follow, and
-        smoothed by a running median, which spectral lines (mains hum, a second mode) do not move.
-
-        Parameters
-        ----------
-        rest : (n,) array
-        cycle : float
-            Samples of a cycle.
-        floor : float
-            Least standard deviation.
-        """
-        order, power = _between_harmonics(rest, cycle)
-        power = power + floor**2
-        # Between low harmonics the smooth motion takes some of the noise, or leaves some of itself:
-        # whether the noise is white is asked above them, if there is enough.
-        above = power[order > _HARMONICS + 0.5]
-        asked = above if len(above) > 200 else power
-        blocks = np.array_split(asked, max(min(6, len(asked) // 15), 1))
-        levels = np.array([np.median(b) / np.log(2) for b in blocks])
-        scatter = 1.8 / np.sqrt([len(b) for b in blocks])  # of the log of a median, lines overlap
-        std = float(np.sqrt(_level(asked)))
-        if np.all(np.abs(np.log(levels / std**2)) < 5 * scatter):
-            return cls(std, np.ones(1), std, floor)
-        smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)
-        lines = np.linspace(0, order[-1], len(rest) // 2 + 1)
-        lags = np.fft.irfft(np.interp(lines, order, smooth))[: _NOISE_ORDER + 1]
-        a = np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
-        white = _between_harmonics(lfilter(a, [1.0], rest), cycle)[1]
-        innovation = np.sqrt(_level(white) + floor**2 * float(a @ a))
-        return cls(float(np.sqrt(lags[0])), a, float(innovation), floor)
-
-    def __call__(self, x: Array) -> Array:
-        """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
-        if len(self.filter) == 1:
-            return x / self.innovation
-        return lfilter(self.filter, [1.0], x, axis=0) / self.innovation
-
-
-def _between_harmonics(x: Array, cycle: float) -> tuple[Array, Array]:
-    """Frequencies over the fundamental, and the spectrum there, where a smooth motion is blind."""
-    n = len(x)
-    power = np.abs(np.fft.rfft(x * np.hanning(n))) ** 2 / np.sum(np.hanning(n) ** 2)
-    order = np.arange(len(power)) * cycle / n
-    between = (np.abs(order % 1 - 0.5) < 0.25) | (order > _HARMONICS + 0.5)
-    between[: min(3, len(between))] = False
-    return order[between], power[between]
-
-
-def _level(power: Array) -> float:
-    """Mean of a white spectrum from its lower 95 %, which a few lines do not move."""
-    cut = np.quantile(power, 0.95)
-    tail = -np.log(0.05)
-    return float(np.mean(power[power <= cut]) / (1 - 0.05 * tail / 0.95))

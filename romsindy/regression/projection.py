@@ -17,9 +17,9 @@ from scipy.special import bernoulli
 from sklearn.base import BaseEstimator
 
 from romsindy.physics.term import Term, WeakForm
+from romsindy.record.cycles import crossings
 from romsindy.record.decay import Decay, Quantity
-from romsindy.record.signals import crossings
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 # From the sensor's signal to the acceleration.
 _DIFFERENTIATIONS: dict[Quantity, int] = {"displacement": 2, "velocity": 1, "acceleration": 0}
@@ -128,7 +128,7 @@ class HarmonicProjection(BaseEstimator):
         """Strong form of any columns (n, n_terms + 1), the last one the target; cycles from q."""
         self._check()
         values, amplitudes = [], []
-        for start, end, amplitude in self._windows(q, 1.0):
+        for start, end, amplitude in self._windows(q, crossings(q, 1.0)[0]):
             n = end - start
             basis = np.exp(-2j * np.pi / n * np.outer(self.harmonics, np.arange(n))) * 2 / n
             values.append(basis @ columns[start:end])
@@ -143,7 +143,7 @@ class HarmonicProjection(BaseEstimator):
         )
         h = np.asarray(self.harmonics)[:, None]
         values, amplitudes = [], []
-        for start, end, amplitude in self._windows(q, dt):
+        for start, end, amplitude in self._windows(q, decay.crossings[0]):
             n = end - start
             inside = slice(start, end + 1)
             basis = np.exp(-2j * np.pi * h * np.arange(n + 1) / n)
@@ -165,8 +165,7 @@ class HarmonicProjection(BaseEstimator):
             amplitudes.append(amplitude)
         return self._stack(values, amplitudes, _DIFFERENTIATIONS[decay.measured])
 
-    def _windows(self, q: Array, dt: float) -> list[tuple[int, int, float]]:
-        up, _ = crossings(q, dt)
+    def _windows(self, q: Array, up: Indices) -> list[tuple[int, int, float]]:
         windows = [
             (int(a), int(b), float(np.ptp(q[a : b + 1])) / 2) for a, b in itertools.pairwise(up)
         ]

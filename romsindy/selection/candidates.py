@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from romsindy.fit.adequacy import FALSE_ALARM
 from romsindy.fit.refine import Fit
+from romsindy.fit.verdict import FALSE_ALARM, ONE_STANDARD_ERROR, TOLD_APART
 from romsindy.selection.linearised_fit import Keys
-
-# Models are told apart where one predicts worse by more than this many standard errors. The choice
-# itself obeys the usual rule of one.
-TOLD_APART = 2.0
 
 CHOSEN = "chosen"
 EQUIVALENT = "not told apart"
@@ -22,7 +18,7 @@ LOST = "cannot be simulated"
 
 
 @dataclass(frozen=True, eq=False)
-class Contender:
+class Structure:
     """One structure, and how it predicts what it has not seen.
 
     Attributes
@@ -70,23 +66,23 @@ class Contender:
         return self.fit is not None and self.fit.verdict.explained
 
 
-def best(contenders: Sequence[Contender]) -> Contender:
+def best(compared: Sequence[Structure]) -> Structure:
     """Smallest candidate, then fewest of its terms, within one standard error of the best."""
-    left = {c.keys for c in judged(contenders) if c.verdict == EQUIVALENT}
-    good = [c for c in contenders if c.keys in left and c.excess <= c.excess_std]
+    left = {c.keys for c in judged(compared) if c.verdict == EQUIVALENT}
+    good = [c for c in compared if c.keys in left and c.excess <= ONE_STANDARD_ERROR * c.excess_std]
     if not good:  # the best prediction failed another test
-        good = [min((c for c in contenders if c.keys in left), key=lambda c: c.excess)]
+        good = [min((c for c in compared if c.keys in left), key=lambda c: c.excess)]
     return min(good, key=lambda c: (c.size, len(c.keys), c.excess))
 
 
-def judged(contenders: Sequence[Contender], chosen: Contender | None = None) -> list[Contender]:
-    """Contenders with their verdicts, by number of coefficients.
+def judged(compared: Sequence[Structure], chosen: Structure | None = None) -> list[Structure]:
+    """Structures with their verdicts, by number of coefficients.
 
     A test that none passes is not held against any: of models that are all wrong, too, one may
     predict best.
     """
-    left = [c for c in contenders if c.verdict != LOST]
-    verdicts = {c.keys: c.verdict for c in contenders}
+    left = [c for c in compared if c.verdict != LOST]
+    verdicts = {c.keys: c.verdict for c in compared}
     explaining = any(c.explained for c in left)
     tests = (
         (INADEQUATE, lambda c: c.explained or c.fit is None or not explaining),
@@ -101,7 +97,7 @@ def judged(contenders: Sequence[Contender], chosen: Contender | None = None) -> 
     verdicts |= {c.keys: EQUIVALENT for c in left}
     if chosen is not None:
         verdicts[chosen.keys] = CHOSEN
-    ordered = sorted(contenders, key=lambda c: (len(c.keys), c.excess))
+    ordered = sorted(compared, key=lambda c: (len(c.keys), c.excess))
     return [replace(c, verdict=verdicts[c.keys]) for c in ordered]
 
 

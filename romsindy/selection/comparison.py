@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.refine import Fit, refine
+from romsindy.fit.verdict import CERTAIN
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.regression.library import ROMLibrary
 from romsindy.regression.projection import HarmonicProjection
-
-# A cycle whose own frequency is less certain than this does not judge a model.
-CERTAIN = 0.01
 
 
 @dataclass(frozen=True, eq=False)

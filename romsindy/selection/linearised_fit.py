@@ -21,12 +21,13 @@ from scipy.linalg import lstsq
 from scipy.signal import freqz
 from scipy.stats import f as f_distribution
 
-from romsindy.fit.output_error import ModelEquation, OutputError, Record
+from romsindy.fit.coefficient import free_coefficients
+from romsindy.fit.record import Record
 from romsindy.fit.refine import Fit, smoothed
+from romsindy.fit.shooting import tables
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.noise import autoregression
-from romsindy.record.signals import crossings
 from romsindy.typing import Array
 
 Keys = tuple[str, ...]
@@ -36,7 +37,7 @@ LARGE = 2 / 3
 
 
 @dataclass(frozen=True, eq=False)
-class Tangent:
+class LinearisedFit:
     """Linear regression of measured motion on its sensitivities, cycle by cycle.
 
     Attributes
@@ -63,31 +64,31 @@ class Tangent:
     colour: float
 
     @classmethod
-    def at(cls, fit: Fit, terms: Sequence[Term]) -> Tangent:
+    def at(cls, fit: Fit, terms: Sequence[Term]) -> LinearisedFit:
         """Linearise about a fit; terms that its model lacks join with coefficient zero."""
-        records = fit.problem.records
+        records = fit.records
         keys = tuple(term.key for term in terms if term.key not in _fixed(fit))
         known = fit.model.coefficients
         extra = [term for term in terms if term.key not in known]
         model = ReducedModel(
             (*fit.model.terms, *extra), (*fit.model.values, *np.zeros(len(extra))), fit.model.unit
         )
-        equation = ModelEquation(smoothed(model, records), keys)
-        values = np.concatenate([equation.values, fit.values[len(fit.free) :]])
-        problem = OutputError.of(equation, records, fit.problem.offset)
+        model = smoothed(model, records)
+        parts = (*free_coefficients(model, keys), *fit.solution.parts[len(fit.free) :])
+        values = np.array([model.coefficients[key] for key in keys])
         blocks, amplitudes, samples = [], [], []
-        residuals = problem.residuals(values)
-        for record, r, j in zip(records, residuals, problem.jacobians(values), strict=True):
-            # Coefficients themselves are sought, and changes of the states.
-            y = r + j[:, : len(keys)] @ values[: len(keys)]
-            table = np.column_stack([j, y]) / record.noise.std
-            for a, b in _cycles(record, len(r)):
-                blocks.append(_compressed(table[a:b]))
-                amplitudes.append(np.ptp(record.decay.q[a:b]) / 2)
+        for i, rows in enumerate(tables(model, parts, records, fit.solution.motions)):
+            # Coefficients themselves are sought, and changes of offsets and states.
+            rows[:, -1] += rows[:, : len(keys)] @ values
+            for a, b in _cycles(records[i]):
+                blocks.append(_compressed(rows[a:b]))
+                amplitudes.append(np.ptp(records[i].decay.q[a:b]) / 2)
                 samples.append(b - a)
         width = blocks[0].shape[1]
         rows = np.array([np.pad(block, ((0, width - len(block)), (0, 0))) for block in blocks])
-        colour = min(_independent(r) for r in residuals)
+        colour = min(
+            _independent(r.whitened(e)) for r, e in zip(records, fit.residuals, strict=True)
+        )
         return cls(
             keys, rows[..., :-1], rows[..., -1], np.array(amplitudes), np.array(samples), colour
         )
@@ -201,10 +202,9 @@ def _flat(x: Array) -> Array:
     return x.reshape(-1, x.shape[-1])
 
 
-def _cycles(record: Record, n: int) -> list[tuple[int, int]]:
+def _cycles(record: Record) -> list[tuple[int, int]]:
     """First and last sample of every cycle; what is left at the ends joins its neighbours."""
-    up = crossings(record.signal, record.decay.dt)[0]
-    return list(itertools.pairwise([0, *up[1:-1].tolist(), n]))
+    return list(itertools.pairwise([0, *record.cycles[1:-1].tolist(), len(record.signal)]))
 
 
 def _independent(x: Array) -> float:

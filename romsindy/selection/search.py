@@ -10,7 +10,8 @@ from joblib import Parallel, delayed
 from scipy.linalg import lstsq
 
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.refine import Fit, refine
+from romsindy.fit.record import Record
+from romsindy.fit.refine import Fit, fit_records
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -19,11 +20,11 @@ from romsindy.regression.projection import HarmonicProjection, Rows
 from romsindy.selection.candidates import (
     EQUIVALENT,
     LOST,
-    Contender,
+    Structure,
     describe,
     judged,
 )
-from romsindy.selection.linearised_fit import Keys, Tangent
+from romsindy.selection.linearised_fit import Keys, LinearisedFit
 from romsindy.typing import Array, Indices
 
 # Cycles are dealt into this many parts for the screening by regression.
@@ -91,11 +92,11 @@ class Screen:
 class Search:
     """Fits that were made so far, and where new ones start."""
 
-    decays: list[Decay]
+    records: tuple[Record, ...]
     screen: Screen
     terms: dict[str, Term]
     progress: Callable[[str], None]
-    tangent: Tangent | None = None
+    linearised: LinearisedFit | None = None
     fits: dict[Keys, Fit | None] = field(default_factory=dict)
 
     def first(self, structures: Sequence[Keys]) -> Fit:
@@ -115,69 +116,70 @@ class Search:
     def fit(self, keys: Keys) -> Fit | None:
         """Fit by simulation; None where the model cannot be simulated."""
         self.progress(f"fitting {describe(keys)}")
-        self.fits[keys] = _refined(self.decays, self._starts(keys), self.screen.fixed)
+        self.fits[keys] = _refined(self.records, self._starts(keys), self.screen.fixed)
         return self.fits[keys]
 
     def compare(
         self, fit: Fit, structures: Sequence[Keys], sparse: bool = False
-    ) -> list[Contender]:
+    ) -> list[Structure]:
         """Every structure beside the others, seen from one fit."""
         every = dict.fromkeys([*structures, *self.fits])
         used = {key for keys in every for key in keys}
-        tangent = Tangent.at(fit, [term for key, term in self.terms.items() if key in used])
-        self.tangent = tangent
-        errors = {keys: tangent.cycle_errors(keys) for keys in every}
+        linearised = LinearisedFit.at(
+            fit, [term for key, term in self.terms.items() if key in used]
+        )
+        self.linearised = linearised
+        errors = {keys: linearised.cycle_errors(keys) for keys in every}
         if sparse:
             start = min(errors, key=lambda keys: float(errors[keys].sum()))
             for keys in [*_largest(structures), start]:
-                for step in tangent.sparse_path(keys):
+                for step in linearised.sparse_path(keys):
                     if step not in errors:
-                        errors[step] = tangent.cycle_errors(step)
+                        errors[step] = linearised.cycle_errors(step)
         self.progress(f"compared {len(errors)} structures, seen from {describe(fit.free)}")
-        return self._contenders(tangent, errors, structures)
+        return self._weighed(linearised, errors, structures)
 
-    def _contenders(
-        self, tangent: Tangent, errors: Mapping[Keys, Array], structures: Sequence[Keys]
-    ) -> list[Contender]:
-        # Where a model was fitted by simulation, what the tangent has not seen is added.
-        bent = {keys: self._bend(tangent, keys) for keys in errors}
+    def _weighed(
+        self, linearised: LinearisedFit, errors: Mapping[Keys, Array], structures: Sequence[Keys]
+    ) -> list[Structure]:
+        # Where a model was fitted by simulation, what the linearised fit has not seen is added.
+        bent = {keys: self._bend(linearised, keys) for keys in errors}
         totals = {keys: float(e.sum()) + bent[keys] for keys, e in errors.items()}
         # Sparse subsets were sought for their small error: they are no fair measure of the others.
         leader = min(structures, key=lambda keys: totals[keys])
         sizes = [(len(keys), set(keys)) for keys in structures]
-        contenders = []
+        compared = []
         for keys, error in errors.items():
             difference = error - errors[leader]
             fit = self.fits.get(keys)
-            residual = (tangent.chi_squared(keys) + bent[keys]) / tangent.freedom(keys)
-            contenders.append(
-                Contender(
+            residual = (linearised.chi_squared(keys) + bent[keys]) / linearised.freedom(keys)
+            compared.append(
+                Structure(
                     keys,
                     min(size for size, whole in sizes if whole >= set(keys)),
                     fit.adequacy if fit else float(np.sqrt(residual)),
                     totals[keys] - totals[leader],
                     float(np.std(difference) * np.sqrt(len(difference))),
-                    *tangent.forecast(keys),
+                    *linearised.forecast(keys),
                     fit,
                     LOST if keys in self.fits and fit is None else "",
                 )
             )
-        return contenders
+        return compared
 
-    def _bend(self, tangent: Tangent, keys: Keys) -> float:
+    def _bend(self, linearised: LinearisedFit, keys: Keys) -> float:
         fit = self.fits.get(keys)
         if fit is None:
             return 0.0
-        pairs = zip(fit.residuals, fit.noise, strict=True)
-        return sum(float(r @ r) / n.std**2 for r, n in pairs) - tangent.chi_squared(keys)
+        return fit.chi_squared - linearised.chi_squared(keys)
 
-    def survivors(self, path: list[Contender], count: int, n_jobs: int | None) -> list[Contender]:
+    def survivors(self, path: list[Structure], count: int, n_jobs: int | None) -> list[Structure]:
         """Fit the best of those that cannot be told apart by simulation, too."""
         equal = [c for c in judged(path) if c.verdict == EQUIVALENT]
         new = [c for c in sorted(equal, key=lambda c: c.excess) if c.fit is None][: count - 1]
         self.progress(f"fitting {len(new)} that may be as good")
         jobs = [
-            delayed(_refined)(self.decays, self._starts(c.keys), self.screen.fixed) for c in new
+            delayed(_refined)(self.records, self._starts(c.keys), self.screen.fixed) for c in new
         ]
         fits = dict(zip((c.keys for c in new), Parallel(n_jobs)(jobs), strict=True))
         return [
@@ -193,9 +195,9 @@ class Search:
         ]
 
     def _starts(self, keys: Keys) -> list[ReducedModel]:
-        """Coefficients from the tangent, if there is one, and from regression."""
+        """Coefficients from the linearised fit, if there is one, and from regression."""
         known = dict(self.screen.fixed)
-        solutions = [self.tangent.solve(keys)] if self.tangent else []
+        solutions = [self.linearised.solve(keys)] if self.linearised else []
         return [
             ReducedModel(
                 tuple(self.terms[key] for key in (*keys, *known)),
@@ -207,14 +209,14 @@ class Search:
 
 
 def _refined(
-    decays: list[Decay], starts: Sequence[ReducedModel], fixed: Mapping[str, float]
+    records: Sequence[Record], starts: Sequence[ReducedModel], fixed: Mapping[str, float]
 ) -> Fit | None:
     for start in starts:
         try:
-            fit = refine(start, decays, fixed=tuple(fixed))
+            fit = fit_records(start, records, tuple(fixed))
         except TrajectoryError:
             continue
-        if fit.message.startswith("interrupted"):
+        if fit.solution.interrupted:
             raise KeyboardInterrupt
         return fit
     return None

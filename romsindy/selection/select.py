@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.refine import Band, Fit
+from romsindy.fit.refine import Band, Fit, prepared
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -22,7 +22,7 @@ from romsindy.regression.library import ROMLibrary, library_terms
 from romsindy.selection.candidates import (
     CHOSEN,
     EQUIVALENT,
-    Contender,
+    Structure,
     best,
     judged,
 )
@@ -47,14 +47,14 @@ class Selection:
     ----------
     fit : Fit
         Of the chosen model.
-    path : tuple of Contender
+    path : tuple of Structure
         Everything that was compared, by number of coefficients.
     message : str
         How the search ended.
     """
 
     fit: Fit
-    path: tuple[Contender, ...]
+    path: tuple[Structure, ...]
     message: str
 
     @property
@@ -63,13 +63,13 @@ class Selection:
         return self.fit.model
 
     @property
-    def chosen(self) -> Contender:
+    def chosen(self) -> Structure:
         """The chosen model's place in the path."""
         return next(c for c in self.path if c.verdict == CHOSEN)
 
     @property
-    def equivalent(self) -> tuple[Contender, ...]:
-        """Contenders that the data cannot tell from the chosen one."""
+    def equivalent(self) -> tuple[Structure, ...]:
+        """Structures that the data cannot tell from the chosen one."""
         return tuple(c for c in self.path if c.verdict == EQUIVALENT)
 
     def band(self, amplitudes: ArrayLike) -> Band:
@@ -134,7 +134,7 @@ class Selection:
         return f"<Selection: {self.chosen.name}; {len(self.equivalent)} not told apart>"
 
 
-def _row(c: Contender) -> list[str]:
+def _row(c: Structure) -> list[str]:
     return [
         str(len(c.keys)),
         c.name,
@@ -174,8 +174,8 @@ def select_model(
 ) -> Selection:
     """Find the smallest model that explains the data and predicts as well as the best one.
 
-    Every contender is judged by cycles that were left out of its fit, each predicted from all
-    others, and by the largest amplitudes, predicted from those below. Of the contenders that
+    Every structure is judged by cycles that were left out of its fit, each predicted from all
+    others, and by the largest amplitudes, predicted from those below. Of the structures that
     explain the data and predict within one standard error of the best candidate, that of the
     smallest candidate is chosen, with the fewest of its terms. Where none explains the data, the
     same holds without that condition. Models within two standard errors are reported as not told
@@ -211,8 +211,7 @@ def select_model(
         If none of the most promising candidates can be simulated.
     """
     several = [decays] if isinstance(decays, Decay) else list(decays)
-    if not several:
-        raise ValueError("decays is empty: give at least one Decay")
+    records = prepared(several, several[0].unit if several else None)
     if survivors < 1:
         raise ValueError(f"survivors = {survivors!r} must be at least 1: the chosen model")
     known = dict(fixed or {})
@@ -222,8 +221,8 @@ def select_model(
         libraries += [default_candidates(orders) for orders in more]
     stages = [_structures(stage, known) for stage in libraries]
     terms = {term.key: term for term in _terms(libraries[-1])}
-    screen = Screen.of(several, terms, known)
-    search = Search(several, screen, terms, progress or (lambda line: None))
+    screen = Screen.of([r.decay for r in records], terms, known)
+    search = Search(records, screen, terms, progress or (lambda line: None))
     fit = search.first(stages[0])
     message, path = "search complete", search.compare(fit, [fit.free])
     structures = stages.pop(0)

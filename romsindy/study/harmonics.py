@@ -10,7 +10,6 @@ from sklearn.model_selection import GridSearchCV, KFold
 
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.record.signals import crossings
 from romsindy.regression.estimator import HarmonicSINDy
 
 CHOICES = tuple(tuple(range(top + 1)) for top in range(2, 8))
@@ -26,7 +25,7 @@ def blocks(decay: Decay, cycles: int = _BLOCK) -> list[Decay]:
     ValueError
         If the decay has fewer than four blocks of cycles.
     """
-    up, _ = crossings(decay.q, decay.dt)
+    up, _ = decay.crossings
     starts = up[:-cycles:cycles]
     if len(starts) < 4:
         raise ValueError(

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from romsindy.beam.sensors import SensorArray
-from romsindy.fit.measured import Measured
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import MOVING
 from romsindy.record.decay import Decay
 from romsindy.record.units import parse_unit
-
-_MOVING = 0.3  # of the largest speed, at which a record does not start from rest
 
 
 def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) -> Decay:
@@ -51,10 +50,10 @@ def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) 
     return Decay(decay.t, decay.q.reshape(len(decay.t), -1), unit="m")
 
 
-def check_release(record: Measured, i: int) -> None:
+def check_release(record: Record, i: int) -> None:
     """Raise a ValueError for a record that does not start from rest."""
     speed = np.abs(record.motion.q_dot)
-    if speed[0] > _MOVING * speed.max():
+    if speed[0] > MOVING * speed.max():
         turns = np.flatnonzero(np.diff(np.sign(record.motion.q_dot)))
         start = record.decay.t[0] + turns[turns > 0][0] * record.motion.grid.step
         raise ValueError(

@@ -15,14 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.beam import Beam
-from romsindy.diagnosis.gap import held_out_solution
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
 from romsindy.diagnosis.on_beam.release import load_at_release
 from romsindy.fit.collocation import integrate
+from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import ExtendedEquation, Part, read
+from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
@@ -56,7 +56,7 @@ def corrected(
     seen: InstrumentedBeam,
     model: ReducedModel,
     parts: Sequence[Part],
-    record: Measured,
+    record: Record,
     decay: Decay,
     load: Array | None = None,
 ) -> Corrected:
@@ -69,7 +69,7 @@ def corrected(
     seen : InstrumentedBeam
     model : ReducedModel
     parts : sequence of Part
-    record : Measured
+    record : Record
         Coordinate of a decay.
     decay : Decay
         Displacements of the sensors from which the coordinate was made, m.
@@ -78,7 +78,7 @@ def corrected(
     """
     parts = on_the_beam(parts)
     beam = beam_with(seen.beam, parts)
-    solution = held_out_solution(model, parts, record)
+    solution = fit(model, parts, [record], fixed=True, iterations=25)
     start = solution.motions[0].q[:1]
     if not np.isfinite(solution.chi_squared):
         start = record.motion.q[:1]

@@ -209,7 +209,7 @@ class DampingEffect(BeamEffect):
     curve : StaticCurve
     change : type
         Of `romsindy.beam.changes`, in one number.
-    name, label, unit, advice : str
+    name, label, fixed_unit, advice : str
     tolerance : float, optional
         Standard deviation of the change, where it is known to be near 0.
     """
@@ -218,7 +218,7 @@ class DampingEffect(BeamEffect):
     change: type
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
-    unit: str  # type: ignore[misc]
+    fixed_unit: str  # type: ignore[misc]
     advice: str  # type: ignore[misc]
     tolerance: float | None = None  # type: ignore[misc]
 

@@ -46,7 +46,7 @@ class ParameterEffect(TermEffect, BeamEffect):
         What a unit of the change does to the coefficients.
     change : type
         What `Beam.with_effect` takes, in one number.
-    name, label, unit : str
+    name, label, fixed_unit : str
     sign : int
     at : float, optional
         Where a point mass is, m; None is the right end.
@@ -58,7 +58,7 @@ class ParameterEffect(TermEffect, BeamEffect):
     change: type
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
-    unit: str  # type: ignore[misc]
+    fixed_unit: str  # type: ignore[misc]
     sign: int = 0  # type: ignore[misc]
     at: float | None = None
     tolerance: float | None = None  # type: ignore[misc]

@@ -23,13 +23,14 @@ from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.workflow import FLOOR, diagnose_model
+from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.measured import Measured
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import noise_std
@@ -54,7 +55,7 @@ def diagnose_beam(
     free: Sequence[str | Effect] = (),
     tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
-    false_alarm: float = 0.01,
+    false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
     floor: float = FLOOR,
     n_jobs: int = 1,
@@ -76,7 +77,7 @@ def diagnose_beam(
     everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
     seen = InstrumentedBeam(beam, sensors)
     for i, decay in enumerate(everything):
-        check_release(Measured.of(seen.decay(decay), floor), i)
+        check_release(Record.loud(seen.decay(decay), floor), i)
     seen, own, faults, decays = _with_right_sensors(seen, everything, len(several))
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(several)]
@@ -87,7 +88,7 @@ def diagnose_beam(
     unsure = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += [replace(e, tolerance=near[e.name]) for e in effects if e.name in near]  # type: ignore[type-var]
     effects = tuple(e for e in effects if e.name != "point_masses")
-    records = [Measured.of(d, floor) for d in coordinates]
+    records = [Record.loud(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
 
     def look(decays: Sequence[Decay], most: int, floor: float = floor) -> DiagnosisReport:

@@ -1,0 +1,50 @@
+"""A coefficient of the model that is to be found: a part of the equation like any effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from romsindy.effects.base import TermEffect
+from romsindy.fit.part import Part
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
+
+
+@dataclass(frozen=True)
+class Coefficient(TermEffect):
+    """Another value of one coefficient; the strength is the change."""
+
+    of: Term
+
+    name, family = "coefficient", "stiffness"
+    label = "another coefficient than assumed"
+
+    @property
+    def variant(self) -> str:
+        """Name of the coefficient."""
+        return self.of.key
+
+    def term(self) -> Term:
+        """The term of the model itself."""
+        return self.of
+
+
+def free_coefficients(model: ReducedModel, names: Sequence[str]) -> tuple[Part, ...]:
+    """Changes, 0 at first, of some coefficients of a model."""
+    terms = {term.key: term for term in model.terms}
+    return tuple(Part(Coefficient(terms[name]), (), np.zeros((1, 1))) for name in names)
+
+
+def extended(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
+    """The model with the terms of the parts added; parts that are no terms are left out."""
+    terms = {t.key: t for t in model.terms}
+    values = model.coefficients
+    for part in parts:
+        term = part.effect.term()
+        if term is not None:
+            terms[term.key] = terms.get(term.key, term)
+            values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])
+    return replace(model, terms=tuple(terms.values()), values=tuple(values[k] for k in terms))

@@ -1,0 +1,67 @@
+"""Every number that decides a verdict, once, with the probability or the error it stands for.
+
+Numbers that only steer computations (steps, iterations, starting values) stay where they are used.
+"""
+
+from __future__ import annotations
+
+# -- does a model explain its data? (`romsindy.fit.adequacy`) ---------------------------------
+
+# A right model is said to leave what repeats with the vibration this often (F test).
+FALSE_ALARM = 0.01
+# Rms of the residual over the noise. The level of the noise of a record is known to 4 % (white) or
+# 10 % (coloured, with lines) by `record.noise`: beyond, something is missing wherever it lies.
+EXPLAINED = 1.10
+# Chi-square over degrees of freedom of what repeats with the vibration. A significant misfit of
+# less than 30 % of the noise in power, 14 % in amplitude, where noise is least, does not matter.
+STRUCTURE = 1.3
+
+# -- which terms do the data ask for? (`romsindy.selection`) ----------------------------------
+
+# Standard errors by which a candidate must predict held-out cycles worse to be told apart: 95 %.
+TOLD_APART = 2.0
+# Standard errors within which the smallest candidate is chosen: the rule of one standard error,
+# L. Breiman et al., "Classification and Regression Trees", 1984, section 3.4.3.
+ONE_STANDARD_ERROR = 1.0
+# A cycle whose own frequency has a larger relative standard error does not judge a model.
+CERTAIN = 0.01
+
+# -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.checks`) -------
+
+# What vibrates below this part of the largest amplitude is not looked at: 40 dB.
+QUIET = 0.01
+# A record starts with its release if its first cycle is this large a part of the largest: less
+# than the decay of a cycle at a damping ratio of 3.5 %.
+RELEASED = 0.8
+# Fewer cycles tell nothing about an effect; a frequency further off is that of another mode.
+LEAST_CYCLES, OTHER_MODE = 3, 1.5
+# The vibration must be this many times the noise in the rms: 6 dB.
+ABOVE_NOISE = 2.0
+# How near to -1 times the asymmetry of the model that of a reversed record is: its standard error
+# must be half of this at most, so that the other sign is 11 standard errors off.
+REVERSED = 0.3
+# Chi-square of reversed records over that of the records as they are, at most, and over that with
+# a quadratic force that explains them: then the force is the plainer explanation.
+REVERSED_IS_BETTER, REVERSED_IS_NO_WORSE = 0.5, 1.02
+
+# -- what does a simulation lack? (`romsindy.diagnosis`) --------------------------------------
+
+# Difference of minus twice the logarithm of the evidence up to which hypotheses are not told
+# apart: odds of exp(7 / 2) = 33 to 1 ("strong" on the scale of R. Kass, A. Raftery, JASA 90, 1995).
+EQUIVALENT = 7.0
+# Rise of chi-square up to which an exponent is rounded to that of the textbook: two standard
+# errors of one value.
+ROUNDED = 4.0
+# Where the gap stays open, another effect must bring the misfit down by this factor to count.
+WORTH = 2.0
+# A record that took no part is predicted where its error is at most this many times the noise:
+# `EXPLAINED`, and as much again for the errors of the fitted values and of the amplitudes beyond.
+PREDICTED = 1.25
+# A gap that an effect may leave in the screening, where its shape is but a guess.
+SCREENED = 0.01
+# Disagreement that does not matter, as a part of the largest amplitude: 74 dB, what the best
+# sensors reach.
+FLOOR = 2e-4
+# A beam whose coordinate moves at this part of its largest speed at the first sample was not let
+# go from rest: the amplitude would be 5 % off.
+MOVING = 0.3

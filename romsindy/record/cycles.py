@@ -1,0 +1,206 @@
+"""The one split of a record into cycles, and what follows from it.
+
+Midline and rest level, integration without drift, and the free part of a decay. Arrays have time
+on axis 0. Nothing here knows what was measured.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from scipy.interpolate import make_interp_spline, make_lsq_spline
+from scipy.ndimage import uniform_filter1d
+
+from romsindy.record.signals import fundamental_frequency, lowpass, noise_std
+from romsindy.typing import Array, Indices
+
+
+def crossings(x: Array, dt: float) -> tuple[Indices, Indices]:
+    """Last samples before the up- and the down-crossings of zero, one each a cycle.
+
+    They are found on the signal below three times its fundamental, so that noise and higher modes
+    add none; the frequency may change by a factor of three along the decay.
+
+    Parameters
+    ----------
+    x : (n,) array
+    dt : float
+        Sampling interval in s.
+
+    Returns
+    -------
+    up, down : integer arrays
+        ``down[k]`` lies between ``up[k]`` and ``up[k + 1]``.
+
+    Raises
+    ------
+    ValueError
+        If the record holds fewer than three cycles.
+    """
+    smooth = lowpass(x, dt, 3 * fundamental_frequency(x, dt))
+    below = smooth < 0
+    up = np.flatnonzero(below[:-1] & ~below[1:])
+    down = np.flatnonzero(~below[:-1] & below[1:])
+    down = down[down > up[0]] if len(up) else down
+    if len(up) < 4:
+        raise ValueError(
+            f"the record of {len(x) * dt:.4g} s crosses zero upwards {len(up)} times, so it holds"
+            " fewer than three full cycles: record longer, or remove the offset of the signal"
+        )
+    return up, down[: len(up)]
+
+
+def integrate(x: Array, dt: float) -> Array:
+    """Integrate one channel over time and remove the drift.
+
+    The integration constant, an offset and slow noise of the sensor leave a wandering midline.
+    The midline between the turning points is drawn through the record and subtracted: at the
+    ends this is far better than a high-pass filter. The cost: the mean of an asymmetric
+    vibration, which a velocity cannot show, is set to zero too.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Rate of the wanted quantity.
+    dt : float
+        Sampling interval in s.
+    """
+    t = dt * np.arange(len(x))
+    q = make_interp_spline(t, x, k=5).antiderivative()
+    cycle = 1 / fundamental_frequency(x, dt)
+    turning, midline, _ = _midline(q(t), dt, cycle)
+    return q(t) - _smooth_curve(turning, midline, t, 2 * cycle)
+
+
+def rest_level(x: Array, dt: float) -> float:
+    """Where a decaying vibration comes to rest; 0 where it cannot be told from 0.
+
+    The midline between the turning points, which an asymmetric vibration shifts in proportion to
+    amplitude^2, is extrapolated to no amplitude. Less than 1 % of the largest amplitude, or less
+    than four standard errors, counts as 0.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Displacement.
+    dt : float
+        Sampling interval in s.
+    """
+    _, midline, swing = _midline(x, dt, 1 / fundamental_frequency(x, dt))
+    # The later half; at the very end a half-cycle may be cut short.
+    quiet = np.arange(len(swing) // 2, max(len(swing) - 3, len(swing) // 2 + 3))
+    if swing[quiet].min() > 0.7 * swing.max():
+        return 0.0  # a steady asymmetric vibration looks the same as an offset
+    basis = np.stack([np.ones(len(quiet)), swing[quiet] ** 2 / np.max(swing) ** 2], axis=1)
+    inverse = np.linalg.pinv(basis.T @ basis)
+    level, slope = inverse @ (basis.T @ midline[quiet])
+    misfit = midline[quiet] - basis @ [level, slope]
+    error = np.sqrt(misfit @ misfit / max(len(quiet) - 2, 1) * inverse[0, 0])
+    return float(level) if abs(level) > max(0.01 * swing.max(), 4 * error) else 0.0
+
+
+def _midline(x: Array, dt: float, cycle: float) -> tuple[Array, Array, Array]:
+    """Times of turning points, the middle of the vibration there, and its size."""
+    t = dt * np.arange(len(x))
+    rough = x - _smooth_curve(t, x, t, 3 * cycle)
+    turning = _turning_points(t, rough, dt)
+    levels = make_interp_spline(t, x, k=5)(turning)
+    # (previous + 2 this + next)/4 cancels the vibration and its linear decay.
+    midline = (levels[:-2] + 2 * levels[1:-1] + levels[2:]) / 4
+    swing = np.abs(levels[:-2] - 2 * levels[1:-1] + levels[2:]) / 4
+    return turning[1:-1], midline, swing
+
+
+def _turning_points(t: Array, q: Array, dt: float) -> Array:
+    """Times of the largest deflections between the zero crossings, by parabolas."""
+    bounds = np.sort(np.concatenate(crossings(q, dt)))
+    largest = np.array([i + np.argmax(np.abs(q[i:j])) for i, j in itertools.pairwise(bounds)])
+    largest = np.clip(largest, 1, len(q) - 2)
+    before, at, after = q[largest - 1], q[largest], q[largest + 1]
+    bend = before - 2 * at + after
+    offset = np.where(bend != 0, (before - after) / (2 * np.where(bend != 0, bend, 1.0)), 0.0)
+    return t[largest] + dt * np.clip(offset, -0.5, 0.5)
+
+
+def _smooth_curve(t: Array, x: Array, at: Array, spacing: float) -> Array:
+    """Least-squares cubic spline with knots ``spacing`` apart, constant beyond its ends."""
+    n_inner = int((t[-1] - t[0]) / spacing)
+    inner = np.quantile(t, np.linspace(0, 1, min(n_inner, len(t) // 4) + 2)[1:-1])
+    degree = min(3, len(t) - 1)
+    knots = np.concatenate([[t[0]] * (degree + 1), inner, [t[-1]] * (degree + 1)])
+    return make_lsq_spline(t, x, knots, k=degree)(np.clip(at, t[0], t[-1]))
+
+
+def free_part(x: Array, dt: float) -> tuple[int, int, float]:
+    """Samples [start, end) of the free decay within a record, and the level of rest.
+
+    The start is the first turning point that comes within 10 % of the largest one: a hold before
+    the release, or a blow from rest, is left out. The end is where the amplitude falls for good
+    below three times the noise.
+
+    Parameters
+    ----------
+    x : (n,) array
+    dt : float
+        Sampling interval in s.
+
+    Raises
+    ------
+    ValueError
+        If fewer than three cycles follow the start, or the amplitude grows.
+    """
+    noise = noise_std(x)
+    size = np.abs(x)
+    high = int(np.argmax(size >= 0.9 * size.max()))
+    change = np.flatnonzero(np.signbit(x[high:]) != np.signbit(x[high]))
+    stroke = size[high : high + int(change[0])] if len(change) else size[high:]
+    # The last of the largest samples: where a hold at the release position ends.
+    start = high + int(
+        np.flatnonzero(stroke >= stroke.max() - max(1e-3 * stroke.max(), 3 * noise))[-1]
+    )
+    _refuse_late_start(x, start, dt)
+    # The period comes from the swing alone: a hold before it would drown it in the spectrum.
+    period = round(1 / (fundamental_frequency(x[start:], dt) * dt))
+    rest = rest_level(x[start:], dt)
+    power = uniform_filter1d(np.square(x - rest), min(period, len(x)))
+    amplitude = np.sqrt(2 * np.clip(power - noise**2, 0, None))
+    loud = np.flatnonzero(amplitude >= 3 * noise)
+    end = int(loud[-1]) + 1 if len(loud) else 0
+    # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
+    start = start if start > period / 4 else 0
+    end = end if len(x) - end > period else len(x)
+    if end - start < 3 * period:
+        raise ValueError(
+            f"only {max(end - start, 0) / period:.1f} cycles after the release (at {start * dt:.4g}"
+            " s of the record) stand out of the noise, fewer than three cycles: record longer, or"
+            " filter the record first"
+        )
+    _refuse_growth(amplitude[start:end], period)
+    return start, end, rest
+
+
+def _refuse_late_start(x: Array, start: int, dt: float) -> None:
+    """Many large strokes before the largest one, and fewer after it, are no free decay."""
+    large = np.flatnonzero(np.abs(x) > 0.3 * np.abs(x).max())
+    reversals = large[1:][np.diff(np.sign(x[large])) != 0]
+    before = int(np.searchsorted(reversals, start))
+    if before >= 6 and before > len(reversals) - before:
+        raise ValueError(
+            f"{before // 2} cycles come before the largest amplitude (at {start * dt:.4g} s of"
+            f" the record), {(len(reversals) - before) // 2} after it: the record grows, so it is"
+            " forced or not a free decay; cut it with start= and end="
+        )
+
+
+def _refuse_growth(amplitude: Array, period: int) -> None:
+    ends = slice(period, -period) if len(amplitude) > 4 * period else slice(None)
+    floor = 1e-6 * amplitude.max()  # where noise was taken off, nothing may be left
+    growth = np.polyfit(
+        np.linspace(0, 1, len(amplitude[ends])), np.log(np.maximum(amplitude[ends], floor)), 1
+    )[0]
+    if growth > 0.05:
+        raise ValueError(
+            f"the amplitude grows by {np.expm1(growth):.0%} over the record: it is forced or not a"
+            " free decay; cut it with start= and end="
+        )
