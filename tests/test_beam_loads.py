@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import beam_oracles as oracles
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from romsindy.beam import Beam, Section
+from romsindy.beam import PINNED, Beam, Section, Support
 from romsindy.beam.changes import ClampCompliance, ExtraTension
 from romsindy.beam.spring import Spring
 from romsindy.effects import (
@@ -28,7 +30,7 @@ from romsindy.effects import (
     TwoSidedGap,
 )
 from romsindy.effects.mounting import Point
-from romsindy.physics.damping import CoulombFriction, PowerDamping
+from romsindy.physics.damping import Friction, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import GapForce, MagnetForce, Stiffness, StopForce
 
@@ -37,8 +39,8 @@ FORCES = [
     Spring(stiffness=30.0, anchor=(0.6, 0.1), natural_length=0.05),
     Load(Stiffness(3), 200.0, AtPoint(direction=(1.0, 2.0))),
     Load(PowerDamping(1), 0.3, AtPoint(direction=(1.0, 1.0))),
-    Load(CoulombFriction(creep=0.5), 0.2),
-    Load(CoulombFriction(creep=0.5), 0.2, ANCHOR),
+    Load(Friction(creep=0.5), 0.2),
+    Load(Friction(creep=0.5), 0.2, ANCHOR),
     Load(PowerDamping(1.7), 0.2, ANCHOR),
     Load(StopForce(0.01), 100.0),
     Load(GapForce(0.01), 100.0, AtPoint(direction=(0.0, -1.0), datum=0.003)),
@@ -159,6 +161,22 @@ def test_clamp_compliance_is_an_elastic_clamp():
     assert_allclose(omega, oracles.elastic_clamp_root(5.0) ** 2, rtol=1e-5)
 
 
+def test_clamp_compliance_is_in_series_with_the_stiffness_of_the_clamp():
+    """A clamp of 5 N m/rad that gives way by 0.2 rad/(N m) more is one of 2.5 N m/rad."""
+    elastic = replace(bare(), left=Support.elastic(5.0)).with_effect(ClampCompliance(0.2))
+    assert elastic.left.rotational_stiffness == pytest.approx(2.5, rel=1e-15)
+    omega = elastic.modes(count=1).omega[0]
+    assert_allclose(omega, oracles.elastic_clamp_root(2.5) ** 2, rtol=1e-5)
+    twice = bare().with_effect(ClampCompliance(0.2)).with_effect(ClampCompliance(0.3))
+    assert twice.left.rotational_stiffness == pytest.approx(2.0, rel=1e-15)
+
+
+def test_clamp_compliance_keeps_what_else_the_support_holds():
+    """A clamp that slides along the beam still slides."""
+    sliding = replace(bare(), left=Support((False, True, True)))
+    assert sliding.with_effect(ClampCompliance(0.2)).left.fixed == (False, True, False)
+
+
 def test_a_grounded_spring_carries_a_tip_load():
     """A grounded linear spring beside the beam's own 3 EI / L^3."""
     beam = bare().with_effect(Load(Stiffness(1), 7.0))
@@ -228,7 +246,7 @@ def test_point_between_nodes_shares_its_force():
     ("make", "message"),
     [
         (lambda: Load(PowerDamping(1), float("nan")), "strength must be a finite number"),
-        (lambda: Load(CoulombFriction(), 0.1), "CoulombFriction jumps: give it a creep"),
+        (lambda: Load(Friction(), 0.1), "Friction jumps: give it a creep"),
         (lambda: Load(Inertia(3), 0.1), "Inertia is no force"),
         (lambda: Load(Stiffness(1), 1.0, AlongBeam()), "mount it AtPoint or TowardsAnchor"),
         (lambda: NonlinearInertia().on_beam(1.0), "NonlinearInertia names no place on a beam"),
@@ -237,6 +255,10 @@ def test_point_between_nodes_shares_its_force():
         (lambda: TowardsAnchor((0.1, 0.2), length=-1.0), "length = -1.0 m must be zero or"),
         (lambda: PointMass(-0.1), "mass must be zero or positive"),
         (lambda: ClampCompliance(0.0), "compliance must be positive"),
+        (
+            lambda: replace(bare(), left=PINNED).with_effect(ClampCompliance(0.1)),
+            "the left end turns freely",
+        ),
         (lambda: Spring(stiffness=float("inf")), "stiffness must be a finite number"),
         (
             lambda: Beam.cantilever().with_effect(Damper().on_beam(1.0, AtPoint(0.9))),

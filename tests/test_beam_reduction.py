@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import beam_oracles as oracles
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from romsindy.beam import CLAMPED, Beam, Section, relative_error, solve_static_cases
+from romsindy.beam import CLAMPED, Beam, Section, relative_error
 from romsindy.physics.model import ReducedModel
 
 # so slender that stretch and shear change nothing above 1e-6
@@ -78,18 +80,79 @@ def test_default_system_fitted_over_its_release():
     assert_allclose(model["Upsilon_5"], 5.05e4, rtol=0.06)
 
 
+@pytest.fixture(scope="module")
+def default_curve():
+    beam = Beam.cantilever(elements=40)
+    return beam, beam.static_curve(amplitude=0.0235, cases=94)  # steps of 0.0005
+
+
+# Inertia x'^T M x' - 1 and restoring force over q of the default beam, converged in elements and
+# cases, as measured with differences of the shapes before there was a StaticCurve.
+TABLE = {
+    0.003: (0.0021, 1477.8),
+    0.006: (0.0083, 1497.5),
+    0.012: (0.0339, 1583.2),
+    0.018: (0.0789, 1692.2),
+    0.0225: (0.1282, 1780.5),
+    0.0235: (0.1412, 1801.2),
+    -0.003: (0.0021, 1508.6),
+    -0.012: (0.0337, 1650.1),
+    -0.0235: (0.1407, 1857.6),
+}
+
+
+def test_static_curve_of_the_default_beam(default_curve):
+    _, curve = default_curve
+    for q, (h, stiffness) in TABLE.items():
+        at = int(np.argmin(np.abs(curve.q - q)))
+        assert curve.q[at] == pytest.approx(q, abs=1e-12)
+        assert curve.inertia[at] - 1.0 == pytest.approx(h, abs=6e-5)  # printed to four digits
+        assert curve.force[at] / q == pytest.approx(stiffness, rel=1e-4)
+
+
+def test_tangents_and_force_agree_with_differences(default_curve):
+    """Central differences over twice the step of 0.0005: errors of second order, 1e-4 at most."""
+    beam, curve = default_curve
+    step = (curve.q[2:] - curve.q[:-2])[:, None, None]
+    slope = (curve.shapes[2:] - curve.shapes[:-2]) / step
+    inertia = [np.vdot(d, beam.assembly.mass_times(d)) for d in slope]
+    assert_allclose(curve.inertia[1:-1], inertia, rtol=1e-4)
+    energy = [beam.assembly.strain(x) + beam.assembly.potential(x) for x in curve.shapes]
+    work = (np.array(energy)[2:] - np.array(energy)[:-2]) / step[:, 0, 0]
+    assert_allclose(work, curve.force[1:-1], atol=1e-4 * curve.force.max())
+
+
+def test_material_damping_along_the_curve(default_curve):
+    """S = integral of e'^T C e': .465 omega^2 at rest and .570 at the edge of the default beam."""
+    beam, curve = default_curve
+    relative = curve.material_damping / curve.omega2
+    middle = len(curve.q) // 2
+    assert_allclose([relative[middle], relative[-1]], [0.465, 0.570], atol=6e-4)
+    # At rest it is what the modal damping is made of: the residual's derivative to the velocity.
+    x, v = curve.shapes[middle], curve.tangents[middle]
+    only = replace(beam, alpha=0.0, eta=1e-5).assembly
+    force = only.residual(x, 1e-3 * v)[0] - only.residual(x)[0]
+    assert np.vdot(v, force) / 1e-8 == pytest.approx(curve.material_damping[middle], rel=1e-6)
+
+
+@pytest.mark.parametrize("order", [5, 7, 9, 11, 13])
+def test_inertia_of_the_model_holds_to_the_edge(order):
+    """A product of slaves that is cut at q^(order - 1) gave .141, .135, .177 and -.05 there."""
+    model = Beam.cantilever(elements=30).reduce(order=order, amplitude=0.0235)
+    for q in (0.0235, -0.0235):
+        # What a polynomial of order 5 leaves of this h is 0.3 % of it at the edge.
+        assert model.inertia(q) - 1.0 == pytest.approx(TABLE[q][0], rel=4e-3)
+
+
 def test_inertia_of_the_model_is_that_of_the_static_shapes():
     beam = Beam.cantilever(elements=20)
-    cases = solve_static_cases(beam, 1, 0.02, 80)
-    order = np.argsort(cases.q)
-    q, x = cases.q[order], cases.displacement[order]
-    slope = (x[2:] - x[:-2]) / (q[2:] - q[:-2])[:, None, None]
+    curve = beam.static_curve(amplitude=0.02, cases=80)
+    slope = (curve.shapes[2:] - curve.shapes[:-2]) / (curve.q[2] - curve.q[0])
     inertia = [np.vdot(d, beam.assembly.mass_times(d)) for d in slope]
     model = beam.reduce(order=9, amplitude=0.02, cases=80)
     assert isinstance(model, ReducedModel)
-    middle = slice(20, -20)
-    # what a fit of order 8 leaves out shows at its ends; inside, central differences leave 1e-5
-    assert_allclose(model.inertia(q[1:-1])[middle], np.array(inertia)[middle], rtol=2e-4)
+    # central differences leave 1e-5
+    assert_allclose(model.inertia(curve.q[1:-1]), inertia, rtol=2e-4)
 
 
 def test_clamped_clamped_beam_hardens_by_stretching():
@@ -101,6 +164,13 @@ def test_clamped_clamped_beam_hardens_by_stretching():
     model = beam.reduce(order=7, amplitude=0.002).coefficients
     # bending stiffness beside EA: the error is 88 EI / (EA L^2), ten times less for ten times EA
     assert_allclose(model["gamma_3"], 0.5 * 1e5 * 12.3026**2, rtol=1e-3)
+
+
+def test_static_curve_needs_a_mode_and_an_amplitude():
+    with pytest.raises(ValueError, match="mode = 0 does not exist"):
+        Beam.cantilever(elements=5).static_curve(mode=0)
+    with pytest.raises(ValueError, match="amplitude must be positive"):
+        Beam.cantilever(elements=5).static_curve(amplitude=-1.0)
 
 
 def test_relative_error():

@@ -255,7 +255,11 @@ def test_one_function_for_every_simulation():
     assert result.verdict == "none"
     refused(good, "sensors = None: a Beam needs", beam)
     refused(
-        good, "coefficients of a ReducedModel", beam, sensors=sensors, tolerances={"gamma_3": 1}
+        good,
+        "tolerances name 'gamma_3': this beam has",
+        beam,
+        sensors=sensors,
+        tolerances={"gamma_3": 1},
     )
     refused(good, "belong to a Beam", sensors=sensors)
     with pytest.raises(TypeError, match="model is a str: give a ReducedModel or a Beam"):

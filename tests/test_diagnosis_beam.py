@@ -5,23 +5,31 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.interpolate import CubicSpline
 
 import romsindy as rs
-from romsindy.beam import Beam
-from romsindy.beam.changes import ClampCompliance, StifferBending
+from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Support
+from romsindy.beam.changes import ClampCompliance, HeavierMasses, StifferBending
 from romsindy.beam.sensors import Sensor
+from romsindy.beam.spring import Spring
 from romsindy.commands.main import main
-from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam
+from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam, workflow
+from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
-from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
+from romsindy.diagnosis.on_beam.parameters import (
+    damping_effects,
+    parameter_effects,
+    standard_deviations,
+)
 from romsindy.diagnosis.on_beam.report import recipe_of
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
-from romsindy.diagnosis.on_beam.static_curve import StaticCurve
+from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.effects import CATALOGUE, AirDrag, AtPoint, Damper, PointMass
 from romsindy.effects.base import Scales, State
 from romsindy.record.signals import with_noise
@@ -124,7 +132,7 @@ def test_a_force_of_ones_own_is_found():
 
 def test_forces_do_the_work_of_the_beam():
     """Mass damping of unit strength takes the power 2 T, and the mode has unit mass."""
-    curve = StaticCurve.of(SEEN, 0.016)
+    curve = seen_curve(SEEN, 0.016)
     at = np.arange(3, len(curve.q) - 3, 19)
     steps = (curve.shapes[at + 1] - curve.shapes[at - 1]) / (curve.q[2] - curve.q[0])
     power = [2 * BEAM.assembly.kinetic(v) for v in steps]
@@ -140,7 +148,7 @@ def test_forces_do_the_work_of_the_beam():
     np.testing.assert_allclose(unit, 1.0, rtol=1e-4)
 
 
-CURVE = StaticCurve.of(SEEN, 0.016)
+CURVE = seen_curve(SEEN, 0.016)
 FORCES = [
     f.shaped({p.name: p.starts[2] for p in f.parameters(Scales(0.016, 38.0, 20.0))})
     for f in (*mounted_effects(CURVE), *damping_effects(CURVE))
@@ -251,6 +259,121 @@ def test_channels_must_be_those_of_the_sensors(heavier):
         rs.diagnose({}, heavier[:1])
 
 
+def test_one_sensor_is_one_channel():
+    """A decay of shape (n,) belongs to one sensor; numbers agree with their nouns."""
+    one = BEAM.sensors([Sensor(0.45)])
+    t = np.linspace(0, 5, 1251)
+    single = rs.Decay(t, 0.1 * np.exp(-0.2 * t) * np.cos(38.5 * t), unit="m")
+    flat, column = (
+        checked_readings(rs.Decay(t, q, unit="m"), 0, one, 0.45).q
+        for q in (single.q, single.q[:, None])
+    )
+    assert flat.shape == (1251, 1) and np.array_equal(flat, column)
+    two = rs.Decay(t, np.stack([single.q, single.q], axis=1))
+    with pytest.raises(ValueError, match="has 2 channels, but there is 1 sensor:"):
+        rs.diagnose(BEAM, two, sensors=one)
+    with pytest.raises(ValueError, match="has 1 channel, but there are 5 sensors"):
+        rs.diagnose(BEAM, single, sensors=SEEN.sensors)
+
+
+def test_other_units_are_noticed(heavier):
+    """In mm the beam would have to move farther than it is long; the remedy works."""
+    first = heavier[0]
+    in_mm = rs.Decay(first.t, 1e3 * first.q, unit="mm")
+    with pytest.raises(ValueError, match="decay 0 is in mm, the beam in m") as error:
+        rs.diagnose(BEAM, in_mm, sensors=SEEN.sensors)
+    assert "Decay(t, 0.001 * q, unit='m')" in str(error.value)
+    unknown = rs.Decay(first.t, 1e3 * first.q)
+    with pytest.raises(ValueError, match=r"the beam is 0\.45 m long: if it is in mm"):
+        rs.diagnose(BEAM, unknown, sensors=SEEN.sensors)
+    modal = rs.Decay(first.t, first.q, unit="kg^0.5 m")
+    with pytest.raises(ValueError, match="give the displacements of the sensors"):
+        rs.diagnose(BEAM, modal, sensors=SEEN.sensors)
+    mended = rs.Decay(in_mm.t, 0.001 * in_mm.q, unit="m")
+    np.testing.assert_allclose(
+        checked_readings(mended, 0, SEEN.sensors, BEAM.length).q, first.q, rtol=1e-12
+    )
+
+
+def test_recipe_and_model_are_those_of_the_verdict(heavier):
+    """A drift in time is no property of a beam: it is said, and nothing else is put in its place.
+
+    The clock of the measurement runs away by 0.4 % a minute, so that all frequencies drift.
+    """
+    own = [SEEN.readings(BEAM, q, 1.05 * DURATION, STEP) for q in (0.016, 0.013)]
+    t = STEP * np.arange(int(DURATION / STEP))
+    decays = []
+    for i, y in enumerate(own):
+        warped = CubicSpline(STEP * np.arange(len(y)), y)(t * (1 + 2e-3 * t))
+        decays.append(rs.Decay(t, with_noise(warped, 40, i), unit="m"))
+    report = rs.diagnose(BEAM, decays[:1], sensors=SEEN.sensors, held_out=decays[1])
+    there = {p.effect.name for p in report.parts}
+    named = {e.name for e in report.effects}
+    assert there <= named and "drift" in named
+    assert len(report.not_on_beam) == len(named - there)
+    assert "not on the beam" in report.recipe and "Not on the improved beam" in report.sentence
+    assert len(report.model.effects) == len(BEAM.effects) + len(there)
+
+
+def test_a_parameter_within_its_tolerance_is_no_effect():
+    """1 % of bending stiffness, of which the standard deviation is 1 %: it follows the data."""
+    truth = BEAM.with_effect(StifferBending(0.01))
+    decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.013))]
+    report = rs.diagnose(
+        BEAM,
+        decays[:1],
+        sensors=SEEN.sensors,
+        held_out=decays[1],
+        tolerances={"bending_stiffness": 0.01, "point_masses": 1e-4},
+    )
+    assert report.verdict == "none"
+    assert report.model.section.EI == pytest.approx(1.01 * BEAM.section.EI, rel=1e-3)
+    assert report.gap.before > 10 and report.gap.after < 1.1
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "message"),
+    [
+        ({"youngs_modulus": 0.1}, "this beam has .*bending_stiffness.*spring_stiffness"),
+        ({"bending_stiffness": 0.0}, "must be positive"),
+        ({"material_damping": 0.1}, "which is 0 in this beam"),
+    ],
+)
+def test_tolerances_are_of_parameters_of_the_beam(heavier, tolerances, message):
+    beam = replace(BEAM, eta=0.0)
+    with pytest.raises(ValueError, match=message):
+        rs.diagnose(beam, heavier[:1], sensors=SEEN.sensors, tolerances=tolerances)
+
+
+def test_tolerances_become_standard_deviations():
+    """The pull of the default spring is 1.51 N by construction."""
+    names = ("pre_tension", "mass_damping", "point_masses")
+    found = standard_deviations(BEAM, dict.fromkeys(names, 0.1))
+    assert found["pre_tension"] == pytest.approx(0.151, rel=1e-9)
+    assert found["mass_damping"] == pytest.approx(0.037) and found["point_masses"] == 0.1
+    heavy = BEAM.with_effect(HeavierMasses(0.5))
+    assert [e.mass for e in heavy.effects if isinstance(e, PointMass)] == [pytest.approx(0.0012)]
+
+
+def test_a_beam_that_cannot_be_simulated_ends_in_unknown(heavier, monkeypatch):
+    def fails(*arguments, **options):
+        raise NoEquilibriumError("no equilibrium found")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workflow, "corrected", fails)
+        with pytest.raises(ValueError, match="the beam as it is cannot be simulated"):
+            rs.diagnose(BEAM, heavier[:1], sensors=SEEN.sensors)
+    good = workflow.corrected
+
+    def fails_with_effects(seen, model, parts, *rest):
+        return fails() if parts else good(seen, model, parts, *rest)
+
+    monkeypatch.setattr(workflow, "corrected", fails_with_effects)
+    report = rs.diagnose(BEAM, heavier[:1], sensors=SEEN.sensors)
+    assert report.verdict == "unknown" and report.parts == ()
+    assert "could not be simulated with this: no equilibrium found" in report.sentence
+
+
 def test_record_must_start_from_rest(heavier):
     late = heavier[0].between(0.04)  # a quarter of a cycle after the release
     with pytest.raises(ValueError, match=r"decay 0 starts at .* let go from rest") as error:
@@ -276,6 +399,70 @@ def test_command_line_reads_a_beam(heavier, tmp_path):
         load_beam(file)
     file.write_text("[beam]\nelements = 8\n")
     with pytest.raises(ValueError, match="positions"):
+        load_beam(file)
+
+
+BEAM_FILE = """
+[beam]
+length = 0.3
+elements = 8
+alpha = 0.4
+left = "clamped"
+right = "clamped"
+[beam.rectangle]
+width = 0.02
+thickness = 0.001
+young = 70e9
+density = 2700
+[[beam.masses]]
+mass = 0.001
+at = 0.15
+[[beam.springs]]
+stiffness = 20.0
+anchor = [0.15, 0.2]
+natural_length = 0.2
+at = 0.15
+[sensors]
+positions = [0.1, 0.15]
+columns = ["a", "b"]
+"""
+
+
+def test_any_beam_is_read_from_a_file(tmp_path):
+    file = tmp_path / "beam.toml"
+    file.write_text(BEAM_FILE)
+    beam, sensors, columns = load_beam(file)
+    section = Section.rectangle(0.02, 0.001, 70e9, 2700.0)
+    effects = (PointMass(0.001, 0.15), Spring(0.15, 20.0, (0.15, 0.2), 0.2))
+    assert beam == Beam(0.3, section, 8, right=CLAMPED, alpha=0.4, effects=effects)
+    assert [s.at for s in sensors.sensors] == [0.1, 0.15] and columns == ["a", "b"]
+    file.write_text(BEAM_FILE.replace('right = "clamped"', "right = 2.5"))
+    assert load_beam(file)[0].right == Support.elastic(2.5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('right = "clamped"', 'right = "welded"', "right = 'welded': give one of"),
+        (
+            "width = 0.02\n",
+            "",
+            r"takes \['width', .*missing a required argument: 'width'",
+        ),
+        ("young = 70e9", 'young = "steel"', "young = 'steel' must be a number"),
+        ("length = 0.3\n", "", "missing a required argument: 'length'"),
+        ("elements = 8", "elements = 8.5", "elements must be a positive whole number"),
+        ("[beam.rectangle]", "[beam.round]", "unexpected keyword argument 'left'"),
+        ("[sensors]", "[beam.section]\nEI = 1.0\n[sensors]", "two sections"),
+        ("[0.1, 0.15]", '["a", 0.15]', "must be a number"),
+        ("[0.1, 0.15]", "0.15", "give positions = "),
+        ("at = 0.15\n[[", "at = 0.4\n[[", "0.4 m is off the beam"),
+    ],
+)
+def test_a_file_of_no_beam_is_refused(tmp_path, old, new, message):
+    file = tmp_path / "beam.toml"
+    file.write_text(BEAM_FILE.replace(old, new, 1))
+    with pytest.raises(ValueError, match=message):
         load_beam(file)
 
 

@@ -6,16 +6,15 @@ Nodal fields are (n_nodes, 3) with (u, w, theta) per node, matrices are kept per
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from romsindy.beam import element, kernel
+from romsindy.beam.structure import Structure
+from romsindy.beam.validation import require_position
 from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.effects.mounting import Point, Vector
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
 
 
 class Place:
@@ -54,22 +53,22 @@ class Place:
 class Assembly:
     """Everything that statics, modes and the transient need to know of a beam."""
 
-    def __init__(self, beam: Beam) -> None:
-        self.n_elements = beam.elements
-        self.n_nodes = 2 * beam.elements + 1
-        self.s = np.linspace(0.0, beam.length, self.n_nodes)
-        self.beam = beam
-        self._length = beam.length / beam.elements
-        section = beam.section
+    def __init__(self, structure: Structure) -> None:
+        self.n_elements = structure.elements
+        self.n_nodes = 2 * structure.elements + 1
+        self.s = np.linspace(0.0, structure.length, self.n_nodes)
+        self.structure = structure
+        self._length = structure.length / structure.elements
+        section = structure.section
         self._stiffness = (self._length, section.EA, section.GA, section.EI)
-        self.alpha, self.eta = float(beam.alpha), float(beam.eta)  # an int would compile again
+        self.alpha, self.eta = float(structure.alpha), float(structure.eta)  # an int compiles again
         self._rest = np.zeros((self.n_nodes, 3))
         # Simpson weights: exact for the consistent load of a quadratic element
         self.tributary = np.zeros(self.n_nodes)
         for i, share in enumerate((1.0, 4.0, 1.0)):
             stop = self.n_nodes - 2 + i
             self.tributary[i:stop:2] += share / 6.0 * self._length
-        loads = [e for e in beam.effects if isinstance(e, MountedLaw)]
+        loads = [e for e in structure.effects if isinstance(e, MountedLaw)]
         # Loads at the same place share its motion.
         places = dict.fromkeys(e.at for e in loads if not e.distributed)
         self._point_loads = [
@@ -80,18 +79,34 @@ class Assembly:
         self.has_loads = bool(loads)
         self._dissipates = any(e.dissipates for e in loads)
         self.mass = self._mass_matrices()
-        self._alpha_mass = beam.alpha * self.mass
+        self._alpha_mass = structure.alpha * self.mass
         self.fixed, self._ground = self._supports()
-        self.weight = self.mass_times(np.broadcast_to([*beam.gravity, 0.0], self._rest.shape))
+        self.weight = self.mass_times(np.broadcast_to([*structure.gravity, 0.0], self._rest.shape))
 
     def place(self, at: float | None) -> Place:
-        """Return the place at a position on the axis [m]; None is the right end."""
-        length = self.beam.length
+        """Return the place at a position on the axis, m; None is the right end."""
+        length = self.structure.length
         return Place(length if at is None else at, length, self.n_elements)
 
+    def point_load(
+        self, force: tuple[float, float] = (0.0, 0.0), moment: float = 0.0, at: float | None = None
+    ) -> np.ndarray:
+        """Return the nodal load of a dead force (N) and moment (N m) at a point (default: tip).
+
+        A load is what does work on a displacement, so a unit load also reads the displacement.
+        """
+        if at is not None:
+            require_position("at", at, self.structure.length)
+        load = np.zeros_like(self._rest)
+        place = self.place(at)
+        load[place.nodes] = np.multiply.outer(place.weights, (*force, moment))
+        return load
+
     def _mass_matrices(self) -> np.ndarray:
-        M = np.repeat(element.mass(self._length, self.beam.section)[None], self.n_elements, axis=0)
-        for effect in self.beam.effects:
+        M = np.repeat(
+            element.mass(self._length, self.structure.section)[None], self.n_elements, axis=0
+        )
+        for effect in self.structure.effects:
             if isinstance(effect, PointMass):
                 place = self.place(effect.at)
                 inertia = np.diag([effect.mass, effect.mass, effect.rotary_inertia])
@@ -101,8 +116,9 @@ class Assembly:
     def _supports(self) -> tuple[np.ndarray, np.ndarray]:
         """Return which freedoms are fixed and the rotational springs (left, right) [N m/rad]."""
         fixed = np.zeros((self.n_nodes, 3), dtype=bool)
-        fixed[0], fixed[-1] = self.beam.left.fixed, self.beam.right.fixed
-        springs = (self.beam.left.rotational_stiffness, self.beam.right.rotational_stiffness)
+        left, right = self.structure.left, self.structure.right
+        fixed[0], fixed[-1] = left.fixed, right.fixed
+        springs = (left.rotational_stiffness, right.rotational_stiffness)
         return fixed, np.array(springs)
 
     def mass_times(self, field: np.ndarray) -> np.ndarray:
@@ -219,14 +235,17 @@ class Assembly:
         K itself holds EA beside EI; in a product with it the bending of a very thin beam would
         drown in rounding.
         """
-        scratch = np.zeros_like(self._rest)
-        # with eta = 1 the damping power of the velocity phi is phi^T D phi
-        material = kernel.add_internal_force(x, phi, *self._stiffness, 1.0, scratch)
         rest, _ = kernel.tangent(x, *self._stiffness)
         self._add_supports_and_loads(x, self._rest, rest, np.zeros_like(rest))
-        scratch[:] = 0.0
-        kernel.add_product(rest, phi, scratch)
-        return float(material + np.vdot(phi, scratch))
+        product = np.zeros_like(self._rest)
+        kernel.add_product(rest, phi, product)
+        return self.material_stiffness(x, phi) + float(np.vdot(phi, product))
+
+    def material_stiffness(self, x: np.ndarray, v: np.ndarray) -> float:
+        """Return v^T D v of the material alone at x: the integral of e'^T C e' for strain rates."""
+        # with eta = 1 that is the damping power of the velocity v
+        scratch = np.zeros_like(self._rest)
+        return float(kernel.add_internal_force(x, v, *self._stiffness, 1.0, scratch))
 
     def _add_load_tangents(
         self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray

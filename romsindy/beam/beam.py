@@ -1,156 +1,38 @@
-"""The beam: what it is made of, and the one place from which everything else is asked."""
+"""The beam: the one place from which everything about it is asked."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from romsindy.beam.assembly import Assembly
 from romsindy.beam.modes import ModalBasis, solve_modes
+from romsindy.beam.motion import Motion
+from romsindy.beam.normal_modes import NormalMode, find_normal_mode
+from romsindy.beam.radau import RadauIIA
+from romsindy.beam.reduction import reduce
 from romsindy.beam.section import Section
+from romsindy.beam.sensors import Sensor, SensorArray, place_sensors
 from romsindy.beam.spring import Spring
-from romsindy.beam.statics import Control, find_displaced, find_equilibrium
-from romsindy.beam.validation import require_finite, require_position, require_positive
+from romsindy.beam.static_curve import StaticCurve, follow_static_curve
+from romsindy.beam.statics import Shape, find_equilibrium, hold
+from romsindy.beam.structure import Structure
+from romsindy.beam.transient import simulate
+from romsindy.beam.validation import require_finite, require_positive
 from romsindy.effects.load import MountedLaw, PointMass
-from romsindy.effects.mounting import TowardsAnchor
-
-if TYPE_CHECKING:
-    from romsindy.beam.collocation import RadauIIA
-    from romsindy.beam.motion import Motion
-    from romsindy.beam.normal_modes import NormalMode
-    from romsindy.beam.sensors import Sensor, SensorArray
-    from romsindy.physics.model import ReducedModel
+from romsindy.physics.model import ReducedModel
 
 
 @dataclass(frozen=True)
-class Support:
-    """What holds one end of the beam.
-
-    Parameters
-    ----------
-    fixed
-        Whether u, w and theta are held.
-    rotational_stiffness
-        Spring [N m/rad] between the section and the ground.
-
-    Raises
-    ------
-    ValueError
-        For a negative stiffness.
-    """
-
-    fixed: tuple[bool, bool, bool] = (False, False, False)
-    rotational_stiffness: float = 0.0
-
-    def __post_init__(self) -> None:
-        require_positive("rotational_stiffness", self.rotational_stiffness, zero_allowed=True)
-
-    @classmethod
-    def elastic(cls, rotational_stiffness: float) -> Support:
-        """Make a clamp that gives way in rotation [N m/rad]."""
-        return cls((True, True, False), rotational_stiffness)
-
-
-FREE = Support()
-PINNED = Support((True, True, False))
-CLAMPED = Support((True, True, True))
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """A static state: nodal displacements and the load that holds them.
-
-    Attributes
-    ----------
-    s
-        Positions of the nodes on the undeformed axis [m], shape (n_nodes,).
-    displacement
-        (u, w, theta) [m, m, rad] from the straight rest, shape (n_nodes, 3).
-    load
-        The dead nodal load (fx, fy, moment) [N, N, N m] beside weight and effects.
-    """
-
-    s: np.ndarray
-    displacement: np.ndarray
-    load: np.ndarray
-
-    @property
-    def tip(self) -> np.ndarray:
-        """(u, w, theta) of the right end."""
-        return self.displacement[-1]
-
-    def __repr__(self) -> str:
-        u, w, theta = self.tip
-        return (
-            f"Shape(tip u = {u:.6g} m, w = {w:.6g} m, theta = {theta:.6g} rad,\n"
-            f"      held by {np.linalg.norm(self.load[:, :2].sum(axis=0)):.6g} N)"
-        )
-
-
-@dataclass(frozen=True)
-class Beam:
+class Beam(Structure):
     """A planar, geometrically exact beam, straight at rest along x, with gravity and effects.
 
-    Parameters
-    ----------
-    length
-        Length [m].
-    section
-        Stiffness and inertia of the cross-section.
-    elements
-        Number of quadratic elements (two nodes each).
-    left, right
-        The supports.
-    gravity
-        Acceleration (gx, gy) [m/s^2].
-    alpha
-        Mass-proportional damping [1/s].
-    eta
-        Stiffness-proportional damping [s]; acts on strain rates.
-    effects
-        Point masses, springs and whatever `with_effect` has added.
-
-    Raises
-    ------
-    ValueError
-        For a length that is not positive, fewer than one element, negative damping,
-        an effect off the beam, or a spring whose anchor is on its own point of the beam.
+    The parameters are those of `Structure`.
     """
-
-    length: float
-    section: Section
-    elements: int = 150
-    left: Support = CLAMPED
-    right: Support = FREE
-    gravity: tuple[float, float] = (0.0, -9.81)
-    alpha: float = 0.0
-    eta: float = 0.0
-    effects: tuple[MountedLaw | PointMass, ...] = ()
-
-    def __post_init__(self) -> None:
-        require_positive("length", self.length)
-        require_positive("alpha", self.alpha, zero_allowed=True)
-        require_positive("eta", self.eta, zero_allowed=True)
-        for value in self.gravity:
-            require_finite("gravity", value)
-        if int(self.elements) != self.elements or self.elements < 1:
-            raise ValueError(f"elements must be a positive whole number, got {self.elements}")
-        for effect in self.effects:
-            at = getattr(effect, "at", None)
-            position = self.length if at is None else at
-            require_position(f"at of {type(effect).__name__}", position, self.length)
-            mounting = getattr(effect, "mounting", None)
-            if not isinstance(mounting, TowardsAnchor):
-                continue
-            if mounting.span(position, 0.0) < 1e-9 * self.length:
-                raise ValueError(
-                    f"anchor = {mounting.anchor} lies on the beam's own point at {position} m, so "
-                    "the spring has no length and no direction; move the anchor away"
-                )
 
     @classmethod
     def cantilever(
@@ -179,20 +61,20 @@ class Beam:
 
         Parameters
         ----------
-        length, width, thickness
-            Dimensions [m]; the beam bends in the thickness direction.
-        young, poisson, density
-            Material [Pa, -, kg/m^3].
-        tip_mass
-            Mass [kg] at the tip.
-        spring_stiffness, spring_length, spring_pretension
-            [N/m], [m], [N]; the natural
-            length is spring_length - spring_pretension / spring_stiffness.
-        gravity
-            Acceleration [m/s^2], downwards.
-        alpha, eta
-            Rayleigh damping [1/s], [s].
-        elements
+        length, width, thickness : float
+            Dimensions, m; the beam bends in the thickness direction.
+        young, poisson, density : float
+            Young's modulus, Pa, Poisson's ratio, and density, kg/m^3.
+        tip_mass : float
+            Mass at the tip, kg.
+        spring_stiffness, spring_length, spring_pretension : float
+            Stiffness, N/m, installed length, m, and pull there, N; the natural length is
+            spring_length - spring_pretension / spring_stiffness.
+        gravity : float
+            Acceleration, m/s^2, downwards.
+        alpha, eta : float
+            Rayleigh damping, 1/s and s.
+        elements : int
             Number of quadratic elements.
 
         Raises
@@ -248,7 +130,8 @@ class Beam:
                 f"effect is a {type(effect).__name__}: give a load, such as"
                 " AirDrag().on_beam(strength), a PointMass, a Spring or a change of the beam"
             )
-        return effect.applied_to(self)
+        changed: Beam = effect.applied_to(self)
+        return changed
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -260,16 +143,11 @@ class Beam:
     def point_load(
         self, force: tuple[float, float] = (0.0, 0.0), moment: float = 0.0, at: float | None = None
     ) -> np.ndarray:
-        """Return the nodal load of a dead force [N] and moment [N m] at a point (default: tip)."""
-        if at is not None:
-            require_position("at", at, self.length)
-        load = np.zeros_like(self.assembly.weight)
-        place = self.assembly.place(at)
-        load[place.nodes] = np.multiply.outer(place.weights, (*force, moment))
-        return load
+        """Return the nodal load of a dead force (N) and moment (N m) at a point (default: tip)."""
+        return self.assembly.point_load(force, moment, at)
 
     def line_load(self, force: tuple[float, float]) -> np.ndarray:
-        """Return the nodal load of a uniform dead force per unit length [N/m]."""
+        """Return the nodal load of a uniform dead force per unit length, N/m."""
         return np.multiply.outer(self.assembly.tributary, (*force, 0.0))
 
     # -- statics and modes ---------------------------------------------------------------------
@@ -287,13 +165,11 @@ class Beam:
         NoEquilibriumError
             If none is found, however small the load step.
         """
-        if load is None:
-            return self._rest_equilibrium
-        return self.shape(find_equilibrium(self.assembly, load), load)
+        return self._rest if load is None else find_equilibrium(self.assembly, load)
 
     @cached_property
-    def _rest_equilibrium(self) -> Shape:
-        return self.shape(find_equilibrium(self.assembly))
+    def _rest(self) -> Shape:
+        return find_equilibrium(self.assembly)
 
     def modes(self, equilibrium: Shape | None = None, count: int = 10) -> ModalBasis:
         """Return the lowest `count` mass-normalised modes about an equilibrium (default: own).
@@ -312,13 +188,13 @@ class Beam:
 
         Parameters
         ----------
-        tip_displacement
-            Transverse displacement [m] of the right end from its equilibrium.
-        mode
+        tip_displacement : float
+            Transverse displacement of the right end from its equilibrium, m.
+        mode : int, optional
             Hold by the modal force f M phi of this mode (1, 2, ...), which leaves the other
-            modes almost at rest; None holds by a transverse force at the point itself.
-        at
-            Point [m] that is displaced instead of the tip, for a beam whose right end is held.
+            modes almost at rest. By default a transverse force at the point itself holds it.
+        at : float, optional
+            Point that is displaced instead of the tip, m, for a beam whose right end is held.
 
         Raises
         ------
@@ -328,27 +204,25 @@ class Beam:
             If the beam cannot be held there.
         """
         require_finite("tip_displacement", tip_displacement)
-        rest = self.equilibrium()
         tip = self.point_load((0.0, 1.0), at=at)
         if not np.any(tip[~self.assembly.fixed]):
             raise ValueError(
                 f"at = {at} is a point that is held; give a point between the supports"
             )
+        rest = self.equilibrium()
         height = float(np.vdot(tip, rest.displacement))
-        goal = height + tip_displacement
-        if abs(goal) >= self.length:
+        if abs(height + tip_displacement) >= self.length:
             raise ValueError(
                 f"tip_displacement = {tip_displacement} m is beyond the reach of a beam of "
                 f"{self.length} m whose tip rests at {height:.3g} m; ask for less"
             )
         pattern = tip if mode is None else self._modal_load(mode)
-        x, factor = find_displaced(self.assembly, rest.displacement, pattern, Control(tip), goal)
-        return self.shape(x, factor * pattern)
+        return hold(self.assembly, rest, pattern, tip, tip_displacement)
 
     def _modal_load(self, mode: int) -> np.ndarray:
         if mode < 1:
             raise ValueError(f"mode = {mode} does not exist; modes count from 1")
-        return self.assembly.mass_times(self.modes(count=mode).shape(mode))
+        return np.asarray(self.modes(count=mode).momenta[mode - 1])
 
     # -- motion, reduced model, sensors --------------------------------------------------------
 
@@ -366,10 +240,9 @@ class Beam:
         progress: bool = True,
     ) -> Motion:
         """Let the beam go from rest in `shape` and follow its motion; see `transient.simulate`."""
-        from romsindy.beam.transient import simulate
-
         return simulate(
-            self,
+            self.assembly,
+            self.equilibrium(),
             shape,
             duration,
             step,
@@ -389,21 +262,23 @@ class Beam:
         *,
         progress: bool = True,
     ) -> NormalMode:
-        """Return periodic orbits of the undamped beam; see `orbits.find_normal_mode`."""
-        from romsindy.beam.normal_modes import find_normal_mode
-
+        """Return periodic orbits of the undamped beam; see `normal_modes.find_normal_mode`."""
         return find_normal_mode(self, tip_displacements, mode, forces, progress=progress)
+
+    def static_curve(self, mode: int = 1, amplitude: float = 0.024, cases: int = 41) -> StaticCurve:
+        """Return the shapes under the force of one mode, in [-amplitude, amplitude] kg^0.5 m.
+
+        Inertia, restoring force and material damping along them are exact, not fitted; see
+        `static_curve.follow_static_curve`.
+        """
+        return follow_static_curve(self.assembly, self.equilibrium(), mode, amplitude, cases)
 
     def reduce(
         self, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int = 41
     ) -> ReducedModel:
         """Return the single-mode reduced model from static cases; see `reduction.reduce`."""
-        from romsindy.beam.reduction import reduce
-
-        return reduce(self, mode, order, amplitude, cases)
+        return reduce(self.assembly, self.equilibrium(), mode, order, amplitude, cases)
 
     def sensors(self, sensors: Sequence[Sensor | float]) -> SensorArray:
-        """Place sensors on the beam; see `sensors.SensorArray`."""
-        from romsindy.beam.sensors import place_sensors
-
-        return place_sensors(self, sensors)
+        """Place sensors on the beam; see `sensors.place_sensors`."""
+        return place_sensors(self.assembly, sensors)

@@ -7,6 +7,7 @@ from typing import Any
 
 from romsindy.beam.spring import find_spring
 from romsindy.beam.validation import require_finite, require_positive
+from romsindy.effects.load import PointMass
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,32 @@ class StifferSpring:
 
 
 @dataclass(frozen=True)
+class HeavierMasses:
+    """A relative change of all point masses on the beam.
+
+    Parameters
+    ----------
+    change : float
+        0.01 is one per cent more.
+    """
+
+    change: float
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with other point masses."""
+        factor = 1 + self.change
+        return replace(
+            beam,
+            effects=tuple(
+                replace(e, mass=e.mass * factor, rotary_inertia=e.rotary_inertia * factor)
+                if isinstance(e, PointMass)
+                else e
+                for e in beam.effects
+            ),
+        )
+
+
+@dataclass(frozen=True)
 class ExtraTension:
     """More (or less) tension in the beam's spring, by a shorter natural length.
 
@@ -84,12 +111,12 @@ class ExtraTension:
 
 @dataclass(frozen=True)
 class ClampCompliance:
-    """Rotational compliance of the left clamp.
+    """Rotational compliance of the left clamp, in series with the stiffness that it has.
 
     Parameters
     ----------
     compliance : float
-        Rotation per moment [rad/(N m)].
+        Rotation per moment, rad/(N m).
     """
 
     compliance: float
@@ -98,10 +125,22 @@ class ClampCompliance:
         require_positive("compliance", self.compliance)
 
     def applied_to(self, beam: Any) -> Any:
-        """Return `beam` with its left clamp on a rotational spring."""
-        support = replace(
-            beam.left, fixed=(True, True, False), rotational_stiffness=1.0 / self.compliance
-        )
+        """Return `beam` with its left clamp on a softer rotational spring.
+
+        Raises
+        ------
+        ValueError
+            If the left end turns freely.
+        """
+        u, w, theta = beam.left.fixed
+        stiffness = beam.left.rotational_stiffness
+        if not theta and stiffness == 0.0:
+            raise ValueError(
+                "the left end turns freely, so no clamp can give way; give it "
+                "left=CLAMPED or left=Support.elastic(...)"
+            )
+        softer = 1.0 / ((0.0 if theta else 1.0 / stiffness) + self.compliance)
+        support = replace(beam.left, fixed=(u, w, False), rotational_stiffness=softer)
         return replace(beam, left=support)
 
 

@@ -84,14 +84,14 @@ def internal_force(
 
     Parameters
     ----------
-    x, v
-        Nodal displacements [m, m, rad] and velocities, shape (3, 3).
-    length
-        Element length [m].
-    section
+    x, v : (3, 3) array
+        Nodal displacements (m, m, rad) and velocities.
+    length : float
+        Element length, m.
+    section : Section
         The cross-section's stiffness.
-    eta
-        Stiffness-proportional damping [s].
+    eta : float
+        Stiffness-proportional damping, s.
     """
     C = np.array([section.EA, section.GA, section.EI])
     force = np.zeros(DOFS)

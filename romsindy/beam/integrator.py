@@ -8,7 +8,7 @@ import numpy as np
 
 from romsindy.beam import kernel
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.collocation import RadauIIA
+from romsindy.beam.radau import RadauIIA
 
 _MAX_ITERATIONS = 10
 # of the largest acceleration: far below the 1e-3 to which accelerations are promised

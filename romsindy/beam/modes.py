@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
@@ -11,17 +11,30 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import eigsh
 
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.errors import NoEquilibriumError
+from romsindy.beam.statics import NoEquilibriumError, Shape
 from romsindy.record.decay import Decay
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Shape
-    from romsindy.beam.motion import Motion
-
 
 # up to this size a dense solve is quick, and it also serves meshes that are too small for Arnoldi
 _DENSE = 120
 _UNSTABLE = "the equilibrium is not stable; support the beam, or find another equilibrium"
+
+
+class Recorded(Protocol):
+    """A motion that modes and sensors can be asked about, such as a `Motion`."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time, s."""
+
+    @property
+    def basis(self) -> ModalBasis:
+        """The modes in which it was recorded."""
+
+    def modal(self, basis: ModalBasis) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return q, q_dot, q_ddot, (n_samples, n_modes) each."""
+
+    def readings(self, rows: np.ndarray) -> np.ndarray:
+        """Return what weights of the nodal displacements read, (n_samples, n_rows), m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,17 +43,16 @@ class ModalBasis:
 
     Attributes
     ----------
-    omega
-        Angular frequencies [rad/s], shape (n_modes,).
-    shapes
-        Mode shapes (u, w, theta) [kg^-0.5, kg^-0.5, rad m^-1 kg^-0.5], shape
-        (n_modes, n_nodes, 3).
-    momenta
-        M phi, same shape; q = sum(momenta * (x - x_equilibrium)) [kg^0.5 m].
-    equilibrium
+    omega : (n_modes,) array
+        Angular frequencies, rad/s.
+    shapes : (n_modes, n_nodes, 3) array
+        Mode shapes (u, w, theta), kg^-0.5, kg^-0.5, rad m^-1 kg^-0.5.
+    momenta : (n_modes, n_nodes, 3) array
+        M phi; q = sum(momenta * (x - x_equilibrium)), kg^0.5 m.
+    equilibrium : Shape
         The static state about which they are taken.
-    axial
-        Share of the modal kinetic energy that is axial, shape (n_modes,).
+    axial : (n_modes,) array
+        Share of the modal kinetic energy that is axial.
     """
 
     omega: np.ndarray
@@ -73,6 +85,12 @@ class ModalBasis:
         """Return the shape of mode 1, 2, ..., (n_nodes, 3)."""
         return self.shapes[self.index(mode)]
 
+    def point(self, mode: int) -> float | None:
+        """Return where mode 1, 2, ... moves most across the beam, m; None is the right end."""
+        node = int(np.argmax(np.abs(self.shape(mode)[:, 1])))
+        s = self.equilibrium.s
+        return None if node == len(s) - 1 else float(s[node])
+
     def coordinates(self, displacement: np.ndarray) -> np.ndarray:
         """Return q of all modes for displacements from straight, (..., n_nodes, 3)."""
         return self.rates(displacement - self.equilibrium.displacement)
@@ -81,7 +99,7 @@ class ModalBasis:
         """Return the modal components of a velocity or acceleration field (..., n_nodes, 3)."""
         return np.tensordot(field, self.momenta, axes=([-2, -1], [-2, -1]))
 
-    def project(self, motion: Motion, mode: int = 1) -> Decay:
+    def project(self, motion: Recorded, mode: int = 1) -> Decay:
         """Return q, q_dot, q_ddot of one mode of a motion.
 
         Raises

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from romsindy.beam.modes import ModalBasis
-
-if TYPE_CHECKING:
-    from romsindy.beam.sensors import SensorArray
+from romsindy.beam.sensors import SensorArray
 
 
 @dataclass(frozen=True, eq=False)
 class EnergyBalance:
-    """Energies over time [J], relative to the equilibrium; each of shape (n_samples,).
+    """Energies over time, J, relative to the equilibrium.
 
     Attributes
     ----------
-    kinetic
+    kinetic : (n_samples,) array
         Of beam and masses.
-    strain
+    strain : (n_samples,) array
         Stored in the beam and in elastic clamps.
-    potential
+    potential : (n_samples,) array
         Of gravity and of the effects that store energy (springs, magnets, stops).
-    dissipated
+    dissipated : (n_samples,) array
         What damping and dissipative effects have taken since the release.
     """
 
@@ -47,7 +44,7 @@ class EnergyBalance:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a simulation took: time steps, Newton iterations, wall time [s]."""
+    """What a simulation took: time steps, Newton iterations, wall time in s."""
 
     steps: int
     iterations: int
@@ -69,25 +66,25 @@ class Motion:
 
     Attributes
     ----------
-    t
-        Time [s], shape (n_samples,).
-    basis
+    t : (n_samples,) array
+        Time, s.
+    basis : ModalBasis
         The modes in which it was recorded.
-    coordinates
-        Q, q_dot, q_ddot of these modes, (n_samples, n_modes) [kg^0.5 m, per s, s^2].
-    energy
+    coordinates : History
+        Q, q_dot, q_ddot of these modes, (n_samples, n_modes), kg^0.5 m, per s, s^2.
+    energy : EnergyBalance
         The energy balance.
-    cost
+    cost : Cost
         Time steps, iterations, seconds.
-    stop_reason
+    stop_reason : str
         "completed", or why it ended early.
-    sensors
-        Histories of the sensors [m], from equilibrium; None where none were given.
-    sensor_array
+    sensors : History, optional
+        Histories of the sensors, m, from equilibrium; None where none were given.
+    sensor_array : SensorArray, optional
         These sensors.
-    field
-        All nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or
-        None unless asked for.
+    field : History, optional
+        All nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or None
+        unless asked for.
     """
 
     t: np.ndarray
@@ -133,6 +130,51 @@ class Motion:
             )
         h = self.coordinates
         return h.displacement[:, :n], h.velocity[:, :n], h.acceleration[:, :n]
+
+    def readings(self, rows: np.ndarray) -> np.ndarray:
+        """Return what sensors read of the displacements from equilibrium, m.
+
+        Parameters
+        ----------
+        rows : (n_channels, n_nodes * 3) array
+            As of a `SensorArray`.
+
+        Returns
+        -------
+        (n_samples, n_channels) array
+
+        Raises
+        ------
+        ValueError
+            If the motion did not record these sensors.
+        """
+        if self.field is not None:
+            rest = self.basis.equilibrium.displacement.ravel()
+            return np.asarray((self.field.displacement - rest) @ rows.T)
+        recorded = self.sensor_array
+        if self.sensors is None or recorded is None or not np.array_equal(recorded.rows, rows):
+            raise ValueError(
+                "the motion did not record these sensors; simulate with sensors=... set to them, "
+                "or with keep_field=True"
+            )
+        return self.sensors.displacement
+
+
+class StepTooLongError(RuntimeError):
+    """Newton did not converge within a time step.
+
+    Attributes
+    ----------
+    motion : Motion
+        The motion up to there.
+    step_to_try : float
+        A shorter step, s.
+    """
+
+    def __init__(self, message: str, motion: Motion, step_to_try: float) -> None:
+        super().__init__(message)
+        self.motion = motion
+        self.step_to_try = step_to_try
 
 
 def _same_modes(recorded: ModalBasis, asked: ModalBasis) -> bool:

@@ -11,20 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq, root
 from tqdm import tqdm
 
-from romsindy.beam.modes import ModalBasis
+from romsindy.beam.assembly import Assembly
+from romsindy.beam.modes import solve_modes
 from romsindy.beam.motion import Motion
-from romsindy.beam.statics import Control, find_displaced
+from romsindy.beam.statics import Shape, find_equilibrium, hold
+from romsindy.beam.structure import Structure
+from romsindy.beam.transient import simulate
 from romsindy.beam.validation import require_finite
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam, Shape
 
 # In a period of the linear mode; the highest of five bending modes needs them.
 _STEPS = 480
@@ -37,20 +36,20 @@ class NormalMode:
 
     Attributes
     ----------
-    amplitude
-        Half peak to peak of the modal coordinate q [kg^0.5 m], shape (n,).
-    frequency
-        Angular frequency [rad/s], shape (n,).
-    tip_displacement
-        Of the starting shape from equilibrium [m], shape (n,).
-    linear_frequency
-        Of the mode on the same mesh [rad/s].
-    unrest
-        Largest velocity left in the other modes half a period later, relative to the
-        largest velocity of the mode, shape (n,).
-    shapes
+    amplitude : (n,) array
+        Half peak to peak of the modal coordinate q, kg^0.5 m.
+    frequency : (n,) array
+        Angular frequency, rad/s.
+    tip_displacement : (n,) array
+        Of the starting shape from equilibrium, m.
+    linear_frequency : float
+        Of the mode on the same mesh, rad/s.
+    unrest : (n,) array
+        Largest velocity left in the other modes half a period later, relative to the largest
+        velocity of the mode.
+    shapes : tuple of Shape
         The shapes at rest, from which `Beam.simulate` follows the orbit.
-    stop_reason
+    stop_reason : str
         "completed", or why it ended early.
     """
 
@@ -71,7 +70,7 @@ class NormalMode:
 
 
 def find_normal_mode(
-    beam: Beam,
+    structure: Structure,
     tip_displacements: Sequence[float],
     mode: int = 1,
     forces: int = 5,
@@ -82,16 +81,16 @@ def find_normal_mode(
 
     Parameters
     ----------
-    beam
+    structure : Structure
         The beam; effects that dissipate have no such orbits.
-    tip_displacements
-        Transverse displacement [m] of the tip from equilibrium at one turning point; best in
-        the order of size, since each orbit starts from the one before.
-    mode
+    tip_displacements : sequence of float
+        Transverse displacement of the tip from equilibrium at one turning point, m; best in the
+        order of size, since each orbit starts from the one before.
+    mode : int
         The linear mode that the orbits grow out of: 1, 2, ...
-    forces
+    forces : int
         Number of bending modes whose modal forces hold the shape.
-    progress
+    progress : bool
         Whether to show a progress bar.
 
     Raises
@@ -105,7 +104,7 @@ def find_normal_mode(
         Before the first orbit; later, what has been found is returned.
     """
     _check(tip_displacements, mode, forces)
-    calm = replace(beam, alpha=0.0, eta=0.0)
+    calm = Assembly(replace(structure, alpha=0.0, eta=0.0))
     shooting = _Shooting(calm, mode, forces)
     ratios = np.zeros(forces - 1)
     orbits = []
@@ -172,15 +171,16 @@ class _Orbit:
 class _Shooting:
     """From the ratios of modal forces to how much the modes still move half a period later."""
 
-    def __init__(self, beam: Beam, mode: int, forces: int) -> None:
-        self.beam = beam
-        basis = beam.modes(count=_count(beam, forces))
+    def __init__(self, assembly: Assembly, mode: int, forces: int) -> None:
+        self.assembly = assembly
+        rest = find_equilibrium(assembly)
+        basis = solve_modes(assembly, rest, _count(assembly, forces))
         bending = np.flatnonzero(basis.axial < 0.5)[:forces]
         if len(bending) < forces:
             raise ValueError(f"forces = {forces}, but the mesh has {len(bending)} bending modes")
         first = bending[mode - 1]
         self.modes = [first, *(m for m in bending if m != first)]
-        self.basis: ModalBasis = basis
+        self.basis = basis
         self.period = 2 * np.pi / float(basis.omega[first])
 
     def unrest(self, ratios: np.ndarray, tip: float) -> np.ndarray:
@@ -189,8 +189,15 @@ class _Shooting:
     def follow(self, ratios: np.ndarray, tip: float) -> _Orbit:
         """Let the shape go and follow it until the mode turns."""
         shape = self._held(ratios, tip)
-        motion = self.beam.simulate(
-            shape, 0.8 * self.period, self.period / _STEPS, modes=self.basis, progress=False
+        rest, duration = self.basis.equilibrium, 0.8 * self.period
+        motion = simulate(
+            self.assembly,
+            rest,
+            shape,
+            duration,
+            self.period / _STEPS,
+            modes=self.basis,
+            progress=False,
         )
         if motion.stop_reason != "completed":  # `simulate` keeps what it has, and hands it back
             raise KeyboardInterrupt
@@ -208,16 +215,13 @@ class _Shooting:
     def _held(self, ratios: np.ndarray, tip: float) -> Shape:
         momenta = self.basis.momenta[self.modes]
         pattern = momenta[0] + np.tensordot(ratios, momenta[1:], axes=1)
-        rest = self.beam.equilibrium().displacement
-        control = Control(self.beam.point_load((0.0, 1.0)))
-        goal = control.measure(rest) + tip
-        x, factor = find_displaced(self.beam.assembly, rest, pattern, control, goal)
-        return self.beam.shape(x, factor * pattern)
+        reading = self.assembly.point_load((0.0, 1.0))
+        return hold(self.assembly, self.basis.equilibrium, pattern, reading, tip)
 
 
-def _count(beam: Beam, forces: int) -> int:
+def _count(assembly: Assembly, forces: int) -> int:
     """Enough modes to hold the bending ones: axial ones lie among them in short beams."""
-    return min(2 * forces + 2, int(np.count_nonzero(~beam.assembly.fixed)) - 2)
+    return min(2 * forces + 2, int(np.count_nonzero(~assembly.fixed)) - 2)
 
 
 def _refuse_loss(motion: Motion) -> None:

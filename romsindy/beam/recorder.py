@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import Cost, EnergyBalance, History, Motion
-
-if TYPE_CHECKING:
-    from romsindy.beam.sensors import SensorArray
+from romsindy.beam.sensors import SensorArray
 
 
 class Recorder:

@@ -5,12 +5,11 @@ Notation as in [1], eqs. (10)-(17):
 
     f(q) = omega^2 q + sum_m gamma_m q^m                          stiffness, from the force
     s(q) = x - x_eq - phi q = sum_k beta_k q^k                    what follows quasi-statically
-    beta_bar_kl = beta_k^T M beta_l
-    1 + ds/dq^T M ds/dq = 1 + sum_kl k l beta_bar_kl q^(k+l-2)
-                        = 1 + Upsilon_3 q^2 + 2 Upsilon_4 q^3 + Upsilon_5 q^4 + ...
+    1 + h(q) = 1 + ds/dq^T M ds/dq                                inertia
+             = 1 + Upsilon_3 q^2 + 2 Upsilon_4 q^3 + Upsilon_5 q^4 + ...
 
-so Upsilon_3 = 4 beta_bar_22, Upsilon_4 = 6 beta_bar_23, Upsilon_5 = 9 beta_bar_33 + 16
-beta_bar_24.
+Upsilon_3 = 4 beta_2^T M beta_2. The higher ones of [1] are sums of such products as well, but a
+sum that is cut at some power is wrong at the edge of the range. They are fitted to h itself here.
 
 [1] Ahmadi, Hill, Jiang, Neild, Nonlinear Dynamics (2023), doi 10.1007/s11071-023-08813-z.
 """
@@ -18,106 +17,37 @@ beta_bar_24.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from romsindy.beam.modes import ModalBasis
-from romsindy.beam.statics import Control, find_displaced
-from romsindy.beam.validation import require_positive
+from romsindy.beam.assembly import Assembly
+from romsindy.beam.static_curve import StaticCurve, follow_static_curve
+from romsindy.beam.statics import Shape
 from romsindy.physics.model import ReducedModel
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
-
-
-@dataclass(frozen=True, eq=False)
-class StaticCases:
-    """Static shapes under a modal force.
-
-    Attributes
-    ----------
-    mode
-        Number of the mode that is forced.
-    basis
-        The modes about the equilibrium.
-    q
-        Modal displacement of each case [kg^0.5 m], shape (n_cases,).
-    force
-        F, so that f M phi is the load [kg^0.5 m/s^2], shape (n_cases,).
-    displacement
-        From the straight rest, shape (n_cases, n_nodes, 3).
-    """
-
-    mode: int
-    basis: ModalBasis
-    q: np.ndarray
-    force: np.ndarray
-    displacement: np.ndarray
-
-    @property
-    def slaves(self) -> np.ndarray:
-        """x - x_eq - phi q of each case, shape (n_cases, n_nodes * 3)."""
-        relative = self.displacement - self.basis.equilibrium.displacement
-        relative = relative - np.multiply.outer(self.q, self.basis.shape(self.mode))
-        return relative.reshape(len(self.q), -1)
-
-
-def solve_static_cases(beam: Beam, mode: int, amplitude: float, cases: int) -> StaticCases:
-    """Hold the beam by a modal force at `cases` values of q in [-amplitude, amplitude].
-
-    The values are evenly spaced; each direction is walked outwards from the equilibrium.
-
-    Raises
-    ------
-    ValueError
-        For an amplitude that is not positive, or a mode that does not exist.
-    NoEquilibriumError
-        If the beam cannot be held that far.
-    """
-    require_positive("amplitude", amplitude)
-    if mode < 1:
-        raise ValueError(f"mode = {mode} does not exist; modes count from 1")
-    basis = beam.modes(count=max(mode, 3))
-    half = (cases + 1) // 2  # the equilibrium itself needs no solve
-    positive = amplitude * np.arange(1, half + 1) / half
-    momentum = basis.momenta[basis.index(mode)]
-    rest = basis.equilibrium.displacement
-    origin = float(np.vdot(momentum, rest))
-    q, force, shapes = [], [], []
-    for direction in (1.0, -1.0):
-        x, factor = rest, 0.0
-        for value in direction * positive:
-            x, factor = find_displaced(
-                beam.assembly, x, momentum, Control(momentum), origin + value, factor
-            )
-            q.append(value)
-            force.append(factor)
-            shapes.append(x)
-    return StaticCases(mode, basis, np.array(q), np.array(force), np.array(shapes))
 
 
 def reduce(
-    beam: Beam, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int = 41
+    assembly: Assembly, equilibrium: Shape, mode: int, order: int, amplitude: float, cases: int
 ) -> ReducedModel:
     """Return the inertially compensated single-mode model of a beam from static cases.
 
-    omega^2 is the mode's; gamma_2 ... gamma_order and the beta_k are least squares over the
-    amplitude range.  On a wide range they are the best polynomial, not the Taylor series: an
-    order well above the one of interest comes close to that.
+    omega^2 is the mode's; gamma_2 ... gamma_order and Upsilon_3 ... Upsilon_order are least squares
+    over the amplitude range.  On a wide range they are the best polynomial, not the Taylor series:
+    an order well above the one of interest comes close to that.
 
     Parameters
     ----------
-    beam
+    assembly : Assembly
         The beam; damping is left out.
-    mode
+    equilibrium : Shape
+        Where it rests.
+    mode : int
         The mode, counted from 1.
-    order
+    order : int
         Highest power of q in the force; the inertia goes to q^(order - 1).
-    amplitude
-        Largest |q| [kg^0.5 m].
-    cases
+    amplitude : float
+        Largest |q|, kg^0.5 m.
+    cases : int
         Number of static cases, both directions together.
 
     Raises
@@ -134,40 +64,35 @@ def reduce(
         raise ValueError(
             f"cases = {cases} static cases are too few for order {order}; give {2 * order} or more"
         )
-    solved = solve_static_cases(beam, mode, amplitude, cases)
-    omega2 = float(solved.basis.omega[solved.basis.index(mode)] ** 2)
-    coefficients = {"omega^2": omega2}
-    coefficients |= stiffness_coefficients(solved, omega2, order)
-    coefficients |= inertia_coefficients(beta_bar(beam, solved, order), order)
+    curve = follow_static_curve(assembly, equilibrium, mode, amplitude, cases)
+    coefficients = {"omega^2": curve.omega2}
+    coefficients |= stiffness_coefficients(curve, order)
+    coefficients |= inertia_coefficients(assembly, curve, order)
     return ReducedModel.from_coefficients(
         coefficients, unit="kg^0.5 m", amplitude_range=(0.0, amplitude)
     )
 
 
-def stiffness_coefficients(cases: StaticCases, omega2: float, order: int) -> dict[str, float]:
+def stiffness_coefficients(curve: StaticCurve, order: int) -> dict[str, float]:
     """Return gamma_2 ... gamma_order from the static force."""
     powers = range(2, order + 1)
-    gamma = _fit(cases.q, (cases.force - omega2 * cases.q)[:, None], powers)[:, 0]
+    gamma = _fit(curve.q, (curve.force - curve.omega2 * curve.q)[:, None], powers)[:, 0]
     return {f"gamma_{m}": float(value) for m, value in zip(powers, gamma, strict=True)}
 
 
-def beta_bar(beam: Beam, cases: StaticCases, order: int) -> np.ndarray:
-    """Return beta_k^T M beta_l for k, l = 2 ... order - 1, shape (order - 2, order - 2)."""
-    beta = _fit(cases.q, cases.slaves, range(2, order))
-    fields = beta.reshape(len(beta), -1, 3)
-    momenta = np.array([beam.assembly.mass_times(field) for field in fields])
-    return np.einsum("kni,lni->kl", fields, momenta)
-
-
-def inertia_coefficients(beta_bar: np.ndarray, order: int) -> dict[str, float]:
-    """Return Upsilon_3 ... Upsilon_order from beta_bar."""
-    result = {}
-    for m in range(3, order + 1):
-        # k + l - 2 = m - 1; odd powers carry 2 Upsilon, so that no k l pair counts twice
-        pairs = [(k, m + 1 - k) for k in range(2, m)]
-        total = sum(k * j * beta_bar[k - 2, j - 2] for k, j in pairs)
-        result[f"Upsilon_{m}"] = float(total) / (2.0 if m % 2 == 0 else 1.0)
-    return result
+def inertia_coefficients(assembly: Assembly, curve: StaticCurve, order: int) -> dict[str, float]:
+    """Return Upsilon_3 ... Upsilon_order: the first from the shapes, the others from h(q)."""
+    away = curve.shapes - curve.basis.equilibrium.displacement
+    slaves = away - np.multiply.outer(curve.q, curve.basis.shape(curve.mode))
+    beta_2 = _fit(curve.q, slaves.reshape(len(curve.q), -1), range(2, order))[0].reshape(-1, 3)
+    first = 4.0 * float(np.vdot(beta_2, assembly.mass_times(beta_2)))
+    left = curve.inertia - 1.0 - first * curve.q**2
+    powers = range(3, order)
+    found = {"Upsilon_3": first}
+    for power, value in zip(powers, _fit(curve.q, left[:, None], powers), strict=True):
+        # odd powers carry 2 Upsilon, as in [1]
+        found[f"Upsilon_{power + 1}"] = float(value[0]) / (2.0 if power % 2 else 1.0)
+    return found
 
 
 def _fit(q: np.ndarray, values: np.ndarray, powers: range) -> np.ndarray:

@@ -13,16 +13,16 @@ class Section:
 
     Parameters
     ----------
-    EA
-        Axial stiffness [N].
-    GA
-        Shear stiffness, correction factor included [N].
-    EI
-        Bending stiffness [N m^2].
-    mass
-        Mass per unit length [kg/m].
-    rotary_inertia
-        Rotary inertia per unit length [kg m].
+    EA : float
+        Axial stiffness, N.
+    GA : float
+        Shear stiffness, correction factor included, N.
+    EI : float
+        Bending stiffness, N m^2.
+    mass : float
+        Mass per unit length, kg/m.
+    rotary_inertia : float
+        Rotary inertia per unit length, kg m.
 
     Raises
     ------

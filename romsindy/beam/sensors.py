@@ -5,18 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from romsindy.beam.modes import ModalBasis
+from romsindy.beam.assembly import Assembly
+from romsindy.beam.modes import ModalBasis, Recorded
 from romsindy.beam.validation import require_position
 from romsindy.record.decay import Decay
 from romsindy.record.signals import with_noise
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam
-    from romsindy.beam.motion import Motion
 
 TRANSVERSE = (0.0, 1.0)
 AXIAL = (1.0, 0.0)
@@ -28,9 +24,9 @@ class Sensor:
 
     Parameters
     ----------
-    at
-        Position on the undeformed axis [m].
-    direction
+    at : float
+        Position on the undeformed axis, m.
+    direction : tuple of two float
         (x, y), of any length; (0, 1) is transverse, (1, 0) axial.
 
     Raises
@@ -55,10 +51,10 @@ class SensorArray:
 
     Attributes
     ----------
-    sensors
+    sensors : tuple of Sensor
         The sensors, one channel each.
-    rows
-        What each reads of the nodal displacements, shape (n_channels, n_nodes * 3).
+    rows : (n_channels, n_nodes * 3) array
+        What each reads of the nodal displacements.
     """
 
     sensors: tuple[Sensor, ...]
@@ -71,17 +67,17 @@ class SensorArray:
         return [f"{axes.get(s.direction, 'd')}({s.at:g})" for s in self.sensors]
 
     def measure(
-        self, motion: Motion, snr_db: float | None = None, seed: int | None = 0
+        self, motion: Recorded, snr_db: float | None = None, seed: int | None = 0
     ) -> np.ndarray:
         """Return displacements [m] from equilibrium, (n_samples, n_channels), noisy if asked.
 
         Parameters
         ----------
-        motion
+        motion : Recorded
             Simulated with these sensors, or with its full field kept.
-        snr_db
-            Signal-to-noise ratio [dB] of each channel, rms over the record; None is clean.
-        seed
+        snr_db : float, optional
+            Signal-to-noise ratio of each channel, rms over the record, dB; None is clean.
+        seed : int, optional
             Of the noise.
 
         Raises
@@ -89,20 +85,8 @@ class SensorArray:
         ValueError
             If the motion did not record these sensors.
         """
-        clean = self._clean(motion)
+        clean = motion.readings(self.rows)
         return clean if snr_db is None else with_noise(clean, snr_db, seed)
-
-    def _clean(self, motion: Motion) -> np.ndarray:
-        recorded = motion.sensor_array
-        if motion.field is not None:
-            rest = motion.basis.equilibrium.displacement.ravel()
-            return (motion.field.displacement - rest) @ self.rows.T
-        if motion.sensors is None or recorded is None or not _same(recorded.rows, self.rows):
-            raise ValueError(
-                "the motion did not record these sensors; simulate with sensors=... set to them, "
-                "or with keep_field=True"
-            )
-        return motion.sensors.displacement
 
     def mode_shapes(
         self, basis: ModalBasis, modes: int = 3, snr_db: float | None = None, seed: int | None = 0
@@ -126,7 +110,7 @@ class SensorArray:
 
     def experiment(
         self,
-        motion: Motion,
+        motion: Recorded,
         modes: int = 3,
         snr_db: float | None = 35.0,
         seed: int = 0,
@@ -139,15 +123,15 @@ class SensorArray:
 
         Parameters
         ----------
-        motion
+        motion : Recorded
             Simulated with these sensors.
-        modes
+        modes : int
             Number of modes that are told apart.
-        snr_db
-            Signal-to-noise ratio [dB] of both; None is clean.
-        seed
+        snr_db : float, optional
+            Signal-to-noise ratio of both, dB; None is clean.
+        seed : int
             Of both noises.
-        basis
+        basis : ModalBasis, optional
             The modes (default: those in which the motion was recorded).
         """
         x = self.measure(motion, snr_db, seed)
@@ -155,8 +139,8 @@ class SensorArray:
         return Decay(motion.t, x @ np.linalg.pinv(phi).T, unit="kg^0.5 m")
 
 
-def place_sensors(beam: Beam, sensors: Sequence[Sensor | float]) -> SensorArray:
-    """Return the sensors on a beam; a bare position [m] stands for a transverse and an axial one.
+def place_sensors(assembly: Assembly, sensors: Sequence[Sensor | float]) -> SensorArray:
+    """Return the sensors on a beam; a bare position, m, stands for a transverse and an axial one.
 
     Raises
     ------
@@ -170,17 +154,12 @@ def place_sensors(beam: Beam, sensors: Sequence[Sensor | float]) -> SensorArray:
         else:
             placed += [Sensor(float(sensor), TRANSVERSE), Sensor(float(sensor), AXIAL)]
     if not placed:
-        raise ValueError("sensors is empty; give at least one position [m]")
-    return SensorArray(tuple(placed), np.array([_row(beam, sensor) for sensor in placed]))
+        raise ValueError("sensors is empty; give at least one position, in m")
+    return SensorArray(tuple(placed), np.array([_row(assembly, sensor) for sensor in placed]))
 
 
-def _row(beam: Beam, sensor: Sensor) -> np.ndarray:
-    require_position("sensor at", sensor.at, beam.length)
+def _row(assembly: Assembly, sensor: Sensor) -> np.ndarray:
+    require_position("sensor at", sensor.at, assembly.structure.length)
     norm = math.hypot(*sensor.direction)
-    # A load is what does work on a displacement, so a unit load reads it.
     unit = (sensor.direction[0] / norm, sensor.direction[1] / norm)
-    return beam.point_load(unit, at=sensor.at).ravel()
-
-
-def _same(a: np.ndarray, b: np.ndarray) -> bool:
-    return a.shape == b.shape and bool(np.all(a == b))
+    return assembly.point_load(unit, at=sensor.at).ravel()

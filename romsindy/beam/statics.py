@@ -8,13 +8,47 @@ from dataclasses import dataclass
 import numpy as np
 
 from romsindy.beam.assembly import Assembly, factorise, solve
-from romsindy.beam.errors import NoEquilibriumError
 
 _MAX_ITERATIONS = 25
 _SMALLEST_STEP = 2.0**-10
 # Newton converges quadratically, so an increment of this size (relative to the beam's length, or
 # in radians) leaves an error at the level of rounding.
 _TOLERANCE = 1e-9
+
+
+class NoEquilibriumError(RuntimeError):
+    """No static equilibrium was found under the load or displacement asked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A static state: nodal displacements and the load that holds them.
+
+    Attributes
+    ----------
+    s : (n_nodes,) array
+        Positions of the nodes on the undeformed axis, m.
+    displacement : (n_nodes, 3) array
+        (u, w, theta) from the straight rest, m, m, rad.
+    load : (n_nodes, 3) array
+        The dead nodal load (fx, fy, moment) beside weight and effects, N, N, N m.
+    """
+
+    s: np.ndarray
+    displacement: np.ndarray
+    load: np.ndarray
+
+    @property
+    def tip(self) -> np.ndarray:
+        """(u, w, theta) of the right end."""
+        return self.displacement[-1]
+
+    def __repr__(self) -> str:
+        u, w, theta = self.tip
+        return (
+            f"Shape(tip u = {u:.6g} m, w = {w:.6g} m, theta = {theta:.6g} rad,\n"
+            f"      held by {np.linalg.norm(self.load[:, :2].sum(axis=0)):.6g} N)"
+        )
 
 
 @dataclass(frozen=True)
@@ -43,7 +77,7 @@ def _newton(
 ) -> _State | None:
     """Solve r(x) = factor * pattern; without `control` the factor stays, else it is found too."""
     x, factor = start.x.copy(), start.factor
-    length = assembly.beam.length
+    length = assembly.structure.length
     for _ in range(_MAX_ITERATIONS):
         residual, _ = assembly.residual(x)
         residual += (1.0 - weight_share) * np.where(assembly.fixed, 0.0, assembly.weight)
@@ -91,15 +125,16 @@ def _march(solve_at: Callable[[float, _State], _State | None], start: _State) ->
     return state
 
 
-def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> np.ndarray:
-    """Return the displacement, (n_nodes, 3), under weight, effects and a dead nodal load [N, N m].
+def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> Shape:
+    """Return the equilibrium under weight, effects and a dead nodal load (n_nodes, 3), N and N m.
 
     Raises
     ------
     NoEquilibriumError
         If no equilibrium is found, however small the load step.
     """
-    pattern = np.zeros_like(assembly.weight) if load is None else _free(assembly, load)
+    load = np.zeros_like(assembly.weight) if load is None else load
+    pattern = _free(assembly, load)
 
     def solve_at(share: float, guess: _State) -> _State | None:
         return _newton(assembly, _State(guess.x, share), pattern, share, None, 0.0)
@@ -111,7 +146,7 @@ def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> np.n
             "value), even in steps of 1/1024 of it; reduce the load, or check the springs and "
             "supports (a beam without support has no equilibrium)"
         )
-    return found.x
+    return Shape(assembly.s, found.x, load)
 
 
 def find_displaced(
@@ -142,9 +177,35 @@ def find_displaced(
     if found is None:
         raise NoEquilibriumError(
             f"no equilibrium found with the controlled displacement at {target:.4g}; the beam "
-            f"(length {assembly.beam.length:.4g} m) may not reach that far: ask for less"
+            f"(length {assembly.structure.length:.4g} m) may not reach that far: ask for less"
         )
     return found.x, found.factor
+
+
+def hold(
+    assembly: Assembly, rest: Shape, pattern: np.ndarray, reading: np.ndarray, distance: float
+) -> Shape:
+    """Return the shape held by a multiple of `pattern` where `reading` has changed by `distance`.
+
+    Parameters
+    ----------
+    assembly : Assembly
+    rest : Shape
+        The equilibrium from which the path starts.
+    pattern, reading : (n_nodes, 3) array
+        A nodal load, and the weights of the displacement that is prescribed.
+    distance : float
+        By how much that displacement changes, m.
+
+    Raises
+    ------
+    NoEquilibriumError
+        If there is no such equilibrium on the path.
+    """
+    control = Control(reading)
+    goal = control.measure(rest.displacement) + distance
+    x, factor = find_displaced(assembly, rest.displacement, pattern, control, goal)
+    return Shape(assembly.s, x, factor * pattern)
 
 
 def _free(assembly: Assembly, load: np.ndarray) -> np.ndarray:

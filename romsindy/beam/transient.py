@@ -5,25 +5,21 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
 
 from romsindy.beam import kernel
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.collocation import RadauIIA
-from romsindy.beam.errors import StepTooLongError
 from romsindy.beam.integrator import Integrator
-from romsindy.beam.modes import ModalBasis
-from romsindy.beam.motion import Cost, Motion
+from romsindy.beam.modes import ModalBasis, solve_modes
+from romsindy.beam.motion import Cost, Motion, StepTooLongError
+from romsindy.beam.radau import RadauIIA
 from romsindy.beam.recorder import Recorder
+from romsindy.beam.sensors import SensorArray
+from romsindy.beam.statics import Shape
 from romsindy.beam.stepper import FINEST, Budget, Stepper
 from romsindy.beam.validation import require_positive
-
-if TYPE_CHECKING:
-    from romsindy.beam.beam import Beam, Shape
-    from romsindy.beam.sensors import SensorArray
 
 DEFAULT_STEP = 1e-3
 DEFAULT_ENERGY_TOLERANCE = 1e-4
@@ -31,7 +27,8 @@ _DEFAULT_MODES = 10
 
 
 def simulate(
-    beam: Beam,
+    assembly: Assembly,
+    equilibrium: Shape,
     shape: Shape,
     duration: float,
     step: float = DEFAULT_STEP,
@@ -51,26 +48,28 @@ def simulate(
 
     Parameters
     ----------
-    beam
+    assembly : Assembly
         The beam.
-    shape
+    equilibrium : Shape
+        Where it rests; energies are counted from there.
+    shape : Shape
         Where it is let go.
-    duration
-        Time to follow [s].
-    step
-        Sampling interval and longest time step [s].
-    energy_tolerance
-        How far kinetic + strain + potential + dissipated energy may drift over
-        the whole motion, relative to the energy at release.
-    modes
+    duration : float
+        Time to follow, s.
+    step : float
+        Sampling interval and longest time step, s.
+    energy_tolerance : float
+        How far kinetic + strain + potential + dissipated energy may drift over the whole motion,
+        relative to the energy at release.
+    modes : ModalBasis, optional
         The modes to record (default: the first ten about the beam's own equilibrium).
-    sensors
+    sensors : SensorArray, optional
         Sensors to record.
-    keep_field
+    keep_field : bool
         Whether to keep every node's motion as well (20 kB per sample at 150 elements).
-    method
+    method : RadauIIA, optional
         The collocation method (default: Radau IIA of order 5).
-    progress
+    progress : bool
         Whether to show a progress bar.
 
     Raises
@@ -82,11 +81,9 @@ def simulate(
         If Newton fails even in steps of step / 1024; the error carries the
         motion up to there and a step to try.
     """
-    _check(beam, shape, duration, step, energy_tolerance)
-    assembly = beam.assembly
+    _check(assembly, shape, duration, step, energy_tolerance)
     if progress and not kernel.is_compiled():
         print("compiling the beam kernel (first run only, about 10 s)", file=sys.stderr)
-    equilibrium = beam.equilibrium()
     rest, start = equilibrium.displacement, shape.displacement
     rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     method = method or RadauIIA()
@@ -94,7 +91,7 @@ def simulate(
     budget = _budget(assembly, start, sum(rest_energy), energy_tolerance, duration)
     stepper = Stepper(integrator, assembly, integrator.start(start), budget, method.order)
     acceleration = assembly.smooth_acceleration(start, stiffening=step)
-    basis = modes or beam.modes(equilibrium, _count_modes(assembly))
+    basis = modes or solve_modes(assembly, equilibrium, _count_modes(assembly))
     n_samples = int(np.floor(duration / step * (1 + 1e-12))) + 1
     recorder = Recorder(basis, sensors, n_samples, keep_field)
     began = time.perf_counter()
@@ -130,15 +127,17 @@ def _budget(
     return Budget(tolerance * abs(stored - rest_energy), duration, rounding)
 
 
-def _check(beam: Beam, shape: Shape, duration: float, step: float, energy_tolerance: float) -> None:
+def _check(
+    assembly: Assembly, shape: Shape, duration: float, step: float, energy_tolerance: float
+) -> None:
     require_positive("duration", duration)
     require_positive("step", step)
     require_positive("energy_tolerance", energy_tolerance)
     if step > duration:
         raise ValueError(f"step = {step} s is longer than duration = {duration} s; shorten it")
-    if shape.displacement.shape != (beam.assembly.n_nodes, 3):
+    if shape.displacement.shape != (assembly.n_nodes, 3):
         raise ValueError(
-            f"shape has {len(shape.displacement)} nodes, the beam has {beam.assembly.n_nodes}; "
+            f"shape has {len(shape.displacement)} nodes, the beam has {assembly.n_nodes}; "
             "release a shape of the same mesh"
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from romsindy.beam import Beam, SensorArray
+from romsindy.beam import Beam, SensorArray, Shape
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
 from romsindy.diagnosis.report import DiagnosisReport
@@ -21,6 +21,7 @@ def diagnose(
     *,
     sensors: SensorArray | None = None,
     held_out: Decay | None = None,
+    release: Shape | None = None,
     free: Sequence[str | Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
@@ -44,6 +45,9 @@ def diagnose(
     held_out : Decay, optional
         A decay to judge by, which takes no part otherwise. Without it the last quarter of each
         record is held out, if it holds six cycles.
+    release : Shape, optional
+        The shape that a beam is let go from, as of `Beam.release_shape`: its load, of any size,
+        held the beam in every record. By default the load is read from the sensors.
     free : names or effects, optional
         What the simulation is unsure of: of "omega^2" and "c_linear", or effects without shape
         values. It follows the data under every hypothesis, and is blamed only where nothing else is
@@ -51,7 +55,9 @@ def diagnose(
         in proportion to mass. Both by default for a model, nothing for a beam. Empty: the
         simulation is taken as exact.
     tolerances : mapping of str to float, optional
-        Relative standard deviations of other coefficients of a model.
+        Relative standard deviations of other coefficients of a model, or of parameters of a beam:
+        "bending_stiffness", "point_masses", "spring_stiffness", "pre_tension", "mass_damping",
+        "material_damping".
     catalogue : sequence of Effect
         What to look for; add your own. On a beam an effect is looked for at its ``mounting``.
     false_alarm : float
@@ -88,17 +94,14 @@ def diagnose(
                 "sensors = None: a Beam needs the sensors that measured it, such as"
                 " sensors=beam.sensors([0.2, 0.45])"
             )
-        if tolerances:
-            raise ValueError(
-                f"tolerances = {dict(tolerances)} are of the coefficients of a ReducedModel: of a"
-                " Beam, name what it is unsure of in free="
-            )
         return diagnose_beam(
             model,
             measured,
             sensors=sensors,
             held_out=held_out,
+            release=release,
             free=free or (),
+            tolerances=tolerances,
             catalogue=catalogue,
             false_alarm=false_alarm,
             max_effects=max_effects,
@@ -110,6 +113,8 @@ def diagnose(
         raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
+    if release is not None:
+        raise ValueError("release = ... belongs to a Beam: leave it out for a ReducedModel")
     return diagnose_model(
         model,
         measured,

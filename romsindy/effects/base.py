@@ -99,9 +99,10 @@ class Effect(ABC):
     resembles: ClassVar[tuple[str, ...]] = ()
     sign: ClassVar[int] = 0
     start: ClassVar[float] = 0.0  # strength that a fit starts from
+    tolerance: ClassVar[float | None] = None  # standard deviation of a strength known to be near 0
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
-    unit: ClassVar[str] = ""  # of the strength, where it does not follow from the term
+    fixed_unit: ClassVar[str] = ""  # of the strength, where it does not follow from the law
     advice: ClassVar[str] = "a longer decay from a larger amplitude"
 
     @property
@@ -144,7 +145,7 @@ class Effect(ABC):
     def strength_unit(self, unit: str | None) -> str:
         """Unit of the strength for a coordinate in ``unit``."""
         law = self.term()
-        return self.unit or ("" if law is None else law.unit(unit))
+        return self.fixed_unit or ("" if law is None else law.unit(unit))
 
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
         """What `Beam.with_effect` takes; None where there is no counterpart on a beam."""
@@ -155,6 +156,12 @@ class TermEffect(Effect):
     """An effect that is a law of the equation of motion."""
 
     mounting: ClassVar[Mounting | None] = None  # where it is looked for on a beam
+    spread: ClassVar[float] = 0.0  # standard deviation of its exponent, where that is but a guess
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        """Its exponent, if that is but a guess."""
+        textbook = getattr(self, "exponent", 0.0)
+        return (Parameter.near("exponent", textbook, self.spread),) if self.spread else ()
 
     def term(self) -> Term:
         """The law; the effect itself, where it derives from one.

@@ -43,7 +43,7 @@ class Part:
         strengths = np.full((sets, effect.n_strengths), effect.start)
         known = effect.parameters(scales)
         parameters = tuple(p.from_start(v) for p, v in zip(known, start, strict=True))
-        return cls(_shaped(effect, parameters, start), parameters, strengths)
+        return cls(_shaped(effect, parameters, start), parameters, strengths, effect.tolerance)
 
     @property
     def size(self) -> int:

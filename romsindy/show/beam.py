@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 
-from romsindy.beam.beam import Shape
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode
+from romsindy.beam.statics import Shape
 from romsindy.show.axes import given_or_new
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
+from romsindy.diagnosis.on_beam.release import load_at_release
 from romsindy.fit.collocation import integrate
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
@@ -52,20 +53,41 @@ def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
 
 
 def corrected(
-    seen: InstrumentedBeam, model: ReducedModel, parts: Sequence[Part], record: Record
+    seen: InstrumentedBeam,
+    model: ReducedModel,
+    parts: Sequence[Part],
+    record: Record,
+    decay: Decay,
+    load: Array | None = None,
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
 
     Only the coordinate of the release is fitted.
+
+    Parameters
+    ----------
+    seen : InstrumentedBeam
+    model : ReducedModel
+    parts : sequence of Part
+    record : Record
+        Coordinate of a decay.
+    decay : Decay
+        Displacements of the sensors from which the coordinate was made, m.
+    load : (n_nodes, 3) array, optional
+        Nodal load that held the beam; by default it is read from the sensors.
     """
     parts = on_the_beam(parts)
+    beam = beam_with(seen.beam, parts)
     solution = fit(model, parts, [record], fixed=True, iterations=25)
     start = solution.motions[0].q[:1]
     if not np.isfinite(solution.chi_squared):
         start = record.motion.q[:1]
     shown = float(read(parts, 0, record.t[:1], start)[0][0])
-    duration = float(record.t[-1]) + 0.5 * record.decay.dt
-    readings = seen.readings(beam_with(seen.beam, parts), shown, duration, record.decay.dt)
+    dt = record.decay.dt
+    if load is None:
+        measured = decay.between(record.decay.t[0], record.decay.t[-1]).q
+        load = load_at_release(seen, beam, shown, measured, dt)
+    readings = seen.readings(beam, shown, float(record.t[-1]) + 0.5 * dt, dt, load)
     equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
     motion = integrate(equation, (float(start[0]), 0.0), record.motion.grid)
     reduced = read(parts, 0, record.t, sampled(motion))[0]

@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from romsindy.beam import Beam
+from romsindy.beam import Beam, Shape
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.sensors import SensorArray
+from romsindy.beam.statics import hold
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
@@ -59,17 +60,34 @@ class InstrumentedBeam:
         flat = fields.reshape(*fields.shape[:-2], -1)
         return self.coordinate(flat @ self.sensors.rows.T)
 
-    def readings(self, beam: Beam, q: float, duration: float, step: float) -> Array:
-        """Displacements (n, n_sensors) [m] of a beam let go where its coordinate is ``q``.
+    def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
+        """Shape from which the first mode of a beam swings with the coordinate ``q``.
 
-        The beam is held by the modal force of its own first mode until then.
+        Parameters
+        ----------
+        beam : Beam
+        q : float
+            kg^0.5 m.
+        load : (n_nodes, 3) array, optional
+            Nodal load that holds it, of any size; by default the modal force of its first mode.
         """
-        tip = q * float(self.basis.shapes[0, -1, 1])
-        for _ in range(4):  # the tip is nearly proportional to the coordinate
-            held = beam.release_shape(tip, mode=1).displacement - beam.equilibrium().displacement
-            tip *= q / float(self.seen(held))
+        momentum, rest = beam.modes(count=1).momenta[0], beam.equilibrium()
+        reading = self.coordinate(self.sensors.rows.T).reshape(momentum.shape)
+        shape = hold(beam.assembly, rest, momentum, reading, q)
+        if load is None:
+            return shape
+        # Other modes, which this load moves too, are seen in the coordinate, but soon die.
+        swing = float(np.vdot(momentum, shape.displacement - rest.displacement))
+        return hold(beam.assembly, rest, load, momentum, swing)
+
+    def readings(
+        self, beam: Beam, q: float, duration: float, step: float, load: Array | None = None
+    ) -> Array:
+        """Displacements (n, n_sensors), m, of a beam that is let go as `held`."""
+        shape = self.held(beam, q, load)
+        # Only what the sensors read is kept, so one mode is enough to record.
         motion = beam.simulate(
-            beam.release_shape(tip, mode=1), duration, step, sensors=self.sensors, progress=False
+            shape, duration, step, sensors=self.sensors, modes=beam.modes(count=1), progress=False
         )
         return self.sensors.measure(motion)
 

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from romsindy.beam import StaticCurve
 from romsindy.beam.spring import Spring
-from romsindy.diagnosis.on_beam.static_curve import StaticCurve
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
-from romsindy.effects.mounting import AlongBeam, Mounting, Point, TowardsAnchor
+from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, Point, TowardsAnchor
 from romsindy.physics.damping import FrictionLaw
 from romsindy.physics.term import Term
 from romsindy.typing import Array
@@ -179,7 +179,7 @@ class _Path:
 
 def _places(curve: StaticCurve, mounting: Mounting) -> list[tuple[Any, float]]:
     """Places of a mounting on the beam, each with its weight: one, or Gauss points along it."""
-    assembly, length = curve.beam.assembly, curve.beam.length
+    assembly, length = curve.assembly, curve.beam.length
     if not isinstance(mounting, AlongBeam):
         return [(assembly.place(mounting.at), 1.0)]
     x, w = np.polynomial.legendre.leggauss(_POINTS)
@@ -209,15 +209,18 @@ class DampingEffect(BeamEffect):
     curve : StaticCurve
     change : type
         Of `romsindy.beam.changes`, in one number.
-    name, label, unit, advice : str
+    name, label, fixed_unit, advice : str
+    tolerance : float, optional
+        Standard deviation of the change, where it is known to be near 0.
     """
 
     curve: StaticCurve
     change: type
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
-    unit: str  # type: ignore[misc]
+    fixed_unit: str  # type: ignore[misc]
     advice: str  # type: ignore[misc]
+    tolerance: float | None = None  # type: ignore[misc]
 
     family = "damping"
 
@@ -253,5 +256,8 @@ def mounted_effects(
         if isinstance(where, TowardsAnchor) and where.anchor is None and len(springs) != 1:
             continue
         if where is not None:
-            found.append(MountedEffect(effect, curve, where.settled(curve.beam)))
+            settled = where.settled(curve.beam)
+            if isinstance(settled, AtPoint) and settled.at is None:
+                settled = replace(settled, at=curve.point)  # the tip, unless that is held
+            found.append(MountedEffect(effect, curve, settled))
     return tuple(found)

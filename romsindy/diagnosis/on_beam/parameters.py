@@ -10,10 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from romsindy.beam import Beam
+import numpy as np
+
+from romsindy.beam import Beam, StaticCurve
 from romsindy.beam.changes import (
     ClampCompliance,
     ExtraTension,
+    HeavierMasses,
     MassDamping,
     MaterialDamping,
     StifferBending,
@@ -22,10 +25,9 @@ from romsindy.beam.changes import (
 from romsindy.beam.spring import Spring
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
-from romsindy.diagnosis.on_beam.static_curve import StaticCurve
 from romsindy.effects.base import TermEffect
 from romsindy.effects.load import PointMass
-from romsindy.effects.mounting import Mounting
+from romsindy.effects.mounting import AtPoint, Mounting
 from romsindy.physics.combination import Combination
 from romsindy.physics.serial import term_from_key
 
@@ -44,16 +46,22 @@ class ParameterEffect(TermEffect, BeamEffect):
         What a unit of the change does to the coefficients.
     change : type
         What `Beam.with_effect` takes, in one number.
-    name, label, unit : str
+    name, label, fixed_unit : str
     sign : int
+    at : float, optional
+        Where a point mass is, m; None is the right end.
+    tolerance : float, optional
+        Standard deviation of the change, where it is known to be near 0.
     """
 
     direction: Combination
     change: type
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
-    unit: str  # type: ignore[misc]
+    fixed_unit: str  # type: ignore[misc]
     sign: int = 0  # type: ignore[misc]
+    at: float | None = None
+    tolerance: float | None = None  # type: ignore[misc]
 
     family = "beam"
     advice = "a second mode, or the equilibrium shape"
@@ -62,13 +70,18 @@ class ParameterEffect(TermEffect, BeamEffect):
         return self.direction
 
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
-        return self.change(max(strength, _LEAST) if self.sign else strength)
+        return _changed(self.change, max(strength, _LEAST) if self.sign else strength, self.at)
 
     def linear_shift(self, omega2: float) -> float:
         """Change of omega^2 for a unit of the parameter."""
         pairs = zip(self.direction.terms, self.direction.weights, strict=True)
         weights = {term.key: w for term, w in pairs}
         return weights["omega^2"] - omega2 * weights["mu"]
+
+
+def _changed(change: Any, value: float, at: float | None) -> Any:
+    """A change of the beam; a mass sits where the first mode moves most."""
+    return change(value, at) if change is PointMass else change(value)
 
 
 # name, label, unit, change of the beam, step of the difference, sign
@@ -81,8 +94,12 @@ _OF_ANY_BEAM = (
         0.01,
         0,
     ),
-    ("added_mass", "more mass at the tip", "kg", PointMass, 1e-4, 1),
+    ("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),
     ("clamp_compliance", "a clamp that gives way", "rad/(N m)", ClampCompliance, 1e-3, 1),
+)
+# Of masses that are there; what is looked for is mass that is not ("added_mass").
+_OF_MASSES = (
+    ("point_masses", "other point masses", "of the assumed ones", HeavierMasses, 0.01, 0),
 )
 _OF_A_SPRING = (
     ("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring, 0.01, 0),
@@ -131,29 +148,81 @@ def parameter_effects(
         of each parameter that would cause this, so that they are exact there.
     """
     springs = [e for e in seen.beam.effects if isinstance(e, Spring)]
+    left, at = seen.beam.left, seen.basis.point(1)
+    clamped = left.fixed[2] or left.rotational_stiffness > 0.0
     start = _seen_coefficients(seen, seen.beam, amplitude)
     found = []
     known = _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ())
+    if any(isinstance(e, PointMass) for e in seen.beam.effects):
+        known += _OF_MASSES
     for name, label, unit, change, step, sign in known:
+        if change is ClampCompliance and not clamped:
+            continue
 
         def effect(
             step: float,
             name: str = name,
-            label: str = label,
+            label: str = label.format(place=AtPoint(at).place),
             unit: str = unit,
             change: Any = change,
             sign: int = sign,
         ) -> ParameterEffect:
-            there = _seen_coefficients(seen, seen.beam.with_effect(change(step)), amplitude)
+            there = _seen_coefficients(
+                seen, seen.beam.with_effect(_changed(change, step, at)), amplitude
+            )
             direction = _direction(name, start, there, step)
-            return ParameterEffect(direction, change, name, label, unit, sign)
+            return ParameterEffect(direction, change, name, label, unit, sign, at)
 
         tangent = effect(step)
-        needed = shift / tangent.linear_shift(start["omega^2"])
+        slope = tangent.linear_shift(start["omega^2"])
+        needed = shift / slope if slope else np.inf
         # Steps that the frequency does not ask for stay small.
         chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
         found.append(effect(needed) if chord else tangent)
     return tuple(found)
+
+
+def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str, float]:
+    """Return standard deviations of parameters of a beam, in the units of their effects.
+
+    Parameters
+    ----------
+    beam : Beam
+    tolerances : mapping of str to float
+        Relative standard deviations, by name.
+
+    Raises
+    ------
+    ValueError
+        For a name that is no parameter of the beam, a tolerance that is not positive, or one of a
+        parameter that is zero.
+    """
+    assumed = _assumed(beam)
+    for name, relative in tolerances.items():
+        if name not in assumed:
+            raise ValueError(f"tolerances name {name!r}: this beam has {sorted(assumed)}")
+        if not relative > 0:
+            raise ValueError(f"tolerances[{name!r}] = {relative!r} must be positive (relative)")
+        if assumed[name] == 0:
+            raise ValueError(
+                f"tolerances name {name!r}, which is 0 in this beam: a part of it is 0 as well;"
+                " leave it out, so that it is looked for"
+            )
+    return {name: relative * assumed[name] for name, relative in tolerances.items()}
+
+
+def _assumed(beam: Beam) -> dict[str, float]:
+    """What a beam assumes of the parameters that a tolerance can be of, in their units."""
+    sizes = {"bending_stiffness": 1.0, "mass_damping": beam.alpha, "material_damping": beam.eta}
+    if any(isinstance(e, PointMass) for e in beam.effects):
+        sizes["point_masses"] = 1.0
+    springs = [e for e in beam.effects if isinstance(e, Spring)]
+    if len(springs) == 1:
+        (spring,) = springs
+        at = beam.length if spring.at is None else spring.at
+        stretch = spring.mounting.span(at, 0.0) - spring.natural_length
+        sizes |= {"spring_stiffness": 1.0, "pre_tension": abs(spring.stiffness * stretch)}
+    return sizes
 
 
 def _direction(

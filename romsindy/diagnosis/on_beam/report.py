@@ -51,6 +51,8 @@ class BeamReport:
         Effects that were simulated on the beam.
     sensor_errors : tuple of SensorError
         On the record that was held out, or the last: the beam before and after.
+    trouble : str
+        Why the beam could not be simulated with what was found; empty where it could.
     """
 
     reduced: DiagnosisReport
@@ -58,10 +60,16 @@ class BeamReport:
     seen: InstrumentedBeam
     parts: tuple[Part, ...]
     sensor_errors: tuple[SensorError, ...]
+    trouble: str = ""
 
     @property
     def verdict(self) -> Verdict:
-        """As of the reduced model; "named" where a sensor alone is to blame."""
+        """As of the reduced model; "named" where a sensor alone is to blame.
+
+        It is "unknown" where the beam could not be simulated with what was found.
+        """
+        if self.trouble:
+            return "unknown"
         if self.reduced.verdict == "none" and self.faults:
             return "named"
         return self.reduced.verdict
@@ -89,7 +97,14 @@ class BeamReport:
     @property
     def recipe(self) -> str:
         """The lines of Python that make `model` from `beam`, the beam as it was."""
-        return recipe_of(effects_of(self.parts))
+        lines = [recipe_of(effects_of(self.parts))]
+        return "\n".join([*lines, *(f"# not on the beam: {label}" for label in self.not_on_beam)])
+
+    @property
+    def not_on_beam(self) -> tuple[str, ...]:
+        """Effects of the best hypothesis that no force or parameter of a beam stands for."""
+        there = {p.effect.name for p in self.parts}
+        return tuple(e.label for e in self.effects if e.name not in there)
 
     @property
     def gap(self) -> Gap:
@@ -100,7 +115,12 @@ class BeamReport:
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         left_out = "".join(f"The {fault} and was left out. " for fault in self.faults)
-        return left_out + self.reduced.sentence.replace("The simulation", "The beam", 1)
+        found = self.reduced.sentence.replace("The simulation", "The beam", 1)
+        if self.trouble:
+            found += f" The beam could not be simulated with this: {self.trouble}."
+        elif self.not_on_beam:
+            found += f" Not on the improved beam: {', '.join(self.not_on_beam)}."
+        return left_out + found
 
     def __repr__(self) -> str:
         return f"<BeamReport: {self.verdict}: {self.sentence}>"

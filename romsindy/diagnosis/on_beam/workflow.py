@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from joblib import Parallel, delayed
 
-from romsindy.beam import Beam
-from romsindy.beam.sensors import SensorArray
+from romsindy.beam import Beam, NoEquilibriumError, SensorArray, Shape, StepTooLongError
+from romsindy.diagnosis.on_beam.checks import check_release, checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import mounted_effects
-from romsindy.diagnosis.on_beam.parameters import damping_effects, parameter_effects
+from romsindy.diagnosis.on_beam.mounted import BeamEffect, mounted_effects
+from romsindy.diagnosis.on_beam.parameters import (
+    damping_effects,
+    parameter_effects,
+    standard_deviations,
+)
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
-from romsindy.diagnosis.on_beam.static_curve import StaticCurve
+from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
-from romsindy.fit.verdict import FALSE_ALARM, FLOOR, MOVING
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import noise_std
@@ -33,6 +38,7 @@ from romsindy.typing import Array
 
 _ORDER = 7
 _ROUNDS = 5
+_FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 # Parameters of a beam that stand for the coefficients of a reduced model.
@@ -45,7 +51,9 @@ def diagnose_beam(
     *,
     sensors: SensorArray,
     held_out: Decay | None = None,
+    release: Shape | None = None,
     free: Sequence[str | Effect] = (),
+    tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
@@ -63,18 +71,23 @@ def diagnose_beam(
     """
     several = [measured] if isinstance(measured, Decay) else list(measured)
     everything = [*several, *([held_out] if held_out is not None else [])]
-    _check(sensors, several, everything, free)
+    load = _check(several, free, release)
+    free_names = {_FREE[str(name)] for name in free}
+    near = standard_deviations(beam, tolerances or {})
+    everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
     seen = InstrumentedBeam(beam, sensors)
     for i, decay in enumerate(everything):
-        _check_release(Record.loud(seen.decay(decay), floor), i)
-    seen, own, faults, decays = _with_right_sensors(seen, several, everything)
+        check_release(Record.loud(seen.decay(decay), floor), i)
+    seen, own, faults, decays = _with_right_sensors(seen, everything, len(several))
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(several)]
     model, rough = calibrated(beam, own)
     effects = _effects(seen, model, training, float(np.abs(own.q).max()), catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in catalogue if e.name not in unneeded]
-    unsure = [e for e in effects if e.name in [_FREE[str(name)] for name in free]]
+    unsure = [e for e in effects if e.name in free_names and e.name not in near]
+    unsure += [replace(e, tolerance=near[e.name]) for e in effects if e.name in near]  # type: ignore[type-var]
+    effects = tuple(e for e in effects if e.name != "point_masses")
     records = [Record.loud(d, floor) for d in coordinates]
     parallel, say = Parallel(n_jobs), progress or (lambda _: None)
 
@@ -94,13 +107,27 @@ def diagnose_beam(
 
     def simulate(parts: Sequence[Part]) -> list[Corrected]:
         say("the beam with " + (" + ".join(p.effect.name for p in parts) or "nothing more"))
-        return list(parallel(delayed(corrected)(seen, model, parts, r) for r in records))
+        pairs = zip(records, decays, strict=True)
+        return list(parallel(delayed(corrected)(seen, model, parts, r, d, load) for r, d in pairs))
 
+    try:
+        before = corrected(seen, model, (), records[-1], decays[-1], load)
+    except _FAILURES as error:
+        raise ValueError(
+            f"the beam as it is cannot be simulated over the decays ({error}): check its values,"
+            " or let it go from less"
+        ) from error
     first = look(coordinates, 1, max(rough, floor))
-    report, found = _looked_again(first, look, simulate, max_effects)
-    errors = _sensor_errors(seen, model, records[-1], decays[-1], found[-1])
-    parts = _physical(report) if report.best.names else ()
-    return BeamReport(report, faults, seen, parts, errors)
+    report, trouble = _looked_again(first, look, simulate, max_effects)
+    parts = () if trouble else on_the_beam(report.best.solution.parts)
+    after = before
+    if parts:
+        try:
+            after = corrected(seen, model, parts, records[-1], decays[-1], load)
+        except _FAILURES as error:
+            parts, trouble = (), str(error)
+    errors = _sensor_errors(seen, decays[-1], (before, after))
+    return BeamReport(report, faults, seen, parts, errors, trouble)
 
 
 def _looked_again(
@@ -108,49 +135,42 @@ def _looked_again(
     look: Callable[[Sequence[Decay], int], DiagnosisReport],
     simulate: Callable[[Sequence[Part]], list[Corrected]],
     max_effects: int,
-) -> tuple[DiagnosisReport, list[Corrected]]:
+) -> tuple[DiagnosisReport, str]:
     """Simulate what was found, take the defect off and look again, until nothing changes.
 
-    One effect that closes the gap counts more than several that fit a little better.
+    One effect that closes the gap counts more than several that fit a little better. Where the
+    beam cannot be simulated with what was found, the reason comes back with the report.
     """
     most = 1
     for _ in range(_ROUNDS):
-        parts = _physical(report)
-        found = simulate(parts)
+        parts = on_the_beam(report.best.solution.parts)
+        try:
+            found = simulate(parts)
+        except _FAILURES as error:
+            return report, str(error)
         report = look([c.decay for c in found], most)
         if _settled(parts, report):
             if report.verdict != "unknown" or most == max_effects:
                 break
             most = max_effects
-    return report, found
+    return report, ""
 
 
 def _with_right_sensors(
-    seen: InstrumentedBeam, several: Sequence[Decay], everything: Sequence[Decay]
+    seen: InstrumentedBeam, decays: Sequence[Decay], n_training: int
 ) -> tuple[InstrumentedBeam, Decay, tuple[SensorFault, ...], list[Decay]]:
     """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others."""
-    largest = max(several, key=lambda d: float(np.abs(seen.coordinate(d.q)[0])))
+    training = decays[:n_training]
+    largest = max(training, key=lambda d: float(np.abs(seen.coordinate(d.q)[0])))
     start = float(seen.coordinate(largest.q[0]))
     own = seen.readings(seen.beam, start, float(largest.t[-1] - largest.t[0]), largest.dt)
     labels = seen.sensors.labels
-    fault = find_fault(np.concatenate([d.q for d in several]), own, seen.shapes, labels)
+    fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels)
     kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
     seen = seen.keeping(kept)
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
-    decays = [Decay(d.t, d.q[:, kept], unit=d.unit) for d in everything]
-    return seen, simulated, () if fault is None else (fault,), decays
-
-
-def _check_release(record: Record, i: int) -> None:
-    """Raise a ValueError for a record that does not start from rest."""
-    speed = np.abs(record.motion.q_dot)
-    if speed[0] > MOVING * speed.max():
-        turn = int(np.argmax(np.diff(np.sign(record.motion.q_dot)) != 0))
-        start = record.decay.t[0] + turn * record.motion.grid.step
-        raise ValueError(
-            f"decay {i} starts at {speed[0] / speed.max():.0%} of its largest speed, and a beam is"
-            f" let go from rest: start at a turning point, such as decay.between({start:.4g})"
-        )
+    kept_decays = [Decay(d.t, d.q[:, kept], unit=d.unit) for d in decays]
+    return seen, simulated, () if fault is None else (fault,), kept_decays
 
 
 def _effects(
@@ -159,9 +179,9 @@ def _effects(
     decays: Sequence[Decay],
     reach: float,
     catalogue: Sequence[Effect],
-) -> tuple[Effect, ...]:
+) -> tuple[BeamEffect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
-    curve = StaticCurve.of(seen, reach)
+    curve = seen_curve(seen, reach)
     shift = _frequency_shift(model, decays)
     known = {e.name for e in BEAM_CATALOGUE}
     own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
@@ -169,33 +189,20 @@ def _effects(
     return (*damping_effects(curve), *mounted, *parameter_effects(seen, reach, shift))
 
 
-def _physical(report: DiagnosisReport) -> tuple[Part, ...]:
-    """Parts of the best hypothesis all of whose effects exist on a beam."""
-    for h in (report.best, *report.compared):
-        parts = on_the_beam(h.effects)
-        if len(parts) == len(h.effects) and np.isfinite(h.misfit):
-            return on_the_beam(h.solution.parts)
-    return ()
-
-
 def _sensor_errors(
-    seen: InstrumentedBeam, model: ReducedModel, record: Record, decay: Decay, after: Corrected
+    seen: InstrumentedBeam, decay: Decay, both: Sequence[Corrected]
 ) -> tuple[SensorError, ...]:
     """Every sensor against the beam before and after, in one record."""
-    readings = decay.between(record.decay.t[0], record.decay.t[-1]).q
-    before = corrected(seen, model, (), record)
-
-    def errors(simulated: Array) -> Array:
-        misfit = np.sqrt(np.mean((readings - simulated) ** 2, axis=0))
-        return misfit / np.array([noise_std(y) for y in readings.T])
-
-    both = (errors(c.readings) for c in (before, after))
-    return tuple(itertools.starmap(SensorError, zip(seen.sensors.labels, *both, strict=True)))
+    t = both[0].decay.t
+    readings = decay.between(t[0], t[-1]).q
+    noise = np.array([noise_std(y) for y in readings.T])
+    errors = [np.sqrt(np.mean((readings - c.readings) ** 2, axis=0)) / noise for c in both]
+    return tuple(itertools.starmap(SensorError, zip(seen.sensors.labels, *errors, strict=True)))
 
 
 def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
     """Whether the effects that were simulated are those found, within a standard error."""
-    after = {(p.effect.name, p.effect.variant): p for p in _physical(report)}
+    after = {(p.effect.name, p.effect.variant): p for p in on_the_beam(report.best.solution.parts)}
     before = {(p.effect.name, p.effect.variant): p for p in parts}
     if set(before) != set(after):
         return False
@@ -230,24 +237,16 @@ def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:
 
 
 def _check(
-    sensors: SensorArray,
-    several: Sequence[Decay],
-    everything: Sequence[Decay],
-    free: Sequence[str | Effect],
-) -> None:
+    several: Sequence[Decay], free: Sequence[str | Effect], release: Shape | None
+) -> Array | None:
+    """Refuse what cannot be meant; return the load of the release."""
     if not several:
         raise ValueError("measured is empty: give at least one Decay")
     if not set(free) <= set(_FREE):
         raise ValueError(f"free = {list(free)}: of a beam, {list(_FREE)} can be free")
-    n = len(sensors.sensors)
-    for i, decay in enumerate(everything):
-        if decay.q.ndim != 2 or decay.q.shape[1] != n:
-            channels = 1 if decay.q.ndim == 1 else decay.q.shape[1]
-            raise ValueError(
-                f"decay {i} has {channels} channels, but there are {n} sensors: give one channel"
-                " per sensor, in the order of the sensors"
-            )
-        if decay.measured != "displacement":
-            raise ValueError(
-                f"decay {i} holds {decay.measured}: displacements are needed; integrate it first"
-            )
+    if release is not None and not np.any(release.load):
+        raise ValueError(
+            "release is held by no load: give a shape of beam.release_shape(...) or"
+            " beam.equilibrium(load), or leave it out to read the load from the sensors"
+        )
+    return None if release is None else release.load

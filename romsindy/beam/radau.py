@@ -29,10 +29,10 @@ class RadauIIA:
 
     Attributes
     ----------
-    c
+    c : (stages,) array
         Times of the stages as parts of the step; the last is 1.
-    A
-        The Butcher matrix, shape (stages, stages); its last row holds the weights b.
+    A : (stages, stages) array
+        The Butcher matrix; its last row holds the weights b.
     """
 
     stages: int = 3

@@ -1,0 +1,190 @@
+"""The static curve of a mode: the shapes that the beam takes under the modal force.
+
+Held by f M phi, the beam takes a shape x(q) at every q = phi^T M (x - x_eq). Moving along this
+curve is the motion of one coordinate:
+
+    x'^T M x' = 1 + h(q)                 inertia
+    K(q) = f = dV/dq                     restoring force, V the potential energy
+    S(q) = integral of e'^T C e'         damping by the material, for eta = 1; e' = de/dq, strains e
+
+The tangent x' is exact: the tangent stiffness K_t of each shape gives K_t x' = f' M phi with
+phi^T M x' = 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
+
+from romsindy.beam.assembly import Assembly, factorise, solve
+from romsindy.beam.modes import ModalBasis, solve_modes
+from romsindy.beam.statics import Control, Shape, find_displaced
+from romsindy.beam.structure import Structure
+from romsindy.beam.validation import require_positive
+
+
+@dataclass(frozen=True, eq=False)
+class StaticCurve:
+    """Shapes of a beam along one mode, and what a motion along them feels.
+
+    Attributes
+    ----------
+    beam : Structure
+    basis : ModalBasis
+        The modes about the equilibrium.
+    mode : int
+        Number of the mode that is forced.
+    reach : float
+        Largest coordinate of interest, kg^0.5 m.
+    q : (n,) array
+        Coordinates, ascending and with 0 among them, kg^0.5 m.
+    force : (n,) array
+        K(q), kg^0.5 m/s^2.
+    shapes : (n, n_nodes, 3) array
+        Displacements (u, w, theta) from the straight rest, m, m, rad.
+    tangents : (n, n_nodes, 3) array
+        Their derivatives with respect to q.
+    """
+
+    beam: Structure
+    basis: ModalBasis
+    mode: int
+    reach: float
+    q: np.ndarray
+    force: np.ndarray
+    shapes: np.ndarray
+    tangents: np.ndarray
+
+    def __repr__(self) -> str:
+        return (
+            f"StaticCurve(mode {self.mode}, {len(self.q)} shapes, "
+            f"q = {self.q[0]:.4g} to {self.q[-1]:.4g} kg^0.5 m)"
+        )
+
+    @property
+    def omega2(self) -> float:
+        """Square of the linear frequency, 1/s^2."""
+        return float(self.basis.omega[self.basis.index(self.mode)] ** 2)
+
+    @property
+    def point(self) -> float | None:
+        """Where the mode moves most, m; None is the right end."""
+        return self.basis.point(self.mode)
+
+    @property
+    def rest(self) -> np.ndarray:
+        """Equilibrium displacement, (n_nodes, 3), m, m, rad."""
+        return self.basis.equilibrium.displacement
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """The discretised beam."""
+        return Assembly(self.beam)
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """1 + h(q) = x'^T M x', shape (n,)."""
+        return np.array([2.0 * self.assembly.kinetic(v) for v in self.tangents])
+
+    @property
+    def material_damping(self) -> np.ndarray:
+        """S(q), shape (n,), 1/s^2: the damping force is eta S(q) q_dot."""
+        pairs = zip(self.shapes, self.tangents, strict=True)
+        return np.array([self.assembly.material_stiffness(x, v) for x, v in pairs])
+
+    def resistance(self, effect: Any, rate: float) -> CubicSpline:
+        """Return what an effect adds to the left side of the equation of motion, over q.
+
+        Parameters
+        ----------
+        effect : Load or change of the beam
+        rate : float
+            q_dot, kg^0.5 m/s.
+        """
+        changed, own = Assembly(effect.applied_to(self.beam)), self.assembly
+        work = [
+            np.vdot(v, changed.residual(x, rate * v)[0] - own.residual(x, rate * v)[0])
+            for x, v in zip(self.shapes, self.tangents, strict=True)
+        ]
+        return CubicSpline(self.q, work)
+
+    def read_by(
+        self, coordinate: Callable[[np.ndarray], np.ndarray], reach: float, n: int
+    ) -> StaticCurve:
+        """Return the curve over another coordinate, at `n` even steps.
+
+        Parameters
+        ----------
+        coordinate : callable
+            Linear: takes displacements from the equilibrium, (n, n_nodes, 3), to (n,) coordinates.
+        reach : float
+            Largest new coordinate of interest, kg^0.5 m.
+        n : int
+            Number of shapes.
+        """
+        q = coordinate(self.shapes - self.rest)
+        slope = coordinate(self.tangents)  # d(new q)/dq
+        tangents = self.tangents / slope[:, None, None]
+        spline = CubicHermiteSpline(q, self.shapes, tangents)
+        grid = np.linspace(q[0], q[-1], n)
+        force = CubicSpline(q, self.force / slope)(grid)
+        return replace(
+            self, reach=reach, q=grid, force=force, shapes=spline(grid), tangents=spline(grid, 1)
+        )
+
+
+def follow_static_curve(
+    assembly: Assembly, equilibrium: Shape, mode: int, amplitude: float, cases: int
+) -> StaticCurve:
+    """Hold the beam by a modal force at `cases` values of q beside 0 in [-amplitude, amplitude].
+
+    The values are evenly spaced; each direction is walked outwards from the equilibrium.
+
+    Raises
+    ------
+    ValueError
+        For an amplitude that is not positive, no cases, or a mode that does not exist.
+    NoEquilibriumError
+        If the beam cannot be held that far.
+    """
+    require_positive("amplitude", amplitude)
+    require_positive("cases", cases)
+    if mode < 1:
+        raise ValueError(f"mode = {mode} does not exist; modes count from 1")
+    basis = solve_modes(assembly, equilibrium, max(mode, 3))
+    half = (cases + 1) // 2
+    steps = amplitude * np.arange(1, half + 1) / half
+    up, down = (_held(assembly, basis, mode, sign * steps) for sign in (1.0, -1.0))
+    q = np.concatenate([-steps[::-1], [0.0], steps])
+    force = np.array([f for _, f in down[::-1]] + [0.0] + [f for _, f in up])
+    rest = equilibrium.displacement
+    shapes = np.array([x for x, _ in down[::-1]] + [rest] + [x for x, _ in up])
+    momentum = basis.momenta[basis.index(mode)]
+    tangents = np.array([_tangent(assembly, x, momentum) for x in shapes])
+    return StaticCurve(assembly.structure, basis, mode, amplitude, q, force, shapes, tangents)
+
+
+def _held(
+    assembly: Assembly, basis: ModalBasis, mode: int, values: np.ndarray
+) -> list[tuple[np.ndarray, float]]:
+    """Return shapes and factors of the modal force at coordinates that go outwards."""
+    momentum = basis.momenta[basis.index(mode)]
+    x, factor = basis.equilibrium.displacement, 0.0
+    control, origin = Control(momentum), float(np.vdot(momentum, x))
+    found = []
+    for value in values:
+        x, factor = find_displaced(assembly, x, momentum, control, origin + value, factor)
+        found.append((x, factor))
+    return found
+
+
+def _tangent(assembly: Assembly, x: np.ndarray, momentum: np.ndarray) -> np.ndarray:
+    stiffness, _ = assembly.tangents(x)
+    free = np.where(assembly.fixed, 0.0, momentum)
+    moved = solve(factorise(stiffness, assembly.fixed), free)
+    return np.asarray(moved / np.vdot(momentum, moved))
