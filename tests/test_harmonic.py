@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from romsindy.physics.terms import Stiffness
 
 from romsindy import Decay, HarmonicProjection, ROMLibrary
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.physics.stiffness import Stiffness
 from romsindy.regression.projection import Rows, _quadrature
 
 TERMS = ROMLibrary().terms
