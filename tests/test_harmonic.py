@@ -3,7 +3,7 @@ import pytest
 
 from romsindy import Decay, HarmonicProjection, ROMLibrary
 from romsindy.physics.example import EXAMPLE_MODEL
-from romsindy.physics.terms import Stiffness
+from romsindy.physics.stiffness import Stiffness
 from romsindy.regression.projection import Rows, _quadrature
 
 TERMS = ROMLibrary().terms
