@@ -36,9 +36,9 @@ def test_linear_oscillator_and_its_derivatives(dt: float) -> None:
     motion = integrate(eq, state, Grid.over(t, 2 * np.pi / 6))
     # Order six at 40 steps a cycle: (2 pi/40)^6 / 1e5 per radian, 72 rad.
     np.testing.assert_allclose(
-        motion.samples(eq), linear(t - 0.7, squared, c, *state), atol=1e-8, rtol=0
+        motion.samples(eq)[:, 0], linear(t - 0.7, squared, c, *state), atol=1e-8, rtol=0
     )
-    derivatives = sensitivity(eq, motion)
+    derivatives = sensitivity(eq, motion)[:, 0]
     point = np.array([squared, c, *state])
     for i in range(4):
         step = np.zeros(4)
@@ -57,7 +57,7 @@ def duffing_error(steps: int) -> float:
     rate, m = np.sqrt(a + b * q0**2), b * q0**2 / (2 * (a + b * q0**2))
     period = 4 * ellipk(m) / rate
     motion = integrate(eq, (q0, 0.0), Grid.over(t, period, steps))
-    return float(np.abs(motion.samples(eq) - q0 * ellipj(rate * t, m)[1]).max())
+    return float(np.abs(motion.samples(eq)[:, 0] - q0 * ellipj(rate * t, m)[1]).max())
 
 
 def test_duffing_against_elliptic_function_converges_with_order_six() -> None:
@@ -73,7 +73,7 @@ def test_inertia_and_every_derivative_against_an_adaptive_integrator() -> None:
     eq = equation_of(model, ())
     motion = integrate(eq, (1.5, 0.0), Grid.over(t, 2 * np.pi / 6, 120))
     for derivative, values in enumerate((reference.q, reference.q_dot, reference.q_ddot)):
-        error = np.abs(motion.samples(eq, derivative) - values).max() / np.abs(values).max()
+        error = np.abs(motion.samples(eq, derivative)[:, 0] - values).max() / np.abs(values).max()
         assert error < [1e-8, 1e-6, 1e-5][derivative]
 
 
@@ -85,13 +85,13 @@ def test_sensitivity_matches_finite_differences_for_every_coefficient() -> None:
 
     def moved(values: np.ndarray, derivative: int) -> np.ndarray:
         eq = equation_of(replace(model, values=tuple(values)), names)
-        return integrate(eq, (1.2, 0.5), grid).samples(eq, derivative)
+        return integrate(eq, (1.2, 0.5), grid).samples(eq, derivative)[:, 0]
 
     eq = equation_of(model, names)
     motion = integrate(eq, (1.2, 0.5), grid)
     values = np.array(model.values)
     for derivative in range(3):
-        exact = sensitivity(eq, motion, derivative)
+        exact = sensitivity(eq, motion, derivative)[:, 0]
         for i in range(len(names)):
             step = np.zeros(len(names))
             step[i] = 1e-4 * values[i]
@@ -145,4 +145,4 @@ def test_motion_up_to_where_it_is_lost_is_kept() -> None:
     oscillates = t < t[-1] - 3.0  # the last cycle goes over the top, where errors grow
     assert oscillates.sum() > 100
     # Steps of a fortieth of a cycle, order six, over ten cycles.
-    np.testing.assert_allclose(done.q[oscillates], truth.sol(t[oscillates])[0], atol=1e-6)
+    np.testing.assert_allclose(done.q[oscillates, 0], truth.sol(t[oscillates])[0], atol=1e-6)

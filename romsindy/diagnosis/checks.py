@@ -10,9 +10,8 @@ from scipy.ndimage import uniform_filter1d
 
 from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.effects.base import Effect
-from romsindy.fit.collocation import Trajectory
+from romsindy.fit.collocation import Trajectory, nodes
 from romsindy.fit.gauss_newton import fit
-from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import (
@@ -173,7 +172,8 @@ def _mirrored_asymmetry(model: ReducedModel, record: Record) -> bool:
     of the measured motion balance is -1 times what the even forces say, or +1 if q has the other
     sign; an effect that is missing makes it anything.
     """
-    t, q, q_dot, q_ddot = nodes(record.motion)
+    t, *state = nodes(record.motion)
+    q, q_dot, q_ddot = (x[:, 0] for x in state)
     residual, mirrored = model.residual(q, q_dot, q_ddot), model.residual(-q, -q_dot, -q_ddot)
     even = _asymmetry(record, t, (residual + mirrored) / 2)
     odd = _asymmetry(record, t, (residual - mirrored) / 2)

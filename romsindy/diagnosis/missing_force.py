@@ -13,7 +13,7 @@ import numpy as np
 
 from romsindy.diagnosis.gap import Gap, Prediction
 from romsindy.diagnosis.prediction import predict
-from romsindy.fit.linear_response import nodes
+from romsindy.fit.collocation import nodes
 from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
@@ -54,7 +54,8 @@ class MissingForce:
         q, q_dot, q_ddot = spline(t)
         equation = ExtendedEquation(model, tuple(parts), index, record.motion.grid.step)
         # What is missing on the right side: positive pushes towards positive q.
-        force = equation.linearise(t, q, q_dot, q_ddot).residual
+        state = (x[:, None] for x in (q, q_dot, q_ddot))
+        force = equation.linearise(t, *state).residual[:, 0]
         scale = float(np.abs(q_ddot).max())
         return cls(t, q / np.abs(q).max(), q_dot / np.abs(q_dot).max(), phase(t), force / scale)
 

@@ -51,16 +51,16 @@ def _simulated(model: ReducedModel, parts: Sequence[Part], record: Record) -> Ar
 
 def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
     """As far as the motion can be followed from the measured initial state."""
-    grid, start = record.motion.grid, record.motion
+    grid, start = record.motion.grid, record.motion.start
     equation = ExtendedEquation(model, tuple(parts), 0, grid.step)
     try:
-        motion = integrate(equation, (float(start.q[0]), float(start.q_dot[0])), grid)
+        motion = integrate(equation, start, grid)
     except TrajectoryError as error:
         if error.motion is None:
             return np.zeros_like(record.signal)
         motion = error.motion
     x = sampled(motion, record.derivative)
     # Friction that is about to hold the motion cannot be followed: it stays where it is.
-    held = x[-1] if record.derivative == 0 else 0.0
-    x = np.concatenate([x, np.full(len(record.t) - len(x), held)])
+    held = x[-1:] if record.derivative == 0 else np.zeros((1, 1))
+    x = np.concatenate([x, np.repeat(held, len(record.t) - len(x), axis=0)])
     return read(parts, 0, record.t, x)[0]

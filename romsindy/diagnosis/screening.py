@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import Effect, Scales, State
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.effects.base import Effect, Scales
+from romsindy.fit.collocation import Trajectory, nodes
+from romsindy.fit.linear_response import respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
 from romsindy.fit.record import Record, strongest_tones
@@ -165,27 +165,26 @@ def _rows(
     """Places of the values that act in one record, and the columns of these, states and misfit."""
     equation = ExtendedEquation(model, parts, i, motion.grid.step)
     at = nodes(motion)
-    state = State(*at, motion.grid.step)
+    state = equation.state(*at)
     own = equation.by_parameter(*at)
     forces = [t.effect.forces(state) for t in trials]
-    pushed = [f for f in forces if f is not None]
+    pushed = [f[..., None] for f in forces if f is not None]
     response = respond(equation, motion, np.concatenate([own, *pushed]))
     change = response.samples(record.derivative)
-    x = sampled(motion, record.derivative) + change[:, 0]
-    shown, slope, by_value = read(parts, i, record.t, x)
-    columns = slope[:, None] * change[:, 1:]
+    measured = sampled(motion, record.derivative)
+    shown, slope, by_value = read(parts, i, record.t, measured + change[..., 0])
+    columns = slope[:, None] * change[:, 0, 1:]
     m = len(own)
     base = np.column_stack([columns[:, :m] + by_value.T, columns[:, -2:]])
     blocks, next_force = [base], m
     where = [columns_of(parts, i)]
-    measured = sampled(motion, record.derivative)
     for force, (effect, at_columns) in zip(forces, candidates, strict=True):
         k = effect.n_strengths
         block = np.zeros((len(record.t), k))
         if force is not None:
             block += columns[:, next_force : next_force + k]
             next_force += k
-        shown_too = effect.readings(record.t, measured)
+        shown_too = effect.readings(record.t, measured[:, 0])
         if shown_too is not None:
             block += shown_too.T
         blocks.append(block)
@@ -205,7 +204,7 @@ def _with_tones(
     rest = record.signal - record.spline(record.t)[0]
     equation = ExtendedEquation(model, parts, 0, motion.grid.step)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
-    change = response.samples(record.derivative)
+    change = response.samples(record.derivative)[:, 0]
     left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]
     basis = change[:, 1:]
     left = left - change[:, 0]

@@ -1,25 +1,20 @@
 """Motion and its sensitivities by Gauss-Legendre collocation, all time steps at once.
 
-A step of length h carries q and q_dot at its start and q_ddot at the three Gauss points. The
-equation of motion holds at these points; q and q_dot follow by the quadrature of [1] (order six,
-symplectic, unconditionally stable). Newton's method runs over many steps at once, so that terms
-are evaluated on arrays, and the linear system left is a recursion from step to step: a banded
-triangular one. The same system with other right-hand sides gives the exact derivatives of the
-motion with respect to parameters and initial conditions.
-
-[1] E. Hairer, S. P. Norsett, G. Wanner, "Solving Ordinary Differential Equations I", section
-    II.14 (Nystroem methods) and "Geometric Numerical Integration", section II.1.3.
+Newton's method runs over many steps at once, so that terms are evaluated on arrays; what is left is
+one linear system for all of them (`romsindy.fit.linear_steps`). The same system with other
+right-hand sides gives the exact derivatives of the motion with respect to parameters and initial
+conditions. Arrays carry an axis of R coordinates, the last but that of the derivatives.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg import eigh
 
+from romsindy.fit.linear_steps import NODES, Equation, LinearSteps, at_nodes, gains, inverse
 from romsindy.typing import Array
 
 STEPS_PER_CYCLE = 40
@@ -41,38 +36,6 @@ class TrajectoryError(RuntimeError):
         self.motion = motion
 
 
-class Linearisation(NamedTuple):
-    """Residual of the equation of motion and its derivatives, shape (n,) each."""
-
-    residual: Array
-    by_q: Array
-    by_q_dot: Array
-    by_q_ddot: Array
-
-
-class Equation(Protocol):
-    """An equation of motion R(t, q, q_dot, q_ddot) = 0 that is linear in q_ddot."""
-
-    def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
-        """R and its derivatives at (n,) times (s) and states."""
-
-    def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
-        """dR/dp for every parameter, shape (n_parameters, n)."""
-
-
-def _gauss() -> tuple[Array, Array, Array, Array]:
-    """Nodes on [0, 1], weights, and the coefficients of q_dot and of q at the nodes.
-
-    They integrate the parabola through q_ddot at the nodes once and twice.
-    """
-    x, w = np.polynomial.legendre.leggauss(3)
-    nodes, powers = (x + 1) / 2, np.arange(3)
-    lagrange = np.linalg.inv(np.vander(nodes, 3, increasing=True))  # powers to nodes
-    once = nodes[:, None] ** (powers + 1) / (powers + 1) @ lagrange
-    twice = nodes[:, None] ** (powers + 2) / ((powers + 1) * (powers + 2)) @ lagrange
-    return nodes, w / 2, once, twice
-
-
 def _hermite(theta: Array, derivative: int) -> Array:
     """Quintic through q, h q_dot, h^2 q_ddot at both ends, shape (len(theta), 6)."""
     ends = [_monomials(np.array([end]), d)[0] for end in (0.0, 1.0) for d in range(3)]
@@ -84,10 +47,6 @@ def _monomials(theta: Array, derivative: int) -> Array:
     powers = np.arange(6)
     factor = np.prod([powers - d for d in range(derivative)], axis=0)
     return factor * theta[:, None] ** np.clip(powers - derivative, 0, None)
-
-
-_NODES, _WEIGHTS, _ONCE, _TWICE = _gauss()
-_END_TWICE = _WEIGHTS * (1 - _NODES)  # q at the end of a step
 
 
 @dataclass(frozen=True)
@@ -127,7 +86,7 @@ class Grid:
 
     def node_times(self, first: int, last: int) -> Array:
         """Times of the Gauss points of steps first to last - 1, shape (last - first, 3)."""
-        return self.start + self.step * (np.arange(first, last)[:, None] + _NODES)
+        return self.start + self.step * (np.arange(first, last)[:, None] + NODES)
 
     def until(self, t: float) -> Grid:
         """The part of the grid whose samples are not later than t (s)."""
@@ -141,7 +100,7 @@ class Grid:
 class Trajectory:
     """A motion on a grid: q and q_dot at the start of each step, q_ddot at its Gauss points.
 
-    Shapes (n_steps + 1,), (n_steps + 1,) and (n_steps, 3).
+    Shapes (n_steps + 1, R), (n_steps + 1, R) and (n_steps, 3, R) for R coordinates.
     """
 
     grid: Grid
@@ -149,18 +108,24 @@ class Trajectory:
     q_dot: Array
     q_ddot: Array
 
+    @property
+    def start(self) -> Array:
+        """State at the start: q, then q_dot, (2 R,)."""
+        return np.concatenate([self.q[0], self.q_dot[0]])
+
     def samples(self, equation: Equation, derivative: int = 0) -> Array:
-        """q (derivative 0), q_dot (1) or q_ddot (2) at the wanted times, shape (n,)."""
-        ends = _end_system(equation, self)
-        q_ddot = -ends.residual / ends.by_q_ddot
+        """q (derivative 0), q_dot (1) or q_ddot (2) at the wanted times, shape (n, R)."""
+        q_ddot = _end_state(equation, self)[3]
         return _sampled(self.grid, derivative, self.q, self.q_dot, q_ddot)
 
 
-def _end_system(equation: Equation, motion: Trajectory) -> Linearisation:
-    """The equation at the ends of the steps with no acceleration: -residual / inertia is it."""
+def _end_state(equation: Equation, motion: Trajectory) -> tuple[Array, Array, Array, Array]:
+    """Times, q, q_dot and q_ddot at the ends of the steps, where the equation gives q_ddot."""
     grid = motion.grid
     t = grid.start + grid.step * np.arange(grid.n_steps + 1)
-    return equation.linearise(t, motion.q, motion.q_dot, np.zeros_like(t))
+    ends = equation.linearise(t, motion.q, motion.q_dot, np.zeros_like(motion.q))
+    q_ddot = -(inverse(ends.by_q_ddot)[0] @ ends.residual[..., None])[..., 0]
+    return t, motion.q, motion.q_dot, q_ddot
 
 
 def _sampled(grid: Grid, derivative: int, q: Array, q_dot: Array, q_ddot: Array) -> Array:
@@ -178,15 +143,15 @@ def _sampled(grid: Grid, derivative: int, q: Array, q_dot: Array, q_ddot: Array)
 
 
 def integrate(
-    equation: Equation, state: Sequence[float], grid: Grid, guess: Trajectory | None = None
+    equation: Equation, state: Sequence[float] | Array, grid: Grid, guess: Trajectory | None = None
 ) -> Trajectory:
     """Follow the motion from a state over a grid.
 
     Parameters
     ----------
     equation : Equation
-    state : (2,) sequence
-        q and q_dot at the start of the grid.
+    state : (2 R,) sequence
+        q, then q_dot, at the start of the grid.
     grid : Grid
     guess : Trajectory, optional
         Motion with similar parameters on the same steps, or on the first of them.
@@ -200,19 +165,21 @@ def integrate(
     TrajectoryError
         If the motion cannot be followed: it diverges, or M(q) is not positive on the way.
     """
-    n = grid.n_steps
-    q, q_dot, q_ddot = np.empty(n + 1), np.empty(n + 1), np.empty((n, 3))
-    q[0], q_dot[0] = state
+    n, now = grid.n_steps, np.reshape(np.asarray(state, float), (2, -1))
+    r = now.shape[1]
+    q, q_dot, q_ddot = np.empty((n + 1, r)), np.empty((n + 1, r)), np.empty((n, 3, r))
+    q[0], q_dot[0] = now
     known = min(len(guess.q_ddot), n) if guess is not None else 0
     first, width = 0, max(known, _FIRST_WINDOW)
     while first < n:
+        now = np.stack([q[first], q_dot[first]])
         if guess is not None and first < known:
             last = min(first + width, known)
-            start = _shifted(guess, first, last, q[first], q_dot[first])
+            start = _shifted(guess, first, last, now)
         else:
             last = min(first + min(width, _FIRST_WINDOW), n)
-            start = _linear_motion(equation, grid, first, last, q[first], q_dot[first])
-        window = _newton(equation, grid, first, q[first], q_dot[first], start)
+            start = _linear_motion(equation, grid, first, last, now)
+        window = _newton(equation, grid, first, now, start)
         if window is not None and _resolved(
             grid.step, *window, float(np.abs(q[: first + 1]).max())
         ):
@@ -227,8 +194,8 @@ def integrate(
             done = (q[: first + 1], q_dot[: first + 1], q_ddot[:first])
             raise TrajectoryError(
                 f"the motion cannot be followed beyond t = {end:.6g} s,"
-                f" q = {q[first]:.4g}, q_dot = {q_dot[first]:.4g}: it diverges, or 1 + h(q) is not"
-                " positive there",
+                f" q = {_digits(now[0])}, q_dot = {_digits(now[1])}: it diverges, or 1 + h(q) is"
+                " not positive there",
                 Trajectory(grid.until(end), *done) if first > 0 else None,
             )
     return Trajectory(grid, q, q_dot, q_ddot)
@@ -243,46 +210,57 @@ def _resolved(h: float, q: Array, q_dot: Array, q_ddot: Array, reach: float) -> 
     return bool(np.abs(q_ddot).max() * h * h <= reach)
 
 
-def _shifted(guess: Trajectory, first: int, last: int, q: float, q_dot: float) -> Array:
-    """Accelerations of another motion, moved in time and scaled to go through a state.
+def _digits(x: Array) -> str:
+    return ", ".join(f"{value:.4g}" for value in x)
 
-    After many cycles two motions differ mostly by their phase.
+
+def _shifted(guess: Trajectory, first: int, last: int, now: Array) -> Array:
+    """Accelerations of another motion, moved in time and scaled to go through a state (2, R).
+
+    After many cycles two motions differ mostly by their phase: each coordinate by its own.
     """
-    h, a = guess.grid.step, guess.q_ddot[first:last]
-    omega = float(np.sqrt(np.std(a) / (np.std(guess.q[first : last + 1]) + 1e-300))) or 1.0
-    now, then = complex(q, -q_dot / omega), complex(guess.q[first], -guess.q_dot[first] / omega)
-    if now == then or not abs(then) * omega:
-        return a
-    late = np.angle(now / then) / omega
-    times = h * (np.arange(len(guess.q_ddot))[:, None] + _NODES)
-    wanted = times[first:last] + late
-    return abs(now / then) * np.interp(wanted, times.ravel(), guess.q_ddot.ravel())
+    h = guess.grid.step
+    times = h * (np.arange(len(guess.q_ddot))[:, None] + NODES)
+    found = guess.q_ddot[first:last].copy()
+    spread = np.std(guess.q[first : last + 1], axis=0) + 1e-300
+    for i, omega in enumerate(np.sqrt(np.std(found, axis=(0, 1)) / spread)):
+        rate = float(omega) or 1.0
+        wanted = complex(now[0, i], -now[1, i] / rate)
+        then = complex(guess.q[first, i], -guess.q_dot[first, i] / rate)
+        if wanted == then or not abs(then) * rate:
+            continue
+        late = np.angle(wanted / then) / rate
+        a = np.interp(times[first:last] + late, times.ravel(), guess.q_ddot[..., i].ravel())
+        found[..., i] = abs(wanted / then) * a
+    return found
 
 
-def _linear_motion(
-    equation: Equation, grid: Grid, first: int, last: int, q: float, q_dot: float
-) -> Array:
-    """Acceleration of the equation linearised at the start of a window, shape (steps, 3)."""
+def _linear_motion(equation: Equation, grid: Grid, first: int, last: int, now: Array) -> Array:
+    """Acceleration, (steps, 3, R), of the equation without damping, linearised at a state (2, R).
+
+    In its normal modes; one without stiffness, or where it is negative, keeps its acceleration.
+    """
     t = grid.node_times(first, last)
-    now = (t[:1, 0], np.array([q]), np.array([q_dot]))
-    residual, by_q, _, mass = (float(x[0]) for x in equation.linearise(*now, np.zeros(1)))
-    squared = by_q / mass if mass > 0 else 0.0
-    a = -residual / mass if mass > 0 else 0.0
-    if squared <= 0:
-        return np.full(t.shape, a)
-    omega = np.sqrt(squared)
-    phase = omega * (t - grid.start - first * grid.step)
-    return a * np.cos(phase) - omega * q_dot * np.sin(phase)
+    at = equation.linearise(t[:1, 0], now[:1], now[1:], np.zeros_like(now[:1]))
+    residual, stiffness, _, mass = (x[0] for x in at)
+    known = np.all(np.isfinite(stiffness)) and np.all(inverse(at.by_q_ddot)[1] > 0)
+    if not known:
+        return np.zeros((*t.shape, len(mass)))
+    squared, modes = eigh((stiffness + stiffness.T) / 2, mass)
+    omega = np.sqrt(np.maximum(squared, 0.0))
+    phase = omega * (t - grid.start - first * grid.step)[..., None]
+    a, v = -modes.T @ residual, modes.T @ mass @ now[1]
+    return (a * np.cos(phase) - omega * v * np.sin(phase)) @ modes.T
 
 
 def _newton(
-    equation: Equation, grid: Grid, first: int, q0: float, q_dot0: float, q_ddot: Array
+    equation: Equation, grid: Grid, first: int, now: Array, q_ddot: Array
 ) -> tuple[Array, Array, Array] | None:
     """States and accelerations of one window, or None where Newton's method fails."""
     t = grid.node_times(first, first + len(q_ddot))
     last_size = np.inf
     for _ in range(_ITERATIONS):
-        q, q_dot = _states(grid.step, q0, q_dot0, q_ddot)
+        q, q_dot = _states(grid.step, now, q_ddot)
         with np.errstate(all="ignore"):
             system = LinearSteps.at(equation, grid.step, t, q, q_dot, q_ddot)
             correction = system.solve(-system.residual[..., None])[2][..., 0]
@@ -292,107 +270,17 @@ def _newton(
             return None
         q_ddot = q_ddot + correction
         if size <= _CONVERGED * scale:
-            q, q_dot = _states(grid.step, q0, q_dot0, q_ddot)
+            q, q_dot = _states(grid.step, now, q_ddot)
             return (q, q_dot, q_ddot) if system.positive else None
         last_size = size
     return None
 
 
-def _states(h: float, q0: float, q_dot0: float, q_ddot: Array) -> tuple[Array, Array]:
+def _states(h: float, now: Array, q_ddot: Array) -> tuple[Array, Array]:
     """q and q_dot at the ends of the steps, from the accelerations inside."""
-    q_dot = q_dot0 + h * np.concatenate([[0.0], np.cumsum(q_ddot @ _WEIGHTS)])
-    rise = h * q_dot[:-1] + h * h * (q_ddot @ _END_TWICE)
-    return q0 + np.concatenate([[0.0], np.cumsum(rise)]), q_dot
-
-
-@dataclass(frozen=True)
-class LinearSteps:
-    """The linearised equations of all steps of a window."""
-
-    h: float
-    residual: Array  # (n, 3)
-    stages: Array  # (n, 3, 3): what the accelerations do to the residual
-    by_state: Array  # (n, 3, 2): what q and q_dot at the start of the step do to it
-    positive: bool  # inertia > 0 at every node
-
-    @classmethod
-    def at(
-        cls, equation: Equation, h: float, t: Array, q: Array, q_dot: Array, q_ddot: Array
-    ) -> LinearSteps:
-        q_node, v_node = at_nodes(h, q, q_dot, q_ddot)
-        flat = equation.linearise(t.ravel(), q_node.ravel(), v_node.ravel(), q_ddot.ravel())
-        residual, by_q, by_v, by_a = (x.reshape(t.shape) for x in flat)
-        stages = by_q[..., None] * (h * h * _TWICE) + by_v[..., None] * (h * _ONCE)
-        diagonal = np.arange(3)
-        stages[:, diagonal, diagonal] += by_a
-        by_state = np.stack([by_q, by_v + h * _NODES * by_q], axis=-1)
-        return cls(h, residual, stages, by_state, bool(np.all(by_a > 0)))
-
-    def solve(
-        self, force: Array, start: Array | None = None, jump: Array | None = None
-    ) -> tuple[Array, Array, Array]:
-        """Small changes of q, q_dot (n + 1, m) and q_ddot (n, 3, m) due to a residual -force.
-
-        ``force`` has shape (n, 3, m), ``start`` the change of the first state, (2, m), ``jump``
-        (n, 2, m) what is added to q and q_dot at the end of each step.
-        """
-        n, h = len(force), self.h
-        inverse = _inverse(self.stages)
-        direct = inverse @ force
-        by_state = -inverse @ self.by_state
-        end = np.array([h * h * _END_TWICE, h * _WEIGHTS])  # (2, 3): accelerations to the end
-        transition = end @ by_state + np.array([[1.0, h], [0.0, 1.0]])
-        steps = end @ direct
-        states = _recursion(transition, steps if jump is None else steps + jump, start)
-        q_ddot = direct + by_state @ states[:n]
-        return states[:, 0], states[:, 1], q_ddot
-
-
-def at_nodes(h: float, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array]:
-    v_node = q_dot[:-1, None] + h * q_ddot @ _ONCE.T
-    q_node = q[:-1, None] + h * q_dot[:-1, None] * _NODES + h * h * q_ddot @ _TWICE.T
-    return q_node, v_node
-
-
-def _inverse(a: Array) -> Array:
-    """Inverse of many 3 x 3 matrices by cofactors: ten times faster than one LAPACK call each."""
-    ((a00, a01, a02), (a10, a11, a12), (a20, a21, a22)) = a.transpose(1, 2, 0)
-    out = np.empty_like(a)
-    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = (
-        a11 * a22 - a12 * a21,
-        a02 * a21 - a01 * a22,
-        a01 * a12 - a02 * a11,
-    )
-    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = (
-        a12 * a20 - a10 * a22,
-        a00 * a22 - a02 * a20,
-        a02 * a10 - a00 * a12,
-    )
-    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = (
-        a10 * a21 - a11 * a20,
-        a01 * a20 - a00 * a21,
-        a00 * a11 - a01 * a10,
-    )
-    determinant = a00 * out[:, 0, 0] + a01 * out[:, 1, 0] + a02 * out[:, 2, 0]
-    return out / determinant[:, None, None]
-
-
-def _recursion(transition: Array, force: Array, start: Array | None) -> Array:
-    """x[k + 1] = transition[k] x[k] + force[k], shape (n + 1, 2, m), as a banded system."""
-    n, _, m = force.shape
-    x = np.zeros((n + 1, 2, m))
-    if start is not None:
-        x[0] = start
-    x[1:] = force
-    band = np.zeros((4, 2 * (n + 1)))
-    band[1, 1:-2:2] = -transition[:, 0, 1]
-    band[2, 0:-2:2] = -transition[:, 0, 0]
-    band[2, 1:-2:2] = -transition[:, 1, 1]
-    band[3, 0:-2:2] = -transition[:, 1, 0]
-    solution, info = dtbtrs(band, x.reshape(2 * (n + 1), m), uplo="L", diag="U")
-    if info:
-        raise ValueError(f"banded solve failed with info = {info}")
-    return solution.reshape(n + 1, 2, m)
+    rise, gain = gains(h, q_ddot)
+    q_dot = np.cumsum(np.concatenate([now[1:], gain]), axis=0)
+    return np.cumsum(np.concatenate([now[:1], h * q_dot[:-1] + rise]), axis=0), q_dot
 
 
 def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> Array:
@@ -408,32 +296,42 @@ def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> 
 
     Returns
     -------
-    (n, n_parameters + 2) array
-        The last two columns belong to q and q_dot at the start.
+    (n, R, n_parameters + 2 R) array
+        The last columns belong to q at the start, then to q_dot.
     """
     grid, h = motion.grid, motion.grid.step
     t = grid.node_times(0, grid.n_steps)
     system = LinearSteps.at(equation, h, t, motion.q, motion.q_dot, motion.q_ddot)
-    q_node, v_node = at_nodes(h, motion.q, motion.q_dot, motion.q_ddot)
-    slopes = equation.by_parameter(t.ravel(), q_node.ravel(), v_node.ravel(), motion.q_ddot.ravel())
-    p = len(slopes)
-    force = np.zeros((*t.shape, p + 2))
-    force[..., :p] = -slopes.reshape(p, *t.shape).transpose(1, 2, 0)
-    start = np.zeros((2, p + 2))
-    start[0, p] = start[1, p + 1] = 1.0
-    q, q_dot, _ = system.solve(force, start)
+    force = equation.by_parameter(*nodes(motion))
+    q, q_dot, _ = system.solve(*columns(motion, -force))
     q_ddot = _end_acceleration(equation, motion, q, q_dot)
     return _sampled(grid, derivative, q, q_dot, q_ddot)
 
 
+def nodes(motion: Trajectory) -> tuple[Array, Array, Array, Array]:
+    """Times (3 n_steps,), q, q_dot and q_ddot (3 n_steps, R) at the Gauss points."""
+    grid, r = motion.grid, motion.q.shape[1]
+    q, q_dot = at_nodes(grid.step, motion.q, motion.q_dot, motion.q_ddot)
+    flat = [x.reshape(-1, r) for x in (q, q_dot, motion.q_ddot)]
+    return grid.node_times(0, grid.n_steps).ravel(), flat[0], flat[1], flat[2]
+
+
+def columns(motion: Trajectory, force: Array) -> tuple[Array, Array]:
+    """Forces (m, 3 n_steps, R), then unit changes of the first state, as columns of `solve`."""
+    n, _, r = motion.q_ddot.shape
+    m = len(force)
+    wide = np.zeros((n, 3, r, m + 2 * r))
+    wide[..., :m] = force.transpose(1, 2, 0).reshape(n, 3, r, m)
+    start = np.zeros((2 * r, m + 2 * r))
+    start[:, m:] = np.eye(2 * r)
+    return wide, start.reshape(2, r, -1)
+
+
 def _end_acceleration(equation: Equation, motion: Trajectory, q: Array, q_dot: Array) -> Array:
     """Change of q_ddot at the ends of the steps, from that of q, q_dot and the parameters."""
-    grid = motion.grid
-    t = grid.start + grid.step * np.arange(grid.n_steps + 1)
-    resting = _end_system(equation, motion)
-    state = (t, motion.q, motion.q_dot, -resting.residual / resting.by_q_ddot)
+    state = _end_state(equation, motion)
     at = equation.linearise(*state)
-    force = at.by_q[:, None] * q + at.by_q_dot[:, None] * q_dot
+    force = at.by_q @ q + at.by_q_dot @ q_dot
     slopes = equation.by_parameter(*state)
-    force[:, : len(slopes)] += slopes.T
-    return -force / at.by_q_ddot[:, None]
+    force[..., : len(slopes)] += slopes.transpose(1, 2, 0)
+    return -inverse(at.by_q_ddot)[0] @ force

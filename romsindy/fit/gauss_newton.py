@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.linear_response import Response, nodes, respond, sampled
+from romsindy.fit.collocation import Trajectory, nodes
+from romsindy.fit.linear_response import Response, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, prior_cost, read
 from romsindy.fit.record import Record
@@ -188,9 +188,9 @@ def _linearised(
         equation = ExtendedEquation(model, parts, i, motion.grid.step)
         response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
         change = response.samples(record.derivative)
-        x = sampled(motion, record.derivative) + change[:, 0]
+        x = sampled(motion, record.derivative) + change[..., 0]
         where = np.concatenate([columns_of(parts, i), system.states_of(i)])
-        system.add(where, table(parts, i, record, x, change[:, 1:]))
+        system.add(where, table(parts, i, record, x, change[..., 1:]))
         responses.append(response)
     system.add_priors(parts)
     return system, responses
@@ -199,10 +199,11 @@ def _linearised(
 def table(parts: Sequence[Part], i: int, record: Record, x: Array, by_value: Array) -> Array:
     """Derivatives of the reading of a motion x in record i, and its misfit, whitened: (n, m + 1).
 
-    ``by_value`` (n, m) are those of the motion, by the values that act in the record and the state.
+    ``by_value`` (n, 1, m) are those of the motion (n, 1), by the values that act in the record and
+    the state.
     """
     shown, slope, by_reading = read(parts, i, record.t, x)
-    jacobian = slope[:, None] * by_value
+    jacobian = slope[:, None] * by_value[:, 0]
     jacobian[:, :-2] += by_reading.T
     return record.whitened(np.column_stack([jacobian, record.signal - shown]))
 

@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.fit.coefficient import extended
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.linear_response import nodes
+from romsindy.fit.collocation import Trajectory, nodes
 from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
 from romsindy.fit.shooting import shoot, simulated_misfit
@@ -89,5 +88,5 @@ def _leashes(model: ReducedModel, parts: tuple[Part, ...], record: Record) -> Ar
     motion = record.motion
     equation = ExtendedEquation(model, parts, 0, motion.grid.step)
     slopes = equation.by_parameter(*nodes(motion))
-    sizes = np.maximum(np.sqrt(np.mean(slopes**2, axis=1)), 1e-300)
+    sizes = np.maximum(np.sqrt(np.mean(slopes**2, axis=(1, 2))), 1e-300)
     return _LEASH * float(np.sqrt(np.mean(motion.q_ddot**2))) / sizes

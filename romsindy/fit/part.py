@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.effects.base import Effect, Parameter, Scales, State
-from romsindy.fit.collocation import Linearisation
+from romsindy.fit.linear_steps import Linearisation
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
@@ -112,17 +112,21 @@ def _shaped(
 
 @dataclass(frozen=True)
 class ExtendedEquation:
-    """The model with its parts, in one record."""
+    """The model with its parts, in one record: an equation of one coordinate (R = 1)."""
 
     model: ReducedModel
     parts: tuple[Part, ...]
     record: int
     step: float
 
+    def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
+        """What the effects take, (n,) each, from (n, 1) states."""
+        return State(t, q[:, 0], q_dot[:, 0], q_ddot[:, 0], self.step)
+
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
-        """Residual and its derivatives, (n,) each."""
-        residual, *slopes = self.model.linearise(q, q_dot, q_ddot)
-        state = State(t, q, q_dot, q_ddot, self.step)
+        """Residual (n, 1) and its derivatives (n, 1, 1)."""
+        state = self.state(t, q, q_dot, q_ddot)
+        residual, *slopes = self.model.linearise(state.q, state.q_dot, state.q_ddot)
         for part in self.parts:
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
@@ -130,22 +134,27 @@ class ExtendedEquation:
                 residual = residual + own @ forces
                 added = part.effect.slopes(state, own)
                 slopes = [a + b for a, b in zip(slopes, added, strict=True)]
-        return Linearisation(residual, *(np.broadcast_to(s, q.shape) for s in slopes))
+        wide = (np.broadcast_to(s, t.shape)[:, None, None] for s in slopes)
+        return Linearisation(residual[:, None], *wide)
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
-        """Derivatives of the residual with respect to the values that act in the record."""
-        state = State(t, q, q_dot, q_ddot, self.step)
+        """Derivatives of the residual by the values that act in the record, (m, n, 1)."""
+        state = self.state(t, q, q_dot, q_ddot)
         rows: list[Array] = []
         for part in self.parts:
             if part.effect.forces(state) is None:
-                rows.append(np.zeros((len(part.columns(self.record)), len(q))))
+                rows.append(np.zeros((len(part.columns(self.record)), len(t))))
             else:
                 rows.append(part.by_value("forces", (state,), self.record))
-        return np.concatenate(rows) if rows else np.zeros((0, len(q)))
+        return np.concatenate(rows)[..., None] if rows else np.zeros((0, len(t), 1))
 
 
 def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> tuple[Array, Array, Array]:
-    """What the sensor shows of a motion x, (n,): reading, its slope in x, and by values (m, n)."""
+    """What the sensor shows of a motion x, (n, 1).
+
+    Reading (n,), its slope in x (n,), and its derivatives by values (m, n).
+    """
+    x = x[:, 0]
     shown, slope = x, np.ones_like(x)
     rows: list[Array] = []
     for part in parts:

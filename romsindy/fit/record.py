@@ -157,7 +157,7 @@ def _loud(decay: Decay) -> Decay:
 def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
     ends = spline(grid.start + grid.step * np.arange(grid.n_steps + 1))
     inside = spline(grid.node_times(0, grid.n_steps).ravel())[2]
-    return Trajectory(grid, ends[0], ends[1], inside.reshape(-1, 3))
+    return Trajectory(grid, ends[0][:, None], ends[1][:, None], inside.reshape(-1, 3, 1))
 
 
 def scales(records: Sequence[Record]) -> Scales:

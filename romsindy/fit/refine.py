@@ -90,7 +90,7 @@ class Fit:
     @property
     def states(self) -> Array:
         """q and q_dot at the first sample of each decay, (n_decays, 2)."""
-        return np.array([[m.q[0], m.q_dot[0]] for m in self.solution.motions])
+        return np.array([m.start for m in self.solution.motions])
 
     @property
     def offsets(self) -> Array:

@@ -43,7 +43,7 @@ class _Problem:
     def __post_init__(self) -> None:
         self.n_values = sum(p.size for p in self.parts)
         start = [p.values for p in self.parts]
-        self.start = np.concatenate([*start, *([m.q[0], m.q_dot[0]] for m in self.motions)])
+        self.start = np.concatenate([*start, *(m.start for m in self.motions)])
         self._simulated: Array | None = None  # values of the last motions
 
     def at(self, values: Array) -> tuple[tuple[Part, ...], list[ExtendedEquation]]:
@@ -59,7 +59,7 @@ class _Problem:
         _, equations = self.at(values)
         states = values[self.n_values :].reshape(-1, 2)
         triples = zip(equations, states, self.records, self.motions, strict=True)
-        self.motions = [integrate(e, s.tolist(), r.motion.grid, m) for e, s, r, m in triples]
+        self.motions = [integrate(e, s, r.motion.grid, m) for e, s, r, m in triples]
         self._simulated = values.copy()
         return self.motions
 

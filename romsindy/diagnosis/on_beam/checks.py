@@ -52,9 +52,10 @@ def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) 
 
 def check_release(record: Record, i: int) -> None:
     """Raise a ValueError for a record that does not start from rest."""
-    speed = np.abs(record.motion.q_dot)
+    q_dot = record.motion.q_dot[:, 0]
+    speed = np.abs(q_dot)
     if speed[0] > MOVING * speed.max():
-        turns = np.flatnonzero(np.diff(np.sign(record.motion.q_dot)))
+        turns = np.flatnonzero(np.diff(np.sign(q_dot)))
         start = record.decay.t[0] + turns[turns > 0][0] * record.motion.grid.step
         raise ValueError(
             f"decay {i} starts at {speed[0] / speed.max():.0%} of its largest speed, and a beam is"

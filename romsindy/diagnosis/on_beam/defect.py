@@ -89,7 +89,7 @@ def corrected(
         load = load_at_release(seen, beam, shown, measured, dt)
     readings = seen.readings(beam, shown, float(record.t[-1]) + 0.5 * dt, dt, load)
     equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
-    motion = integrate(equation, (float(start[0]), 0.0), record.motion.grid)
+    motion = integrate(equation, (float(start[0, 0]), 0.0), record.motion.grid)
     reduced = read(parts, 0, record.t, sampled(motion))[0]
     q = record.signal - (seen.coordinate(readings) - reduced)
     return Corrected(Decay(record.decay.t, q, unit=UNIT), readings)
