@@ -9,15 +9,8 @@ import pytest
 from oracles import equation_of
 from scipy.linalg import block_diag, expm
 
-from romsindy.fit.collocation import (
-    Grid,
-    Trajectory,
-    TrajectoryError,
-    integrate,
-    nodes,
-    sensitivity,
-)
-from romsindy.fit.linear_response import respond, sampled
+from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
+from romsindy.fit.linear_response import nodes, respond, sampled, sensitivity
 from romsindy.fit.linear_steps import NODES, Equation, Linearisation, LinearSteps, inverse
 from romsindy.fit.part import ExtendedEquation
 from romsindy.physics.example import EXAMPLE_MODEL

@@ -10,8 +10,9 @@ from scipy.ndimage import uniform_filter1d
 
 from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.effects.base import Effect
-from romsindy.fit.collocation import Trajectory, nodes
+from romsindy.fit.collocation import Trajectory
 from romsindy.fit.gauss_newton import fit
+from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import (

@@ -13,7 +13,7 @@ import numpy as np
 
 from romsindy.diagnosis.gap import Gap, Prediction
 from romsindy.diagnosis.prediction import predict
-from romsindy.fit.collocation import nodes
+from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.effects.base import Effect, Scales
-from romsindy.fit.collocation import Trajectory, nodes
-from romsindy.fit.linear_response import respond, sampled
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
 from romsindy.fit.record import Record, strongest_tones

@@ -1,9 +1,8 @@
-"""Motion and its sensitivities by Gauss-Legendre collocation, all time steps at once.
+"""Motion by Gauss-Legendre collocation, many time steps at once.
 
-Newton's method runs over many steps at once, so that terms are evaluated on arrays; what is left is
-one linear system for all of them (`romsindy.fit.linear_steps`). The same system with other
-right-hand sides gives the exact derivatives of the motion with respect to parameters and initial
-conditions. Arrays carry an axis of R coordinates, the last but that of the derivatives.
+Newton's method runs over all steps of a window, so that terms are evaluated on arrays; what is left
+is one linear system for all of them (`romsindy.fit.linear_steps`). Arrays carry an axis of R
+coordinates, the last one.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from romsindy.fit.linear_steps import NODES, Equation, LinearSteps, at_nodes, gains, inverse
+from romsindy.fit.linear_steps import NODES, Equation, LinearSteps, gains, inverse
 from romsindy.typing import Array
 
 STEPS_PER_CYCLE = 40
@@ -115,11 +114,11 @@ class Trajectory:
 
     def samples(self, equation: Equation, derivative: int = 0) -> Array:
         """q (derivative 0), q_dot (1) or q_ddot (2) at the wanted times, shape (n, R)."""
-        q_ddot = _end_state(equation, self)[3]
-        return _sampled(self.grid, derivative, self.q, self.q_dot, q_ddot)
+        q_ddot = end_states(equation, self)[3]
+        return interpolated(self.grid, derivative, self.q, self.q_dot, q_ddot)
 
 
-def _end_state(equation: Equation, motion: Trajectory) -> tuple[Array, Array, Array, Array]:
+def end_states(equation: Equation, motion: Trajectory) -> tuple[Array, Array, Array, Array]:
     """Times, q, q_dot and q_ddot at the ends of the steps, where the equation gives q_ddot."""
     grid = motion.grid
     t = grid.start + grid.step * np.arange(grid.n_steps + 1)
@@ -128,7 +127,7 @@ def _end_state(equation: Equation, motion: Trajectory) -> tuple[Array, Array, Ar
     return t, motion.q, motion.q_dot, q_ddot
 
 
-def _sampled(grid: Grid, derivative: int, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+def interpolated(grid: Grid, derivative: int, q: Array, q_dot: Array, q_ddot: Array) -> Array:
     """A derivative of q at the wanted times from values at step ends, (n_steps + 1, ...) each.
 
     A quintic over each step: values at its ends have order six, those inside the step five.
@@ -281,57 +280,3 @@ def _states(h: float, now: Array, q_ddot: Array) -> tuple[Array, Array]:
     rise, gain = gains(h, q_ddot)
     q_dot = np.cumsum(np.concatenate([now[1:], gain]), axis=0)
     return np.cumsum(np.concatenate([now[:1], h * q_dot[:-1] + rise]), axis=0), q_dot
-
-
-def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> Array:
-    """Exact derivatives of the (discrete) motion with respect to parameters and initial state.
-
-    Parameters
-    ----------
-    equation : Equation
-        With the parameters that the motion was integrated with.
-    motion : Trajectory
-    derivative : int
-        Of q (0), q_dot (1) or q_ddot (2) at the wanted times.
-
-    Returns
-    -------
-    (n, R, n_parameters + 2 R) array
-        The last columns belong to q at the start, then to q_dot.
-    """
-    grid, h = motion.grid, motion.grid.step
-    t = grid.node_times(0, grid.n_steps)
-    system = LinearSteps.at(equation, h, t, motion.q, motion.q_dot, motion.q_ddot)
-    force = equation.by_parameter(*nodes(motion))
-    q, q_dot, _ = system.solve(*columns(motion, -force))
-    q_ddot = _end_acceleration(equation, motion, q, q_dot)
-    return _sampled(grid, derivative, q, q_dot, q_ddot)
-
-
-def nodes(motion: Trajectory) -> tuple[Array, Array, Array, Array]:
-    """Times (3 n_steps,), q, q_dot and q_ddot (3 n_steps, R) at the Gauss points."""
-    grid, r = motion.grid, motion.q.shape[1]
-    q, q_dot = at_nodes(grid.step, motion.q, motion.q_dot, motion.q_ddot)
-    flat = [x.reshape(-1, r) for x in (q, q_dot, motion.q_ddot)]
-    return grid.node_times(0, grid.n_steps).ravel(), flat[0], flat[1], flat[2]
-
-
-def columns(motion: Trajectory, force: Array) -> tuple[Array, Array]:
-    """Forces (m, 3 n_steps, R), then unit changes of the first state, as columns of `solve`."""
-    n, _, r = motion.q_ddot.shape
-    m = len(force)
-    wide = np.zeros((n, 3, r, m + 2 * r))
-    wide[..., :m] = force.transpose(1, 2, 0).reshape(n, 3, r, m)
-    start = np.zeros((2 * r, m + 2 * r))
-    start[:, m:] = np.eye(2 * r)
-    return wide, start.reshape(2, r, -1)
-
-
-def _end_acceleration(equation: Equation, motion: Trajectory, q: Array, q_dot: Array) -> Array:
-    """Change of q_ddot at the ends of the steps, from that of q, q_dot and the parameters."""
-    state = _end_state(equation, motion)
-    at = equation.linearise(*state)
-    force = at.by_q @ q + at.by_q_dot @ q_dot
-    slopes = equation.by_parameter(*state)
-    force[..., : len(slopes)] += slopes.transpose(1, 2, 0)
-    return -inverse(at.by_q_ddot)[0] @ force

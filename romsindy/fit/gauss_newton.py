@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.fit.collocation import Trajectory, nodes
-from romsindy.fit.linear_response import Response, respond, sampled
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, prior_cost, read
 from romsindy.fit.record import Record

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.fit.coefficient import extended
-from romsindy.fit.collocation import Trajectory, nodes
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
 from romsindy.fit.shooting import shoot, simulated_misfit

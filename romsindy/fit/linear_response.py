@@ -14,9 +14,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.fit.collocation import Grid, Trajectory, columns
-from romsindy.fit.linear_steps import Equation, LinearSteps, gains, quadrature
+from romsindy.fit.collocation import Grid, Trajectory, end_states, interpolated
+from romsindy.fit.linear_steps import Equation, LinearSteps, at_nodes, gains, inverse, quadrature
 from romsindy.typing import Array
+
+
+def nodes(motion: Trajectory) -> tuple[Array, Array, Array, Array]:
+    """Times (3 n_steps,), q, q_dot and q_ddot (3 n_steps, R) at the Gauss points."""
+    grid, r = motion.grid, motion.q.shape[1]
+    q, q_dot = at_nodes(grid.step, motion.q, motion.q_dot, motion.q_ddot)
+    flat = [x.reshape(-1, r) for x in (q, q_dot, motion.q_ddot)]
+    return grid.node_times(0, grid.n_steps).ravel(), flat[0], flat[1], flat[2]
 
 
 def sampled(motion: Trajectory, derivative: int = 0) -> Array:
@@ -67,12 +75,58 @@ def respond(equation: Equation, motion: Trajectory, forces: Array) -> Response:
     t = motion.grid.node_times(0, motion.grid.n_steps)
     system = LinearSteps.at(equation, h, t, *state)
     residual = system.residual.reshape(1, *forces.shape[1:])
-    force, start = columns(motion, -np.concatenate([residual, forces]))
+    force, start = _columns(motion, -np.concatenate([residual, forces]))
     jump = np.zeros((len(t), *start.shape))
     rise, gain = gains(h, motion.q_ddot)
     jump[:, 0, :, 0] = motion.q[:-1] + h * motion.q_dot[:-1] + rise - motion.q[1:]
     jump[:, 1, :, 0] = motion.q_dot[:-1] + gain - motion.q_dot[1:]
     return Response(motion, *system.solve(force, start, jump))
+
+
+def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> Array:
+    """Exact derivatives of the (discrete) motion with respect to parameters and initial state.
+
+    Parameters
+    ----------
+    equation : Equation
+        With the parameters that the motion was integrated with.
+    motion : Trajectory
+    derivative : int
+        Of q (0), q_dot (1) or q_ddot (2) at the wanted times.
+
+    Returns
+    -------
+    (n, R, n_parameters + 2 R) array
+        The last columns belong to q at the start, then to q_dot.
+    """
+    grid, h = motion.grid, motion.grid.step
+    t = grid.node_times(0, grid.n_steps)
+    system = LinearSteps.at(equation, h, t, motion.q, motion.q_dot, motion.q_ddot)
+    force = equation.by_parameter(*nodes(motion))
+    q, q_dot, _ = system.solve(*_columns(motion, -force))
+    q_ddot = _end_acceleration(equation, motion, q, q_dot)
+    return interpolated(grid, derivative, q, q_dot, q_ddot)
+
+
+def _end_acceleration(equation: Equation, motion: Trajectory, q: Array, q_dot: Array) -> Array:
+    """Change of q_ddot at the ends of the steps, from that of q, q_dot and the parameters."""
+    state = end_states(equation, motion)
+    at = equation.linearise(*state)
+    force = at.by_q @ q + at.by_q_dot @ q_dot
+    slopes = equation.by_parameter(*state)
+    force[..., : len(slopes)] += slopes.transpose(1, 2, 0)
+    return -inverse(at.by_q_ddot)[0] @ force
+
+
+def _columns(motion: Trajectory, force: Array) -> tuple[Array, Array]:
+    """Forces (m, 3 n_steps, R), then unit changes of the first state, as columns of `solve`."""
+    n, _, r = motion.q_ddot.shape
+    m = len(force)
+    wide = np.zeros((n, 3, r, m + 2 * r))
+    wide[..., :m] = force.transpose(1, 2, 0).reshape(n, 3, r, m)
+    start = np.zeros((2 * r, m + 2 * r))
+    start[:, m:] = np.eye(2 * r)
+    return wide, start.reshape(2, r, -1)
 
 
 def _inside(grid: Grid, q: Array, q_dot: Array, q_ddot: Array, derivative: int) -> Array:

@@ -157,7 +157,10 @@ def _loud(decay: Decay) -> Decay:
 def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
     ends = spline(grid.start + grid.step * np.arange(grid.n_steps + 1))
     inside = spline(grid.node_times(0, grid.n_steps).ravel())[2]
-    return Trajectory(grid, ends[0][:, None], ends[1][:, None], inside.reshape(-1, 3, 1))
+    # Real parts of complex arrays lie apart in memory, and are moved together on the way to another
+    # process: sums would be rounded in another order there.
+    q, q_dot, q_ddot = (np.ascontiguousarray(x) for x in (ends[0], ends[1], inside))
+    return Trajectory(grid, q[:, None], q_dot[:, None], q_ddot.reshape(-1, 3, 1))
 
 
 def scales(records: Sequence[Record]) -> Scales:

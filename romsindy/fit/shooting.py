@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate, sensitivity
+from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.gauss_newton import Solution, held_values, limits, moved_parts, table
+from romsindy.fit.linear_response import sensitivity
 from romsindy.fit.normal_equations import NormalEquations, priors
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
 from romsindy.fit.record import Record
