@@ -26,6 +26,8 @@ from romsindy.typing import Array
 
 # A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
 _ABSURD = 10.0
+# Drops terms below 1e-4 of the target: lightly damped modes keep their damping.
+_DEFAULT_OPTIMIZER = ps.STLSQ(threshold=1e-4, alpha=1e-12)
 
 
 class ScaledOptimizer(BaseOptimizer):
@@ -62,7 +64,7 @@ class ScaledOptimizer(BaseOptimizer):
         coefficients[:, list(fixed)] = list(fixed.values())
         column_scale, target_scale = _rms(x[:, free]), _rms(y)
         if free:
-            inner = clone(self.optimizer or default_optimizer())
+            inner = clone(self.optimizer or _DEFAULT_OPTIMIZER)
             if "fit_intercept" in inner.get_params():
                 inner.set_params(fit_intercept=False)
             rest = (y - x[:, list(fixed)] @ coefficients[:, list(fixed)].T) / target_scale
@@ -72,11 +74,6 @@ class ScaledOptimizer(BaseOptimizer):
             coefficients[:, free] = scaled * target_scale[:, None] / column_scale
         self.coef_ = coefficients
         self.history_.append(coefficients)
-
-
-def default_optimizer() -> ps.STLSQ:
-    """STLSQ that drops terms below 1e-4 of the target: lightly damped modes keep their damping."""
-    return ps.STLSQ(threshold=1e-4, alpha=1e-12)
 
 
 def _rms(x: Array) -> Array:
