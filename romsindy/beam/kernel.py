@@ -1,8 +1,18 @@
-"""Compiled loops over the elements: the same formulas as `element.py`, tested equal to it.
+"""Compiled loops over quadratic, planar, geometrically exact beam elements.  Notation as in [1]:
+
+    eps   = (1 + u') cos(theta) + w' sin(theta) - 1        axial strain
+    gamma = w' cos(theta) - (1 + u') sin(theta)            shear strain
+    kappa = theta'                                         curvature
+
+with N = EA eps, Q = GA gamma, M = EI kappa.  Strains are integrated with two Gauss points (reduced,
+so that a thin beam does not lock).
 
 Arrays: nodal fields (n_nodes, 3), element matrices (n_elements, 9, 9).  Element e owns the nodes
 2e, 2e + 1, 2e + 2, so that a chain of element matrices can be eliminated front by front and is
 never assembled.  numba keeps the compiled code beside this file (`cache=True`).
+
+[1] J. C. Simo, L. Vu-Quoc, "On the dynamics of flexible beams under large overall motions - the
+    plane case", J. Appl. Mech. 53 (1986) 849-854, doi 10.1115/1.3171870.
 """
 
 from __future__ import annotations
@@ -19,6 +29,19 @@ _DN = np.array([[x - 0.5, -2 * x, x + 0.5] for x in (-_XI, _XI)])
 
 
 @njit(cache=True, error_model="numpy")
+def at_strain_point(field, a, g, scale):  # type: ignore[no-untyped-def]
+    """Return the slopes of u, w, theta, and theta, of the element whose first node is a."""
+    du = dw = dth = th = 0.0
+    for i in range(3):
+        dn = _DN[g, i] * scale
+        du += dn * field[a + i, 0]
+        dw += dn * field[a + i, 1]
+        dth += dn * field[a + i, 2]
+        th += _N[g, i] * field[a + i, 2]
+    return du, dw, dth, th
+
+
+@njit(cache=True, error_model="numpy")
 def add_internal_force(x, v, length, EA, GA, EI, eta, out):  # type: ignore[no-untyped-def]
     """Add the internal force of every element to `out`, (n_nodes, 3); return the damping power."""
     n_elements = (x.shape[0] - 1) // 2
@@ -27,17 +50,8 @@ def add_internal_force(x, v, length, EA, GA, EI, eta, out):  # type: ignore[no-u
     for e in range(n_elements):
         a = 2 * e
         for g in range(2):
-            du = dw = dth = th = dvu = dvw = dvt = vt = 0.0
-            for i in range(3):
-                dn, n = _DN[g, i] * scale, _N[g, i]
-                du += dn * x[a + i, 0]
-                dw += dn * x[a + i, 1]
-                dth += dn * x[a + i, 2]
-                th += n * x[a + i, 2]
-                dvu += dn * v[a + i, 0]
-                dvw += dn * v[a + i, 1]
-                dvt += dn * v[a + i, 2]
-                vt += n * v[a + i, 2]
+            du, dw, dth, th = at_strain_point(x, a, g, scale)
+            dvu, dvw, dvt, vt = at_strain_point(v, a, g, scale)
             c, s = np.cos(th), np.sin(th)
             stretch = (1.0 + du) * c + dw * s
             gamma = dw * c - (1.0 + du) * s
@@ -64,15 +78,8 @@ def strain_energy(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     scale = 2.0 / length
     energy = 0.0
     for e in range((x.shape[0] - 1) // 2):
-        a = 2 * e
         for g in range(2):
-            du = dw = dth = th = 0.0
-            for i in range(3):
-                dn = _DN[g, i] * scale
-                du += dn * x[a + i, 0]
-                dw += dn * x[a + i, 1]
-                dth += dn * x[a + i, 2]
-                th += _N[g, i] * x[a + i, 2]
+            du, dw, dth, th = at_strain_point(x, 2 * e, g, scale)
             c, s = np.cos(th), np.sin(th)
             eps = (1.0 + du) * c + dw * s - 1.0
             gamma = dw * c - (1.0 + du) * s
@@ -88,14 +95,8 @@ def tangent(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     D = np.zeros((n_elements, 9, 9))
     scale, weight = 2.0 / length, 0.5 * length
     for e in range(n_elements):
-        a = 2 * e
         for g in range(2):
-            du = dw = th = 0.0
-            for i in range(3):
-                dn = _DN[g, i] * scale
-                du += dn * x[a + i, 0]
-                dw += dn * x[a + i, 1]
-                th += _N[g, i] * x[a + i, 2]
+            du, dw, _, th = at_strain_point(x, 2 * e, g, scale)
             c, s = np.cos(th), np.sin(th)
             stretch = (1.0 + du) * c + dw * s
             gamma = dw * c - (1.0 + du) * s
@@ -161,12 +162,10 @@ def factorise(matrices, fixed):  # type: ignore[no-untyped-def]
                     S[i, j] += matrices[e - 1, 6 + i, 6 + j]
         for i in range(9):
             if fixed[2 * e + i // 3, i % 3]:
-                for j in range(9):
-                    S[i, j] = 0.0
-                    S[j, i] = 0.0
+                S[i, :] = 0.0
+                S[:, i] = 0.0
                 S[i, i] = 1.0
-        last = 9 if e == n_elements - 1 else 6
-        for k in range(last):
+        for k in range(9 if e == n_elements - 1 else 6):
             pivot = 1.0 / S[k, k]
             S[k, k] = pivot
             for i in range(k + 1, 9):
@@ -182,15 +181,13 @@ def solve(factors, b):  # type: ignore[no-untyped-def]
     n_elements = factors.shape[0]
     for e in range(n_elements):
         a = 6 * e
-        last = 9 if e == n_elements - 1 else 6
-        for k in range(last):
+        for k in range(9 if e == n_elements - 1 else 6):
             value = b[a + k]
             for i in range(k + 1, 9):
                 b[a + i] -= factors[e, i, k] * value
     for e in range(n_elements - 1, -1, -1):
         a = 6 * e
-        last = 9 if e == n_elements - 1 else 6
-        for k in range(last - 1, -1, -1):
+        for k in range(8 if e == n_elements - 1 else 5, -1, -1):
             value = b[a + k]
             for j in range(k + 1, 9):
                 value -= factors[e, k, j] * b[a + j]
@@ -255,39 +252,33 @@ def newton_update(  # type: ignore[no-untyped-def]
     direction of the tangent then follows the beam, and the iteration converges three times as
     fast (a rotation by delta spoils a fixed tangent by delta^2 h^2 omega_axial^2).
     """
-    stages, n_nodes = X.shape[0], X.shape[1]
-    size = 3 * n_nodes
     angle = X[:, :, 2] - theta
     dX = np.zeros_like(X)
-    for i in range(stages):
+    for i in range(len(X)):
         turn(R[i], angle[i], -1.0)
-    flat, dflat = R.reshape(stages, size), dX.reshape(stages, size)
-    values, columns, rows, factors = real_part
+    flat, dflat = R.reshape(len(X), -1), dX.reshape(len(X), -1)
+    add_part(flat, h, real_part, 1.0, dflat)
+    add_part(flat, h, complex_part, 2.0, dflat)  # twice the real part: the conjugate is left out
+    for i in range(len(X)):
+        turn(dX[i], angle[i], 1.0)
+    return apply_increments(dX, X, V, a, h, A, to_acceleration)
+
+
+@njit(cache=True, error_model="numpy")
+def add_part(residuals, h, part, share, out):  # type: ignore[no-untyped-def]
+    """Add what some eigenvalues say of the increments, times `share`; all flat, one row a stage."""
+    values, columns, rows, factors = part
+    stages, size = residuals.shape
     for k in range(len(values)):
-        b = np.zeros(size)
+        b = np.zeros(size, dtype=values.dtype)
         for i in range(stages):
             weight = -((h * values[k]) ** 2) * rows[k, i]
             for n in range(size):
-                b[n] += weight * flat[i, n]
+                b[n] += weight * residuals[i, n]
         solve(factors[k], b)
         for i in range(stages):
             for n in range(size):
-                dflat[i, n] += columns[i, k] * b[n]
-    cvalues, ccolumns, crows, cfactors = complex_part
-    for k in range(len(cvalues)):
-        cb = np.zeros(size, dtype=np.complex128)
-        for i in range(stages):
-            cweight = -((h * cvalues[k]) ** 2) * crows[k, i]
-            for n in range(size):
-                cb[n] += cweight * flat[i, n]
-        solve(cfactors[k], cb)
-        for i in range(stages):
-            re, im = 2.0 * ccolumns[i, k].real, 2.0 * ccolumns[i, k].imag
-            for n in range(size):
-                dflat[i, n] += re * cb[n].real - im * cb[n].imag
-    for i in range(stages):
-        turn(dX[i], angle[i], 1.0)
-    return apply_increments(dX, X, V, a, h, A, to_acceleration)
+                out[i, n] += share * (columns[i, k] * b[n]).real
 
 
 @njit(cache=True, error_model="numpy")

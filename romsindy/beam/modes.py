@@ -46,7 +46,7 @@ class ModalBasis:
     omega : (n_modes,) array
         Angular frequencies, rad/s.
     shapes : (n_modes, n_nodes, 3) array
-        Mode shapes (u, w, theta), kg^-0.5, kg^-0.5, rad m^-1 kg^-0.5.
+        (u, w, theta), kg^-0.5, kg^-0.5, rad m^-1 kg^-0.5.
     momenta : (n_modes, n_nodes, 3) array
         M phi; q = sum(momenta * (x - x_equilibrium)), kg^0.5 m.
     equilibrium : Shape
@@ -105,8 +105,8 @@ class ModalBasis:
         Raises
         ------
         ValueError
-            For a mode that does not exist, or a motion that was recorded in other
-            modes and without its full field.
+            For a mode that does not exist, or a motion that was recorded in other modes and
+            without its full field.
         """
         column = self.index(mode)
         q, q_dot, q_ddot = motion.modal(self)

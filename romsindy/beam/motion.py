@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,10 +17,8 @@ class EnergyBalance:
 
     Attributes
     ----------
-    kinetic : (n_samples,) array
-        Of beam and masses.
-    strain : (n_samples,) array
-        Stored in the beam and in elastic clamps.
+    kinetic, strain : (n_samples,) arrays
+        Of beam and masses; stored in the beam and in elastic clamps.
     potential : (n_samples,) array
         Of gravity and of the effects that store energy (springs, magnets, stops).
     dissipated : (n_samples,) array
@@ -51,8 +50,7 @@ class Cost:
     seconds: float
 
 
-@dataclass(frozen=True, eq=False)
-class History:
+class History(NamedTuple):
     """Displacement, velocity and acceleration over time, (n_samples, n_channels) each."""
 
     displacement: np.ndarray
@@ -71,20 +69,15 @@ class Motion:
     basis : ModalBasis
         The modes in which it was recorded.
     coordinates : History
-        Q, q_dot, q_ddot of these modes, (n_samples, n_modes), kg^0.5 m, per s, s^2.
+        q, q_dot, q_ddot of these modes, (n_samples, n_modes), kg^0.5 m, per s, s^2.
     energy : EnergyBalance
-        The energy balance.
     cost : Cost
-        Time steps, iterations, seconds.
     stop_reason : str
         "completed", or why it ended early.
-    sensors : History, optional
-        Histories of the sensors, m, from equilibrium; None where none were given.
-    sensor_array : SensorArray, optional
-        These sensors.
+    sensors, sensor_array : History, SensorArray, optional
+        Displacements from equilibrium and their derivatives at the sensors, m; these sensors.
     field : History, optional
-        All nodal displacements, velocities and accelerations, (n_samples, n_nodes * 3), or None
-        unless asked for.
+        Of all nodes, (n_samples, n_nodes * 3), if that was asked for.
     """
 
     t: np.ndarray
@@ -112,15 +105,11 @@ class Motion:
         Raises
         ------
         ValueError
-            If the motion was recorded in other modes, or fewer, and its full field was
-            not kept.
+            If the motion was recorded in other modes, or fewer, and its full field was not kept.
         """
         if self.field is not None:
             shape = (len(self.t), *basis.shapes.shape[1:])
-            x, v, a = (
-                f.reshape(shape)
-                for f in (self.field.displacement, self.field.velocity, self.field.acceleration)
-            )
+            x, v, a = (f.reshape(shape) for f in self.field)
             return basis.coordinates(x), basis.rates(v), basis.rates(a)
         n = len(basis.omega)
         if n > len(self.basis.omega) or not _same_modes(self.basis, basis):
@@ -128,20 +117,13 @@ class Motion:
                 f"the motion was recorded in {self.basis!r}, which do not hold {basis!r}; "
                 "simulate with modes=... set to these, or with keep_field=True"
             )
-        h = self.coordinates
-        return h.displacement[:, :n], h.velocity[:, :n], h.acceleration[:, :n]
+        q, q_dot, q_ddot = self.coordinates
+        return q[:, :n], q_dot[:, :n], q_ddot[:, :n]
 
     def readings(self, rows: np.ndarray) -> np.ndarray:
-        """Return what sensors read of the displacements from equilibrium, m.
+        """Return what sensors read of the displacements from equilibrium, (n_samples, n_rows), m.
 
-        Parameters
-        ----------
-        rows : (n_channels, n_nodes * 3) array
-            As of a `SensorArray`.
-
-        Returns
-        -------
-        (n_samples, n_channels) array
+        `rows`, (n_rows, n_nodes * 3), are those of a `SensorArray`.
 
         Raises
         ------
@@ -161,15 +143,7 @@ class Motion:
 
 
 class StepTooLongError(RuntimeError):
-    """Newton did not converge within a time step.
-
-    Attributes
-    ----------
-    motion : Motion
-        The motion up to there.
-    step_to_try : float
-        A shorter step, s.
-    """
+    """Newton did not converge; holds the motion up to there and a step to try, s."""
 
     def __init__(self, message: str, motion: Motion, step_to_try: float) -> None:
         super().__init__(message)

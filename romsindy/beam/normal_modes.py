@@ -86,18 +86,16 @@ def find_normal_mode(
     tip_displacements : sequence of float
         Transverse displacement of the tip from equilibrium at one turning point, m; best in the
         order of size, since each orbit starts from the one before.
-    mode : int
-        The linear mode that the orbits grow out of: 1, 2, ...
-    forces : int
-        Number of bending modes whose modal forces hold the shape.
+    mode, forces : int
+        The linear mode that the orbits grow out of: 1, 2, ...; how many modal forces of bending
+        modes hold the shape.
     progress : bool
         Whether to show a progress bar.
 
     Raises
     ------
     ValueError
-        For an empty list, a displacement of zero, fewer forces than the mode needs, or a
-        beam whose effects dissipate.
+        For an empty list, a displacement of zero, too few forces, or effects that dissipate.
     RuntimeError
         If the modes do not come to rest together, as near an internal resonance.
     KeyboardInterrupt
@@ -174,7 +172,9 @@ class _Shooting:
     def __init__(self, assembly: Assembly, mode: int, forces: int) -> None:
         self.assembly = assembly
         rest = find_equilibrium(assembly)
-        basis = solve_modes(assembly, rest, _count(assembly, forces))
+        # Axial modes lie among the bending ones in short beams.
+        count = min(2 * forces + 2, int(np.count_nonzero(~assembly.fixed)) - 2)
+        basis = solve_modes(assembly, rest, count)
         bending = np.flatnonzero(basis.axial < 0.5)[:forces]
         if len(bending) < forces:
             raise ValueError(f"forces = {forces}, but the mesh has {len(bending)} bending modes")
@@ -188,40 +188,25 @@ class _Shooting:
 
     def follow(self, ratios: np.ndarray, tip: float) -> _Orbit:
         """Let the shape go and follow it until the mode turns."""
-        shape = self._held(ratios, tip)
-        rest, duration = self.basis.equilibrium, 0.8 * self.period
-        motion = simulate(
-            self.assembly,
-            rest,
-            shape,
-            duration,
-            self.period / _STEPS,
-            modes=self.basis,
-            progress=False,
-        )
+        shape, rest = self._held(ratios, tip), self.basis.equilibrium
+        times = (0.8 * self.period, self.period / _STEPS)
+        motion = simulate(self.assembly, rest, shape, *times, modes=self.basis, progress=False)
         if motion.stop_reason != "completed":  # `simulate` keeps what it has, and hands it back
             raise KeyboardInterrupt
         _refuse_loss(motion)
-        h = motion.coordinates
-        velocity = CubicHermiteSpline(motion.t, h.velocity, h.acceleration)
-        turn = _turning_time(motion.t, h.velocity[:, self.modes[0]], velocity, self.modes[0])
-        position = CubicHermiteSpline(motion.t, h.displacement, h.velocity)
-        swing = position(turn) - h.displacement[0]
-        others = velocity(turn)[self.modes[1:]]
-        largest = np.max(np.abs(h.velocity[:, self.modes[0]]))
-        amplitude = float(abs(swing[self.modes[0]])) / 2
-        return _Orbit(amplitude, np.pi / turn, others / largest, shape)
+        q, q_dot, q_ddot = motion.coordinates
+        mode, *others = self.modes
+        velocity = CubicHermiteSpline(motion.t, q_dot, q_ddot)
+        turn = _turning_time(motion.t, q_dot[:, mode], velocity, mode)
+        swing = CubicHermiteSpline(motion.t, q, q_dot)(turn) - q[0]
+        unrest = velocity(turn)[others] / np.max(np.abs(q_dot[:, mode]))
+        return _Orbit(float(abs(swing[mode])) / 2, np.pi / turn, unrest, shape)
 
     def _held(self, ratios: np.ndarray, tip: float) -> Shape:
         momenta = self.basis.momenta[self.modes]
         pattern = momenta[0] + np.tensordot(ratios, momenta[1:], axes=1)
         reading = self.assembly.point_load((0.0, 1.0))
         return hold(self.assembly, self.basis.equilibrium, pattern, reading, tip)
-
-
-def _count(assembly: Assembly, forces: int) -> int:
-    """Enough modes to hold the bending ones: axial ones lie among them in short beams."""
-    return min(2 * forces + 2, int(np.count_nonzero(~assembly.fixed)) - 2)
 
 
 def _refuse_loss(motion: Motion) -> None:

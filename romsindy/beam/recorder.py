@@ -19,10 +19,8 @@ class Recorder:
         self._basis = basis
         self._sensors = sensors
         self._n_modes = len(basis.omega)
-        rows = [basis.momenta.reshape(self._n_modes, size)]
-        if sensors is not None:
-            rows.append(sensors.rows)
-        self._rows = np.concatenate(rows)
+        modal = basis.momenta.reshape(self._n_modes, size)
+        self._rows = modal if sensors is None else np.concatenate([modal, sensors.rows])
         self._offset = self._rows @ basis.equilibrium.displacement.ravel()
         self._readings = np.empty((3, n_samples, len(self._rows)))
         self._field = np.empty((3, n_samples, size)) if keep_field else None
@@ -54,10 +52,6 @@ class Recorder:
         n = self.count
         readings = self._readings[:, :n]
         kinetic, strain, potential, dissipated = self._energies[:, :n]
-        field = None if self._field is None else History(*self._field[:, :n])
-        sensors = None
-        if self._sensors is not None:
-            sensors = History(*readings[:, :, self._n_modes :])
         return Motion(
             t=step * np.arange(n),
             basis=self._basis,
@@ -65,7 +59,7 @@ class Recorder:
             energy=EnergyBalance(kinetic, strain - rest[1], potential - rest[2], dissipated),
             cost=cost,
             stop_reason=stop_reason,
-            sensors=sensors,
+            sensors=History(*readings[:, :, self._n_modes :]) if self._sensors else None,
             sensor_array=self._sensors,
-            field=field,
+            field=None if self._field is None else History(*self._field[:, :n]),
         )

@@ -13,16 +13,10 @@ class Section:
 
     Parameters
     ----------
-    EA : float
-        Axial stiffness, N.
-    GA : float
-        Shear stiffness, correction factor included, N.
-    EI : float
-        Bending stiffness, N m^2.
-    mass : float
-        Mass per unit length, kg/m.
-    rotary_inertia : float
-        Rotary inertia per unit length, kg m.
+    EA, GA, EI : float
+        Axial stiffness, N; shear stiffness with its correction factor, N; bending stiffness, N m^2.
+    mass, rotary_inertia : float
+        Per unit length, kg/m and kg m.
 
     Raises
     ------
@@ -56,21 +50,16 @@ class Section:
         Raises
         ------
         ValueError
-            For a dimension, modulus or density that is not positive, or a Poisson
-            ratio outside (-1, 0.5].
+            For an argument that is not positive, or a Poisson ratio outside (-1, 0.5].
 
         Examples
         --------
         >>> round(Section.rectangle(0.025, 0.001, young=210e9, density=7800).EI, 6)
         0.4375
         """
-        for name, value in {
-            "width": width,
-            "thickness": thickness,
-            "young": young,
-            "density": density,
-            "shear_correction": shear_correction,
-        }.items():
+        names = ("width", "thickness", "young", "density", "shear_correction")
+        values = (width, thickness, young, density, shear_correction)
+        for name, value in zip(names, values, strict=True):
             require_positive(name, value)
         if not -1.0 < poisson <= 0.5:
             raise ValueError(f"poisson must lie in (-1, 0.5], got {poisson}; steel has 0.3")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
 
 import numpy as np
 from tqdm import tqdm
@@ -48,23 +47,15 @@ def simulate(
 
     Parameters
     ----------
-    assembly : Assembly
-        The beam.
-    equilibrium : Shape
-        Where it rests; energies are counted from there.
-    shape : Shape
-        Where it is let go.
-    duration : float
-        Time to follow, s.
-    step : float
-        Sampling interval and longest time step, s.
+    assembly, equilibrium, shape : Assembly, Shape, Shape
+        The beam, where it rests (energies are counted from there) and where it is let go.
+    duration, step : float
+        Time to follow; sampling interval and longest time step, s.
     energy_tolerance : float
         How far kinetic + strain + potential + dissipated energy may drift over the whole motion,
         relative to the energy at release.
-    modes : ModalBasis, optional
-        The modes to record (default: the first ten about the beam's own equilibrium).
-    sensors : SensorArray, optional
-        Sensors to record.
+    modes, sensors : ModalBasis, SensorArray, optional
+        What to record (default: the first ten modes about the beam's own equilibrium).
     keep_field : bool
         Whether to keep every node's motion as well (20 kB per sample at 150 elements).
     method : RadauIIA, optional
@@ -75,11 +66,9 @@ def simulate(
     Raises
     ------
     ValueError
-        For a duration, step or tolerance that is not positive, or a shape of another
-        mesh.
+        For a duration, step or tolerance that is not positive, or a shape of another mesh.
     StepTooLongError
-        If Newton fails even in steps of step / 1024; the error carries the
-        motion up to there and a step to try.
+        If Newton fails even in steps of step / 1024.
     """
     _check(assembly, shape, duration, step, energy_tolerance)
     if progress and not kernel.is_compiled():
@@ -91,7 +80,8 @@ def simulate(
     budget = _budget(assembly, start, sum(rest_energy), energy_tolerance, duration)
     stepper = Stepper(integrator, assembly, integrator.start(start), budget, method.order)
     acceleration = assembly.smooth_acceleration(start, stiffening=step)
-    basis = modes or solve_modes(assembly, equilibrium, _count_modes(assembly))
+    free = int(np.count_nonzero(~assembly.fixed))
+    basis = modes or solve_modes(assembly, equilibrium, min(_DEFAULT_MODES, free - 2))
     n_samples = int(np.floor(duration / step * (1 + 1e-12))) + 1
     recorder = Recorder(basis, sensors, n_samples, keep_field)
     began = time.perf_counter()
@@ -102,14 +92,13 @@ def simulate(
 
     recorder.add(start, stepper.state.v, acceleration, stepper.energies, 0.0)
     try:
-        for i in _samples(n_samples, progress):
-            if not stepper.advance((i - 1) * step, step):
-                finest = step / 2**FINEST
+        for i in tqdm(range(n_samples - 1), desc="simulate", unit="step", disable=not progress):
+            if not stepper.advance(i * step, step):
                 raise StepTooLongError(
-                    f"Newton's method did not converge at t = {(i - 1) * step:.6g} s with step = "
-                    f"{step:.6g} s, not even cut to {finest:.3g} s; try step = {0.1 * step:.3g} s "
-                    "(the motion up to there is in this error's `motion`)",
-                    motion(f"step too long at {(i - 1) * step:.6g} s"),
+                    f"Newton's method did not converge at t = {i * step:.6g} s with step = "
+                    f"{step:.6g} s, not even cut to {step / 2**FINEST:.3g} s; try step = "
+                    f"{0.1 * step:.3g} s (the motion up to there is in this error's `motion`)",
+                    motion(f"step too long at {i * step:.6g} s"),
                     0.1 * step,
                 )
             state = stepper.state
@@ -140,12 +129,3 @@ def _check(
             f"shape has {len(shape.displacement)} nodes, the beam has {assembly.n_nodes}; "
             "release a shape of the same mesh"
         )
-
-
-def _count_modes(assembly: Assembly) -> int:
-    free = int(np.count_nonzero(~assembly.fixed))
-    return min(_DEFAULT_MODES, free - 2)
-
-
-def _samples(n_samples: int, progress: bool) -> Iterator[int]:
-    return iter(tqdm(range(1, n_samples), desc="simulate", unit="step", disable=not progress))

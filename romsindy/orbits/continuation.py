@@ -78,10 +78,8 @@ class Branch:
 
     Attributes
     ----------
-    u : (n, m) array
-    p : (n,) array
-    tangent : (n, m + 1) array
-        Unit tangents in the space of (u, p).
+    u, p, tangent : (n, m), (n,), (n, m + 1) arrays
+        With unit tangents in the space of (u, p).
     residual : (n,) array
         Largest absolute component of F.
     folds : (k,) array of int
@@ -125,9 +123,8 @@ def continue_branch(
     ----------
     residual : callable
         F(u, p), (m,) array.
-    u : (m,) array
-        Guess at p, where the branch starts.
-    p : float
+    u, p : (m,) array, float
+        Guess of u at p, where the branch starts.
     p_range : (float, float)
         Where the branch ends; the last point lies on the limit.
     jacobian : callable, optional
@@ -135,10 +132,9 @@ def continue_branch(
         if it is not given.
     direction : float or (m + 1,) array
         Sign of the first change of p, or a vector (u, p) towards which to set out.
-    objection : callable, optional
-        Says of a solution (u, p) why the branch must not go there; an empty text lets it pass.
-    until : callable, optional
-        Says of a solution (u, p) why the branch may end there; an empty text lets it go on.
+    objection, until : callable, optional
+        Say of a solution (u, p) why the branch must not go there, and why it may end there; an
+        empty text lets it go on.
     steps : Steps, optional
 
     Returns
@@ -175,7 +171,8 @@ def continue_branch(
             stop_reason = _walk(system, points, p_range, steps)
         except KeyboardInterrupt:
             stop_reason = "interrupted from the keyboard"
-    return _branch(points, stop_reason)
+    z, tangents, residuals, _, folds = map(np.array, zip(*points, strict=True))
+    return Branch(z[:, :-1], z[:, -1], tangents, residuals, np.flatnonzero(folds), stop_reason)
 
 
 class _Point(NamedTuple):
@@ -262,7 +259,7 @@ def next_step(step: float, turn: float, iterations: int, steps: Steps) -> float:
 
 
 def _first_point(system: _System, guess: Array, direction: ArrayLike) -> _Point:
-    along_p = np.append(np.zeros(len(guess) - 1), 1.0)
+    along_p = np.eye(len(guess))[-1]
     point = correct(system, guess, along_p)
     # The null vector of the Jacobian is the tangent also where p stands still.
     tangent = np.linalg.svd(system.jacobian(point.z))[2][-1]
@@ -323,7 +320,7 @@ def _on_limit(system: _System, here: _Point, there: _Point, limit: float) -> _Po
     share = (limit - here.z[-1]) / (there.z[-1] - here.z[-1])
     guess = here.z + share * (there.z - here.z)
     guess[-1] = limit
-    end = correct(system, guess, np.append(np.zeros(len(guess) - 1), 1.0))
+    end = correct(system, guess, np.eye(len(guess))[-1])
     return end if end.tangent @ here.tangent > 0 else end._replace(tangent=-end.tangent)
 
 
@@ -332,14 +329,12 @@ def _fold(system: _System, here: _Point, there: _Point, step: float) -> list[_Po
     if here.tangent[-1] * there.tangent[-1] >= 0:
         return []
     # The ends are as found: next to a fold, rounding may give them another sign.
-    known = {0.0: float(here.tangent[-1]), step: float(there.tangent[-1])}
+    known = {0.0: here, step: there}
 
-    def turning(part: float) -> float:
-        if part in known:
-            return known[part]
-        return float(correct(system, predict(here, part), here.tangent).tangent[-1])
+    def at(part: float) -> _Point:
+        return known.get(part) or correct(system, predict(here, part), here.tangent)
 
-    part = brentq(turning, 0.0, step, xtol=1e-10 * step)
+    part = brentq(lambda part: float(at(part).tangent[-1]), 0.0, step, xtol=1e-10 * step)
     return [correct(system, predict(here, part), here.tangent)._replace(fold=True)]
 
 
@@ -350,15 +345,3 @@ def _passes(start: _Point, here: _Point, there: _Point) -> bool:
     beside = np.linalg.norm(start.z - here.z - along * chord)
     near = 0 < along <= 1 and beside < 0.1 * np.linalg.norm(chord)
     return bool(near and start.tangent @ there.tangent > 0)
-
-
-def _branch(points: list[_Point], stop_reason: str) -> Branch:
-    z = np.array([point.z for point in points])
-    return Branch(
-        u=z[:, :-1],
-        p=z[:, -1],
-        tangent=np.array([point.tangent for point in points]),
-        residual=np.array([point.residual for point in points]),
-        folds=np.flatnonzero([point.fold for point in points]),
-        stop_reason=stop_reason,
-    )

@@ -42,10 +42,8 @@ class PeriodicOrbits:
 
     Attributes
     ----------
-    amplitude : (n,) array
-        Half of peak to peak, unit of q.
-    frequency : (n,) array
-        Angular frequency omega, rad/s.
+    amplitude, frequency : (n,) arrays
+        Half of peak to peak, unit of q; angular frequency omega, rad/s.
     coefficients : (n, H + 1) array of complex
         q(t) = Re sum_k coefficients[k] exp(i k omega t), unit of q.
     residual : (n,) array
@@ -53,10 +51,8 @@ class PeriodicOrbits:
         truncation error of the harmonics, in force.
     folds : (k,) array of int
         Points where the amplitude of a backbone, or the frequency of a forced response, turns back.
-    stop_reason : str
-        Why the branch ends where it ends.
-    unit : str or None
-        Unit of q.
+    stop_reason, unit : str, str or None
+        Why the branch ends where it ends; unit of q.
     """
 
     amplitude: Array
@@ -90,10 +86,7 @@ class PeriodicOrbits:
 class BackboneCurve(PeriodicOrbits):
     """Orbits that no outer force drives; what `PeriodicOrbits` has, and what sustains them.
 
-    Attributes
-    ----------
-    negative_damping : (n,) array
-        mu of the force mu q_dot that balances the damping, 1/s; zero for conservative orbits.
+    `negative_damping`, (n,), is mu of the force mu q_dot that balances the damping, 1/s.
     """
 
     negative_damping: Array
@@ -342,9 +335,7 @@ def _led(
 
 def _orbits(branch: OrbitBranch, end: str, unit: str | None) -> dict[str, Any]:
     """Fields of `PeriodicOrbits`; ``end`` says in physical terms that p has reached a limit."""
-    coefficients = np.zeros((len(branch.omega), branch.c.shape[1] // 2 + 1), complex)
-    coefficients[:, 0] = branch.c[:, 0]
-    coefficients[:, 1:] = branch.c[:, 1::2] - 1j * branch.c[:, 2::2]
+    coefficients = np.column_stack([branch.c[:, 0], branch.c[:, 1::2] - 1j * branch.c[:, 2::2]])
     return {
         "amplitude": (_peak(coefficients) + _peak(-coefficients)) / 2,
         "frequency": branch.omega,

@@ -31,12 +31,7 @@ _CREEP = 0.02
 
 
 class Family(ABC):
-    """Equations of a family with one number of harmonics.
-
-    Parameters
-    ----------
-    balance : HarmonicBalance
-    """
+    """Equations of a family with one number of harmonics, that of its `HarmonicBalance`."""
 
     n_other: int  # unknowns beyond the Fourier series
 
@@ -83,9 +78,8 @@ class FreeFamily(Family):
         super().__init__(balance)
         self.omega_0 = omega_0
         self.amplitude_top = amplitude_top
-        n = balance.n_harmonics
         self._at_rest = balance.basis.first[0]
-        self._odd = np.zeros(2 * n + 1)
+        self._odd = np.zeros_like(self._at_rest)
         self._odd[1::4] = 1.0  # a_1, a_3, ...
 
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
@@ -197,16 +191,8 @@ def follow(
 ) -> OrbitBranch:
     """Follow a family with as many harmonics as its orbits need on the way.
 
-    Parameters
-    ----------
-    family : callable
-        The family with a number of harmonics.
-    ladder : sequence of int
-        Numbers of harmonics to try in turn; the last one must do.
-    start : Start
-        Its u may have fewer harmonics.
-    p_range, steps
-        As in `continue_branch`.
+    Numbers of harmonics on the ladder are tried in turn; the last one must do. The start may have
+    fewer; `p_range` and `steps` are those of `continue_branch`.
     """
     pieces = []
     for n_harmonics in ladder:
@@ -257,7 +243,7 @@ def _padded(u: Array, n_harmonics: int, n_other: int) -> Array:
 
 def _joined(pieces: list[tuple[Family, Branch]], end: Start) -> OrbitBranch:
     """Orbits of all pieces, and folds with the numbers that they have among them."""
-    last_family, last = pieces[-1]
+    n_harmonics, last = pieces[-1][0].balance.n_harmonics, pieces[-1][1]
     orbits: list[tuple[Array, float, Array, float]] = []
     folds: list[int] = []
     for family, branch in pieces:
@@ -265,14 +251,8 @@ def _joined(pieces: list[tuple[Family, Branch]], end: Start) -> OrbitBranch:
         n = len(branch) - (branch is not last)
         folds += [len(orbits) + k for k in branch.folds if k < n]
         for u, p in zip(branch.u[:n], branch.p[:n], strict=True):
-            orbit = family.orbit(u, p)
-            orbits.append(
-                (
-                    _padded(orbit[0], last_family.balance.n_harmonics, 0),
-                    orbit[1],
-                    u[len(u) - family.n_other :],
-                    family.balance.leftover(*orbit),
-                )
-            )
+            orbit, beyond = family.orbit(u, p), u[len(u) - family.n_other :]
+            left = family.balance.leftover(*orbit)
+            orbits.append((_padded(orbit[0], n_harmonics, 0), orbit[1], beyond, left))
     c, omega, other, leftover = (np.array(column) for column in zip(*orbits, strict=True))
     return OrbitBranch(c, omega, other, leftover, np.array(folds, int), last.stop_reason, end)

@@ -54,14 +54,9 @@ class FourierBasis:
         second = -(np.repeat(np.arange(n_harmonics + 1), 2)[1:] ** 2) * values
         projection = 2 / len(phase) * values.T
         projection[0] /= 2
-        return cls(values, first, second, projection, _rate(n_harmonics))
-
-
-def _rate(n_harmonics: int) -> Array:
-    rate = np.zeros((2 * n_harmonics + 1, 2 * n_harmonics + 1))
-    for k in range(1, n_harmonics + 1):
+        rate = np.zeros((columns[1], columns[1]))
         rate[2 * k - 1, 2 * k], rate[2 * k, 2 * k - 1] = k, -k
-    return rate
+        return cls(values, first, second, projection, rate)
 
 
 @lru_cache(maxsize=16)
@@ -72,14 +67,9 @@ def uniform_basis(n_harmonics: int) -> FourierBasis:
 
 
 class HarmonicBalance:
-    """Fourier coefficients of a model's residual along periodic motions.
+    """Fourier coefficients of a model's residual along periodic motions up to harmonic H.
 
-    Parameters
-    ----------
-    model : ReducedModel
-        Its forces must not jump.
-    n_harmonics : int
-        H, the highest harmonic.
+    The model's forces must not jump.
     """
 
     def __init__(self, model: ReducedModel, n_harmonics: int) -> None:

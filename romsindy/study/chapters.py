@@ -14,9 +14,9 @@ from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.study import figures, tables
 from romsindy.study.content import Chapter, Check, Picture
-from romsindy.study.experiment import Trial, filtered_decay, measured_decay
+from romsindy.study.experiment import RECIPES, Trial, filtered_decay, measured_decay
 from romsindy.study.harmonics import choose_harmonics
-from romsindy.study.models import DEFAULT, FAMILIES, ORDERS, PAPER, identify, library
+from romsindy.study.models import FAMILIES, ORDERS, identify, library
 from romsindy.study.system import System
 from romsindy.study.tables import Fits
 
@@ -85,7 +85,7 @@ def comparison(system: System, fits: Fits) -> Chapter:
     stiffness, icrom, high = (fits[n] for n in ("stiffness 5", "IC-ROM 5", "IC-ROM 9"))
     wrong = tables.parameter_errors(icrom.model, system.direct[5])
     omega = tables.parameter_errors(fits["IC-ROM 7"].model, system.direct[7])["omega_1"]
-    conditions = [tables.condition(fits[f"{family} 3"]) for family in FAMILIES]
+    conditions = (f"{f} {tables.condition(fits[f'{f} 3']):.3g}" for f in FAMILIES)
     pictures = [
         Picture(
             "headline", "In one picture",
@@ -95,15 +95,12 @@ def comparison(system: System, fits: Fits) -> Chapter:
     ]  # fmt: skip
     for family in FAMILIES:
         panels = {
-            title: [fits[f"{family} {order}{suffix}"] for order in ORDERS]
-            for title, suffix in (
-                ("linear frequency estimated", ""),
-                ("linear frequency fixed", ", omega fixed"),
-            )
+            "linear frequency estimated": [fits[f"{family} {order}"] for order in ORDERS],
+            "linear frequency fixed": [fits[f"{family} {order}, omega fixed"] for order in ORDERS],
         }
         pictures.append(
             Picture(
-                f"backbones_{family.lower().replace(' ', '_').replace('-', '')}",
+                f"backbones_{tables.file_name(family)}",
                 f"Backbones: {family}",
                 "Above with the cycles, below the error; a curve ends where the model has no"
                 " motion.",
@@ -122,9 +119,8 @@ def comparison(system: System, fits: Fits) -> Chapter:
         "Regression as in the paper: harmonics 0 to 5, plain least squares, damping left out. At"
         f" order 5 the stiffness polynomial misses the measured frequency by"
         f" {100 * stiffness.max_error:.2f} % at most, the IC-ROM by {100 * icrom.max_error:.2f} %."
-        " Condition number of the scaled regression at order 3: "
-        + ", ".join(f"{f} {c:.3g}" for f, c in zip(FAMILIES, conditions, strict=True))
-        + ".",
+        " Condition number of the scaled regression at order 3:"
+        f" {', '.join(conditions)}.",
         [
             tables.backbone_errors(fits, system),
             *(tables.family_parameters(f, fits, system, _FAMILY_NOTES[f]) for f in FAMILIES),
@@ -170,7 +166,8 @@ def releases(system: System, modal: Motion) -> Chapter:
     whole = extract_backbone(decay)
     quiet = whole.amplitude <= system.backbone.amplitude.max()
     start = float(whole.t[quiet][0] - np.pi / whole.frequency[quiet][0])
-    backbone = _selected(whole, quiet)
+    arrays = {n: v for n, v in vars(whole).items() if isinstance(v, np.ndarray)}
+    backbone = replace(whole, **{name: values[quiet] for name, values in arrays.items()})
     cases: dict[str, tuple[Decay, Backbone]] = {
         "force at the tip": (system.decay, system.backbone),
         "modal force": (decay, whole),
@@ -179,7 +176,7 @@ def releases(system: System, modal: Motion) -> Chapter:
     results = {}
     for label, (record, extracted) in cases.items():
         wanted = (("stiffness", 5), ("IC-ROM", 5), ("IC-ROM", 9))
-        fits = [identify(record, extracted, family, order) for family, order in wanted]
+        fits = [identify(record, extracted, *model) for model in wanted]
         results[label] = ({c.name: c for c in fits}, float(extracted.amplitude.max()))
     return Chapter(
         "Two ways to let the beam go",
@@ -188,21 +185,13 @@ def releases(system: System, modal: Motion) -> Chapter:
     )
 
 
-def _selected(backbone: Backbone, keep: np.ndarray) -> Backbone:
-    names = [n for n, v in vars(backbone).items() if isinstance(v, np.ndarray)]
-    return replace(backbone, **{name: getattr(backbone, name)[keep] for name in names})
-
-
 def experiment(system: System, finished: Sequence[Trial], asked: int) -> Chapter:
     """The simulated experiment, for one seed and for many."""
     first = min(finished, key=lambda t: t.seed)
     noisy, filtered = (f(system.motion, first.seed) for f in (measured_decay, filtered_decay))
     clean = measured_decay(system.motion, first.seed, snr_db=None)
-    table = tables.spread(finished, system)
-    omega = [
-        tables.parameters(t.candidates["IC-ROM, plain"].model)["omega_1"] / system.omega - 1
-        for t in finished
-    ]
+    models = [t.candidates["IC-ROM, plain"].model for t in finished]
+    omega = [tables.parameters(model)["omega_1"] / system.omega - 1 for model in models]
     part = "" if len(finished) == asked else f" Interrupted: {len(finished)} of {asked} seeds."
     one = {name: c for name, c in first.candidates.items() if name.endswith("plain")}
     return Chapter(
@@ -212,7 +201,7 @@ def experiment(system: System, finished: Sequence[Trial], asked: int) -> Chapter
         " at 100 Hz, the first 18 s. The error of a noisy mode shape scales q, and so every"
         " coefficient but omega_1, in the same way for all cycles."
         f" {len(finished)} seeds.{part}",
-        [table, tables.seeds(finished)],
+        [tables.spread(finished, system), tables.seeds(finished)],
         [
             Picture(
                 "experiment_decay", "Mode 1 as measured", "At the start and at the end.",
@@ -253,15 +242,12 @@ def experiment(system: System, finished: Sequence[Trial], asked: int) -> Chapter
 
 def damping(system: System) -> Chapter:
     """Damping terms in the model."""
-    kinds = {
-        "none": (),
-        "linear": ("linear",),
-        "linear, q^2 q_dot": ("linear", "q^2 q_dot"),
-        "linear, quadratic": ("linear", "quadratic"),
-    }
+    kinds = ((), ("linear",), ("linear", "q^2 q_dot"), ("linear", "quadratic"))
     fits = {
-        name: identify(system.decay, system.backbone, "IC-ROM", 9, damping=kind)
-        for name, kind in kinds.items()
+        ", ".join(kind) or "none": identify(
+            system.decay, system.backbone, "IC-ROM", 9, damping=kind
+        )
+        for kind in kinds
     }
     return Chapter(
         "Beyond the paper: damping in the model",
@@ -282,7 +268,7 @@ def harmonics(system: System, seed: int) -> Chapter:
     noisy = filtered_decay(system.motion, seed)
     searches = {}
     for signal, decay in (("noise-free", system.decay), ("experiment", noisy)):
-        for name, recipe in (("plain", PAPER), ("weighted", DEFAULT)):
+        for name, recipe in RECIPES.items():
             estimator = clone(recipe).set_params(library=library("IC-ROM", 5))
             searches[f"{signal}, {name}"] = choose_harmonics(decay, estimator, seed=seed)
     return Chapter(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from romsindy.show.page import Picture
@@ -15,17 +15,9 @@ Cell = str | float | None
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers with a header.
+    """Numbers with a header: None for what does not exist, nan for a model without motion.
 
-    Attributes
-    ----------
-    name : str
-        Of the CSV file.
-    title, note : str
-        Above and below it in the report; the note says what the numbers mean.
-    header : sequence of str
-    rows : sequence of sequences
-        Text, numbers, None for what does not exist, nan for a model without motion.
+    The name is that of the CSV file; the note says what the numbers mean.
     """
 
     name: str
@@ -42,8 +34,7 @@ class Table:
         """Write full precision to ``folder/name.csv``."""
         path = folder / f"{self.name}.csv"
         with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerows([self.header, *self.rows])
+            csv.writer(file).writerows([self.header, *self.rows])
         return path
 
 
@@ -57,17 +48,7 @@ def _text(cell: Cell) -> str:
 
 @dataclass(frozen=True)
 class Check:
-    """A number that the study is asked for.
-
-    Attributes
-    ----------
-    what : str
-    measured : float
-    bound : float
-    unit : str
-    at_most : bool
-        Whether the bound is an upper one.
-    """
+    """A number that the study is asked for; ``at_most`` says whether its bound is an upper one."""
 
     what: str
     measured: float
@@ -78,9 +59,7 @@ class Check:
     @property
     def passed(self) -> bool:
         """Whether the number keeps its bound; nan does not."""
-        if self.at_most:
-            return self.measured <= self.bound
-        return self.measured > self.bound
+        return self.measured <= self.bound if self.at_most else self.measured > self.bound
 
     @property
     def asked(self) -> str:
@@ -96,4 +75,4 @@ class Chapter:
     text: str
     tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
-    checks: Sequence[Check] = field(default_factory=list)
+    checks: Sequence[Check] = ()

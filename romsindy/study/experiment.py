@@ -24,11 +24,7 @@ ORDER = 5
 class Trial:
     """What one measurement with its own noise leads to.
 
-    Attributes
-    ----------
-    seed : int
-    candidates : mapping of str to Candidate
-        "stiffness, plain", "IC-ROM, weighted", ...; judged by the noise-free backbone.
+    Candidates are "stiffness, plain", "IC-ROM, weighted", ..., judged by the noise-free backbone.
     """
 
     seed: int
@@ -41,16 +37,16 @@ def measured_decay(motion: Motion, seed: int, snr_db: float | None = SNR_DB) -> 
     Parameters
     ----------
     motion : Motion
-        Simulated with sensors.
+        Simulated with sensors; q alone is kept, kg^0.5 m, of the first 18 s.
     seed : int
         Of the noise; seed + 1 makes the noise of the mode shapes.
     snr_db : float, optional
         Signal-to-noise ratio of both, dB.
 
-    Returns
-    -------
-    Decay
-        q alone, kg^0.5 m, the first 18 s.
+    Raises
+    ------
+    ValueError
+        If the motion has no sensors.
     """
     if motion.sensor_array is None:
         raise ValueError("motion has no sensors: simulate with sensors=beam.sensors([...])")

@@ -124,11 +124,10 @@ def experiment_backbone(figure: Figure, noisy: Decay, candidates: Mapping[str, C
 
 def spread(figure: Figure, system: System, trials: Sequence[Trial]) -> None:
     """Median and 5 to 95 % of the backbone error over seeds (fig. 15, with its spread)."""
-    names = list(trials[0].candidates)
     order = np.argsort(system.backbone.amplitude)
     amplitude = system.backbone.amplitude[order]
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
-    for i, (name, ax) in enumerate(zip(names, axes.flat, strict=True)):
+    for i, (name, ax) in enumerate(zip(trials[0].candidates, axes.flat, strict=True)):
         error = 100 * np.array([t.candidates[name].error for t in trials])[:, order]
         low, middle, high = np.nanquantile(error, (0.05, 0.5, 0.95), axis=0)
         ax.fill_between(amplitude, low, high, color=f"C{i}", alpha=0.3, lw=0)

@@ -33,12 +33,9 @@ def blocks(decay: Decay, cycles: int = _BLOCK) -> list[Decay]:
             " the decay: four are needed, use fewer cycles or a longer record"
         )
     # A cycle counts when the samples before and after its crossings are there.
-    last = len(decay.t) - 1
-    ends = up[cycles::cycles]
-    return [
-        decay.between(decay.t[max(a - 2, 0)], decay.t[min(b + 2, last)])
-        for a, b in zip(starts, ends, strict=False)
-    ]
+    first = np.maximum(starts - 2, 0)
+    last = np.minimum(up[cycles::cycles] + 2, len(decay.t) - 1)
+    return [decay.between(*decay.t[[a, b]]) for a, b in zip(first, last, strict=True)]
 
 
 def held_out_score(
@@ -73,10 +70,8 @@ def choose_harmonics(
         What to fit.
     choices : sequence of sequences of int
         Sets of harmonics.
-    folds : int
+    folds, seed : int
         Blocks are dealt into this many folds, shuffled, so that each holds loud and quiet ones.
-    seed : int
-        Of the shuffle.
 
     Returns
     -------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -34,17 +35,13 @@ DEFAULT = HarmonicSINDy(projection=HarmonicProjection())
 
 
 def library(family: str, order: int, damping: Sequence[str] = ()) -> Any:
-    """The terms of a family of models up to an order.
+    """The terms of a family of models up to a power of q in the force, and kinds of damping.
 
     Parameters
     ----------
     family : str
         "stiffness" (a polynomial alone), "beam theory" (the paper's eq. 8: q^2 q_ddot and
-        q q_dot^2 with coefficients apart) or "IC-ROM".
-    order : int
-        Highest power of q in the force; the IC-ROM's inertia goes to q^(order - 1).
-    damping : sequence of str
-        Kinds of damping.
+        q q_dot^2 with coefficients apart) or "IC-ROM", with inertia up to q^(order - 1).
 
     Raises
     ------
@@ -94,7 +91,5 @@ def identify_all(
     decay: Decay, backbone: Backbone, omega: float, recipe: HarmonicSINDy = PAPER
 ) -> Iterator[Candidate]:
     """All families and orders, the linear frequency estimated and fixed to ``omega`` (rad/s)."""
-    for family in FAMILIES:
-        for order in ORDERS:
-            for known in (None, omega):
-                yield identify(decay, backbone, family, order, recipe=recipe, omega=known)
+    for family, order, known in itertools.product(FAMILIES, ORDERS, (None, omega)):
+        yield identify(decay, backbone, family, order, recipe=recipe, omega=known)

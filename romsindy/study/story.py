@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 
 from romsindy.study import chapters
 from romsindy.study.content import Chapter
-from romsindy.study.experiment import Trial, trials
-from romsindy.study.models import DEFAULT, FAMILIES, ORDERS, PAPER, identify_all
+from romsindy.study.experiment import RECIPES, Trial, trials
+from romsindy.study.models import FAMILIES, ORDERS, identify_all
 from romsindy.study.system import System, simulate_release, simulate_system
 
 Progress = Callable[[Iterable, str, int], Iterable]
@@ -40,7 +40,7 @@ def tell(
     yield chapters.structure(system)
     yield chapters.cycles(system)
     fits = {}
-    for name, recipe in (("plain", PAPER), ("weighted", DEFAULT)):
+    for name, recipe in RECIPES.items():
         found = identify_all(system.decay, system.backbone, system.omega, recipe)
         steps = progress(found, f"identifying, {name} regression", 2 * len(FAMILIES) * len(ORDERS))
         fits[name] = {c.name: c for c in steps}

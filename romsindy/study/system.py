@@ -26,17 +26,12 @@ class System:
 
     Attributes
     ----------
-    beam : Beam
-    modes : ModalBasis
-        The first ten modes about the sagged equilibrium.
-    motion : Motion
-        Damped decay, with the sensors of the simulated experiment.
+    beam, modes : Beam, ModalBasis
+        With the first ten modes about the sagged equilibrium.
+    motion, decay, backbone : Motion, Decay, Backbone
+        Damped, with the sensors of the simulated experiment; its mode 1, kg^0.5 m, with cycles.
     undamped : Motion
         A short undamped motion from a release by the modal force, where only slaves sound along.
-    decay : Decay
-        q, q_dot, q_ddot of mode 1, kg^0.5 m.
-    backbone : Backbone
-        Read off the decay.
     direct : mapping of int to ReducedModel
         Direct reduced-order models by order, fitted over the amplitudes of the decay.
     normal_mode : NormalMode
@@ -77,8 +72,6 @@ def simulate_release(
     release_mode : int, optional
         Hold by the modal force of this mode before the release; by default by a force at the tip,
         which lets mode 2 go along.
-    progress : bool
-        Whether to show a bar.
 
     Raises
     ------
@@ -106,8 +99,6 @@ def simulate_system(
         Of the decay, s.
     orbits : int
         Number of periodic orbits of the beam itself, evenly spaced in tip displacement.
-    progress : bool
-        Whether to show bars.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,6 +16,11 @@ from romsindy.study.models import FAMILIES, ORDERS
 from romsindy.study.system import System
 
 Fits = Mapping[str, Candidate]
+
+
+def file_name(family: str) -> str:
+    """A family's name as a part of names of files."""
+    return family.lower().replace(" ", "_").replace("-", "")
 
 
 def parameters(model: ReducedModel) -> dict[str, float]:
@@ -40,18 +46,14 @@ def parameter_errors(model: ReducedModel, direct: ReducedModel) -> dict[str, flo
 
 def frequencies(system: System) -> Table:
     """Linear frequencies beside those that the paper prints."""
-    printed = {1: 38.5, 2: 165.9}
-    rows: list[list[Cell]] = [
-        [f"mode {mode}", float(system.modes.omega[mode - 1]), printed.get(mode)]
-        for mode in range(1, 4)
-    ]
+    printed = (38.5, 165.9, None)
     return Table(
         "frequencies",
         "Linear frequencies",
         "About the sagged equilibrium. The paper prints them; its spring and section are not"
         " printed, and the defaults of the beam are the parameters that reproduce these numbers.",
         ["", "rad/s", "in the paper, rad/s"],
-        rows,
+        [[f"mode {i + 1}", float(system.modes.omega[i]), printed[i]] for i in range(3)],
     )
 
 
@@ -75,33 +77,27 @@ def normal_mode(system: System) -> Table:
     mode, backbone = system.normal_mode, system.backbone
     order = np.argsort(backbone.amplitude)
     cycles = np.interp(mode.amplitude, backbone.amplitude[order], backbone.frequency[order])
-    models = {o: m.backbone(mode.amplitude) for o, m in system.direct.items()}
-    columns = [cycles, *models.values()]
-    rows: list[list[Cell]] = [
-        [float(a), float(w), *(100 * float(c[i] / w - 1) for c in columns)]
-        for i, (a, w) in enumerate(zip(mode.amplitude, mode.frequency, strict=True))
-    ]
+    columns = [cycles, *(m.backbone(mode.amplitude) for m in system.direct.values())]
+    off = [100 * (column / mode.frequency - 1) for column in columns]
     return Table(
         "normal_mode",
         "Periodic orbits of the beam itself",
         "Found by shooting on the finite elements, without damping. Relative deviation from them,"
         " %, of the cycles of the decay and of the direct reduced-order models.",
-        ["amplitude, kg^0.5 m", "rad/s", "cycles", *(f"direct, order {o}" for o in models)],
-        rows,
+        ["amplitude, kg^0.5 m", "rad/s", "cycles", *(f"direct, order {o}" for o in system.direct)],
+        np.stack([mode.amplitude, mode.frequency, *off], axis=1).tolist(),
     )
 
 
 def backbone_errors(fits: Fits, system: System) -> Table:
     """Error of the backbone and of the linear frequency for every model."""
     rows: list[list[Cell]] = []
-    for family in FAMILIES:
-        for order in ORDERS:
-            free = fits[f"{family} {order}"]
-            fixed = fits[f"{family} {order}, omega fixed"]
-            omega = parameters(free.model)["omega_1"]
-            row = [100 * (omega / system.omega - 1)]
-            row += [100 * e for c in (free, fixed) for e in (c.max_error, c.rms_error)]
-            rows.append([family, float(order), *row, float(free.lost), float(fixed.lost)])
+    for family, order in itertools.product(FAMILIES, ORDERS):
+        pair = [fits[f"{family} {order}{suffix}"] for suffix in ("", ", omega fixed")]
+        omega = parameters(pair[0].model)["omega_1"]
+        row = [100 * (omega / system.omega - 1)]
+        row += [100 * e for c in pair for e in (c.max_error, c.rms_error)]
+        rows.append([family, float(order), *row, *(float(c.lost) for c in pair)])
     return Table(
         "backbone_errors",
         "Backbone errors of all models",
@@ -119,14 +115,17 @@ def backbone_errors(fits: Fits, system: System) -> Table:
 def family_parameters(family: str, fits: Fits, system: System, note: str) -> Table:
     """Relative errors of the parameters of one family (the paper's tables 2 to 4)."""
     columns = {}
-    for order in ORDERS:
-        for suffix, label in (("", "est."), (", omega fixed", "fixed")):
-            model = fits[f"{family} {order}{suffix}"].model
-            columns[f"order {order}, {label}"] = parameter_errors(model, system.direct[order])
-    names = list(dict.fromkeys(name for column in columns.values() for name in column))
-    names.sort(key=lambda name: ("omega_1" not in name, name.split("_")[0], name))
+    for order, (suffix, label) in itertools.product(
+        ORDERS, (("", "est."), (", omega fixed", "fixed"))
+    ):
+        model = fits[f"{family} {order}{suffix}"].model
+        columns[f"order {order}, {label}"] = parameter_errors(model, system.direct[order])
+    names = sorted(
+        set().union(*columns.values()),
+        key=lambda name: ("omega_1" not in name, name.split("_")[0], name),
+    )
     return Table(
-        f"parameters_{family.lower().replace(' ', '_').replace('-', '')}",
+        f"parameters_{file_name(family)}",
         f"Relative errors of the parameters, %: {family}",
         note,
         ["parameter", *columns],
@@ -143,23 +142,18 @@ def condition(candidate: Candidate) -> float:
 def recipes(fits: Mapping[str, Fits], system: System) -> Table:
     """Plain and weighted regression side by side."""
     rows: list[list[Cell]] = []
-    for recipe, candidates in fits.items():
-        for family in ("stiffness", "IC-ROM"):
-            for order in ORDERS:
-                c = candidates[f"{family} {order}"]
-                errors = parameter_errors(c.model, system.direct[order])
-                rows.append(
-                    [
-                        recipe, family, float(order), 100 * c.max_error, 100 * c.rms_error,
-                        *(errors.get(n) for n in ("omega_1", "gamma_3", "Upsilon_3")),
-                    ]
-                )  # fmt: skip
+    compared = ("omega_1", "gamma_3", "Upsilon_3")
+    for recipe, family, order in itertools.product(fits, ("stiffness", "IC-ROM"), ORDERS):
+        c = fits[recipe][f"{family} {order}"]
+        errors = parameter_errors(c.model, system.direct[order])
+        row = [100 * c.max_error, 100 * c.rms_error, *(errors.get(name) for name in compared)]
+        rows.append([recipe, family, float(order), *row])
     return Table(
         "recipes",
         "The paper's plain regression and this package's weighted one",
         "Linear frequency estimated, errors in %. The weighted regression counts the third harmonic"
         " for 1/81 of the first, as noise of a displacement sensor calls for.",
-        ["regression", "family", "order", "max", "rms", "omega_1", "gamma_3", "Upsilon_3"],
+        ["regression", "family", "order", "max", "rms", *compared],
         rows,
     )
 
@@ -196,19 +190,13 @@ def spread(trials: Sequence[Trial], system: System) -> Table:
 
 def seeds(trials: Sequence[Trial]) -> Table:
     """Every seed and model: parameters and backbone error."""
-    names = list(
-        dict.fromkeys(
-            name
-            for t in trials
-            for c in t.candidates.values()
-            for name in parameters(c.model)
-        )
-    )  # fmt: skip
-    rows: list[list[Cell]] = []
-    for t in sorted(trials, key=lambda t: t.seed):
-        for model, c in t.candidates.items():
-            found = parameters(c.model)
-            rows.append([str(t.seed), model, 100 * c.max_error, *(found.get(n) for n in names)])
+    found = [
+        (str(t.seed), model, 100 * c.max_error, parameters(c.model))
+        for t in sorted(trials, key=lambda t: t.seed)
+        for model, c in t.candidates.items()
+    ]
+    names = list(dict.fromkeys(name for *_, values in found for name in values))
+    rows = [[s, m, e, *(values.get(name) for name in names)] for s, m, e, values in found]
     return Table(
         "experiment_seeds", "", "", ["seed", "model", "max backbone error, %", *names], rows
     )
@@ -220,14 +208,9 @@ def damping(fits: Fits, system: System) -> Table:
     rows: list[list[Cell]] = []
     for name, c in fits.items():
         error = c.model.damping_ratio(system.backbone.amplitude) / measured - 1
-        found = {k: v for k, v in c.model.coefficients.items() if k.startswith("c_")}
-        rows.append(
-            [
-                name, 100 * c.max_error, 100 * float(np.abs(error).max()),
-                100 * float(np.sqrt(np.mean(error**2))), found.get("c_linear"),
-                found.get("c_q^2 q_dot"), found.get("c_quadratic"),
-            ]
-        )  # fmt: skip
+        errors = (c.max_error, float(np.abs(error).max()), float(np.sqrt(np.mean(error**2))))
+        found = [c.model.coefficients.get(f"c_{k}") for k in ("linear", "q^2 q_dot", "quadratic")]
+        rows.append([name, *(100 * e for e in errors), *found])
     return Table(
         "damping",
         "Damping terms in the model",
@@ -256,11 +239,8 @@ def harmonics(searches: Mapping[str, GridSearchCV]) -> Table:
         " cycles), IC-ROM of order 5; 100 % stands for a cycle at whose amplitude the model has"
         f" no motion. Chosen: {chosen}.",
         ["harmonics", *searches],
-        [
-            [f"0 to {h[-1]}", *(float(s[i]) for s in scores)]
-            for i, h in enumerate(choices)
-        ],
-    )  # fmt: skip
+        [[f"0 to {h[-1]}", *(float(s[i]) for s in scores)] for i, h in enumerate(choices)],
+    )
 
 
 def releases(results: Mapping[str, tuple[Fits, float]]) -> Table:
