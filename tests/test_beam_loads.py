@@ -30,7 +30,7 @@ from romsindy.effects import (
     TwoSidedGap,
 )
 from romsindy.effects.mounting import Point
-from romsindy.physics.damping import CoulombFriction, PowerDamping
+from romsindy.physics.damping import Friction, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import GapForce, MagnetForce, Stiffness, StopForce
 
@@ -39,8 +39,8 @@ FORCES = [
     Spring(stiffness=30.0, anchor=(0.6, 0.1), natural_length=0.05),
     Load(Stiffness(3), 200.0, AtPoint(direction=(1.0, 2.0))),
     Load(PowerDamping(1), 0.3, AtPoint(direction=(1.0, 1.0))),
-    Load(CoulombFriction(creep=0.5), 0.2),
-    Load(CoulombFriction(creep=0.5), 0.2, ANCHOR),
+    Load(Friction(creep=0.5), 0.2),
+    Load(Friction(creep=0.5), 0.2, ANCHOR),
     Load(PowerDamping(1.7), 0.2, ANCHOR),
     Load(StopForce(0.01), 100.0),
     Load(GapForce(0.01), 100.0, AtPoint(direction=(0.0, -1.0), datum=0.003)),
@@ -246,7 +246,7 @@ def test_point_between_nodes_shares_its_force():
     ("make", "message"),
     [
         (lambda: Load(PowerDamping(1), float("nan")), "strength must be a finite number"),
-        (lambda: Load(CoulombFriction(), 0.1), "CoulombFriction jumps: give it a creep"),
+        (lambda: Load(Friction(), 0.1), "Friction jumps: give it a creep"),
         (lambda: Load(Inertia(3), 0.1), "Inertia is no force"),
         (lambda: Load(Stiffness(1), 1.0, AlongBeam()), "mount it AtPoint or TowardsAnchor"),
         (lambda: NonlinearInertia().on_beam(1.0), "NonlinearInertia names no place on a beam"),

@@ -162,7 +162,7 @@ def test_millimetres_get_a_hint(run, tmp_path):
     decay = example_decay(40.0, 1)
     table = np.stack([decay.t, 1000 * decay.q], axis=1)
     np.savetxt(tmp_path / "decay.csv", table, delimiter=",", header="t,q", comments="")
-    result = run("identify", "decay.csv", "--unit", "m", "--fix", "omega^2=36")
+    result = run("identify", "decay.csv", "--unit", "m", "--fix", "omega^2=36", "--no-refine")
     assert "if it is in millimetres, load it with unit='mm'" in result.output
     wrong = run("identify", "decay.csv", "--unit", "m", "--fix", "gamma_3=9")
     assert wrong.exit_code == 2 and "1000 means millimetres" in wrong.output

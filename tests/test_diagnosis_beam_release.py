@@ -18,7 +18,7 @@ TIP = BEAM.point_load((0.0, 1.0))
 STEP = 4e-3
 
 
-def pulled(seen, truth, q, seed, load, duration=5.0, step=STEP, snr=37.0):
+def pulled(seen, truth, q, seed, load, duration=3.0, step=STEP, snr=37.0):
     """A decay of a beam that a load held."""
     readings = seen.readings(truth, q, duration, step, load)
     return rs.Decay(step * np.arange(len(readings)), with_noise(readings, snr, seed), unit="m")

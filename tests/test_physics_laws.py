@@ -12,8 +12,7 @@ from romsindy.physics.combination import Combination
 from romsindy.physics.damping import (
     DAMPING,
     AmplitudeDamping,
-    CoulombFriction,
-    HystereticFriction,
+    Friction,
     PowerDamping,
     RubbingFriction,
     damping_law,
@@ -34,7 +33,7 @@ POLYNOMIAL = [
 SHAPED = [
     PowerDamping(2.1),
     AmplitudeDamping(1.9),
-    HystereticFriction(1.05),
+    Friction(1.05),
     RubbingFriction(0.1),
     RubbingFriction(-0.2, -1),
     Stiffness(2.97),
@@ -102,7 +101,7 @@ def test_potential_is_the_work_against_the_force(law):
 
 @pytest.mark.parametrize(
     "term",
-    [*ALL, COMBINED, CoulombFriction(0.3), HystereticFriction(1.05, 0.2)],
+    [*ALL, COMBINED, Friction(creep=0.3), Friction(1.05, 0.2)],
     ids=str,
 )
 def test_derivatives_are_differences(term):
@@ -135,9 +134,7 @@ def test_regularised_friction_is_friction_above_its_velocity_scale():
         friction.regularised(0)
 
 
-@pytest.mark.parametrize(
-    "law", [CoulombFriction(), HystereticFriction(1.05), RubbingFriction(0.1)], ids=str
-)
+@pytest.mark.parametrize("law", [Friction(), Friction(1.05), RubbingFriction(0.1)], ids=str)
 def test_averaged_friction_is_the_mean_over_the_step(law):
     """Quadrature of the jump in the speed, with the normal force of the middle."""
     q, v, change = np.array([0.5, 0.3, -0.4]), np.array([0.02, -0.3, 0.07]), 0.1
@@ -181,10 +178,10 @@ def test_json_holds_type_and_fields(law):
         StopForce(0.1 + 0.2, 1, 1.0 / 3 + 1),
         PowerDamping(2 + 1e-9),
         RubbingFriction(np.pi),
-        HystereticFriction(1.0 / 3),
+        Friction(1.0 / 3),
         Stiffness(3 - 1e-12),
         MagnetForce(1 / 3, -1, 2 + 1e-15),
-        CoulombFriction(creep=1e-3 / 7),
+        Friction(creep=1e-3 / 7),
         Combination("cause", (Stiffness(1), StopForce(1 / 3)), (1 / 3, np.pi)),
     ],
     ids=lambda law: type(law).__name__,
@@ -192,7 +189,7 @@ def test_json_holds_type_and_fields(law):
 def test_numbers_survive_to_the_last_digit(law):
     model = ReducedModel((law,), (1 / 3,), "m")
     assert ReducedModel.from_json(model.to_json()) == model
-    if not isinstance(law, Combination | CoulombFriction):
+    if not isinstance(law, Combination | Friction):
         assert term_from_key(law.key) == law
 
 

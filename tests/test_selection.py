@@ -129,6 +129,12 @@ def test_known_coefficients_and_several_decays() -> None:
     assert len(choice.fit.states) == 2
 
 
+def test_two_processes_give_the_numbers_of_one() -> None:
+    one, two = (select_model(SHORT[0], SMALL, n_jobs=n) for n in (1, 2))
+    assert one.table() == two.table() and one.model == two.model
+    assert any(c.fit is not None for c in two.equivalent)  # fitted in other processes
+
+
 def test_where_all_are_wrong_the_best_is_chosen_and_said_not_to_explain() -> None:
     choice = select_model(SHORT[0], SMALL[2:], sparse=False)
     assert not choice.fit.verdict.explained

@@ -94,7 +94,7 @@ def hidden(name: str, beam: Beam, rng: np.random.Generator, reach: float) -> Bea
     gap = rng.uniform(0.4, 0.7) * reach
     here, at_rest = AtPoint(at), AtPoint(at, datum=rest)
     # N/m, of contacts: a few per cent of the beam's own at that point
-    stiffness = (0.5 if at is None else 50.0) * size
+    stiffness = (0.5 if at is None else 200.0) * size
     pole = (beam.length, rest + side * 1.5 * reach)
     effect = {
         # 1/2 density of air, drag coefficient 1.2, width 25 mm

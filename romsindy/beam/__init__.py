@@ -10,24 +10,3 @@ from romsindy.beam.sensors import Sensor, SensorArray
 from romsindy.beam.static_curve import StaticCurve
 from romsindy.beam.statics import NoEquilibriumError, Shape
 from romsindy.beam.structure import CLAMPED, FREE, PINNED, Support
-
-__all__ = [
-    "CLAMPED",
-    "FREE",
-    "PINNED",
-    "Beam",
-    "EnergyBalance",
-    "History",
-    "ModalBasis",
-    "Motion",
-    "NoEquilibriumError",
-    "RadauIIA",
-    "Section",
-    "Sensor",
-    "SensorArray",
-    "Shape",
-    "StaticCurve",
-    "StepTooLongError",
-    "Support",
-    "relative_error",
-]

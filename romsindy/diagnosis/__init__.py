@@ -5,16 +5,3 @@ from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect, Parameter, ReadingEffect, TermEffect, TimedEffect
-
-__all__ = [
-    "CATALOGUE",
-    "BeamReport",
-    "DiagnosisReport",
-    "Effect",
-    "FoundEffect",
-    "Parameter",
-    "ReadingEffect",
-    "TermEffect",
-    "TimedEffect",
-    "diagnose",
-]

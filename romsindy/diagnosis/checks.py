@@ -19,10 +19,13 @@ from romsindy.fit.verdict import (
     ABOVE_NOISE,
     EXPLAINED,
     LEAST_CYCLES,
+    NO_OVERLAP,
     OTHER_MODE,
+    OTHER_SCALE,
     REVERSED,
     REVERSED_IS_BETTER,
     REVERSED_IS_NO_WORSE,
+    SHARED,
 )
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -86,7 +89,7 @@ def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
     x = decay.single().q
     centred, cycle = swing(x)
     envelope = np.sqrt(2 * np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
-    shared = np.flatnonzero(envelope >= 0.9 * model.amplitude_range[0])
+    shared = np.flatnonzero(envelope >= SHARED * model.amplitude_range[0])
     if len(shared) < 2 * cycle or decay.t[shared[-1]] == decay.t[-1]:
         return decay  # too little to use is refused later, with the amplitudes named
     return decay.between(end=float(decay.t[shared[-1]]))
@@ -128,12 +131,12 @@ def _check_frequency(model: ReducedModel, record: Record, i: int) -> None:
     amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
     said = model.backbone(amplitudes)
     reach = model.amplitude_range
-    if reach is not None and record.amplitude < 0.5 * reach[0]:
+    if reach is not None and record.amplitude < NO_OVERLAP * reach[0]:
         raise ValueError(
             f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
             f" {reach[1]:.3g}: no overlap in amplitude; check the unit, or excite more"
         )
-    if reach is not None and record.amplitude > 5 * reach[1]:
+    if reach is not None and record.amplitude > OTHER_SCALE * reach[1]:
         raise ValueError(
             f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
             f" {reach[1]:.3g}: other scale; check the unit of the decay"

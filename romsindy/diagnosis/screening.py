@@ -16,6 +16,7 @@ import numpy as np
 from romsindy.effects.base import Effect, Scales, State
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
 from romsindy.fit.record import Record, strongest_tones
 from romsindy.physics.model import ReducedModel
@@ -48,16 +49,14 @@ class Screening:
 
     Attributes
     ----------
-    matrix, right, power
-        Of the normal equations; the first ``n_base`` columns are always free.
+    system : NormalEquations
+        Its first ``n_base`` columns are always free.
     candidates : tuple of (Effect, columns)
     scales : Scales
         With the lines of the spectrum.
     """
 
-    matrix: Array
-    right: Array
-    power: float
+    system: NormalEquations
     n_base: int
     candidates: tuple[tuple[Effect, Indices], ...]
     scales: Scales
@@ -69,26 +68,19 @@ class Screening:
 
     def left(self, held: int) -> float:
         """Sum of squares left with no candidate, and the first ``held`` free columns left out."""
-        return self.power - float(self._solve(np.arange(held, self.n_base))[1])
-
-    def _solve(self, columns: Indices) -> tuple[Array, float]:
-        a = self.matrix[np.ix_(columns, columns)]
-        b = self.right[columns]
-        scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-        x = np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=1e-12)[0] * scale
-        return x, float(2 * x @ b - x @ a @ x)
+        return self.system.power - self.system.by_some(np.arange(held, self.n_base))[1]
 
     def singles(self, held: int = 0) -> list[Screened]:
         """Every candidate by itself, best first; the first ``held`` free columns stay out."""
         found = []
         always = np.arange(held, self.n_base)
         for effect, columns in self.candidates:
-            x, gain = self._solve(np.concatenate([always, columns]))
+            x, gain = self.system.by_some(np.concatenate([always, columns]))
             own = x[len(always) :]
             if effect.sign and np.all(own < 0) and not effect.start:
-                gain = self.power - self.base
+                gain = self.system.power - self.base
             strengths = own.reshape(-1, effect.n_strengths)
-            found.append(Screened(effect, self.power - gain, strengths))
+            found.append(Screened(effect, self.system.power - gain, strengths))
         return sorted(found, key=lambda s: s.chi_squared)
 
     def pairs(self, chosen: Sequence[Screened]) -> list[tuple[float, Screened, Screened]]:
@@ -99,7 +91,7 @@ class Screening:
             if a.effect.name == b.effect.name:
                 continue
             columns = [np.arange(self.n_base), where[a.effect], where[b.effect]]
-            x, gain = self._solve(np.concatenate(columns))
+            x, gain = self.system.by_some(np.concatenate(columns))
             k = len(columns[1])
             own = (x[self.n_base : self.n_base + k], x[self.n_base + k :])
             if any(
@@ -107,7 +99,7 @@ class Screening:
                 for s, v in zip((a, b), own, strict=True)
             ):
                 continue
-            left = self.power - gain
+            left = self.system.power - gain
             first, second = (
                 Screened(s.effect, left, v.reshape(-1, s.effect.n_strengths))
                 for s, v in zip((a, b), own, strict=True)
@@ -148,20 +140,17 @@ def screen(
         for e in effects
         for start in itertools.product(*(p.starts for p in e.parameters(tuned)))
     ]
-    first = n_parts + 2 * n_records
+    n_base = first = n_parts + 2 * n_records
     candidates: list[tuple[Effect, Indices]] = []
     for trial in trials:
         n = trial.strengths.size
         candidates.append((trial.effect, np.arange(first, first + n)))
         first += n
-    matrix, right, power = np.zeros((first, first)), np.zeros(first), 0.0
+    system = NormalEquations(n_parts, n_records, first - n_base)
     for i, record in enumerate(records):
-        rows, where = _rows(model, parts, trials, candidates, record, i, motions[i], n_parts)
-        gram = rows.T @ rows
-        power += gram[0, 0]
-        right[where] += gram[0, 1:]
-        matrix[np.ix_(where, where)] += gram[1:, 1:]
-    return Screening(matrix, right, float(power), n_parts + 2 * n_records, tuple(candidates), tuned)
+        where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
+        system.add(np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int), rows)
+    return Screening(system, n_base, tuple(candidates), tuned)
 
 
 def _rows(
@@ -172,9 +161,8 @@ def _rows(
     record: Record,
     i: int,
     motion: Trajectory,
-    n_parts: int,
-) -> tuple[Array, Indices]:
-    """Whitened misfit and columns of one record, and where the columns belong."""
+) -> tuple[list[Indices], Array]:
+    """Places of the values that act in one record, and the columns of these, states and misfit."""
     equation = ExtendedEquation(model, parts, i, motion.grid.step)
     at = nodes(motion)
     state = State(*at, motion.grid.step)
@@ -189,7 +177,7 @@ def _rows(
     m = len(own)
     base = np.column_stack([columns[:, :m] + by_value.T, columns[:, -2:]])
     blocks, next_force = [base], m
-    where = [columns_of(parts, i), n_parts + 2 * i + np.arange(2)]
+    where = [columns_of(parts, i)]
     measured = sampled(motion, record.derivative)
     for force, (effect, at_columns) in zip(forces, candidates, strict=True):
         k = effect.n_strengths
@@ -202,9 +190,7 @@ def _rows(
             block += shown_too.T
         blocks.append(block)
         where.append(at_columns[k * i : k * i + k] if effect.per_record else at_columns)
-    return record.whitened(np.column_stack([record.signal - shown, *blocks])), np.concatenate(
-        where
-    ).astype(int)
+    return where, record.whitened(np.column_stack([*blocks, record.signal - shown]))
 
 
 def _with_tones(

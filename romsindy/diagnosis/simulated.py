@@ -12,7 +12,7 @@ from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
-from romsindy.fit.verdict import FLOOR
+from romsindy.fit.verdict import FLOOR, ONE_MODE
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import term_from_key
 from romsindy.record.backbone import extract_backbone
@@ -53,7 +53,7 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     start = ReducedModel.from_coefficients({"omega^2": scales([record]).omega ** 2}, simulated.unit)
     plain, rich = (_fitted(start, names, record) for names in (_STIFFNESS, _RICH))
     left = min(_misfit(s, record) for s in (plain, rich))
-    if not left < 0.05:
+    if not left < ONE_MODE:
         raise ValueError(
             "no equation of motion follows the simulated series: is it the free decay of one mode?"
         )

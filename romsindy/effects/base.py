@@ -156,6 +156,12 @@ class TermEffect(Effect):
     """An effect that is a law of the equation of motion."""
 
     mounting: ClassVar[Mounting | None] = None  # where it is looked for on a beam
+    spread: ClassVar[float] = 0.0  # standard deviation of its exponent, where that is but a guess
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        """Its exponent, if that is but a guess."""
+        textbook = getattr(self, "exponent", 0.0)
+        return (Parameter.near("exponent", textbook, self.spread),) if self.spread else ()
 
     def term(self) -> Term:
         """The law; the effect itself, where it derives from one.

@@ -9,8 +9,7 @@ from romsindy.effects.base import Parameter, Scales, TermEffect
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, TowardsAnchor
 from romsindy.physics.damping import (
     AmplitudeDamping,
-    CoulombFriction,
-    HystereticFriction,
+    Friction,
     PowerDamping,
     RubbingFriction,
 )
@@ -43,14 +42,12 @@ class AirDrag(TermEffect):
 
     exponent: float = 2.0
 
+    spread = 0.07
     name, family, sign = "quadratic_drag", "damping", 1
     label = "air drag proportional to speed squared"
     advice = "a decay from a larger amplitude, or one in thinner air"
     resembles = ("amplitude_damping", "cubic_damping")
     mounting = AlongBeam()
-
-    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (Parameter.near("exponent", 2.0, 0.07),)
 
     def term(self) -> PowerDamping:
         return PowerDamping(self.exponent)
@@ -62,12 +59,10 @@ class SpeedCubedDamping(TermEffect):
 
     exponent: float = 3.0
 
+    spread = 0.07
     name, family, sign = "cubic_damping", "damping", 1
     label = "damping proportional to speed cubed"
     advice = "a decay from a larger amplitude: the third harmonic decides"
-
-    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (Parameter.near("exponent", 3.0, 0.07),)
 
     def term(self) -> PowerDamping:
         return PowerDamping(self.exponent)
@@ -79,13 +74,11 @@ class GrowingDamping(TermEffect):
 
     exponent: float = 2.0
 
+    spread = 0.07
     name, family, sign = "amplitude_damping", "damping", 1
     label = "damping q^2 q_dot that grows with displacement"
     advice = "a decay from a larger amplitude: the third harmonic decides"
     resembles = ("cubic_damping",)
-
-    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (Parameter.near("exponent", 2.0, 0.07),)
 
     def term(self) -> AmplitudeDamping:
         return AmplitudeDamping(self.exponent)
@@ -101,8 +94,8 @@ class DryFriction(TermEffect):
     resembles = ("rubbing", "hysteretic")
     mounting: ClassVar[Mounting] = AtPoint()
 
-    def term(self) -> CoulombFriction:
-        return CoulombFriction()
+    def term(self) -> Friction:
+        return Friction()
 
 
 @dataclass(frozen=True)
@@ -120,16 +113,14 @@ class Hysteretic(TermEffect):
 
     exponent: float = 1.0
 
+    spread = 0.04
     name, family, sign = "hysteretic", "damping", 1
     label = "hysteretic (structural) damping"
     advice = "decays at another frequency, with a mass added"
     resembles = ("rubbing",)
 
-    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (Parameter.near("exponent", 1.0, 0.04),)
-
-    def term(self) -> HystereticFriction:
-        return HystereticFriction(self.exponent)
+    def term(self) -> Friction:
+        return Friction(self.exponent)
 
 
 @dataclass(frozen=True)

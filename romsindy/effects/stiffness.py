@@ -54,6 +54,7 @@ class CubicStiffness(TermEffect):
 
     exponent: float = 3.0
 
+    spread = 0.04
     name, family = "cubic_stiffness", "stiffness"
     label = "cubic stiffness"
     advice = "a larger amplitude: the third harmonic decides"
@@ -67,9 +68,6 @@ class CubicStiffness(TermEffect):
     )
     mounting = AtPoint()
 
-    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (Parameter.near("exponent", 3.0, 0.04),)
-
     def term(self) -> Stiffness:
         return Stiffness(self.exponent)
 
@@ -80,13 +78,11 @@ class QuinticStiffness(TermEffect):
 
     exponent: float = 5.0
 
+    spread = 0.07
     name, family = "quintic_stiffness", "stiffness"
     label = "quintic stiffness"
     advice = "a larger amplitude"
     resembles = ("two_sided_gap", "stop", "saturation")
-
-    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (Parameter.near("exponent", 5.0, 0.07),)
 
     def term(self) -> Stiffness:
         return Stiffness(self.exponent)

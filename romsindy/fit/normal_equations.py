@@ -15,14 +15,18 @@ from romsindy.typing import Array, Indices
 if TYPE_CHECKING:
     from romsindy.fit.part import Part
 
+_RANK = 1e-13  # of scaled equations: directions below it are not told apart
 _ACTIVE = 5  # rounds in which values may reach their limits
 
 
 class NormalEquations:
-    """Normal equations of all records: values of the parts, then two states of each record."""
+    """Normal equations of all records: values of the parts, two states of each record, and more.
 
-    def __init__(self, n_values: int, n_records: int) -> None:
-        self.size = n_values + 2 * n_records
+    What comes last are strengths of candidates, which are zero so far.
+    """
+
+    def __init__(self, n_values: int, n_records: int, n_more: int = 0) -> None:
+        self.size = n_values + 2 * n_records + n_more
         self.n_values = n_values
         self.matrix = np.zeros((self.size, self.size))
         self.right = np.zeros(self.size)
@@ -92,11 +96,15 @@ class NormalEquations:
     def _step(self, free: NDArray[np.bool_], fixed: Array) -> Array:
         a = self.matrix[np.ix_(free, free)]
         b = self.right[free] - self.matrix[np.ix_(free, ~free)] @ fixed[~free]
-        scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
-        solved = np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=1e-13)[0]
         step = fixed.copy()
-        step[free] = solved * scale
+        step[free] = _solved(a, b)
         return step
+
+    def by_some(self, columns: Indices) -> tuple[Array, float]:
+        """Least-squares change of some values alone, and by how much it lowers the misfit."""
+        a, b = self.matrix[np.ix_(columns, columns)], self.right[columns]
+        x = _solved(a, b)
+        return x, float(2 * x @ b - x @ a @ x)
 
     def chi_squared(self, step: Array) -> float:
         """What the linear problem leaves after a step."""
@@ -106,7 +114,12 @@ class NormalEquations:
         """Inverse of the normal matrix: the curvature of the misfit."""
         scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
         scaled = self.matrix * scale * scale[:, None]
-        return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) * scale * scale[:, None]
+        return np.linalg.pinv(scaled, rcond=_RANK, hermitian=True) * scale * scale[:, None]
+
+
+def _solved(a: Array, b: Array) -> Array:
+    scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    return np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=_RANK)[0] * scale
 
 
 def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:

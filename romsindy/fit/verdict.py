@@ -35,6 +35,13 @@ QUIET = 0.01
 RELEASED = 0.8
 # Fewer cycles tell nothing about an effect; a frequency further off is that of another mode.
 LEAST_CYCLES, OTHER_MODE = 3, 1.5
+# Against the amplitudes that a model holds for: a record below the first part of the least shares
+# none of them, one beyond so many times the largest is of another scale, and cycles below the third
+# part of the least are left out.
+NO_OVERLAP, OTHER_SCALE, SHARED = 0.5, 5.0, 0.9
+# Rms that the richest equation may leave of a simulated series, as a part of its amplitude: more,
+# and the series is not the decay of one mode.
+ONE_MODE = 0.05
 # The vibration must be this many times the noise in the rms: 6 dB.
 ABOVE_NOISE = 2.0
 # How near to -1 times the asymmetry of the model that of a reversed record is: its standard error

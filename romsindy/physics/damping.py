@@ -132,9 +132,9 @@ class FrictionLaw(ForceLaw):
     def normal(self, q: Scalars, change: Scalars = 0.0) -> Scalars:
         """Normal force over that of a unit coefficient; averaged over q - change to q + change."""
 
+    @abstractmethod
     def normal_dq(self, q: Scalars, change: Scalars = 0.0) -> Scalars:
         """Derivative of `normal`."""
-        return np.zeros_like(q)
 
     @property
     def smooth(self) -> bool:
@@ -183,49 +183,33 @@ class FrictionLaw(ForceLaw):
 
 
 @dataclass(frozen=True)
-class CoulombFriction(FrictionLaw):
-    """Dry friction sign(q_dot)."""
+class Friction(FrictionLaw):
+    """|q|^p sign(q_dot): dry for p = 0; hysteretic, the same loss factor everywhere, for p = 1."""
 
-    creep: float = 0.0
-
-    key = "c_coulomb"
-    dimension = (0, 0)
-
-    def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return self._sign_text(q_dot)
-
-    def normal(self, q: Scalars, change: Scalars = 0.0) -> Scalars:
-        return np.ones_like(q)
-
-
-@dataclass(frozen=True)
-class HystereticFriction(FrictionLaw):
-    """|q|^p sign(q_dot); p = 1 loses the same part of the energy at every amplitude."""
-
-    exponent: float = 1.0
+    exponent: float = 0.0
     creep: float = 0.0
 
     @property
     def key(self) -> str:
-        return f"c_|q|^{exact(self.exponent)} sign(q_dot)"
+        return f"c_|q|^{exact(self.exponent)} sign(q_dot)" if self.exponent else "c_coulomb"
 
     @classmethod
-    def from_key(cls, key: str) -> HystereticFriction | None:
-        match = re.fullmatch(rf"c_\|q\|\^{NUMBER} sign\(q_dot\)", key)
-        return cls(float(match[1])) if match else None
+    def from_key(cls, key: str) -> Friction | None:
+        match = re.fullmatch(rf"c_coulomb|c_\|q\|\^{NUMBER} sign\(q_dot\)", key)
+        return cls(float(match[1] or 0)) if match else None
 
     @property
     def dimension(self) -> tuple[float, float]:
         return self.exponent, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        return f"{power_text(f'|{q}|', self.exponent)} {self._sign_text(q_dot)}"
+        return f"{power_text(f'|{q}|', self.exponent)} {self._sign_text(q_dot)}".lstrip()
 
     def normal(self, q: Scalars, change: Scalars = 0.0) -> Scalars:
-        return np.abs(q) ** self.exponent
+        return np.abs(q) ** self.exponent if self.exponent else np.ones_like(q)
 
     def normal_dq(self, q: Scalars, change: Scalars = 0.0) -> Scalars:
-        return size_slope(q, self.exponent)
+        return size_slope(q, self.exponent) if self.exponent else np.zeros_like(q)
 
 
 @dataclass(frozen=True)
@@ -280,7 +264,7 @@ def _least(x: Scalars, change: Scalars) -> Scalars:
 DAMPING: dict[str, ForceLaw] = {
     "linear": PowerDamping(1),
     "quadratic": PowerDamping(2),
-    "coulomb": CoulombFriction(),
+    "coulomb": Friction(),
     "cubic": PowerDamping(3),
     "q^2 q_dot": AmplitudeDamping(2),
 }

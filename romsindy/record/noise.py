@@ -153,11 +153,11 @@ def _off(power: Array, std: float) -> float:
 
 def _lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]:
     """Peaks that stand out of the spectrum round them as noise never does."""
-    floor = median_filter(power, 2 * _NEAR + 1, mode="nearest")
+    # What does not stand out of the whole spectrum adds nothing to the noise.
+    floor = np.maximum(median_filter(power, 2 * _NEAR + 1, mode="nearest"), np.median(power) / 2)
     left, found = np.where(order > 0.5, power, 0.0), []
-    while len(left) and (peak := int(np.argmax(left / np.maximum(floor, 1e-300)))):
-        if left[peak] < _LINE * floor[peak]:
-            break
+    while np.any(left > _LINE * floor):
+        peak = int(np.argmax(left / np.maximum(floor, 1e-300)))
         # The window spreads a line over four lines of the spectrum; a decaying one over more.
         around = slice(max(peak - 5, 0), peak + 6)
         energy = np.sum(np.maximum(left[around] - floor[around] / np.log(2), 0.0))

@@ -10,17 +10,3 @@ from romsindy.study.experiment import Trial, measured_decay, trials
 from romsindy.study.harmonics import choose_harmonics
 from romsindy.study.models import FAMILIES, ORDERS, PAPER, identify, identify_all
 from romsindy.study.system import System, simulate_system
-
-__all__ = [
-    "FAMILIES",
-    "ORDERS",
-    "PAPER",
-    "System",
-    "Trial",
-    "choose_harmonics",
-    "identify",
-    "identify_all",
-    "measured_decay",
-    "simulate_system",
-    "trials",
-]

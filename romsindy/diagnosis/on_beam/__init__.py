@@ -4,10 +4,3 @@ from romsindy.diagnosis.on_beam.beam_file import load_beam
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
-
-__all__ = [
-    "BeamReport",
-    "InstrumentedBeam",
-    "diagnose_beam",
-    "load_beam",
-]

@@ -54,8 +54,8 @@ def check_release(record: Record, i: int) -> None:
     """Raise a ValueError for a record that does not start from rest."""
     speed = np.abs(record.motion.q_dot)
     if speed[0] > MOVING * speed.max():
-        turn = int(np.argmax(np.diff(np.sign(record.motion.q_dot)) != 0))
-        start = record.decay.t[0] + turn * record.motion.grid.step
+        turns = np.flatnonzero(np.diff(np.sign(record.motion.q_dot)))
+        start = record.decay.t[0] + turns[turns > 0][0] * record.motion.grid.step
         raise ValueError(
             f"decay {i} starts at {speed[0] / speed.max():.0%} of its largest speed, and a beam is"
             f" let go from rest: start at a turning point, such as decay.between({start:.4g})"

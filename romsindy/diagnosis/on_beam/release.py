@@ -14,10 +14,10 @@ from romsindy.record.signals import noise_std
 from romsindy.typing import Array
 
 _HIGHER = 3  # modes beside the first whose part in the release is looked for
+_AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
 _RESOLVED = 0.8  # of the largest frequency that the sampling shows
 _STEP = 0.02  # static amplitude of a higher mode, relative to the first, for differences
 _ROUNDS = 2  # the motion is nearly linear in the higher modes
-_AXIAL = 0.5
 
 
 def load_at_release(
@@ -48,7 +48,9 @@ def load_at_release(
     """
     forces, period = _modal_forces(beam, dt)
     n = min(int(period / dt) + 1, len(measured))
-    noise = np.array([noise_std(y) for y in measured.T])
+    # Without noise there is nothing to weigh, and nothing to divide by.
+    least = 1e-9 * float(np.abs(measured).max())
+    noise = np.maximum([noise_std(y) for y in measured.T], least)
     t = dt * np.arange(n)[:, None]
 
     def simulated(ratios: Array) -> Array:
