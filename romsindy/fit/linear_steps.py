@@ -85,7 +85,7 @@ class LinearSteps:
     residual: Array  # (n, 3, R)
     stages: Array  # (n, 3 R, 3 R): what the accelerations do to the residual
     by_state: Array  # (n, 3 R, 2 R): what q and q_dot at the start of the step do to it
-    positive: bool  # the mass matrix is positive definite at every node
+    mass: Array  # (3 n, R, R)
 
     @classmethod
     def at(
@@ -100,14 +100,19 @@ class LinearSteps:
         stages = by_q[:, :, :, None] * twice + by_v[:, :, :, None] * once
         point = np.arange(3)
         stages[:, point, :, point] += by_a.swapaxes(0, 1)
-        by_state = np.stack([by_q, by_v + h * NODES[:, None, None] * by_q], axis=-2)
+        by_state = np.concatenate([by_q, by_v + h * NODES[:, None, None] * by_q], axis=-1)
         return cls(
             h,
             flat.residual.reshape(n, 3, r),
             stages.reshape(n, 3 * r, 3 * r),
             by_state.reshape(n, 3 * r, 2 * r),
-            bool(np.all(inverse(flat.by_q_ddot)[1] > 0)),
+            flat.by_q_ddot,
         )
+
+    @property
+    def positive(self) -> bool:
+        """Whether the mass matrix is positive definite at every Gauss point."""
+        return bool(np.all(inverse(self.mass)[1] > 0))
 
     def solve(
         self, force: Array, start: Array | None = None, jump: Array | None = None
@@ -118,12 +123,12 @@ class LinearSteps:
         ``jump`` (n, 2, R, m) what is added to q and q_dot at the end of each step.
         """
         n, _, r, m = force.shape
-        h, one = self.h, np.eye(r)
+        h = self.h
         solved = inverse(self.stages)[0]
         direct = solved @ force.reshape(n, 3 * r, m)
         by_state = -solved @ self.by_state
-        end = np.kron(_END * [[h * h], [h]], one)  # (2 R, 3 R): accelerations to the end
-        transition = end @ by_state + np.kron([[1.0, h], [0.0, 1.0]], one)
+        end = _for_each(_END * [[h * h], [h]], r)  # (2 R, 3 R): accelerations to the end
+        transition = end @ by_state + _for_each(np.array([[1.0, h], [0.0, 1.0]]), r)
         x = np.zeros((n + 1, 2 * r, m))
         x[1:] = end @ direct
         if start is not None:
@@ -135,6 +140,11 @@ class LinearSteps:
         return states[:, :r], states[:, r:], q_ddot.reshape(force.shape)
 
 
+def _for_each(a: Array, r: int) -> Array:
+    """A matrix that acts on each of R coordinates alike: its Kronecker product with the unit."""
+    return (a[:, None, :, None] * np.eye(r)[:, None]).reshape(len(a) * r, -1)
+
+
 def inverse(a: Array) -> tuple[Array, Array]:
     """Inverses (n, k, k) and pivots (n, k) of many small matrices, by Gauss and Jordan.
 
@@ -142,7 +152,7 @@ def inverse(a: Array) -> tuple[Array, Array]:
     are: a mass matrix is positive definite, and the leading minors of the collocation matrices of
     [1] are positive, so that strong damping and stiffness make no pivot vanish either.
     """
-    x = np.array(np.moveaxis(a, 0, -1), order="C")  # matrices last: long loops
+    x = np.array(a.transpose(1, 2, 0), order="C")  # matrices last: long loops
     pivots = np.empty((len(x), len(a)))
     for i, pivot in enumerate(pivots):
         pivot[:] = x[i, i]
@@ -151,7 +161,7 @@ def inverse(a: Array) -> tuple[Array, Array]:
         x[:, i] = column[i] = 0.0
         x[i] = row
         x -= column[:, None] * row
-    return np.moveaxis(x, -1, 0).copy(), pivots.T
+    return x.transpose(2, 0, 1).copy(), pivots.T
 
 
 def _recursion(transition: Array, force: Array) -> Array:
