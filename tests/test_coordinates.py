@@ -183,8 +183,9 @@ def test_one_step_makes_a_wrong_motion_that_of_a_linear_equation() -> None:
         np.testing.assert_allclose(found, exact, atol=1e-10 * np.abs(exact).max())
 
 
-def test_indefinite_mass_is_refused_with_the_state_reached() -> None:
-    equation = replace(COUPLED, mass=np.array([[1.0, 2.0], [2.0, 1.0]]))
+@pytest.mark.parametrize("coupling", [1.0, 2.0])  # singular, and indefinite
+def test_mass_that_is_not_positive_is_refused_with_the_state(coupling: float) -> None:
+    equation = replace(COUPLED, mass=np.array([[1.0, coupling], [coupling, 1.0]]))
     with pytest.raises(TrajectoryError, match=r"t = 0.3 s, q = 1, -0.4, q_dot = 2, 3: it diverges"):
         integrate(equation, START, Grid.over(T, PERIOD))
 

@@ -242,8 +242,8 @@ def _linear_motion(equation: Equation, grid: Grid, first: int, last: int, now: A
     t = grid.node_times(first, last)
     at = equation.linearise(t[:1, 0], now[:1], now[1:], np.zeros_like(now[:1]))
     residual, stiffness, _, mass = (x[0] for x in at)
-    known = np.all(np.isfinite(stiffness)) and np.all(inverse(at.by_q_ddot)[1] > 0)
-    if not known:
+    finite = np.all(np.isfinite(stiffness) & np.isfinite(mass))
+    if not finite or not np.all(inverse(at.by_q_ddot)[1] > 0):
         return np.zeros((*t.shape, len(mass)))
     squared, modes = eigh((stiffness + stiffness.T) / 2, mass)
     omega = np.sqrt(np.maximum(squared, 0.0))
