@@ -32,7 +32,8 @@ from romsindy.record.decay import Decay
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.typing import Array
 
-_FREE = ("omega^2", "c_linear")
+# What a model is unsure of, where nothing else is said.
+FREE = ("omega^2", "c_linear")
 # Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
 _ASYMMETRY_CYCLES = 20.0
 
@@ -48,10 +49,10 @@ def check_request(
     """Raise a ValueError for arguments that cannot be meant."""
     if not measured:
         raise ValueError("measured is empty: give at least one Decay")
-    unknown = [name for name in free if isinstance(name, str) and name not in _FREE]
+    unknown = [name for name in free if isinstance(name, str) and name not in FREE]
     if unknown:
         raise ValueError(
-            f"free = {list(free)}: {unknown} cannot be free; use names of {list(_FREE)}, and"
+            f"free = {list(free)}: {unknown} cannot be free; use names of {list(FREE)}, and"
             " tolerances for other coefficients"
         )
     for name, relative in tolerances.items():
