@@ -169,9 +169,7 @@ class Search:
 
     def _bend(self, linearised: LinearisedFit, keys: Keys) -> float:
         fit = self.fits.get(keys)
-        if fit is None:
-            return 0.0
-        return fit.chi_squared - linearised.chi_squared(keys)
+        return fit.chi_squared - linearised.chi_squared(keys) if fit else 0.0
 
     def survivors(self, path: list[Structure], count: int, n_jobs: int | None) -> list[Structure]:
         """Fit the best of those that cannot be told apart by simulation, too."""
@@ -182,17 +180,14 @@ class Search:
             delayed(_refined)(self.records, self._starts(c.keys), self.screen.fixed) for c in new
         ]
         fits = dict(zip((c.keys for c in new), Parallel(n_jobs)(jobs), strict=True))
-        return [
-            replace(
-                c,
-                fit=fits[c.keys],
-                adequacy=fits[c.keys].adequacy if fits[c.keys] else c.adequacy,
-                verdict="" if fits[c.keys] else LOST,
-            )
-            if c.keys in fits
-            else c
-            for c in path
-        ]
+
+        def known(c: Structure) -> Structure:
+            if c.keys not in fits:
+                return c
+            fit = fits[c.keys]
+            return replace(c, fit=fit, adequacy=fit.adequacy) if fit else replace(c, verdict=LOST)
+
+        return [known(c) for c in path]
 
     def _starts(self, keys: Keys) -> list[ReducedModel]:
         """Coefficients from the linearised fit, if there is one, and from regression."""
