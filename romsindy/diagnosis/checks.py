@@ -132,16 +132,15 @@ def _check_frequency(model: ReducedModel, record: Record, i: int) -> None:
     amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
     said = model.backbone(amplitudes)
     reach = model.amplitude_range
-    if reach is not None and record.amplitude < NO_OVERLAP * reach[0]:
-        raise ValueError(
+    if reach is not None:
+        sizes = (
             f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
-            f" {reach[1]:.3g}: no overlap in amplitude; check the unit, or excite more"
+            f" {reach[1]:.3g}"
         )
-    if reach is not None and record.amplitude > OTHER_SCALE * reach[1]:
-        raise ValueError(
-            f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
-            f" {reach[1]:.3g}: other scale; check the unit of the decay"
-        )
+        if record.amplitude < NO_OVERLAP * reach[0]:
+            raise ValueError(f"{sizes}: no overlap in amplitude; check the unit, or excite more")
+        if record.amplitude > OTHER_SCALE * reach[1]:
+            raise ValueError(f"{sizes}: other scale; check the unit of the decay")
     if np.all(np.isnan(said)):
         raise ValueError(
             f"the model has no periodic motion at the amplitudes of decay {i} (up to"

@@ -22,19 +22,7 @@ from romsindy.typing import Array
 def pictures(
     model: ReducedModel, parts: Sequence[Part], records: Sequence[Record], gap: Gap
 ) -> Iterator[Picture]:
-    """What a simulation missed, and what it misses with some parts added.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        The simulation as it was.
-    parts : sequence of Part
-        What is added to it.
-    records : sequence of Record
-        To which the parts were fitted.
-    gap : Gap
-        On what took no part.
-    """
+    """What a simulation missed, and what it misses with the parts that were fitted to records."""
     prediction = gap.predictions[0]
     yield _in_time(prediction, gap)
     yield _by_amplitude(prediction)

@@ -189,7 +189,7 @@ class Search:
     def _pairs(self, screening: Screening) -> list[Hypothesis]:
         chosen = _leaders(screening.singles(), 3)
         trials, names = [], set()
-        for _, a, b in screening.pairs(chosen):
+        for a, b in screening.pairs(chosen):
             key = frozenset((a.effect.name, b.effect.name))
             if key not in names:
                 names.add(key)

@@ -312,7 +312,7 @@ def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> Non
     points = np.asarray(points, int)
     if len(points):
         label = None if kind in ax.get_legend_handles_labels()[1] else kind
-        look = {"color": "C3", "mfc": "white", "ms": 5, "label": label}
+        look: dict[str, Any] = {"color": "C3", "mfc": "white", "ms": 5, "label": label}
         hz = orbits.frequency[points] / (2 * np.pi)
         ax.plot(hz, orbits.amplitude[points], _MARKERS[kind], **look)
 

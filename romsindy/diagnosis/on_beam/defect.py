@@ -62,19 +62,9 @@ def corrected(
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
 
-    Only the coordinate of the release is fitted.
-
-    Parameters
-    ----------
-    seen : InstrumentedBeam
-    model : ReducedModel
-    parts : sequence of Part
-    record : Record
-        Coordinate of a decay.
-    decay : Decay
-        Displacements of the sensors from which the coordinate was made, m.
-    load : (n_nodes, 3) array, optional
-        Nodal load that held the beam; by default it is read from the sensors.
+    Only the coordinate of the release is fitted. The record is that of the coordinate, the decay
+    holds the displacements of the sensors, m. The nodal load (n_nodes, 3) that held the beam is
+    read from the sensors where none is given.
     """
     parts = on_the_beam(parts)
     beam = beam_with(seen.beam, parts)

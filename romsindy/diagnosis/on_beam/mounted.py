@@ -41,15 +41,7 @@ class BeamEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class MountedEffect(BeamEffect):
-    """An effect at its place on a beam.
-
-    Attributes
-    ----------
-    effect : TermEffect
-    curve : StaticCurve
-    mounting : Mounting
-        Where it is looked for.
-    """
+    """An effect at its place on a beam."""
 
     effect: TermEffect
     curve: StaticCurve
@@ -204,18 +196,11 @@ def _points(curve: StaticCurve, mounting: Mounting, shapes: Array) -> list[Point
 class DampingEffect(BeamEffect):
     """A change of the beam's own damping; its force is a difference of two beams.
 
-    Attributes
-    ----------
-    curve : StaticCurve
-    change : type
-        Of `romsindy.beam.changes`, in one number.
-    name, label, fixed_unit, advice : str
-    tolerance : float, optional
-        Standard deviation of the change, where it is known to be near 0.
+    The tolerance is the standard deviation of the change, where it is known to be near 0.
     """
 
     curve: StaticCurve
-    change: type
+    change: type  # of `romsindy.beam.changes`, in one number
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
     fixed_unit: str  # type: ignore[misc]

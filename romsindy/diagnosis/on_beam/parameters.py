@@ -40,27 +40,16 @@ _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put 
 class ParameterEffect(TermEffect, BeamEffect):
     """A parameter of the beam that is another than assumed; the strength is its change.
 
-    Attributes
-    ----------
-    direction : Combination
-        What a unit of the change does to the coefficients.
-    change : type
-        What `Beam.with_effect` takes, in one number.
-    name, label, fixed_unit : str
-    sign : int
-    at : float, optional
-        Where a point mass is, m; None is the right end.
-    tolerance : float, optional
-        Standard deviation of the change, where it is known to be near 0.
+    The tolerance is the standard deviation of the change, where it is known to be near 0.
     """
 
-    direction: Combination
-    change: type
+    direction: Combination  # what a unit of the change does to the coefficients
+    change: type  # what `Beam.with_effect` takes, in one number
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
     fixed_unit: str  # type: ignore[misc]
     sign: int = 0  # type: ignore[misc]
-    at: float | None = None
+    at: float | None = None  # where a point mass is, m
     tolerance: float | None = None  # type: ignore[misc]
 
     family = "beam"
@@ -85,15 +74,9 @@ def _changed(change: Any, value: float, at: float | None) -> Any:
 
 
 # name, label, unit, change of the beam, step of the difference, sign
+_RELATIVE = "of the assumed one"
 _OF_ANY_BEAM = (
-    (
-        "bending_stiffness",
-        "another bending stiffness",
-        "of the assumed one",
-        StifferBending,
-        0.01,
-        0,
-    ),
+    ("bending_stiffness", "another bending stiffness", _RELATIVE, StifferBending, 0.01, 0),
     ("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),
     ("clamp_compliance", "a clamp that gives way", "rad/(N m)", ClampCompliance, 1e-3, 1),
 )
@@ -102,7 +85,7 @@ _OF_MASSES = (
     ("point_masses", "other point masses", "of the assumed ones", HeavierMasses, 0.01, 0),
 )
 _OF_A_SPRING = (
-    ("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring, 0.01, 0),
+    ("spring_stiffness", "another spring stiffness", _RELATIVE, StifferSpring, 0.01, 0),
     ("pre_tension", "another tension in the spring", "N", ExtraTension, 0.01, 0),
 )
 # name, label, unit, change of the beam, advice
@@ -135,17 +118,10 @@ def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
 def parameter_effects(
     seen: InstrumentedBeam, amplitude: float, shift: float = 0.0
 ) -> tuple[ParameterEffect, ...]:
-    """Effects of the parameters that a beam has.
+    """Effects of the parameters that a beam has, up to some coordinate (kg^0.5 m).
 
-    Parameters
-    ----------
-    seen : InstrumentedBeam
-        Through its sensors a changed mode shape changes the coordinate.
-    amplitude : float
-        Largest coordinate, kg^0.5 m.
-    shift : float
-        By how much omega^2 was found to differ, 1/s^2: the differences are taken over the change
-        of each parameter that would cause this, so that they are exact there.
+    ``shift`` is by how much omega^2 was found to differ, 1/s^2: the differences are taken over the
+    change of each parameter that would cause this, so that they are exact there.
     """
     springs = [e for e in seen.beam.effects if isinstance(e, Spring)]
     left, at = seen.beam.left, seen.basis.point(1)
@@ -183,13 +159,7 @@ def parameter_effects(
 
 
 def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str, float]:
-    """Return standard deviations of parameters of a beam, in the units of their effects.
-
-    Parameters
-    ----------
-    beam : Beam
-    tolerances : mapping of str to float
-        Relative standard deviations, by name.
+    """Turn relative standard deviations of parameters of a beam into the units of their effects.
 
     Raises
     ------

@@ -31,15 +31,12 @@ def load_at_release(
     Parameters
     ----------
     seen : InstrumentedBeam
-        Whose sensors measured.
     beam : Beam
-        The beam with all effects that are known by now.
-    q : float
-        Coordinate at the release, kg^0.5 m.
+        With all effects that are known by now.
+    q, dt : float
+        Coordinate at the release, kg^0.5 m; sampling interval, s.
     measured : (n, n_sensors) array
         Displacements from the release on, m.
-    dt : float
-        Sampling interval, s.
 
     Returns
     -------
