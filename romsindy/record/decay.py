@@ -128,14 +128,7 @@ class Decay:
     def from_acceleration(cls, t: ArrayLike, a: ArrayLike, unit: str | None = None) -> Decay:
         """Make a decay from a measured acceleration, integrated twice without drift.
 
-        Parameters
-        ----------
-        t : (n,) array
-            s.
-        a : (n,) or (n, n_channels) array
-            Unit of q per second squared.
-        unit : str, optional
-            Unit of q: "m" for an acceleration in m/s^2.
+        Arguments as those of `from_velocity`; a in units of q per second squared.
         """
         rate = cls(np.asarray(t), np.asarray(a))
         q = _integrated(_integrated(rate.q, rate.dt), rate.dt)

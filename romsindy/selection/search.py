@@ -17,13 +17,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import row_weights
 from romsindy.regression.projection import HarmonicProjection, Rows
-from romsindy.selection.candidates import (
-    EQUIVALENT,
-    LOST,
-    Structure,
-    describe,
-    judged,
-)
+from romsindy.selection.candidates import EQUIVALENT, LOST, Structure, describe, judged
 from romsindy.selection.linearised_fit import Keys, LinearisedFit
 from romsindy.typing import Array, Indices
 
@@ -104,8 +98,7 @@ class Search:
         self.progress(f"screening {len(structures)} candidates by regression")
         order = self.screen.ranked(structures)[:_TRIES]
         for keys in order:
-            fit = self.fit(keys)
-            if fit is not None:
+            if (fit := self.fit(keys)) is not None:
                 return fit
         raise TrajectoryError(
             f"none of the {len(order)} candidates that regression finds best can be simulated,"
@@ -125,10 +118,8 @@ class Search:
         """Every structure beside the others, seen from one fit."""
         every = dict.fromkeys([*structures, *self.fits])
         used = {key for keys in every for key in keys}
-        linearised = LinearisedFit.at(
-            fit, [term for key, term in self.terms.items() if key in used]
-        )
-        self.linearised = linearised
+        terms = [term for key, term in self.terms.items() if key in used]
+        self.linearised = linearised = LinearisedFit.at(fit, terms)
         errors = {keys: linearised.cycle_errors(keys) for keys in every}
         if sparse:
             start = min(errors, key=lambda keys: float(errors[keys].sum()))

@@ -7,7 +7,7 @@ changed one about its own equilibrium and brought to the coordinate of the senso
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -88,30 +88,16 @@ _OF_A_SPRING = (
     ("spring_stiffness", "another spring stiffness", _RELATIVE, StifferSpring, 0.01, 0),
     ("pre_tension", "another tension in the spring", "N", ExtraTension, 0.01, 0),
 )
-# name, label, unit, change of the beam, advice
-_DAMPING = (
-    (
-        "mass_damping",
-        "other damping in proportion to mass (alpha) than assumed",
-        "1/s",
-        MassDamping,
-        "a longer decay from a larger amplitude",
-    ),
-    (
-        "material_damping",
-        "other damping in proportion to stiffness (eta) than assumed",
-        "s",
-        MaterialDamping,
-        "a second mode: it damps that more",
-    ),
-)
 
 
 def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
     """The beam's own damping, in proportion to mass and to stiffness."""
-    return tuple(
-        DampingEffect(curve, change, name, label, unit, advice)
-        for name, label, unit, change, advice in _DAMPING
+    by_mass = "other damping in proportion to mass (alpha) than assumed"
+    by_stiffness = "other damping in proportion to stiffness (eta) than assumed"
+    longer, second = "a longer decay from a larger amplitude", "a second mode: it damps that more"
+    return (
+        DampingEffect(curve, MassDamping, "mass_damping", by_mass, "1/s", longer),
+        DampingEffect(curve, MaterialDamping, "material_damping", by_stiffness, "s", second),
     )
 
 
@@ -135,26 +121,19 @@ def parameter_effects(
         if change is ClampCompliance and not clamped:
             continue
 
-        def effect(
-            step: float,
-            name: str = name,
-            label: str = label.format(place=AtPoint(at).place),
-            unit: str = unit,
-            change: Any = change,
-            sign: int = sign,
-        ) -> ParameterEffect:
-            there = _seen_coefficients(
-                seen, seen.beam.with_effect(_changed(change, step, at)), amplitude
-            )
-            direction = _direction(name, start, there, step)
-            return ParameterEffect(direction, change, name, label, unit, sign, at)
+        def direction(step: float, name: str = name, change: Any = change) -> Combination:
+            changed = seen.beam.with_effect(_changed(change, step, at))
+            there = _seen_coefficients(seen, changed, amplitude)
+            terms = tuple(term_from_key(key) for key in start)
+            return Combination(name, terms, tuple((there[k] - start[k]) / step for k in start))
 
-        tangent = effect(step)
+        place = label.format(place=AtPoint(at).place)
+        tangent = ParameterEffect(direction(step), change, name, place, unit, sign, at)
         slope = tangent.linear_shift(start["omega^2"])
         needed = shift / slope if slope else np.inf
         # Steps that the frequency does not ask for stay small.
         chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
-        found.append(effect(needed) if chord else tangent)
+        found.append(replace(tangent, direction=direction(needed)) if chord else tangent)
     return tuple(found)
 
 
@@ -193,13 +172,6 @@ def _assumed(beam: Beam) -> dict[str, float]:
         stretch = spring.mounting.span(at, 0.0) - spring.natural_length
         sizes |= {"spring_stiffness": 1.0, "pre_tension": abs(spring.stiffness * stretch)}
     return sizes
-
-
-def _direction(
-    name: str, start: Mapping[str, float], there: Mapping[str, float], step: float
-) -> Combination:
-    terms = tuple(term_from_key(key) for key in start)
-    return Combination(name, terms, tuple((there[key] - start[key]) / step for key in start))
 
 
 def _seen_coefficients(seen: InstrumentedBeam, beam: Beam, amplitude: float) -> dict[str, float]:
