@@ -12,9 +12,9 @@ import numpy as np
 
 from romsindy.beam import element, kernel
 from romsindy.beam.structure import Structure
-from romsindy.beam.validation import require_position
 from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.effects.mounting import Point, Vector
+from romsindy.physics.validation import require_position
 
 
 class Place:

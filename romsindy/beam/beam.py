@@ -22,9 +22,9 @@ from romsindy.beam.static_curve import StaticCurve, follow_static_curve
 from romsindy.beam.statics import Shape, find_equilibrium, hold
 from romsindy.beam.structure import Structure
 from romsindy.beam.transient import simulate
-from romsindy.beam.validation import require_finite, require_positive
 from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.validation import require_finite, require_positive
 
 
 @dataclass(frozen=True)

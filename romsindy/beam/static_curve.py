@@ -25,7 +25,7 @@ from romsindy.beam.assembly import Assembly, factorise, solve
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.statics import Control, Shape, find_displaced
 from romsindy.beam.structure import Structure
-from romsindy.beam.validation import require_positive
+from romsindy.physics.validation import require_positive
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from romsindy.effects.mounting import AlongBeam, AtPoint, Matrix, Mounting, Point, Vector
 from romsindy.physics.term import Term
+from romsindy.physics.validation import require_finite, require_positive
 
 
 class MountedLaw:
@@ -141,8 +140,7 @@ class Load(MountedLaw):
     mounting: Mounting = field(default_factory=AtPoint)
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.strength):
-            raise ValueError(f"strength must be a finite number, got {self.strength}")
+        require_finite("strength", self.strength)
         kind = type(self.law).__name__
         if not (self.law.has("stiffness") or self.law.has("damping")):
             raise ValueError(f"law = {kind} is no force: a PointMass adds mass to a beam")
@@ -184,10 +182,8 @@ class PointMass:
     rotary_inertia: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("mass", "rotary_inertia"):
-            value = getattr(self, name)
-            if not 0.0 <= value < np.inf:
-                raise ValueError(f"{name} must be zero or positive, got {value}")
+        require_positive("mass", self.mass, zero_allowed=True)
+        require_positive("rotary_inertia", self.rotary_inertia, zero_allowed=True)
 
     def applied_to(self, beam: Any) -> Any:
         """Return `beam` with this mass."""
