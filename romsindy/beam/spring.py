@@ -56,6 +56,11 @@ class Spring(MountedLaw):
         return TowardsAnchor(self.anchor, self.at, self.natural_length)
 
 
+def springs_of(beam: Any) -> list[Spring]:
+    """Return the springs of a beam."""
+    return [e for e in beam.effects if isinstance(e, Spring)]
+
+
 def find_spring(beam: Any) -> Spring:
     """Return the one spring of a beam.
 
@@ -64,7 +69,7 @@ def find_spring(beam: Any) -> Spring:
     ValueError
         If there is none, or more than one.
     """
-    springs = [e for e in beam.effects if isinstance(e, Spring)]
+    springs = springs_of(beam)
     if len(springs) != 1:
         raise ValueError(f"the beam has {len(springs)} springs, this effect needs exactly one")
     return springs[0]

@@ -81,6 +81,10 @@ class StaticCurve:
         """Equilibrium displacement, (n_nodes, 3), m, m, rad."""
         return self.basis.equilibrium.displacement
 
+    def within(self, q: np.ndarray) -> np.ndarray:
+        """Coordinates, those beyond the curve at its ends."""
+        return np.clip(q, self.q[0], self.q[-1])
+
     @cached_property
     def assembly(self) -> Assembly:
         """The discretised beam."""

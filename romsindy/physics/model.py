@@ -276,9 +276,8 @@ class ReducedModel:
         potential = integral(lambda q: np.exp(log_factor(q)) * self.stiffness(q) / self.inertia(q))
 
         def factor(q: Array) -> Array:
-            return np.where(
-                (q >= low) & (q <= high), np.exp(log_factor(np.clip(q, low, high))), np.nan
-            )
+            inside = np.clip(q, low, high)
+            return np.where(inside == q, np.exp(log_factor(inside)), np.nan)
 
         return factor, lambda q: potential(np.clip(q, low, high))
 
@@ -308,8 +307,7 @@ class ReducedModel:
         ValueError
             If an amplitude is not positive.
         """
-        orbit = self._orbit(amplitudes)
-        return np.pi / np.sum(orbit.dt, axis=-1)
+        return np.pi / np.sum(self._orbit(amplitudes).dt, axis=-1)
 
     def damping_ratio(self, amplitudes: ArrayLike) -> Array:
         """Damping ratio against amplitude, from the work of the damping over one undamped cycle.
@@ -319,7 +317,7 @@ class ReducedModel:
         Parameters
         ----------
         amplitudes : (n,) array
-            Half peak-to-peak amplitudes, positive, unit of q.
+            As those of `backbone`.
 
         Returns
         -------
@@ -341,7 +339,7 @@ class ReducedModel:
         Parameters
         ----------
         amplitudes : (n,) array
-            Half peak-to-peak amplitudes, positive, unit of q.
+            As those of `backbone`.
 
         Returns
         -------
@@ -393,12 +391,10 @@ class ReducedModel:
         """The equation as LaTeX, without dollar signs."""
 
         def expression(term: Term) -> str:
-            return term.expression("q", r"\dot{q}", r"\ddot{q}").replace(
-                "sign", r"\operatorname{sign}"
-            )
+            text = term.expression("q", r"\dot{q}", r"\ddot{q}")
+            return text.replace("sign", r"\operatorname{sign}")
 
-        text = r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
-        return text
+        return r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
 
     def _sum(self, precision: int, expression: Callable[[Term], str], latex: bool = False) -> str:
         parts = []
@@ -460,11 +456,8 @@ class ReducedModel:
         reach = (float(limits[0]), float(limits[1])) if limits else None
         if "coefficients" in content:
             return cls.from_coefficients(content["coefficients"], unit, reach)
-        terms, values = (
-            tuple(map(term_of, content["terms"])),
-            [c["value"] for c in content["terms"]],
-        )
-        return cls(terms, tuple(values), unit, reach)
+        terms = content["terms"]
+        return cls(tuple(map(term_of, terms)), tuple(c["value"] for c in terms), unit, reach)
 
 
 @dataclass(frozen=True)

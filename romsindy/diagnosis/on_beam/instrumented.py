@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from romsindy.beam import Beam, Shape
+from romsindy.beam import Beam, Shape, StaticCurve
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.sensors import SensorArray
 from romsindy.beam.statics import hold
@@ -16,6 +16,7 @@ from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 UNIT = "kg^0.5 m"
+_CASES, _GRID, _MARGIN = 41, 121, 1.15  # of the static curve
 
 
 def projected_modes(n_sensors: int) -> int:
@@ -59,6 +60,17 @@ class InstrumentedBeam:
         """Coordinate of nodal displacements (..., n_nodes, 3) from the equilibrium."""
         flat = fields.reshape(*fields.shape[:-2], -1)
         return self.coordinate(flat @ self.sensors.rows.T)
+
+    def curve(self, reach: float) -> StaticCurve:
+        """The static curve of the first mode, over the coordinate that the sensors show.
+
+        Parameters
+        ----------
+        reach : float
+            Largest coordinate of interest, kg^0.5 m; the curve goes a little beyond.
+        """
+        own = self.beam.static_curve(amplitude=_MARGIN * reach, cases=_CASES)
+        return own.read_by(self.seen, reach, _GRID)
 
     def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
         """Shape from which the first mode of a beam swings with the coordinate ``q``.

@@ -21,7 +21,6 @@ from romsindy.diagnosis.on_beam.parameters import (
 )
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
-from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
@@ -181,7 +180,7 @@ def _effects(
     catalogue: Sequence[Effect],
 ) -> tuple[BeamEffect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
-    curve = seen_curve(seen, reach)
+    curve = seen.curve(reach)
     shift = _frequency_shift(model, decays)
     known = {e.name for e in BEAM_CATALOGUE}
     own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
