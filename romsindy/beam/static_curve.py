@@ -23,7 +23,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from romsindy.beam.assembly import Assembly, factorise, solve
 from romsindy.beam.modes import ModalBasis, solve_modes
-from romsindy.beam.statics import Control, Shape, find_displaced
+from romsindy.beam.statics import Shape, find_displaced
 from romsindy.beam.structure import Structure
 from romsindy.physics.validation import require_positive
 
@@ -104,11 +104,7 @@ class StaticCurve:
     def resistance(self, effect: Any, rate: float) -> CubicSpline:
         """Return what an effect adds to the left side of the equation of motion, over q.
 
-        Parameters
-        ----------
-        effect : Load or change of the beam
-        rate : float
-            q_dot, kg^0.5 m/s.
+        The effect is a load or a change of the beam, ``rate`` is q_dot, kg^0.5 m/s.
         """
         changed, own = Assembly(effect.applied_to(self.beam)), self.assembly
         work = [
@@ -122,14 +118,8 @@ class StaticCurve:
     ) -> StaticCurve:
         """Return the curve over another coordinate, at `n` even steps.
 
-        Parameters
-        ----------
-        coordinate : callable
-            Linear: takes displacements from the equilibrium, (n, n_nodes, 3), to (n,) coordinates.
-        reach : float
-            Largest new coordinate of interest, kg^0.5 m.
-        n : int
-            Number of shapes.
+        The coordinate is linear and takes displacements from the equilibrium, (n, n_nodes, 3), to
+        (n,) values; ``reach`` is the largest of interest, kg^0.5 m.
         """
         q = coordinate(self.shapes - self.rest)
         slope = coordinate(self.tangents)  # d(new q)/dq
@@ -179,10 +169,10 @@ def _held(
     """Return shapes and factors of the modal force at coordinates that go outwards."""
     momentum = basis.momenta[basis.index(mode)]
     x, factor = basis.equilibrium.displacement, 0.0
-    control, origin = Control(momentum), float(np.vdot(momentum, x))
+    origin = float(np.vdot(momentum, x))
     found = []
     for value in values:
-        x, factor = find_displaced(assembly, x, momentum, control, origin + value, factor)
+        x, factor = find_displaced(assembly, x, momentum, momentum, origin + value, factor)
         found.append((x, factor))
     return found
 

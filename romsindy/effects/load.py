@@ -12,20 +12,10 @@ from romsindy.physics.validation import require_finite, require_positive
 
 
 class MountedLaw:
-    """Anything that is a law, times a strength, with a mounting.
+    """Anything that is a law, times a strength, with a mounting."""
 
-    Attributes
-    ----------
-    law : Term
-        Of displacement and speed.
-    strength : float
-        What the law is multiplied by: N over its dimension; per m along a beam.
-    mounting : Mounting
-        Where it acts.
-    """
-
-    law: Term
-    strength: float
+    law: Term  # of displacement and speed
+    strength: float  # N over the dimension of the law; per m along a beam
     mounting: Mounting
 
     @property

@@ -22,13 +22,8 @@ def _sum_of(part: str) -> Callable[..., Scalars]:
 class Combination(Term):
     """Terms that a single cause changes together, such as the bending stiffness of a beam.
 
-    Attributes
-    ----------
-    cause : str
-        Its name is that of the coefficient.
-    terms : tuple of Term
-    weights : tuple of float
-        Change of each coefficient for a unit of the cause.
+    The coefficient is named after the cause; a weight is the change of a term's coefficient for a
+    unit of the cause.
     """
 
     cause: str

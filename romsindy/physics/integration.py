@@ -17,22 +17,9 @@ Acceleration = Callable[[float, float], float]
 def integrate_smooth(
     acceleration: Acceleration, state: Array, t: Array, rtol: float, scale: float
 ) -> tuple[Array, Array]:
-    """Motion without jumps of force, by LSODA.
+    """Motion (q, q_dot) without jumps of force at increasing times, by LSODA.
 
-    Parameters
-    ----------
-    acceleration : callable
-        q_ddot from floats q, q_dot.
-    state : (2,) array
-        q and q_dot at t[0].
-    t : (n,) array
-        Increasing times, s.
-    rtol, scale : float
-        Relative tolerance, and the size of q to which the absolute tolerance refers.
-
-    Returns
-    -------
-    q, q_dot : (n,) arrays
+    ``state`` is (q, q_dot) at t[0]; the absolute tolerance is ``rtol * scale``.
 
     Raises
     ------
@@ -58,13 +45,7 @@ def integrate_strokes(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Motion with dry friction, stroke by stroke between reversals; it may come to rest.
 
-    Parameters and errors as `integrate_smooth`.
-
-    Returns
-    -------
-    q, q_dot : (n,) arrays
-    rests : (n,) array of bool
-        Where friction holds the mass.
+    As `integrate_smooth`; the third array says where friction holds the mass.
     """
     creep = 1e-12 * scale
     y = np.tile([float(state[0]), 0.0], (len(t), 1))

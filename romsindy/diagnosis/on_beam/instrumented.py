@@ -26,14 +26,7 @@ def projected_modes(n_sensors: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class InstrumentedBeam:
-    """A beam seen through sensors.
-
-    Attributes
-    ----------
-    beam : Beam
-    sensors : SensorArray
-        Whose mode shapes, those of `beam`, define the coordinate.
-    """
+    """A beam seen through sensors, whose mode shapes on it define the coordinate."""
 
     beam: Beam
     sensors: SensorArray
@@ -62,26 +55,15 @@ class InstrumentedBeam:
         return self.coordinate(flat @ self.sensors.rows.T)
 
     def curve(self, reach: float) -> StaticCurve:
-        """The static curve of the first mode, over the coordinate that the sensors show.
-
-        Parameters
-        ----------
-        reach : float
-            Largest coordinate of interest, kg^0.5 m; the curve goes a little beyond.
-        """
+        """The static curve of the first mode, over the coordinate, a little beyond ``reach``."""
         own = self.beam.static_curve(amplitude=_MARGIN * reach, cases=_CASES)
         return own.read_by(self.seen, reach, _GRID)
 
     def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
-        """Shape from which the first mode of a beam swings with the coordinate ``q``.
+        """Shape from which the first mode of a beam swings with the coordinate ``q``, kg^0.5 m.
 
-        Parameters
-        ----------
-        beam : Beam
-        q : float
-            kg^0.5 m.
-        load : (n_nodes, 3) array, optional
-            Nodal load that holds it, of any size; by default the modal force of its first mode.
+        A nodal load, (n_nodes, 3) and of any size, holds it; by default the modal force of its
+        first mode.
         """
         momentum, rest = beam.modes(count=1).momenta[0], beam.equilibrium()
         reading = self.coordinate(self.sensors.rows.T).reshape(momentum.shape)

@@ -180,11 +180,7 @@ def _has_masses(beam: Beam) -> bool:
 def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str, float]:
     """Return standard deviations of parameters of a beam, in the units of their effects.
 
-    Parameters
-    ----------
-    beam : Beam
-    tolerances : mapping of str to float
-        Relative standard deviations, by name.
+    The tolerances are relative standard deviations, by name.
 
     Raises
     ------

@@ -26,21 +26,12 @@ _FOLDS = 40  # parts of a channel's range over which what repeats is told from n
 
 @dataclass(frozen=True)
 class SensorFault:
-    """A channel that disagrees with the others.
-
-    Attributes
-    ----------
-    channel : int
-    label : str
-    kind : "gain", "offset" or "saturation"
-    value : float
-        Relative error of the gain; offset, m; limit, m.
-    """
+    """A channel that disagrees with the others."""
 
     channel: int
     label: str
-    kind: str
-    value: float
+    kind: str  # "gain", "offset" or "saturation"
+    value: float  # relative error of the gain; offset, m; limit, m
 
     def __str__(self) -> str:
         unit = "" if self.kind == "gain" else " m"
