@@ -151,9 +151,7 @@ def place_sensors(assembly: Assembly, sensors: Sequence[Sensor | float]) -> Sens
             placed += [Sensor(float(sensor), TRANSVERSE), Sensor(float(sensor), AXIAL)]
     if not placed:
         raise ValueError("sensors is empty; give at least one position, in m")
-    return SensorArray(tuple(placed), np.array([_row(assembly, sensor) for sensor in placed]))
-
-
-def _row(assembly: Assembly, sensor: Sensor) -> np.ndarray:
-    require_position("sensor at", sensor.at, assembly.structure.length)
-    return assembly.point_load(unit_vector(sensor.direction), at=sensor.at).ravel()
+    for sensor in placed:
+        require_position("sensor at", sensor.at, assembly.structure.length)
+    rows = [assembly.point_load(unit_vector(s.direction), at=s.at).ravel() for s in placed]
+    return SensorArray(tuple(placed), np.array(rows))

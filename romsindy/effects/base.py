@@ -53,31 +53,15 @@ class Scales(NamedTuple):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A shape value of an effect that a fit may change.
+    """A shape value of an effect that a fit may change, within the limits ``low`` and ``high``."""
 
-    Attributes
-    ----------
-    name : str
-        The field of the effect.
-    starts : tuple of float
-        Values to screen.
-    low, high : float
-        Limits.
-    spread : float or None
-        Standard deviation of the prior about ``starts[0]``; None: any value within the limits.
-    reach : float or None
-        How far a fit may go from the value that it starts from.
-    unit : str
-        "q" stands for the unit of the coordinate.
-    """
-
-    name: str
-    starts: tuple[float, ...]
+    name: str  # the field of the effect
+    starts: tuple[float, ...]  # values to screen
     low: float
     high: float
-    spread: float | None = None
-    reach: float | None = None
-    unit: str = ""
+    spread: float | None = None  # standard deviation of the prior about starts[0]; None: no prior
+    reach: float | None = None  # how far a fit may go from the value that it starts from
+    unit: str = ""  # "q" stands for the unit of the coordinate
 
     def from_start(self, start: float) -> Parameter:
         """The same with the limits of a fit that starts from one of the values."""

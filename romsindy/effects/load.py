@@ -76,14 +76,9 @@ class MountedLaw:
         by_d = 0.0 if self.distributed else by_d
         v, (t0, t1, t2) = point.velocity, turning
         # w = g . v turns with g.
-        b0, b1, b2 = (
-            by_d * g[j] + by_w * (t0[j] * v[0] + t1[j] * v[1] + t2[j] * v[2]) for j in range(3)
-        )
-        return (
-            (g[0] * b0 + f * t0[0], g[0] * b1 + f * t0[1], g[0] * b2 + f * t0[2]),
-            (g[1] * b0 + f * t1[0], g[1] * b1 + f * t1[1], g[1] * b2 + f * t1[2]),
-            (g[2] * b0 + f * t2[0], g[2] * b1 + f * t2[1], g[2] * b2 + f * t2[2]),
-        )
+        b = [by_d * g[j] + by_w * (t0[j] * v[0] + t1[j] * v[1] + t2[j] * v[2]) for j in range(3)]
+        rows = [tuple(g[i] * b[j] + f * turning[i][j] for j in range(3)) for i in range(3)]
+        return rows[0], rows[1], rows[2]
 
     def damping_tangent(self, point: Point) -> Matrix:
         """Return -d(force)/d(x_dot, y_dot, theta_dot)."""

@@ -47,7 +47,7 @@ def integrate_strokes(
 
     As `integrate_smooth`; the third array says where friction holds the mass.
     """
-    creep = 1e-12 * scale
+    creep, options = 1e-12 * scale, {"rtol": max(rtol, 1e-12), "atol": rtol * scale}
     y = np.tile([float(state[0]), 0.0], (len(t), 1))
     rests = np.ones(len(t), bool)
     start = t[0]
@@ -55,7 +55,7 @@ def integrate_strokes(
         direction = float(np.sign(state[1])) or _breakaway(acceleration, state[0], creep)
         if direction == 0:
             break
-        stroke = _stroke(acceleration, direction, start, state, t[-1], rtol, scale, creep)
+        stroke = _stroke(acceleration, direction, (start, t[-1]), state, creep, options)
         inside = (t >= start) & (t <= stroke.t[-1])
         y[inside] = stroke.sol(t[inside]).T
         rests[inside] = False
@@ -74,12 +74,10 @@ def _breakaway(acceleration: Acceleration, q: float, creep: float) -> float:
 def _stroke(  # type: ignore[no-untyped-def]
     acceleration: Acceleration,
     direction: float,
-    start: float,
+    span: tuple[float, float],
     state: Array,
-    end: float,
-    rtol: float,
-    scale: float,
     creep: float,
+    options: dict[str, float],
 ):
     """One stroke, to the next reversal or the end, as `scipy.integrate.solve_ivp` gives it."""
 
@@ -92,16 +90,7 @@ def _stroke(  # type: ignore[no-untyped-def]
         return y[1]
 
     reversal.terminal, reversal.direction = True, -direction  # type: ignore[attr-defined]
-    stroke = solve_ivp(
-        rates,
-        (start, end),
-        state,
-        "DOP853",
-        dense_output=True,
-        events=reversal,
-        rtol=max(rtol, 1e-12),
-        atol=rtol * scale,
-    )
+    stroke = solve_ivp(rates, span, state, "DOP853", dense_output=True, events=reversal, **options)
     if stroke.status < 0:
         raise RuntimeError(f"simulate stopped at t = {stroke.t[-1]:.6g} s: {stroke.message}")
     return stroke

@@ -52,15 +52,12 @@ class MountedEffect(BeamEffect):
     sign = property(lambda self: self.effect.sign)
     advice = property(lambda self: self.effect.advice)
     resembles = property(lambda self: self.effect.resembles)
+    variant = property(lambda self: self.effect.variant)
 
     @property
     def label(self) -> str:  # type: ignore[override]
         """As an engineer says it, with the place."""
         return f"{self.effect.label} {self.mounting.place}"
-
-    @property
-    def variant(self) -> str:
-        return self.effect.variant
 
     def strength_unit(self, unit: str | None) -> str:
         return self.effect.strength_on_beam(self.mounting)
@@ -160,11 +157,8 @@ class _Path:
             g = np.stack(np.broadcast_arrays(*mounting.gradient(point), point.y)[:3], axis=-1)
             columns.append((mounting.displacement(point), np.sum(g * tangent, axis=-1)))
             weights.append(weight)
-        d, slope = (np.stack(c, axis=1) for c in zip(*columns, strict=True))
-        holonomic = not isinstance(mounting, AlongBeam)
-        return _Path(
-            CubicSpline(curve.q, d), CubicSpline(curve.q, slope), np.array(weights), holonomic
-        )
+        d, slope = (CubicSpline(curve.q, np.stack(c, 1)) for c in zip(*columns, strict=True))
+        return _Path(d, slope, np.array(weights), not isinstance(mounting, AlongBeam))
 
 
 def _places(curve: StaticCurve, mounting: Mounting) -> list[tuple[Any, float]]:
@@ -173,10 +167,8 @@ def _places(curve: StaticCurve, mounting: Mounting) -> list[tuple[Any, float]]:
     if not isinstance(mounting, AlongBeam):
         return [(assembly.place(mounting.at), 1.0)]
     x, w = np.polynomial.legendre.leggauss(_POINTS)
-    return [
-        (assembly.place(float(length * (1 + a) / 2)), float(length * b / 2))
-        for a, b in zip(x, w, strict=True)
-    ]
+    pairs = zip((length * (1 + x) / 2).tolist(), (length * w / 2).tolist(), strict=True)
+    return [(assembly.place(at), weight) for at, weight in pairs]
 
 
 def _at_rest(curve: StaticCurve, mounting: Mounting) -> Point:
