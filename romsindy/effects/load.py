@@ -69,16 +69,18 @@ class MountedLaw:
     def tangent(self, point: Point) -> Matrix:
         """Return -d(force)/d(x, y, theta)."""
         d, w, g = self._motion(point)
-        turning = self.mounting.turning(point)
         f = self._resistance(d, w)
         by_w = self.strength * self.law.damping_dq_dot(d, w)
         by_d = self.strength * (self.law.stiffness_dq(d) + self.law.damping_dq(d, w))
         by_d = 0.0 if self.distributed else by_d
-        v, (t0, t1, t2) = point.velocity, turning
+        v, (t0, t1, t2) = point.velocity, self.mounting.turning(point)
         # w = g . v turns with g.
         b = [by_d * g[j] + by_w * (t0[j] * v[0] + t1[j] * v[1] + t2[j] * v[2]) for j in range(3)]
-        rows = [tuple(g[i] * b[j] + f * turning[i][j] for j in range(3)) for i in range(3)]
-        return rows[0], rows[1], rows[2]
+        return (
+            (g[0] * b[0] + f * t0[0], g[0] * b[1] + f * t0[1], g[0] * b[2] + f * t0[2]),
+            (g[1] * b[0] + f * t1[0], g[1] * b[1] + f * t1[1], g[1] * b[2] + f * t1[2]),
+            (g[2] * b[0] + f * t2[0], g[2] * b[1] + f * t2[1], g[2] * b[2] + f * t2[2]),
+        )
 
     def damping_tangent(self, point: Point) -> Matrix:
         """Return -d(force)/d(x_dot, y_dot, theta_dot)."""

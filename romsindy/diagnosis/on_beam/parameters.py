@@ -147,7 +147,9 @@ def parameter_effects(
 
     def effect(p: _Parameter, step: float) -> ParameterEffect:
         changed = seen.beam.with_effect(_changed(p.change, step, at))
-        direction = _direction(p.name, start, _seen_coefficients(seen, changed, amplitude), step)
+        there = _seen_coefficients(seen, changed, amplitude)
+        slopes = tuple((there[key] - start[key]) / step for key in start)
+        direction = Combination(p.name, tuple(map(term_from_key, start)), slopes)
         label = p.label.format(place=AtPoint(at).place)
         return ParameterEffect(direction, p.change, p.name, label, p.unit, p.sign, at)
 
@@ -214,13 +216,6 @@ def _assumed(beam: Beam) -> dict[str, float]:
         stretch = spring.mounting.span(at, 0.0) - spring.natural_length
         sizes |= {"spring_stiffness": 1.0, "pre_tension": abs(spring.stiffness * stretch)}
     return sizes
-
-
-def _direction(
-    name: str, start: Mapping[str, float], there: Mapping[str, float], step: float
-) -> Combination:
-    terms = tuple(term_from_key(key) for key in start)
-    return Combination(name, terms, tuple((there[key] - start[key]) / step for key in start))
 
 
 def _seen_coefficients(seen: InstrumentedBeam, beam: Beam, amplitude: float) -> dict[str, float]:

@@ -43,15 +43,9 @@ def find_fault(
 ) -> SensorFault | None:
     """Find the channel that is faulty, if there is one.
 
-    Parameters
-    ----------
-    measured : (n, n_sensors) array
-        Displacements from equilibrium, m.
-    simulated : (m, n_sensors) array
-        Of the beam over the same amplitudes, m.
-    shapes : (n_sensors, n_modes) array
-        Mode shapes at the sensors; two sensors more than modes are needed to say which is wrong.
-    labels : list of str
+    ``measured`` (n, n_sensors) are displacements from equilibrium, ``simulated`` (m, n_sensors)
+    those of the beam over the same amplitudes, m. ``shapes`` (n_sensors, n_modes) are the modes at
+    the sensors: two sensors more than modes are needed to say which is wrong.
     """
     for channel, y in enumerate(measured.T):
         if _clips(y):
