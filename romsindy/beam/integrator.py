@@ -34,14 +34,13 @@ class Integrator:
         self._A2 = method.A @ method.A
         self._to_acceleration = np.linalg.inv(self._A2)
         self._extrapolations: dict[float, np.ndarray] = {}
-        self._real, self._complex = (self._split(part) for part in method.parts())
+        # Eigenvalues, columns, rows and room for the factors of each eigenvalue.
+        self._real, self._complex = (
+            (*part, np.zeros((len(part[0]), *assembly.mass.shape), dtype=part[0].dtype))
+            for part in method.parts()
+        )
         self._peak = 0.0
         self.iterations = 0
-
-    def _split(self, part: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
-        """Return eigenvalues, columns, rows and room for the factors of each eigenvalue."""
-        room = np.zeros((len(part[0]), *self._assembly.mass.shape), dtype=part[0].dtype)
-        return *part, room
 
     def start(self, x: np.ndarray) -> State:
         """Return the state at rest in x.

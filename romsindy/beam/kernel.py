@@ -157,9 +157,7 @@ def factorise(matrices, fixed):  # type: ignore[no-untyped-def]
     for e in range(n_elements):
         S = matrices[e]
         if e > 0:
-            for i in range(3):
-                for j in range(3):
-                    S[i, j] += matrices[e - 1, 6 + i, 6 + j]
+            S[:3, :3] += matrices[e - 1, 6:, 6:]
         for i in range(9):
             if fixed[2 * e + i // 3, i % 3]:
                 S[i, :] = 0.0
@@ -223,11 +221,7 @@ def stage_powers(X, V, mass, alpha, length, EA, GA, EI, eta):  # type: ignore[no
 def factorise_shifted(mass, C, K, z, fixed, out):  # type: ignore[no-untyped-def]
     """Write the factors of M + z_k C + z_k^2 K for every z_k into out[k]; real or complex."""
     for k in range(out.shape[0]):
-        z1, z2 = z[k], z[k] * z[k]
-        for e in range(mass.shape[0]):
-            for i in range(9):
-                for j in range(9):
-                    out[k, e, i, j] = mass[e, i, j] + z1 * C[e, i, j] + z2 * K[e, i, j]
+        out[k] = mass + z[k] * C + z[k] * z[k] * K
         factorise(out[k], fixed)
 
 

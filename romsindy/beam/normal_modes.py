@@ -140,7 +140,7 @@ def _check(tip_displacements: Sequence[float], mode: int, forces: int) -> None:
 def _solve(shooting: _Shooting, ratios: np.ndarray, tip: float) -> tuple[_Orbit, np.ndarray]:
     """Return the orbit, found from the ratios of the orbit before, and its own ratios."""
     try:
-        ratios = root(shooting.unrest, ratios, args=(tip,), tol=1e-9).x
+        ratios = root(lambda trial: shooting.follow(trial, tip).unrest, ratios, tol=1e-9).x
         orbit = shooting.follow(ratios, tip)
     except RuntimeError as trouble:  # a trial shape that cannot be held or followed
         raise _none_found(tip, str(trouble)) from trouble
@@ -182,9 +182,6 @@ class _Shooting:
         self.modes = [first, *(m for m in bending if m != first)]
         self.basis = basis
         self.period = 2 * np.pi / float(basis.omega[first])
-
-    def unrest(self, ratios: np.ndarray, tip: float) -> np.ndarray:
-        return self.follow(ratios, tip).unrest
 
     def follow(self, ratios: np.ndarray, tip: float) -> _Orbit:
         """Let the shape go and follow it until the mode turns."""

@@ -77,7 +77,9 @@ def simulate(
     rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     method = method or RadauIIA()
     integrator = Integrator(assembly, method)
-    budget = _budget(assembly, start, sum(rest_energy), energy_tolerance, duration)
+    released, at_rest = assembly.strain(start) + assembly.potential(start), sum(rest_energy)
+    rounding = 1e-14 * (abs(released) + abs(at_rest))
+    budget = Budget(energy_tolerance * abs(released - at_rest), duration, rounding)
     stepper = Stepper(integrator, assembly, integrator.start(start), budget, method.order)
     acceleration = assembly.smooth_acceleration(start, stiffening=step)
     free = int(np.count_nonzero(~assembly.fixed))
@@ -106,14 +108,6 @@ def simulate(
     except KeyboardInterrupt:
         return motion(f"interrupted at {(recorder.count - 1) * step:.6g} s of {duration:.6g} s")
     return motion("completed")
-
-
-def _budget(
-    assembly: Assembly, start: np.ndarray, rest_energy: float, tolerance: float, duration: float
-) -> Budget:
-    stored = assembly.strain(start) + assembly.potential(start)
-    rounding = 1e-14 * (abs(stored) + abs(rest_energy))
-    return Budget(tolerance * abs(stored - rest_energy), duration, rounding)
 
 
 def _check(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,13 +30,12 @@ _SINGULAR = 1e-3  # of 1 + h(q), as in `ReducedModel.acceleration`
 _CREEP = 0.02
 
 
+@dataclass(eq=False)
 class Family(ABC):
     """Equations of a family with one number of harmonics, that of its `HarmonicBalance`."""
 
-    n_other: int  # unknowns beyond the Fourier series
-
-    def __init__(self, balance: HarmonicBalance) -> None:
-        self.balance = balance
+    n_other: ClassVar[int]  # unknowns beyond the Fourier series
+    balance: HarmonicBalance
 
     @abstractmethod
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
@@ -64,6 +63,7 @@ class Family(ABC):
         return lambda u, p: reason if self.balance.leftover(*self.orbit(u, p)) > share else ""
 
 
+@dataclass(eq=False)
 class FreeFamily(Family):
     """Orbits that a force mu q_dot sustains; u = (q / A, omega / omega_0, mu / omega_0).
 
@@ -73,14 +73,8 @@ class FreeFamily(Family):
     """
 
     n_other = 2
-
-    def __init__(self, balance: HarmonicBalance, omega_0: float, amplitude_top: float) -> None:
-        super().__init__(balance)
-        self.omega_0 = omega_0
-        self.amplitude_top = amplitude_top
-        self._at_rest = balance.basis.first[0]
-        self._odd = np.zeros_like(self._at_rest)
-        self._odd[1::4] = 1.0  # a_1, a_3, ...
+    omega_0: float
+    amplitude_top: float
 
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
         return p * self.amplitude_top * u[:-2], self.omega_0 * u[-2]
@@ -91,7 +85,8 @@ class FreeFamily(Family):
         force = self.balance.residual(c, omega) - sustained
         shape = u[:-2]
         size = p * self.amplitude_top * self.omega_0**2
-        return np.concatenate([force / size, [self._at_rest @ shape, self._odd @ shape - 1]])
+        odd = np.sum(shape[1::4])  # a_1, a_3, ...
+        return np.append(force / size, [self.balance.basis.first[0] @ shape, odd - 1])
 
     def jacobian(self, u: Array, p: float) -> Array:
         c, omega = self.orbit(u, p)
@@ -105,7 +100,7 @@ class FreeFamily(Family):
         matrix[:n, n] = (by_omega - mu * (rate @ c)) * self.omega_0 / size
         matrix[:n, n + 1] = -omega * (rate @ c) * self.omega_0 / size
         matrix[:n, n + 2] = (by_c @ c / size - self.residual(u, p)[:n]) / p
-        matrix[n, :n], matrix[n + 1, :n] = self._at_rest, self._odd
+        matrix[n, :n], matrix[n + 1, 1:n:4] = self.balance.basis.first[0], 1.0
         return matrix
 
     def objection(self, u: Array, p: float) -> str:
@@ -127,15 +122,13 @@ class Path(NamedTuple):
     force: tuple[float, float]
 
 
+@dataclass(eq=False)
 class ForcedFamily(Family):
     """Orbits under force cos(omega t); u = q / size, and p runs along a path from 0 to 1."""
 
     n_other = 0
-
-    def __init__(self, balance: HarmonicBalance, path: Path, size: float) -> None:
-        super().__init__(balance)
-        self.path = path
-        self.size = size
+    path: Path
+    size: float
 
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
         first, last = self.path.omega

@@ -15,7 +15,7 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from romsindy.record.decay import Decay, Quantity
-from romsindy.record.units import UNITS, parse_unit, time_factor
+from romsindy.record.units import TIMES, UNITS, parse_unit
 from romsindy.typing import Array
 
 _TIME_NAMES = {"t", "time", "times", "zeit", "temps", "seconds", "timestamp"}
@@ -39,7 +39,7 @@ class _Column:
 
     @property
     def is_time(self) -> bool:
-        return self.name.lower() in _TIME_NAMES or time_factor(self.unit or "") is not None
+        return self.name.lower() in _TIME_NAMES or self.unit in TIMES
 
     @property
     def quantity(self) -> Quantity:
@@ -84,10 +84,6 @@ def load_decay(
     start, end : float, optional
         Part of the record to keep, in s. The free decay within it is found by the analysis.
 
-    Returns
-    -------
-    Decay
-
     Raises
     ------
     FileNotFoundError
@@ -110,7 +106,7 @@ def load_decay(
     quantity = quantity or chosen[0].quantity
     text = unit or chosen[0].unit
     base, factor = _conversion(text, quantity)
-    t = clock.values * (time_factor(clock.unit or "s") or 1.0)
+    t = clock.values * TIMES.get(clock.unit or "s", 1.0)
     x = np.stack([c.values for c in chosen], axis=1) * factor
     x = x[:, 0] if len(chosen) == 1 else x
     if quantity == "displacement":
@@ -188,9 +184,8 @@ def _read_mat(path: Path) -> dict[str, NDArray]:
     try:
         return {k: v for k, v in loadmat(path, squeeze_me=True).items() if not k.startswith("__")}
     except NotImplementedError:
-        raise ValueError(
-            f"{path}: MATLAB v7.3 files are not read; save with the option -v7"
-        ) from None
+        message = f"{path}: MATLAB v7.3 files are not read; save with the option -v7"
+        raise ValueError(message) from None
     except (MatReadError, ValueError) as error:
         raise ValueError(f"{path}: not a MATLAB v5 file ({error})") from None
 
@@ -212,16 +207,12 @@ def _array_columns(content: dict[str, NDArray]) -> list[_Column]:
 
 def _read_text(path: Path) -> list[_Column]:
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    numbered = [
-        (i, line)
-        for i, line in enumerate(lines, 1)
-        if line.strip() and line.lstrip()[0] not in "#%"
-    ]
+    starts = ((i, line, line.lstrip()[:1]) for i, line in enumerate(lines, 1))
+    numbered = [(i, line) for i, line, start in starts if start not in ("", "#", "%")]
     if not numbered:
         raise ValueError(f"{path}: the file has no lines of data")
     delimiter, decimal_comma = _dialect([line for _, line in numbered])
-    split = (csv.reader([line], delimiter=delimiter) for _, line in numbered)
-    rows = [next(reader) for reader in split]
+    rows = [next(csv.reader([line], delimiter=delimiter)) for _, line in numbered]
     if decimal_comma:
         rows = [[cell.replace(",", ".") for cell in row] for row in rows]
     first = next((i for i, row in enumerate(rows) if _is_number(row[0])), None)
@@ -234,11 +225,7 @@ def _read_text(path: Path) -> list[_Column]:
         if len(row) != width or not all(map(_is_number, row)):
             _refuse_row(path, numbered[first + k][0], row, width, header)
         values[k] = row
-    names = (
-        [_name_and_unit(h) for h in header]
-        if header
-        else [(str(i + 1), None) for i in range(width)]
-    )
+    names = [_name_and_unit(text) for text in header or map(str, range(1, width + 1))]
     return [_Column(n, v, u) for (n, u), v in zip(names, values.T, strict=True)]
 
 
@@ -287,16 +274,20 @@ def _refuse_row(
 def _split_time(
     path: Path, columns: list[_Column], time: str | None, rate: float | None
 ) -> tuple[_Column, list[_Column]]:
+    """The times, and the other columns that are as long."""
     if time is not None:
         clock = _named(path, columns, time, "time")
-        return clock, [c for c in columns if c is not clock and len(c.values) == len(clock.values)]
-    if rate is not None:
-        if not rate > 0:
-            raise ValueError(f"rate = {rate!r} must be a positive number of samples per second")
+    elif rate is None:
+        clock = _clock(path, columns)
+    elif rate > 0:
         longest = max((len(c.values) for c in columns), default=0)
-        return _Column("t", np.arange(longest) / rate), [
-            c for c in columns if len(c.values) == longest
-        ]
+        clock = _Column("t", np.arange(longest) / rate)
+    else:
+        raise ValueError(f"rate = {rate!r} must be a positive number of samples per second")
+    return clock, [c for c in columns if c is not clock and len(c.values) == len(clock.values)]
+
+
+def _clock(path: Path, columns: list[_Column]) -> _Column:
     if len(columns) < 2:
         raise ValueError(
             f"{path}: a time column and a measured column are needed, but the file has"
@@ -311,8 +302,7 @@ def _split_time(
             f"{path}: {'no' if not clocks else 'more than one'} time column among {names};"
             " name it with time=, or give rate="
         )
-    clock = clocks[0]
-    return clock, [c for c in columns if c is not clock and len(c.values) == len(clock.values)]
+    return clocks[0]
 
 
 def _choose(

@@ -8,12 +8,15 @@ import numpy as np
 
 from romsindy.record.decay import Quantity
 
-_QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254}
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
 _MODAL = {"kg^0.5 m": 1.0, "sqrt(kg) m": 1.0}
-_TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
-_RATES = (("",), ("/s",), ("/s^2", "/s2", "/s²", "/s/s"))
+TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}  # in s
+_RATES: dict[Quantity, tuple[str, ...]] = {
+    "displacement": ("",),
+    "velocity": ("/s",),
+    "acceleration": ("/s^2", "/s2", "/s²", "/s/s"),
+}
 
 
 @dataclass(frozen=True)
@@ -25,16 +28,13 @@ class Unit:
     factor: float
 
 
-def _table() -> dict[str, Unit]:
-    units = {"g": Unit("m", "acceleration", 9.80665)}
-    for base, family in (("m", _LENGTHS), ("rad", _ANGLES), ("kg^0.5 m", _MODAL)):
-        for name, factor in family.items():
-            for quantity, suffixes in zip(_QUANTITIES, _RATES, strict=True):
-                units |= {name + suffix: Unit(base, quantity, factor) for suffix in suffixes}
-    return units
-
-
-UNITS = _table()
+UNITS = {"g": Unit("m", "acceleration", 9.80665)} | {
+    name + suffix: Unit(base, quantity, factor)
+    for base, family in (("m", _LENGTHS), ("rad", _ANGLES), ("kg^0.5 m", _MODAL))
+    for name, factor in family.items()
+    for quantity, suffixes in _RATES.items()
+    for suffix in suffixes
+}
 
 
 def parse_unit(text: str) -> Unit:
@@ -51,8 +51,3 @@ def parse_unit(text: str) -> Unit:
             f"unit {text!r} is not known: use {lengths}, each alone, with /s or /s^2, or g"
         )
     return UNITS[text]
-
-
-def time_factor(text: str) -> float | None:
-    """Seconds in a unit of time; None if it is not one."""
-    return _TIMES.get(text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ from romsindy.typing import Array
 
 # A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
 _ABSURD = 10.0
+# Drops terms below 1e-4 of the target: lightly damped modes keep their damping.
+_DEFAULT_OPTIMIZER = ps.STLSQ(threshold=1e-4, alpha=1e-12)
 
 
 class ScaledOptimizer(BaseOptimizer):
@@ -57,16 +60,14 @@ class ScaledOptimizer(BaseOptimizer):
     def _reduce(self, x: Array, y: Array) -> None:
         fixed = dict(self.fixed or {})
         free = [j for j in range(x.shape[1]) if j not in fixed]
-        known = x[:, list(fixed)] @ np.array(list(fixed.values()), float) if fixed else 0.0
         coefficients = np.zeros((y.shape[1], x.shape[1]))
         coefficients[:, list(fixed)] = list(fixed.values())
-        column_scale = _rms(x[:, free])
-        target_scale = _rms(y)
+        column_scale, target_scale = _rms(x[:, free]), _rms(y)
         if free:
-            inner = clone(self.optimizer or default_optimizer())
+            inner = clone(self.optimizer or _DEFAULT_OPTIMIZER)
             if "fit_intercept" in inner.get_params():
                 inner.set_params(fit_intercept=False)
-            rest = (y - np.reshape(known, (-1, 1))) / target_scale if fixed else y / target_scale
+            rest = (y - x[:, list(fixed)] @ coefficients[:, list(fixed)].T) / target_scale
             # Some models of scikit-learn warn about, or refuse, a single target as a column.
             inner.fit(x[:, free] / column_scale, rest[:, 0] if rest.shape[1] == 1 else rest)
             scaled = np.reshape(inner.coef_, (y.shape[1], len(free)))
@@ -75,16 +76,12 @@ class ScaledOptimizer(BaseOptimizer):
         self.history_.append(coefficients)
 
 
-def default_optimizer() -> ps.STLSQ:
-    """STLSQ that drops terms below 1e-4 of the target: lightly damped modes keep their damping."""
-    return ps.STLSQ(threshold=1e-4, alpha=1e-12)
-
-
 def _rms(x: Array) -> Array:
     rms = np.sqrt(np.mean(np.square(x), axis=0))
     return np.where(rms > 0, rms, 1.0)
 
 
+@dataclass(eq=False, repr=False)
 class HarmonicSINDy(BaseEstimator):
     """Identify a reduced model from free decays, in the harmonic domain.
 
@@ -113,14 +110,10 @@ class HarmonicSINDy(BaseEstimator):
 
     Attributes
     ----------
-    model_ : ReducedModel
-        The identified equation.
-    coef_ : (n_terms,) array
-        Its coefficients in the order of the library.
-    rows_ : Rows
+    model_, coef_ : ReducedModel, (n_terms,) array
+        The identified equation; its coefficients in the order of the library.
+    rows_, optimizer_ : Rows, ScaledOptimizer
         The regression behind it.
-    optimizer_ : ScaledOptimizer
-        The fitted optimizer.
 
     Examples
     --------
@@ -130,21 +123,12 @@ class HarmonicSINDy(BaseEstimator):
     36.0...
     """
 
-    def __init__(
-        self,
-        library: Any = None,
-        optimizer: Any = None,
-        projection: HarmonicProjection | None = None,
-        fixed: Mapping[str, float] | None = None,
-        differentiation: Filter | None = None,
-        weighted: bool = True,
-    ):
-        self.library = library
-        self.optimizer = optimizer
-        self.projection = projection
-        self.fixed = fixed
-        self.weighted = weighted
-        self.differentiation = differentiation
+    library: Any = None
+    optimizer: Any = None
+    projection: HarmonicProjection | None = None
+    fixed: Mapping[str, float] | None = None
+    differentiation: Filter | None = None
+    weighted: bool = True
 
     # t is the second argument of fit and score, where scikit-learn hands over y: so
     # GridSearchCV(HarmonicSINDy(), grid).fit(list_of_x, list_of_t) works without routing.
@@ -160,11 +144,6 @@ class HarmonicSINDy(BaseEstimator):
             [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units.
         t : array or list of arrays, optional
             Times (n,) in s that go with arrays. A gap splits a record in two.
-
-        Returns
-        -------
-        HarmonicSINDy
-            Itself.
 
         Raises
         ------
@@ -187,17 +166,12 @@ class HarmonicSINDy(BaseEstimator):
             )
         _refuse_absurd(fixed, terms, rows)
         weights = row_weights(rows) if self.weighted else None
-        optimizer = ScaledOptimizer(self.optimizer, fixed)
-        optimizer.fit(rows.theta, rows.target, sample_weight=weights)
-        self.optimizer_ = optimizer
-        self.coef_ = optimizer.coef_[0]
+        self.optimizer_ = ScaledOptimizer(self.optimizer, fixed)
+        self.optimizer_.fit(rows.theta, rows.target, sample_weight=weights)
+        self.coef_ = self.optimizer_.coef_[0]
         self.rows_ = rows
-        self.model_ = ReducedModel(
-            terms,
-            tuple(self.coef_),
-            unit,
-            (float(rows.amplitude.min()), float(rows.amplitude.max())),
-        )
+        valid = (float(rows.amplitude.min()), float(rows.amplitude.max()))
+        self.model_ = ReducedModel(terms, tuple(self.coef_), unit, valid)
         return self
 
     def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> Rows:
@@ -270,11 +244,8 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     """
     if isinstance(x, Decay):
         return [x]
-    if (
-        isinstance(x, (list, tuple))
-        and len(x)
-        and isinstance(x[0], (Decay, np.ndarray, list, tuple))
-    ):
+    several = isinstance(x, (list, tuple)) and len(x)
+    if several and isinstance(x[0], (Decay, np.ndarray, list, tuple)):
         clocks = [None] * len(x) if t is None else list(t)
         if len(clocks) != len(x):
             raise ValueError(f"x holds {len(x)} records, but t holds {len(clocks)}")
@@ -289,16 +260,11 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
             "x must have shape (n,) or (n, 1..3) with columns q, q_dot, q_ddot and t shape (n,),"
             f" got {np.shape(x)} and {times.shape}"
         )
-    pieces = _pieces(times) if split else [slice(None)]
-    return [Decay(times[p], *columns[p].T) for p in pieces]
-
-
-def _pieces(t: Array) -> list[slice]:
-    # Cross-validation cuts the middle out of a record: what is left are two records.
-    steps = np.diff(t)
-    gaps = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1 if len(t) > 1 else np.array([], int)
-    bounds = [0, *gaps.tolist(), len(t)]
-    return [slice(a, b) for a, b in itertools.pairwise(bounds)]
+    steps, gaps = np.diff(times), np.array([], int)
+    if split and len(steps):  # cross-validation cuts the middle out of a record: two are left
+        gaps = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1
+    bounds = itertools.pairwise([0, *gaps, len(times)])
+    return [Decay(times[a:b], *columns[a:b].T) for a, b in bounds]
 
 
 def _common_unit(decays: Sequence[Decay]) -> str | None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from romsindy.record.decay import Decay
 class TermLibrary(BaseFeatureLibrary):
     """A feature library whose columns are the strong forms of `terms`.
 
-    Subclass it, store the parameters in ``__init__`` and state `terms`.
+    A subclass is a dataclass of its parameters, the `channels` among them, and states `terms`.
     """
 
     channels: Sequence[int]
@@ -69,17 +70,15 @@ class TermLibrary(BaseFeatureLibrary):
         check_is_fitted(self)
         features = []
         for xi in x:
-            signals = np.asarray(xi)[..., list(self.channels)]
-            q, q_dot, q_ddot = np.moveaxis(signals, -1, 0)
-            columns = np.stack([term.strong(q, q_dot, q_ddot) for term in self.terms], axis=-1)
+            signals = np.moveaxis(np.asarray(xi)[..., list(self.channels)], -1, 0)
+            columns = np.stack([term.strong(*signals) for term in self.terms], axis=-1)
             features.append(AxesArray(columns, comprehend_axes(columns)))
         return features
 
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
         """Text of every term, in the names of the columns."""
-        if input_features is None:
-            names = ["q", "q_dot", "q_ddot"]
-        else:
+        names = ["q", "q_dot", "q_ddot"]
+        if input_features is not None:
             names = [input_features[c] for c in self.channels]
         return [term.expression(*names) for term in self.terms]
 
@@ -88,38 +87,36 @@ class TermLibrary(BaseFeatureLibrary):
         return np.array(self.get_feature_names(input_features), dtype=object)
 
 
+@dataclass(eq=False, repr=False)
 class ICROMLibrary(TermLibrary):
     """Inertial compensation of the given orders (`Inertia`)."""
 
-    def __init__(self, orders: Sequence[int] = (3, 4, 5), channels: Sequence[int] = (0, 1, 2)):
-        self.orders = orders
-        self.channels = channels
+    orders: Sequence[int] = (3, 4, 5)
+    channels: Sequence[int] = (0, 1, 2)
 
     @property
     def terms(self) -> tuple[Term, ...]:
         return tuple(Inertia(order) for order in self.orders)
 
 
+@dataclass(eq=False, repr=False)
 class StiffnessLibrary(TermLibrary):
     """Powers of q: omega^2 for degree 1, gamma_m beyond (`Stiffness`)."""
 
-    def __init__(
-        self, degrees: Sequence[int] = (1, 2, 3, 4, 5), channels: Sequence[int] = (0, 1, 2)
-    ):
-        self.degrees = degrees
-        self.channels = channels
+    degrees: Sequence[int] = (1, 2, 3, 4, 5)
+    channels: Sequence[int] = (0, 1, 2)
 
     @property
     def terms(self) -> tuple[Term, ...]:
         return tuple(Stiffness(degree) for degree in self.degrees)
 
 
+@dataclass(eq=False, repr=False)
 class DampingLibrary(TermLibrary):
     """Damping terms: "linear", "quadratic", "coulomb", "cubic", "q^2 q_dot"."""
 
-    def __init__(self, kinds: Sequence[str] = ("linear",), channels: Sequence[int] = (0, 1, 2)):
-        self.kinds = kinds
-        self.channels = channels
+    kinds: Sequence[str] = ("linear",)
+    channels: Sequence[int] = (0, 1, 2)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -127,20 +124,21 @@ class DampingLibrary(TermLibrary):
         return tuple(damping_law(kind) for kind in kinds)
 
 
+@dataclass(eq=False, repr=False)
 class BeamTheoryLibrary(TermLibrary):
     """The cantilever model from the literature: q^2 q_ddot and q q_dot^2 with coefficients apart.
 
     Eq. (8) of the method's paper; add a `StiffnessLibrary` and a `DampingLibrary` to it.
     """
 
-    def __init__(self, channels: Sequence[int] = (0, 1, 2)):
-        self.channels = channels
+    channels: Sequence[int] = (0, 1, 2)
 
     @property
     def terms(self) -> tuple[Term, ...]:
         return (QuadraticInertia(), LinearConvection())
 
 
+@dataclass(eq=False, repr=False)
 class ROMLibrary(TermLibrary):
     """Inertia, stiffness and damping terms in one flat library, so that grids can search them.
 
@@ -156,17 +154,10 @@ class ROMLibrary(TermLibrary):
         Columns of q, q_dot and q_ddot.
     """
 
-    def __init__(
-        self,
-        inertia: Sequence[int] = (3, 4, 5),
-        stiffness: Sequence[int] = (1, 2, 3, 4, 5),
-        damping: Sequence[str] = ("linear",),
-        channels: Sequence[int] = (0, 1, 2),
-    ):
-        self.inertia = inertia
-        self.stiffness = stiffness
-        self.damping = damping
-        self.channels = channels
+    inertia: Sequence[int] = (3, 4, 5)
+    stiffness: Sequence[int] = (1, 2, 3, 4, 5)
+    damping: Sequence[str] = ("linear",)
+    channels: Sequence[int] = (0, 1, 2)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -197,12 +188,9 @@ def library_terms(library: BaseFeatureLibrary) -> tuple[Term, ...]:
 
 
 def implicit_data(decay: Decay) -> dict[str, np.ndarray]:
-    """Arguments ``x``, ``u``, ``x_dot`` of `pysindy.SINDy.fit` for a decay with derivatives.
+    """Arguments of `pysindy.SINDy.fit` for a decay with derivatives.
 
-    Returns
-    -------
-    dict
-        x (n, 1) = q, u (n, 2) = [q_dot, q_ddot], x_dot (n, 1) = -q_ddot.
+    x (n, 1) = q, u (n, 2) = [q_dot, q_ddot], x_dot (n, 1) = -q_ddot.
 
     Raises
     ------

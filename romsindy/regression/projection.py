@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any, Literal
 
@@ -31,9 +31,8 @@ class Rows:
 
     Attributes
     ----------
-    theta : (n_rows, n_terms) array
-    target : (n_rows,) array
-        Projection of -q_ddot.
+    theta, target : (n_rows, n_terms), (n_rows,) arrays
+        Projections of the terms and of -q_ddot.
     cycle, harmonic : (n_rows,) integer arrays
         Where a row comes from; real and imaginary parts of a harmonic are two rows.
     amplitude : (n_cycles,) array
@@ -54,16 +53,12 @@ class Rows:
     def stacked(parts: Sequence[Rows]) -> Rows:
         """Rows of several records, cycles numbered through."""
         starts = np.cumsum([0] + [len(p.amplitude) for p in parts[:-1]])
-        return Rows(
-            np.concatenate([p.theta for p in parts]),
-            np.concatenate([p.target for p in parts]),
-            np.concatenate([p.cycle + s for p, s in zip(parts, starts, strict=True)]),
-            np.concatenate([p.harmonic for p in parts]),
-            np.concatenate([p.amplitude for p in parts]),
-            np.concatenate([p.noise for p in parts]),
-        )
+        numbered = [replace(p, cycle=p.cycle + s) for p, s in zip(parts, starts, strict=True)]
+        names = [field.name for field in fields(Rows)]
+        return Rows(*(np.concatenate([getattr(p, name) for p in numbered]) for name in names))
 
 
+@dataclass(eq=False, repr=False)
 class HarmonicProjection(BaseEstimator):
     """Project terms and target on exp(-i h omega t) over each cycle, h in ``harmonics``.
 
@@ -89,15 +84,9 @@ class HarmonicProjection(BaseEstimator):
     of its second derivative.
     """
 
-    def __init__(
-        self,
-        harmonics: Sequence[int] = (0, 1, 2, 3),
-        form: Literal["weak", "strong"] = "weak",
-        amplitude: tuple[float, float] | None = None,
-    ):
-        self.harmonics = harmonics
-        self.form = form
-        self.amplitude = amplitude
+    harmonics: Sequence[int] = (0, 1, 2, 3)
+    form: Literal["weak", "strong"] = "weak"
+    amplitude: tuple[float, float] | None = None
 
     def rows(self, terms: Sequence[Term], decay: Decay) -> Rows:
         """Rows of all cycles of one decay with derivatives.
@@ -150,17 +139,14 @@ class HarmonicProjection(BaseEstimator):
             # 2/T int ( ) exp(-i h omega t) dt; the harmonics are 1 at both ends.
             weights = basis * (_quadrature(n + 1) * 2 / n)
             d_dt = 2j * np.pi * h / (n * dt)
-            per_period = 2 / (n * dt)
-
-            def jump(f: Array, a: int = start, b: int = end, scale: float = per_period) -> Array:
-                return (f[b] - f[a]) * scale
-
+            jumps = ((f[end] - f[start]) * (2 / (n * dt)) for f in (first, second_rate, second))
+            jump_first, jump_rate, jump_second = jumps
             values.append(
                 weights @ zeroth[inside]
-                + jump(first)
+                + jump_first
                 + d_dt * (weights @ first[inside])
-                + jump(second_rate)
-                + d_dt * (jump(second) + d_dt * (weights @ second[inside]))
+                + jump_rate
+                + d_dt * (jump_second + d_dt * (weights @ second[inside]))
             )
             amplitudes.append(amplitude)
         return self._stack(values, amplitudes, _DIFFERENTIATIONS[decay.measured])
@@ -236,6 +222,7 @@ def _quadrature(n: int, order: int = 8) -> Array:
     return weights
 
 
+@dataclass(eq=False, repr=False)
 class HarmonicLibrary(BaseFeatureLibrary):
     """Fourier-domain features of any PySINDy library, for plain `pysindy.SINDy`.
 
@@ -256,9 +243,8 @@ class HarmonicLibrary(BaseFeatureLibrary):
         Which harmonics and amplitudes; its form is not used.
     """
 
-    def __init__(self, library: BaseFeatureLibrary, projection: HarmonicProjection | None = None):
-        self.library = library
-        self.projection = projection
+    library: BaseFeatureLibrary
+    projection: HarmonicProjection | None = None
 
     def __add__(self, other: BaseFeatureLibrary) -> HarmonicLibrary:
         # A sum of projections is the projection of the sum; rows of other libraries would not fit.
@@ -282,11 +268,8 @@ class HarmonicLibrary(BaseFeatureLibrary):
     @x_sequence_or_item
     def transform(self, x: Any) -> list[AxesArray]:
         """Project: (n, n_columns) -> (n_rows, n_features) for each record."""
-        features = self.library.transform(list(x))
-        return [
-            self._projected(np.asarray(f), np.asarray(xi))
-            for f, xi in zip(features, x, strict=True)
-        ]
+        pairs = zip(self.library.transform(list(x)), x, strict=True)
+        return [self._projected(np.asarray(f), np.asarray(xi)) for f, xi in pairs]
 
     def _projected(self, columns: Array, x: Array) -> AxesArray:
         projection = self.projection or HarmonicProjection()

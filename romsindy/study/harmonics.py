@@ -62,21 +62,14 @@ def choose_harmonics(
 ) -> GridSearchCV:
     """Search the harmonics of a regression by k-fold cross-validation over blocks of cycles.
 
-    Parameters
-    ----------
-    decay : Decay
-        With derivatives.
-    estimator : HarmonicSINDy
-        What to fit.
-    choices : sequence of sequences of int
-        Sets of harmonics.
-    folds, seed : int
-        Blocks are dealt into this many folds, shuffled, so that each holds loud and quiet ones.
+    The decay has derivatives, and a choice is a set of harmonics. Blocks are dealt into ``folds``,
+    shuffled, so that each holds loud and quiet ones. The search is returned fitted: see its
+    ``best_params_["projection__harmonics"]`` and ``cv_results_``.
 
-    Returns
-    -------
-    GridSearchCV
-        Fitted: ``best_params_["projection__harmonics"]``, ``cv_results_``.
+    Raises
+    ------
+    ValueError
+        If the decay has too few cycles for four blocks.
     """
     search = GridSearchCV(
         clone(estimator),

@@ -68,18 +68,9 @@ def identify(
     omega: float | None = None,
     damping: Sequence[str] = (),
 ) -> Candidate:
-    """Identify one model and hold its backbone against the extracted one.
+    """Identify one model of a `library` and hold its backbone against the extracted one.
 
-    Parameters
-    ----------
-    decay, backbone : Decay, Backbone
-        What is learnt from, and what judges.
-    family, order, damping
-        See `library`.
-    recipe : HarmonicSINDy
-        How to regress.
-    omega : float, optional
-        Linear frequency that is known, rad/s; estimated by default.
+    ``omega`` is a linear frequency that is known, rad/s; it is estimated by default.
     """
     fixed = {} if omega is None else {"omega^2": omega**2}
     estimator = clone(recipe).set_params(library=library(family, order, damping), fixed=fixed)

@@ -63,15 +63,8 @@ def simulate_release(
 ) -> Motion:
     """Let a beam go from a tip displacement of a third of its length.
 
-    Parameters
-    ----------
-    beam, modes : Beam, ModalBasis
-        What moves, and the modes to record.
-    duration : float
-        s.
-    release_mode : int, optional
-        Hold by the modal force of this mode before the release; by default by a force at the tip,
-        which lets mode 2 go along.
+    It moves for a duration in s and is recorded in ``modes``. The modal force of ``release_mode``
+    holds it before; by default a force at the tip does, which lets mode 2 go along.
 
     Raises
     ------
@@ -91,14 +84,8 @@ def simulate_system(
 ) -> System:
     """Simulate the default beam, let go by a force at its tip, and compute what is true of it.
 
-    Parameters
-    ----------
-    elements : int
-        Quadratic elements; 150 in the paper.
-    duration : float
-        Of the decay, s.
-    orbits : int
-        Number of periodic orbits of the beam itself, evenly spaced in tip displacement.
+    The mesh has 150 quadratic elements in the paper. ``duration`` is that of the decay, s;
+    ``orbits`` is the number of periodic orbits, evenly spaced in tip displacement.
 
     Raises
     ------

@@ -160,22 +160,16 @@ def recipes(fits: Mapping[str, Fits], system: System) -> Table:
 
 def spread(trials: Sequence[Trial], system: System) -> Table:
     """Mean and standard deviation over seeds."""
+    truth = system.direct[5].coefficients
     rows: list[list[Cell]] = []
     for name in trials[0].candidates:
         found = [t.candidates[name] for t in trials]
         omega = np.array([parameters(c.model)["omega_1"] for c in found]) / system.omega - 1
-        worst = np.array([c.max_error for c in found])
-        row: list[Cell] = [name]
-        for values in (omega, worst):
-            row += [100 * float(values.mean()), 100 * float(values.std(ddof=1))]
+        columns: list[np.ndarray | None] = [omega, np.array([c.max_error for c in found])]
         for key in ("gamma_3", "Upsilon_3"):
-            truth = system.direct[5].coefficients[key]
-            if key in found[0].model.coefficients:
-                error = np.array([c.model.coefficients[key] for c in found]) / truth - 1
-                row += [100 * float(error.mean()), 100 * float(error.std(ddof=1))]
-            else:
-                row += [None, None]
-        rows.append(row)
+            values = [c.model.coefficients.get(key) for c in found]
+            columns.append(None if None in values else np.array(values, float) / truth[key] - 1)
+        rows.append([name, *(cell for column in columns for cell in _mean_and_deviation(column))])
     return Table(
         "experiment",
         f"Simulated experiment, order 5, linear frequency estimated, {len(trials)} seeds",
@@ -186,6 +180,12 @@ def spread(trials: Sequence[Trial], system: System) -> Table:
         ],
         rows,
     )  # fmt: skip
+
+
+def _mean_and_deviation(errors: np.ndarray | None) -> list[Cell]:
+    if errors is None:
+        return [None, None]
+    return [100 * float(errors.mean()), 100 * float(errors.std(ddof=1))]
 
 
 def seeds(trials: Sequence[Trial]) -> Table:
