@@ -10,13 +10,7 @@ from romsindy.effects.base import Parameter, Scales, TermEffect
 from romsindy.effects.load import Load, PointMass
 from romsindy.effects.mounting import AtPoint, Mounting, Point, TowardsAnchor
 from romsindy.physics.inertia import AddedMass, Inertia
-from romsindy.physics.stiffness import (
-    ConstantForce,
-    GapForce,
-    MagnetForce,
-    Stiffness,
-    StopForce,
-)
+from romsindy.physics.stiffness import ConstantForce, GapForce, MagnetForce, Stiffness, StopForce
 
 
 @dataclass(frozen=True)
