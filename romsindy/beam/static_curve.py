@@ -155,9 +155,8 @@ def follow_static_curve(
     steps = amplitude * np.arange(1, half + 1) / half
     up, down = (_held(assembly, basis, mode, sign * steps) for sign in (1.0, -1.0))
     q = np.concatenate([-steps[::-1], [0.0], steps])
-    force = np.array([f for _, f in down[::-1]] + [0.0] + [f for _, f in up])
-    rest = equilibrium.displacement
-    shapes = np.array([x for x, _ in down[::-1]] + [rest] + [x for x, _ in up])
+    held = [*down[::-1], (equilibrium.displacement, 0.0), *up]
+    shapes, force = (np.array(column) for column in zip(*held, strict=True))
     momentum = basis.momenta[basis.index(mode)]
     tangents = np.array([_tangent(assembly, x, momentum) for x in shapes])
     return StaticCurve(assembly.structure, basis, mode, amplitude, q, force, shapes, tangents)
