@@ -10,6 +10,7 @@ taken off, a fit of the reduced model is one of the beam (defect correction, [1]
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,9 +48,7 @@ def effects_of(parts: Sequence[Part]) -> list[Any]:
 
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
     """The beam with the effects of some parts."""
-    for effect in effects_of(parts):
-        beam = beam.with_effect(effect)
-    return beam
+    return reduce(Beam.with_effect, effects_of(parts), beam)
 
 
 def corrected(

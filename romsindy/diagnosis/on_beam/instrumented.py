@@ -55,19 +55,14 @@ class InstrumentedBeam:
         return self.coordinate(flat @ self.sensors.rows.T)
 
     def curve(self, reach: float) -> StaticCurve:
-        """Shapes of the first mode, held by its modal force, over the coordinate that is seen.
-
-        They go a little beyond the largest coordinate of interest, ``reach``, kg^0.5 m. Along the
-        shapes x(q) a force f(x, v) on the beam does the work Q dq with
-        Q(q, q_dot) = f(x(q), x'(q) q_dot) . x'(q): that is what the one coordinate feels of it.
-        """
+        """The static curve of the first mode, over the coordinate, a little beyond ``reach``."""
         own = self.beam.static_curve(amplitude=_MARGIN * reach, cases=_CASES)
         return own.read_by(self.seen, reach, _GRID)
 
     def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
         """Shape from which the first mode of a beam swings with the coordinate ``q``, kg^0.5 m.
 
-        It is held by a nodal load (n_nodes, 3) of any size; by default by the modal force of the
+        A nodal load, (n_nodes, 3) and of any size, holds it; by default the modal force of its
         first mode.
         """
         momentum, rest = beam.modes(count=1).momenta[0], beam.equilibrium()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -182,7 +181,7 @@ def _sensor_errors(
     readings = decay.between(t[0], t[-1]).q
     noise = np.array([noise_std(y) for y in readings.T])
     errors = [np.sqrt(np.mean((readings - c.readings) ** 2, axis=0)) / noise for c in both]
-    return tuple(itertools.starmap(SensorError, zip(seen.sensors.labels, *errors, strict=True)))
+    return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *errors, strict=True))
 
 
 def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
