@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -159,7 +159,8 @@ class TermEffect(Effect):
             If the effect names no law, is none and returns none.
         """
         if self.law is not None:
-            return replace(self.law, **vars(self))  # type: ignore[type-var]
+            shared = {f.name for f in fields(self.law)} & vars(self).keys()  # type: ignore[arg-type]
+            return replace(self.law, **{n: getattr(self, n) for n in shared})  # type: ignore[type-var]
         if not isinstance(self, Term):
             raise TypeError(
                 f"{type(self).__name__} must name its law, derive from one, or return one in term()"
