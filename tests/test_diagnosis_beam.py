@@ -29,7 +29,6 @@ from romsindy.diagnosis.on_beam.parameters import (
 )
 from romsindy.diagnosis.on_beam.report import recipe_of
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
-from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.effects import CATALOGUE, AirDrag, AtPoint, Damper, PointMass
 from romsindy.effects.base import Scales, State
 from romsindy.record.signals import with_noise
@@ -132,7 +131,7 @@ def test_a_force_of_ones_own_is_found():
 
 def test_forces_do_the_work_of_the_beam():
     """Mass damping of unit strength takes the power 2 T, and the mode has unit mass."""
-    curve = seen_curve(SEEN, 0.016)
+    curve = SEEN.curve(0.016)
     at = np.arange(3, len(curve.q) - 3, 19)
     steps = (curve.shapes[at + 1] - curve.shapes[at - 1]) / (curve.q[2] - curve.q[0])
     power = [2 * BEAM.assembly.kinetic(v) for v in steps]
@@ -148,7 +147,7 @@ def test_forces_do_the_work_of_the_beam():
     np.testing.assert_allclose(unit, 1.0, rtol=1e-4)
 
 
-CURVE = seen_curve(SEEN, 0.016)
+CURVE = SEEN.curve(0.016)
 FORCES = [
     f.shaped({p.name: p.starts[2] for p in f.parameters(Scales(0.016, 38.0, 20.0))})
     for f in (*mounted_effects(CURVE), *damping_effects(CURVE))

@@ -42,11 +42,12 @@ def named(model: rs.ReducedModel, decays: list[rs.Decay], cutoff: float) -> tupl
         target.append(-model.residual(state.q, state.q_dot, state.q_ddot))
         base.append(np.stack([state.q, state.q_dot]))
         for effect in CATALOGUE:
-            if effect.per_record or effect.readings(state.t, state.q, np.ones(2)) is not None:
+            if effect.per_record or effect.readings(state.t, state.q) is not None:
                 continue  # not a force: outside the recipe
-            starts = (s.starts for s in effect.shapes(scales))
-            for shape in itertools.islice(itertools.product(*starts), 20):
-                column = effect.forces(state, np.array(shape))[0]
+            known = effect.parameters(scales)
+            for shape in itertools.islice(itertools.product(*(p.starts for p in known)), 20):
+                values = {p.name: value for p, value in zip(known, shape, strict=True)}
+                column = effect.shaped(values).forces(state)[0]
                 columns.setdefault(f"{effect.name} {effect.variant} {shape}", []).append(column)
     names = [n for n in columns if n.split()[0] not in _LEFT_OUT]
     theta = np.stack([np.concatenate(columns[n]) for n in names], axis=1)
@@ -79,7 +80,7 @@ def main() -> None:
         truth = json.loads((chosen.folder / "truth" / f"{path.stem}.json").read_text())
         (name,) = truth["effects"]
         effect = next(e for e in CATALOGUE if e.name == name)
-        is_force = effect.readings(np.zeros(1), np.zeros(1), np.ones(2)) is None
+        is_force = effect.readings(np.zeros(1), np.zeros(1)) is None
         if not is_force or effect.per_record or name in _LEFT_OUT:
             continue
         total += 1

@@ -28,7 +28,6 @@ from romsindy.beam import CLAMPED, FREE, Beam, Section, SensorArray, Shape
 from romsindy.beam.changes import ClampCompliance, ExtraTension
 from romsindy.beam.sensors import Sensor
 from romsindy.beam.spring import find_spring
-from romsindy.diagnosis.on_beam import diagnose_beam
 from romsindy.effects import (
     AirDrag,
     AtPoint,
@@ -189,7 +188,7 @@ def trial(
     noisy = [with_noise(y, snr, 3 * seed + i) for i, y in enumerate(clean)]
     decays = [rs.Decay(step * np.arange(len(y)), y, unit="m") for y in spoilt(name, noisy, rng)]
     start = time.perf_counter()
-    report = diagnose_beam(
+    report = rs.diagnose(
         beam,
         decays[:2],
         sensors=sensors,

@@ -12,9 +12,9 @@ import numpy as np
 
 from romsindy.beam import element, kernel
 from romsindy.beam.structure import Structure
-from romsindy.beam.validation import require_position
 from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.effects.mounting import Point, Vector
+from romsindy.physics.validation import require_position
 
 
 class Place:
@@ -76,7 +76,6 @@ class Assembly:
             for at in places
         ]
         self._line_loads = [e for e in loads if e.distributed]
-        self.has_loads = bool(loads)
         self._dissipates = any(e.dissipates for e in loads)
         self.mass = self._mass_matrices()
         self._alpha_mass = structure.alpha * self.mass
@@ -116,10 +115,9 @@ class Assembly:
     def _supports(self) -> tuple[np.ndarray, np.ndarray]:
         """Return which freedoms are fixed and the rotational springs (left, right) [N m/rad]."""
         fixed = np.zeros((self.n_nodes, 3), dtype=bool)
-        left, right = self.structure.left, self.structure.right
-        fixed[0], fixed[-1] = left.fixed, right.fixed
-        springs = (left.rotational_stiffness, right.rotational_stiffness)
-        return fixed, np.array(springs)
+        ends = self.structure.left, self.structure.right
+        fixed[[0, -1]] = [end.fixed for end in ends]
+        return fixed, np.array([end.rotational_stiffness for end in ends])
 
     def mass_times(self, field: np.ndarray) -> np.ndarray:
         """Return M field."""
@@ -167,9 +165,8 @@ class Assembly:
             power += float(np.vdot(drag, v))
         out[0, 2] += self._ground[0] * x[0, 2]
         out[-1, 2] += self._ground[1] * x[-1, 2]
-        if self.has_loads:
-            self._add_loads(x, rate, out)
-            power += self._load_power(x, rate) if self._dissipates else 0.0
+        self._add_loads(x, rate, out)
+        power += self._load_power(x, rate) if self._dissipates else 0.0
         out[self.fixed] = 0.0
         return out, power
 
@@ -180,9 +177,8 @@ class Assembly:
         )
         R[:, 0, 2] += self._ground[0] * X[:, 0, 2]
         R[:, -1, 2] += self._ground[1] * X[:, -1, 2]
-        if self.has_loads:
-            for x, v, out in zip(X, V, R, strict=True):
-                self._add_loads(x, v, out)
+        for x, v, out in zip(X, V, R, strict=True):
+            self._add_loads(x, v, out)
         R[:, self.fixed] = 0.0
         return R
 
@@ -226,8 +222,17 @@ class Assembly:
     ) -> None:
         K[0, 2, 2] += self._ground[0]
         K[-1, 8, 8] += self._ground[1]
-        if self.has_loads:
-            self._add_load_tangents(x, v, K, C)
+        for place, loads in self._point_loads:
+            point = place.point(x, v)
+            for load in loads:
+                K[place.element] += place.spread.T @ np.array(load.tangent(point)) @ place.spread
+                if load.dissipates:
+                    rows: Any = load.damping_tangent(point)
+                    C[place.element] += place.spread.T @ np.array(rows) @ place.spread
+        for line in self._line_loads:
+            points = self._points(x, v)
+            for matrices, block in ((K, line.tangent(points)), (C, line.damping_tangent(points))):
+                self._add_blocks(matrices, block)
 
     def modal_stiffness(self, x: np.ndarray, phi: np.ndarray) -> float:
         """Return phi^T K phi at x, summed from squared strains.
@@ -246,21 +251,6 @@ class Assembly:
         # with eta = 1 that is the damping power of the velocity v
         scratch = np.zeros_like(self._rest)
         return float(kernel.add_internal_force(x, v, *self._stiffness, 1.0, scratch))
-
-    def _add_load_tangents(
-        self, x: np.ndarray, v: np.ndarray, K: np.ndarray, C: np.ndarray
-    ) -> None:
-        for place, loads in self._point_loads:
-            point = place.point(x, v)
-            for load in loads:
-                K[place.element] += place.spread.T @ np.array(load.tangent(point)) @ place.spread
-                if load.dissipates:
-                    rows: Any = load.damping_tangent(point)
-                    C[place.element] += place.spread.T @ np.array(rows) @ place.spread
-        for line in self._line_loads:
-            points = self._points(x, v)
-            for matrices, block in ((K, line.tangent(points)), (C, line.damping_tangent(points))):
-                self._add_blocks(matrices, block)
 
     def _add_blocks(self, matrices: np.ndarray, rows: object) -> None:
         """Add a 3 x 3 block per node (given as rows of arrays) to the element matrices."""

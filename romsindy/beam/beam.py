@@ -22,9 +22,9 @@ from romsindy.beam.static_curve import StaticCurve, follow_static_curve
 from romsindy.beam.statics import Shape, find_equilibrium, hold
 from romsindy.beam.structure import Structure
 from romsindy.beam.transient import simulate
-from romsindy.beam.validation import require_finite, require_positive
 from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.validation import require_finite, require_positive
 
 
 @dataclass(frozen=True)
@@ -216,13 +216,10 @@ class Beam(Structure):
                 f"tip_displacement = {tip_displacement} m is beyond the reach of a beam of "
                 f"{self.length} m whose tip rests at {height:.3g} m; ask for less"
             )
-        pattern = tip if mode is None else self._modal_load(mode)
-        return hold(self.assembly, rest, pattern, tip, tip_displacement)
-
-    def _modal_load(self, mode: int) -> np.ndarray:
-        if mode < 1:
+        if mode is not None and mode < 1:
             raise ValueError(f"mode = {mode} does not exist; modes count from 1")
-        return np.asarray(self.modes(count=mode).momenta[mode - 1])
+        pattern = tip if mode is None else self.modes(count=mode).momenta[mode - 1]
+        return hold(self.assembly, rest, pattern, tip, tip_displacement)
 
     # -- motion, reduced model, sensors --------------------------------------------------------
 

@@ -5,22 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from romsindy.beam.spring import find_spring
-from romsindy.beam.validation import require_finite, require_positive
+from romsindy.beam.spring import Spring, find_spring
 from romsindy.effects.load import PointMass
+from romsindy.physics.validation import require_finite, require_positive
 
 
 @dataclass(frozen=True)
-class StifferBending:
-    """A relative change of the bending stiffness EI.
+class _Change:
+    """One number; ``applied_to`` returns a beam that is changed by it.
 
     Parameters
     ----------
     change : float
-        0.01 is one per cent more.
+        Of a parameter in its unit, or relative to it: 0.01 is one per cent more.
     """
 
     change: float
+
+
+class StifferBending(_Change):
+    """A relative change of the bending stiffness EI."""
 
     def applied_to(self, beam: Any) -> Any:
         """Return `beam` with another EI."""
@@ -28,49 +32,42 @@ class StifferBending:
         return replace(beam, section=section)
 
 
-@dataclass(frozen=True)
-class StifferSpring:
-    """A relative change of the stiffness of the beam's spring; its natural length stays.
-
-    Parameters
-    ----------
-    change : float
-        0.01 is one per cent more.
-    """
-
-    change: float
+class StifferSpring(_Change):
+    """A relative change of the stiffness of the beam's spring; its natural length stays."""
 
     def applied_to(self, beam: Any) -> Any:
         """Return `beam` with another spring."""
         spring = find_spring(beam)
-        new = replace(spring, stiffness=spring.stiffness * (1 + self.change))
-        return replace(beam, effects=tuple(new if e is spring else e for e in beam.effects))
+        return _exchanged(beam, spring, stiffness=spring.stiffness * (1 + self.change))
 
 
-@dataclass(frozen=True)
-class HeavierMasses:
-    """A relative change of all point masses on the beam.
-
-    Parameters
-    ----------
-    change : float
-        0.01 is one per cent more.
-    """
-
-    change: float
+class HeavierMasses(_Change):
+    """A relative change of all point masses on the beam."""
 
     def applied_to(self, beam: Any) -> Any:
         """Return `beam` with other point masses."""
         factor = 1 + self.change
-        return replace(
-            beam,
-            effects=tuple(
-                replace(e, mass=e.mass * factor, rotary_inertia=e.rotary_inertia * factor)
-                if isinstance(e, PointMass)
-                else e
-                for e in beam.effects
-            ),
-        )
+        for e in (e for e in beam.effects if isinstance(e, PointMass)):
+            beam = _exchanged(
+                beam, e, mass=e.mass * factor, rotary_inertia=e.rotary_inertia * factor
+            )
+        return beam
+
+
+class MassDamping(_Change):
+    """A change of the mass-proportional damping alpha [1/s]; alpha stays at least zero."""
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with another alpha."""
+        return replace(beam, alpha=max(beam.alpha + self.change, 0.0))
+
+
+class MaterialDamping(_Change):
+    """A change of the stiffness-proportional damping eta [s]; eta stays at least zero."""
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with another eta."""
+        return replace(beam, eta=max(beam.eta + self.change, 0.0))
 
 
 @dataclass(frozen=True)
@@ -105,8 +102,7 @@ class ExtraTension:
                 f"tension = {self.tension} N would need a negative natural length; at most "
                 f"{most:.4g} N can be added"
             )
-        tightened = replace(spring, natural_length=natural)
-        return replace(beam, effects=tuple(tightened if e is spring else e for e in beam.effects))
+        return _exchanged(beam, spring, natural_length=natural)
 
 
 @dataclass(frozen=True)
@@ -144,35 +140,7 @@ class ClampCompliance:
         return replace(beam, left=support)
 
 
-@dataclass(frozen=True)
-class MassDamping:
-    """A change of the mass-proportional damping.
-
-    Parameters
-    ----------
-    change : float
-        Of alpha [1/s]; alpha stays at least zero.
-    """
-
-    change: float
-
-    def applied_to(self, beam: Any) -> Any:
-        """Return `beam` with another alpha."""
-        return replace(beam, alpha=max(beam.alpha + self.change, 0.0))
-
-
-@dataclass(frozen=True)
-class MaterialDamping:
-    """A change of the stiffness-proportional damping.
-
-    Parameters
-    ----------
-    change : float
-        Of eta [s]; eta stays at least zero.
-    """
-
-    change: float
-
-    def applied_to(self, beam: Any) -> Any:
-        """Return `beam` with another eta."""
-        return replace(beam, eta=max(beam.eta + self.change, 0.0))
+def _exchanged(beam: Any, effect: Spring | PointMass, **values: float) -> Any:
+    """The beam with other values of one of its effects."""
+    new = replace(effect, **values)  # type: ignore[arg-type]
+    return replace(beam, effects=tuple(new if e is effect else e for e in beam.effects))

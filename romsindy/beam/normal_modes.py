@@ -23,7 +23,7 @@ from romsindy.beam.motion import Motion
 from romsindy.beam.statics import Shape, find_equilibrium, hold
 from romsindy.beam.structure import Structure
 from romsindy.beam.transient import simulate
-from romsindy.beam.validation import require_finite
+from romsindy.physics.validation import require_finite
 
 # In a period of the linear mode; the highest of five bending modes needs them.
 _STEPS = 480

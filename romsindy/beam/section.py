@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from romsindy.beam.validation import require_positive
+from romsindy.physics.validation import require_positive
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from romsindy.beam.assembly import Assembly
 from romsindy.beam.modes import ModalBasis, Recorded
-from romsindy.beam.validation import require_position
+from romsindy.physics.validation import require_position, unit_vector
 from romsindy.record.decay import Decay
 from romsindy.record.signals import with_noise
 
@@ -39,10 +38,7 @@ class Sensor:
     direction: tuple[float, float] = TRANSVERSE
 
     def __post_init__(self) -> None:
-        if not 0.0 < math.hypot(*self.direction) < math.inf:
-            raise ValueError(
-                f"direction = {self.direction} points nowhere; (0, 1) is transverse, (1, 0) axial"
-            )
+        unit_vector(self.direction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +151,7 @@ def place_sensors(assembly: Assembly, sensors: Sequence[Sensor | float]) -> Sens
             placed += [Sensor(float(sensor), TRANSVERSE), Sensor(float(sensor), AXIAL)]
     if not placed:
         raise ValueError("sensors is empty; give at least one position, in m")
-    return SensorArray(tuple(placed), np.array([_row(assembly, sensor) for sensor in placed]))
-
-
-def _row(assembly: Assembly, sensor: Sensor) -> np.ndarray:
-    require_position("sensor at", sensor.at, assembly.structure.length)
-    norm = math.hypot(*sensor.direction)
-    unit = (sensor.direction[0] / norm, sensor.direction[1] / norm)
-    return assembly.point_load(unit, at=sensor.at).ravel()
+    for sensor in placed:
+        require_position("sensor at", sensor.at, assembly.structure.length)
+    rows = [assembly.point_load(unit_vector(s.direction), at=s.at).ravel() for s in placed]
+    return SensorArray(tuple(placed), np.array(rows))

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from romsindy.beam.validation import require_finite, require_positive
 from romsindy.effects.load import MountedLaw
 from romsindy.effects.mounting import TowardsAnchor
 from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.validation import require_finite, require_positive
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,7 @@ class Spring(MountedLaw):
     def __post_init__(self) -> None:
         require_positive("stiffness", self.stiffness, zero_allowed=True)
         require_positive("natural_length", self.natural_length, zero_allowed=True)
-        for value in self.anchor:
-            require_finite("anchor", value)
+        require_finite("anchor", *self.anchor)
 
     law = Stiffness(1)
 
@@ -57,6 +56,11 @@ class Spring(MountedLaw):
         return TowardsAnchor(self.anchor, self.at, self.natural_length)
 
 
+def springs_of(beam: Any) -> list[Spring]:
+    """Return the springs of a beam."""
+    return [e for e in beam.effects if isinstance(e, Spring)]
+
+
 def find_spring(beam: Any) -> Spring:
     """Return the one spring of a beam.
 
@@ -65,7 +69,7 @@ def find_spring(beam: Any) -> Spring:
     ValueError
         If there is none, or more than one.
     """
-    springs = [e for e in beam.effects if isinstance(e, Spring)]
+    springs = springs_of(beam)
     if len(springs) != 1:
         raise ValueError(f"the beam has {len(springs)} springs, this effect needs exactly one")
     return springs[0]

@@ -23,9 +23,9 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from romsindy.beam.assembly import Assembly, factorise, solve
 from romsindy.beam.modes import ModalBasis, solve_modes
-from romsindy.beam.statics import Control, Shape, find_displaced
+from romsindy.beam.statics import Shape, find_displaced
 from romsindy.beam.structure import Structure
-from romsindy.beam.validation import require_positive
+from romsindy.physics.validation import require_positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,10 @@ class StaticCurve:
         """Equilibrium displacement, (n_nodes, 3), m, m, rad."""
         return self.basis.equilibrium.displacement
 
+    def within(self, q: np.ndarray) -> np.ndarray:
+        """Coordinates, those beyond the curve at its ends."""
+        return np.clip(q, self.q[0], self.q[-1])
+
     @cached_property
     def assembly(self) -> Assembly:
         """The discretised beam."""
@@ -100,11 +104,7 @@ class StaticCurve:
     def resistance(self, effect: Any, rate: float) -> CubicSpline:
         """Return what an effect adds to the left side of the equation of motion, over q.
 
-        Parameters
-        ----------
-        effect : Load or change of the beam
-        rate : float
-            q_dot, kg^0.5 m/s.
+        The effect is a load or a change of the beam, ``rate`` is q_dot, kg^0.5 m/s.
         """
         changed, own = Assembly(effect.applied_to(self.beam)), self.assembly
         work = [
@@ -118,14 +118,8 @@ class StaticCurve:
     ) -> StaticCurve:
         """Return the curve over another coordinate, at `n` even steps.
 
-        Parameters
-        ----------
-        coordinate : callable
-            Linear: takes displacements from the equilibrium, (n, n_nodes, 3), to (n,) coordinates.
-        reach : float
-            Largest new coordinate of interest, kg^0.5 m.
-        n : int
-            Number of shapes.
+        The coordinate is linear and takes displacements from the equilibrium, (n, n_nodes, 3), to
+        (n,) values; ``reach`` is the largest of interest, kg^0.5 m.
         """
         q = coordinate(self.shapes - self.rest)
         slope = coordinate(self.tangents)  # d(new q)/dq
@@ -161,9 +155,8 @@ def follow_static_curve(
     steps = amplitude * np.arange(1, half + 1) / half
     up, down = (_held(assembly, basis, mode, sign * steps) for sign in (1.0, -1.0))
     q = np.concatenate([-steps[::-1], [0.0], steps])
-    force = np.array([f for _, f in down[::-1]] + [0.0] + [f for _, f in up])
-    rest = equilibrium.displacement
-    shapes = np.array([x for x, _ in down[::-1]] + [rest] + [x for x, _ in up])
+    held = [*down[::-1], (equilibrium.displacement, 0.0), *up]
+    shapes, force = (np.array(column) for column in zip(*held, strict=True))
     momentum = basis.momenta[basis.index(mode)]
     tangents = np.array([_tangent(assembly, x, momentum) for x in shapes])
     return StaticCurve(assembly.structure, basis, mode, amplitude, q, force, shapes, tangents)
@@ -175,10 +168,10 @@ def _held(
     """Return shapes and factors of the modal force at coordinates that go outwards."""
     momentum = basis.momenta[basis.index(mode)]
     x, factor = basis.equilibrium.displacement, 0.0
-    control, origin = Control(momentum), float(np.vdot(momentum, x))
+    origin = float(np.vdot(momentum, x))
     found = []
     for value in values:
-        x, factor = find_displaced(assembly, x, momentum, control, origin + value, factor)
+        x, factor = find_displaced(assembly, x, momentum, momentum, origin + value, factor)
         found.append((x, factor))
     return found
 

@@ -52,16 +52,6 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Control:
-    """What a displacement-controlled solve prescribes: sum(weights * x) takes a given value."""
-
-    weights: np.ndarray
-
-    def measure(self, x: np.ndarray) -> float:
-        return float(np.vdot(self.weights, x))
-
-
-@dataclass(frozen=True)
 class _State:
     x: np.ndarray
     factor: float
@@ -72,10 +62,10 @@ def _newton(
     start: _State,
     pattern: np.ndarray,
     weight_share: float,
-    control: Control | None,
+    reading: np.ndarray | None,
     target: float,
 ) -> _State | None:
-    """Solve r(x) = factor * pattern; without `control` the factor stays, else it is found too."""
+    """Solve r(x) = factor * pattern; with a `reading` find the factor where it is at `target`."""
     x, factor = start.x.copy(), start.factor
     length = assembly.structure.length
     for _ in range(_MAX_ITERATIONS):
@@ -84,9 +74,9 @@ def _newton(
         stiffness, _ = assembly.tangents(x)
         factors = factorise(stiffness, assembly.fixed)
         increment = solve(factors, factor * pattern - residual)
-        if control is not None:
+        if reading is not None:
             unit = solve(factors, pattern)
-            change = (target - control.measure(x + increment)) / control.measure(unit)
+            change = (target - np.vdot(reading, x + increment)) / np.vdot(reading, unit)
             factor += change
             increment += change * unit
         size = np.max(np.abs(increment) / [length, length, 1.0])
@@ -153,11 +143,11 @@ def find_displaced(
     assembly: Assembly,
     start: np.ndarray,
     pattern: np.ndarray,
-    control: Control,
+    reading: np.ndarray,
     target: float,
     factor: float = 0.0,
 ) -> tuple[np.ndarray, float]:
-    """Return (x, factor): equilibrium under factor * pattern with the control at `target`.
+    """Return (x, factor): equilibrium under factor * pattern where sum(reading * x) is `target`.
 
     The path starts from the equilibrium `start` under `factor * pattern`.
 
@@ -167,11 +157,11 @@ def find_displaced(
         If there is no such equilibrium on the path.
     """
     pattern = _free(assembly, pattern)
-    first = control.measure(start)
+    first = float(np.vdot(reading, start))
 
     def solve_at(share: float, guess: _State) -> _State | None:
         goal = first + share * (target - first)
-        return _newton(assembly, guess, pattern, 1.0, control, goal)
+        return _newton(assembly, guess, pattern, 1.0, reading, goal)
 
     found = _march(solve_at, _State(start, factor))
     if found is None:
@@ -187,24 +177,16 @@ def hold(
 ) -> Shape:
     """Return the shape held by a multiple of `pattern` where `reading` has changed by `distance`.
 
-    Parameters
-    ----------
-    assembly : Assembly
-    rest : Shape
-        The equilibrium from which the path starts.
-    pattern, reading : (n_nodes, 3) array
-        A nodal load, and the weights of the displacement that is prescribed.
-    distance : float
-        By how much that displacement changes, m.
+    The path starts from the equilibrium ``rest``. ``pattern`` is a nodal load, ``reading`` holds
+    the weights of the displacement that is prescribed, (n_nodes, 3) each.
 
     Raises
     ------
     NoEquilibriumError
         If there is no such equilibrium on the path.
     """
-    control = Control(reading)
-    goal = control.measure(rest.displacement) + distance
-    x, factor = find_displaced(assembly, rest.displacement, pattern, control, goal)
+    goal = float(np.vdot(reading, rest.displacement)) + distance
+    x, factor = find_displaced(assembly, rest.displacement, pattern, reading, goal)
     return Shape(assembly.s, x, factor * pattern)
 
 

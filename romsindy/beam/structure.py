@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from romsindy.beam.section import Section
-from romsindy.beam.validation import require_finite, require_position, require_positive
 from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.effects.mounting import TowardsAnchor
+from romsindy.physics.validation import require_finite, require_position, require_positive
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,7 @@ class Structure:
         require_positive("length", self.length)
         require_positive("alpha", self.alpha, zero_allowed=True)
         require_positive("eta", self.eta, zero_allowed=True)
-        for value in self.gravity:
-            require_finite("gravity", value)
+        require_finite("gravity", *self.gravity)
         if not isinstance(self.elements, int | np.integer) or self.elements < 1:
             raise ValueError(f"elements must be a positive whole number, got {self.elements!r}")
         for effect in self.effects:

@@ -18,7 +18,7 @@ from romsindy.beam.recorder import Recorder
 from romsindy.beam.sensors import SensorArray
 from romsindy.beam.statics import Shape
 from romsindy.beam.stepper import FINEST, Budget, Stepper
-from romsindy.beam.validation import require_positive
+from romsindy.physics.validation import require_positive
 
 DEFAULT_STEP = 1e-3
 DEFAULT_ENERGY_TOLERANCE = 1e-4

@@ -119,13 +119,6 @@ def identify(
     file: Path | None,
     example: bool,
     seed: int,
-    unit: str | None,
-    quantity: Any,
-    column: str | None,
-    time: str | None,
-    rate: float | None,
-    start: float | None,
-    end: float | None,
     order: int,
     damping: tuple[str, ...],
     fix: dict[str, float],
@@ -137,6 +130,7 @@ def identify(
     report: Path | None,
     model: Path | None,
     figure: Path | None,
+    **reading: Any,
 ) -> None:
     """Identify an equation of motion from the free decay in FILE.
 
@@ -145,9 +139,7 @@ def identify(
     if example == (file is not None):
         raise click.UsageError("name one FILE, or ask for --example")
     if file is not None:
-        record = load_decay(
-            file, unit, quantity, column=column, time=time, rate=rate, start=start, end=end
-        )
+        record = load_decay(file, **reading)
         title, report = f"Free decay {file.name}", report or Path(f"{file.stem}_report.html")
     else:
         record = example_decay(35.0, seed)
@@ -220,7 +212,7 @@ def _bar(steps: Any, what: str, total: int | None = None) -> Any:
 
 
 def _aligned(rows: list[list[str]]) -> str:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
         left = [cell.ljust(w) for cell, w in zip(row[:2], widths[:2], strict=True)]

@@ -32,7 +32,8 @@ from romsindy.record.decay import Decay
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.typing import Array
 
-_FREE = ("omega^2", "c_linear")
+# What a model is unsure of, where nothing else is said.
+FREE = ("omega^2", "c_linear")
 # Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
 _ASYMMETRY_CYCLES = 20.0
 
@@ -48,10 +49,10 @@ def check_request(
     """Raise a ValueError for arguments that cannot be meant."""
     if not measured:
         raise ValueError("measured is empty: give at least one Decay")
-    unknown = [name for name in free if isinstance(name, str) and name not in _FREE]
+    unknown = [name for name in free if isinstance(name, str) and name not in FREE]
     if unknown:
         raise ValueError(
-            f"free = {list(free)}: {unknown} cannot be free; use names of {list(_FREE)}, and"
+            f"free = {list(free)}: {unknown} cannot be free; use names of {list(FREE)}, and"
             " tolerances for other coefficients"
         )
     for name, relative in tolerances.items():
@@ -131,16 +132,15 @@ def _check_frequency(model: ReducedModel, record: Record, i: int) -> None:
     amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
     said = model.backbone(amplitudes)
     reach = model.amplitude_range
-    if reach is not None and record.amplitude < NO_OVERLAP * reach[0]:
-        raise ValueError(
+    if reach is not None:
+        sizes = (
             f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
-            f" {reach[1]:.3g}: no overlap in amplitude; check the unit, or excite more"
+            f" {reach[1]:.3g}"
         )
-    if reach is not None and record.amplitude > OTHER_SCALE * reach[1]:
-        raise ValueError(
-            f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
-            f" {reach[1]:.3g}: other scale; check the unit of the decay"
-        )
+        if record.amplitude < NO_OVERLAP * reach[0]:
+            raise ValueError(f"{sizes}: no overlap in amplitude; check the unit, or excite more")
+        if record.amplitude > OTHER_SCALE * reach[1]:
+            raise ValueError(f"{sizes}: other scale; check the unit of the decay")
     if np.all(np.isnan(said)):
         raise ValueError(
             f"the model has no periodic motion at the amplitudes of decay {i} (up to"

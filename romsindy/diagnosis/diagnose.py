@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from romsindy.beam import Beam, SensorArray, Shape
+from romsindy.diagnosis.checks import FREE
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.workflow import FLOOR, FREE, diagnose_model
+from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -25,7 +28,7 @@ def diagnose(
     free: Sequence[str | Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
-    false_alarm: float = 0.01,
+    false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
     floor: float = FLOOR,
     n_jobs: int = 1,
@@ -88,43 +91,22 @@ def diagnose(
     strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
     if strange:
         raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
+    options = Options(
+        tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or (lambda _: None)
+    )
+    several = [measured] if isinstance(measured, Decay) else list(measured)
+    near = tolerances or {}
     if isinstance(model, Beam):
         if sensors is None:
             raise ValueError(
                 "sensors = None: a Beam needs the sensors that measured it, such as"
                 " sensors=beam.sensors([0.2, 0.45])"
             )
-        return diagnose_beam(
-            model,
-            measured,
-            sensors=sensors,
-            held_out=held_out,
-            release=release,
-            free=free or (),
-            tolerances=tolerances,
-            catalogue=catalogue,
-            false_alarm=false_alarm,
-            max_effects=max_effects,
-            floor=floor,
-            n_jobs=n_jobs,
-            progress=progress,
-        )
+        return diagnose_beam(model, several, sensors, held_out, release, free or (), near, options)
     if not isinstance(model, ReducedModel):
         raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
     if release is not None:
         raise ValueError("release = ... belongs to a Beam: leave it out for a ReducedModel")
-    return diagnose_model(
-        model,
-        measured,
-        held_out=held_out,
-        free=FREE if free is None else free,
-        tolerances=tolerances,
-        catalogue=catalogue,
-        false_alarm=false_alarm,
-        max_effects=max_effects,
-        floor=floor,
-        n_jobs=n_jobs,
-        progress=progress,
-    )
+    return diagnose_model(model, several, held_out, FREE if free is None else free, near, options)

@@ -26,27 +26,16 @@ from romsindy.typing import Array
 class Hypothesis:
     """A fitted hypothesis and what it is worth; the first ``n_free`` parts are the unsure ones.
 
-    Attributes
-    ----------
-    solution : Solution
-    n_free : int
-    moved : tuple of str
-        Names of the unsure values that moved.
-    misfit : float
-        Chi-square of the whitened residual.
-    price : float
-        Of all values, and of their distance from what was known.
-    excess : float
-        Structure that is left in the residual, over that of noise, at least 1. Differences of
-        misfit are divided by it: structure that stays unexplained is as large by chance.
+    Differences of misfit are divided by the excess: structure that stays unexplained is as large by
+    chance.
     """
 
     solution: Solution
     n_free: int
-    moved: tuple[str, ...]
-    misfit: float
-    price: float
-    excess: float
+    moved: tuple[str, ...]  # names of the unsure values that moved
+    misfit: float  # chi-square of the whitened residual
+    price: float  # of all values, and of their distance from what was known
+    excess: float  # structure left in the residual, over that of noise, at least 1
 
     @classmethod
     def of(cls, solution: Solution, n_free: int, n_samples: int, structure: float) -> Hypothesis:

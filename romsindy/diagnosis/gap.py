@@ -8,7 +8,7 @@ import numpy as np
 
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import CERTAIN
-from romsindy.record.backbone import extract_backbone
+from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
@@ -26,17 +26,21 @@ class Prediction:
         misfit = self.record.whitened(self.record.signal - simulated)
         return float(np.sqrt(np.mean(misfit**2)))
 
+    def backbone(self, signal: Array) -> Backbone | None:
+        """Backbone of a signal (n,); None where it dies out at once, so that it has no cycles."""
+        try:
+            return extract_backbone(Decay(self.record.t, signal, unit=self.record.decay.unit))
+        except ValueError:
+            return None
+
     def backbone_errors(self, simulated: Array) -> tuple[float, float]:
         """Rms of the relative error of frequency, and of the error of the damping ratio.
 
         Cycle by cycle at equal amplitude, over the amplitudes that both have; nan where the
         simulation has no cycles to read.
         """
-        t, unit = self.record.t, self.record.decay.unit
-        try:
-            true = extract_backbone(Decay(t, self.record.signal, unit=unit))
-            said = extract_backbone(Decay(t, simulated, unit=unit))
-        except ValueError:
+        true, said = (self.backbone(x) for x in (self.record.signal, simulated))
+        if true is None or said is None:
             return float("nan"), float("nan")
         order = np.argsort(said.amplitude)
         a = said.amplitude[order]

@@ -12,8 +12,6 @@ from romsindy.diagnosis.missing_force import MissingForce, errors_per_cycle, rec
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
-from romsindy.record.backbone import Backbone, extract_backbone
-from romsindy.record.decay import Decay
 from romsindy.show import diagnosis_plots as show
 from romsindy.show.page import Picture
 from romsindy.typing import Array
@@ -22,19 +20,7 @@ from romsindy.typing import Array
 def pictures(
     model: ReducedModel, parts: Sequence[Part], records: Sequence[Record], gap: Gap
 ) -> Iterator[Picture]:
-    """What a simulation missed, and what it misses with some parts added.
-
-    Parameters
-    ----------
-    model : ReducedModel
-        The simulation as it was.
-    parts : sequence of Part
-        What is added to it.
-    records : sequence of Record
-        To which the parts were fitted.
-    gap : Gap
-        On what took no part.
-    """
+    """What a simulation missed, and what it misses with the parts that were fitted to records."""
     prediction = gap.predictions[0]
     yield _in_time(prediction, gap)
     yield _by_amplitude(prediction)
@@ -57,7 +43,7 @@ def _in_time(p: Prediction, gap: Gap) -> Picture:
 
 def _by_amplitude(p: Prediction) -> Picture:
     signals = {"measured": p.record.signal, "before": p.before, "after": p.after}
-    read = {name: _backbone(p.record.t, signal) for name, signal in signals.items()}
+    read = {name: p.backbone(signal) for name, signal in signals.items()}
     backbones = {name: backbone for name, backbone in read.items() if backbone is not None}
     before, after = (p.backbone_errors(x) for x in (p.before, p.after))
     caption = (
@@ -69,13 +55,6 @@ def _by_amplitude(p: Prediction) -> Picture:
     return Picture(
         "amplitude", "By amplitude", caption, partial(show.draw_backbones, backbones, unit)
     )
-
-
-def _backbone(t: Array, x: Array) -> Backbone | None:
-    try:
-        return extract_backbone(Decay(t, x))
-    except ValueError:  # a simulation that dies out at once has no cycles to draw
-        return None
 
 
 def _by_phase(missing: MissingForce) -> Picture:

@@ -142,9 +142,7 @@ class DiagnosisReport:
         """Values that the simulation was unsure of and that moved, beside the effects."""
         if not self.best.effects:
             return ()
-        parts = self.best.solution.parts[: self.best.n_free]
-        chosen = [i for i, p in enumerate(parts) if p.effect.name in self.best.moved]
-        return tuple(self._effect(self.best, i) for i in chosen)
+        return tuple(self._effect(self.best, i) for i in _moved(self.best))
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
@@ -152,13 +150,8 @@ class DiagnosisReport:
         return tuple(h.names for h in self.rivals if h.names)
 
     def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
-        n = hypothesis.n_free
-        parts = hypothesis.solution.parts
-        if len(parts) > n:
-            chosen = list(range(n, len(parts)))
-        else:
-            chosen = [i for i in range(n) if parts[i].effect.name in hypothesis.moved]
-        return tuple(self._effect(hypothesis, i) for i in chosen)
+        effects = range(hypothesis.n_free, len(hypothesis.solution.parts))
+        return tuple(self._effect(hypothesis, i) for i in effects or _moved(hypothesis))
 
     def _effect(self, hypothesis: Hypothesis, index: int) -> FoundEffect:
         solution = hypothesis.solution
@@ -167,10 +160,8 @@ class DiagnosisReport:
         grow = max(self.remainder.ratio, 1.0)
         std = grow * np.sqrt(np.diag(solution.covariance[where, where]))
         names = _value_names(part)
-        share = weights(self.rivals)
-        weight = sum(
-            w for h, w in zip(self.rivals, share, strict=True) if part.effect.name in h.names
-        )
+        shares = zip(self.rivals, weights(self.rivals), strict=True)
+        weight = sum(share for h, share in shares if part.effect.name in h.names)
         return FoundEffect(
             part.effect.name,
             part.effect.label,
@@ -195,16 +186,13 @@ class DiagnosisReport:
         if self.verdict == "none":
             return (
                 "The simulation lacks nothing that these data can show: what it leaves is"
-                f" {self.remainder.ratio:.3g} times the noise, {self.gap.after:.3g} times on"
-                f" {where}."
+                f" {self.remainder.ratio:.3g} times the noise, {after:.3g} times on {where}."
             )
         found = " and ".join(map(str, self.effects))
         also = "".join(f" Fitted beside it: {e}." for e in self.moved)
         if self.verdict == "unknown":
-            nearest = (
-                f" The nearest is {found}, but it does not close the gap: {gap}." if found else ""
-            )
-            return f"Nothing in the catalogue explains the gap: {self._character}.{nearest}{also}"
+            near = f" The nearest is {found}, but it does not close the gap: {gap}." * bool(found)
+            return f"Nothing in the catalogue explains the gap: {self._character}.{near}{also}"
         if len(self.rivals) == 1 and len(self.best.moved) > 1:
             return (
                 f"The simulation lacks {found}: with it, {gap}. Linear stiffness and damping moved"
@@ -213,9 +201,8 @@ class DiagnosisReport:
             )
         if self.verdict == "named":
             return f"The simulation lacks {found}: with it, {gap}.{also}"
-        others = ", or ".join(
-            " and ".join(e.title for e in self._found(h)) for h in self.rivals[1:]
-        )
+        each = (" and ".join(e.title for e in self._found(h)) for h in self.rivals[1:])
+        others = ", or ".join(each)
         advice = self._found(self.rivals[0])[0].advice
         return (
             f"The simulation lacks {found}, or {others}; these data do not tell them apart."
@@ -241,9 +228,8 @@ class DiagnosisReport:
 
     def table(self) -> list[list[str]]:
         """Rows of text: every explanation that the data allow, with its values."""
-        rows = [
-            ["explanation", "variant", "value", "estimate", "standard error", "unit", "posterior"]
-        ]
+        head = "explanation,variant,value,estimate,standard error,unit,posterior"
+        rows = [head.split(",")]
         for h, share in zip(self.rivals, weights(self.rivals), strict=True):
             for effect in self._found(h):
                 for key, value in effect.values.items():
@@ -309,6 +295,12 @@ class DiagnosisReport:
             ],
             "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
         }
+
+
+def _moved(hypothesis: Hypothesis) -> list[int]:
+    """Which of its unsure parts moved."""
+    parts = hypothesis.solution.parts[: hypothesis.n_free]
+    return [i for i, p in enumerate(parts) if p.effect.name in hypothesis.moved]
 
 
 def _units(part: Part, of_q: str | None) -> list[str]:

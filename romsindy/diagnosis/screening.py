@@ -28,38 +28,21 @@ _BEATS = 0.12
 
 @dataclass(frozen=True)
 class Screened:
-    """One effect with its shape values, screened.
-
-    Attributes
-    ----------
-    effect : Effect
-    chi_squared : float
-        What the linear problem leaves with it.
-    strengths : (n_sets, k) array
-    """
+    """One effect with its shape values, screened."""
 
     effect: Effect
-    chi_squared: float
-    strengths: Array
+    chi_squared: float  # what the linear problem leaves with it
+    strengths: Array  # (n_sets, k)
 
 
 @dataclass(frozen=True)
 class Screening:
-    """Normal equations of always-free columns (first) and candidates.
-
-    Attributes
-    ----------
-    system : NormalEquations
-        Its first ``n_base`` columns are always free.
-    candidates : tuple of (Effect, columns)
-    scales : Scales
-        With the lines of the spectrum.
-    """
+    """Normal equations of ``n_base`` always-free columns (first) and of candidates."""
 
     system: NormalEquations
     n_base: int
     candidates: tuple[tuple[Effect, Indices], ...]
-    scales: Scales
+    scales: Scales  # with the lines of the spectrum
 
     @property
     def base(self) -> float:
@@ -77,35 +60,35 @@ class Screening:
         for effect, columns in self.candidates:
             x, gain = self.system.by_some(np.concatenate([always, columns]))
             own = x[len(always) :]
-            if effect.sign and np.all(own < 0) and not effect.start:
+            if _reversed(effect, own):
                 gain = self.system.power - self.base
-            strengths = own.reshape(-1, effect.n_strengths)
-            found.append(Screened(effect, self.system.power - gain, strengths))
+            found.append(_screened(effect, self.system.power - gain, own))
         return sorted(found, key=lambda s: s.chi_squared)
 
-    def pairs(self, chosen: Sequence[Screened]) -> list[tuple[float, Screened, Screened]]:
-        """Pairs of different effects among some candidates: what is left, best first."""
+    def pairs(self, chosen: Sequence[Screened]) -> list[tuple[Screened, Screened]]:
+        """Pairs of different effects among some candidates, best first."""
         where = dict(self.candidates)
         found = []
-        for a, b in itertools.combinations(chosen, 2):
-            if a.effect.name == b.effect.name:
+        for a, b in itertools.combinations([s.effect for s in chosen], 2):
+            if a.name == b.name:
                 continue
-            columns = [np.arange(self.n_base), where[a.effect], where[b.effect]]
-            x, gain = self.system.by_some(np.concatenate(columns))
-            k = len(columns[1])
-            own = (x[self.n_base : self.n_base + k], x[self.n_base + k :])
-            if any(
-                s.effect.sign and np.all(v < 0) and not s.effect.start
-                for s, v in zip((a, b), own, strict=True)
-            ):
-                continue
-            left = self.system.power - gain
-            first, second = (
-                Screened(s.effect, left, v.reshape(-1, s.effect.n_strengths))
-                for s, v in zip((a, b), own, strict=True)
+            x, gain = self.system.by_some(
+                np.concatenate([np.arange(self.n_base), where[a], where[b]])
             )
-            found.append((left, first, second))
-        return sorted(found, key=lambda p: p[0])
+            of_a, of_b = np.split(x[self.n_base :], [len(where[a])])
+            if not (_reversed(a, of_a) or _reversed(b, of_b)):
+                left = self.system.power - gain
+                found.append((_screened(a, left, of_a), _screened(b, left, of_b)))
+        return sorted(found, key=lambda pair: pair[0].chi_squared)
+
+
+def _screened(effect: Effect, chi_squared: float, strengths: Array) -> Screened:
+    return Screened(effect, chi_squared, strengths.reshape(-1, effect.n_strengths))
+
+
+def _reversed(effect: Effect, strengths: Array) -> bool:
+    """Whether an effect that must be positive is negative, and says no other start."""
+    return bool(effect.sign and np.all(strengths < 0) and not effect.start)
 
 
 def screen(
@@ -118,18 +101,9 @@ def screen(
 ) -> Screening:
     """Screen effects as additions to a model with its parts (which stay free).
 
-    Parameters
-    ----------
-    model : ReducedModel
-    parts : sequence of Part
-        Always free: their values now, and what was accepted already.
-    effects : sequence of Effect
-        Candidates.
-    records : sequence of Record
-    scales : Scales
-        Without lines; those are found in what the parts leave.
-    motions : sequence of Trajectory, optional
-        To linearise about; the smoothed measurement by default.
+    The parts are the values now of what is unsure, and what was accepted already. The scales come
+    without lines: those are found in what the parts leave. The equation is linearised about the
+    motions, by default the smoothed measurement.
     """
     motions = motions or [r.motion for r in records]
     parts = tuple(parts)
@@ -227,7 +201,5 @@ def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:
     part = Part.of(effect, scales, n_records, start)
     if effect.start:
         return part
-    strengths = screened.strengths
-    if effect.sign:
-        strengths = np.maximum(strengths, 0.0)
-    return replace(part, strengths=strengths)
+    least = 0.0 if effect.sign else -np.inf
+    return replace(part, strengths=np.maximum(screened.strengths, least))

@@ -26,56 +26,37 @@ from romsindy.physics.model import ReducedModel
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _PAIRS = 5
-Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to look for what is missing: see `romsindy.diagnosis.diagnose`."""
+
+    catalogue: tuple[Effect, ...]
+    false_alarm: float
+    max_effects: int
+    floor: float
+    n_jobs: int
+    progress: Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What a search found.
+    """What a search found; its lists have the best first."""
 
-    Attributes
-    ----------
-    rivals : list of Hypothesis
-        What the data do not tell apart, best first.
-    compared : list of Hypothesis
-        All that were fitted, best first.
-    base : Hypothesis
-        Without any effect.
-    """
-
-    rivals: list[Hypothesis]
-    compared: list[Hypothesis]
-    base: Hypothesis
+    rivals: list[Hypothesis]  # what the data do not tell apart
+    compared: list[Hypothesis]  # all that were fitted
+    base: Hypothesis  # without any effect
 
 
 @dataclass(frozen=True)
 class Search:
-    """Looks for effects that a model lacks in some records.
-
-    Parameters
-    ----------
-    model : ReducedModel
-    records : sequence of Record
-    free : tuple of Part
-        What the simulation is unsure of: always free, blamed only if nothing else is.
-    catalogue : sequence of Effect
-    false_alarm : float
-        Probability of naming an effect where there is none.
-    max_effects : int
-    n_jobs : int
-        Processes for the candidates.
-    progress : callable
-        Called with a line of text for every candidate under test.
-    """
+    """Looks for effects that a model lacks in some records."""
 
     model: ReducedModel
     records: Sequence[Record]
-    free: tuple[Part, ...]
-    catalogue: tuple[Effect, ...]
-    false_alarm: float
-    max_effects: int
-    n_jobs: int
-    progress: Progress
+    free: tuple[Part, ...]  # always fitted, blamed only if nothing else is
+    options: Options
 
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
         """Fit and weigh the unsure values together with some effects."""
@@ -84,21 +65,21 @@ class Search:
     def fitted(self, trials: Sequence[Sequence[Part]]) -> list[Hypothesis]:
         """Fit and weigh several, in parallel."""
         for parts in trials:
-            self.progress(" + ".join(p.effect.name for p in parts))
+            self.options.progress(" + ".join(p.effect.name for p in parts))
         given = (self.model, self.records, len(self.free))
         # Functions of data alone go to other processes: a Search holds what cannot.
         tasks = (delayed(_fitted)(*given, (*self.free, *parts)) for parts in trials)
-        return list(Parallel(self.n_jobs)(tasks))
+        return list(Parallel(self.options.n_jobs)(tasks))
 
     def polished(self, several: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Go on with the fits that have not come to their end."""
         given = (self.model, self.records, len(self.free))
-        return list(Parallel(self.n_jobs)(delayed(_polished)(*given, h) for h in several))
+        return list(Parallel(self.options.n_jobs)(delayed(_polished)(*given, h) for h in several))
 
     def remainder(self, hypothesis: Hypothesis) -> Adequacy:
         """What a hypothesis leaves."""
         s = hypothesis.solution
-        return examine(self.records, s.residuals, s.n_values, self.false_alarm)
+        return examine(self.records, s.residuals, s.n_values, self.options.false_alarm)
 
     def run(self) -> Finding:
         """Look for the best hypothesis.
@@ -117,7 +98,7 @@ class Search:
         best = base
         seen: list[Hypothesis] = [base]
         first: Screening | None = None
-        while len(best.effects) < self.max_effects and not self._negligible(best):
+        while len(best.effects) < self.options.max_effects and not self._negligible(best):
             screening = self._screened(best)
             first = first or screening
             tried = self._one_more(best, screening)
@@ -165,14 +146,14 @@ class Search:
 
     def _screened(self, best: Hypothesis) -> Screening:
         used = {p.effect.name for p in best.solution.parts}
-        left = [e for e in self.catalogue if e.name not in used]
+        left = [e for e in self.options.catalogue if e.name not in used]
         # Linearised about the measured motion, where all effects have left their mark.
         return screen(self.model, best.solution.parts, left, self.records, scales(self.records))
 
     def _instead(self, base: Hypothesis) -> list[Hypothesis]:
         """Effects that do what values that moved do, with those at their nominal values."""
         screening = screen(
-            self.model, self.free, self.catalogue, self.records, scales(self.records)
+            self.model, self.free, self.options.catalogue, self.records, scales(self.records)
         )
         n_free = sum(p.strengths.size for p in self.free)
         leaders = _leaders(screening.singles(held=n_free), 1)
@@ -185,7 +166,7 @@ class Search:
     def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
         """The survivors of a screening, fitted together with what was accepted, best first."""
         singles = screening.singles()
-        needed = chi2.isf(self.false_alarm / max(len(self.catalogue), 1), 1)
+        needed = chi2.isf(self.options.false_alarm / max(len(self.options.catalogue), 1), 1)
         if not singles or min(screening.base, best.misfit) - singles[0].chi_squared < 0.5 * needed:
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
@@ -196,7 +177,7 @@ class Search:
         """The best effects and what resembles them, and a second start for the leaders."""
         leaders = _leaders(singles, 1)
         names = [s.effect.name for s in leaders[:_SURVIVORS]]
-        alike = [look_alikes(name, self.catalogue) for name in names[:2]]
+        alike = [look_alikes(name, self.options.catalogue) for name in names[:2]]
         kept = set(names).union(*alike)
         chosen = [s for s in leaders if s.effect.name in kept]
         again = [s for s in singles if s.effect.name in names[:2] and s not in chosen]
@@ -208,7 +189,7 @@ class Search:
     def _pairs(self, screening: Screening) -> list[Hypothesis]:
         chosen = _leaders(screening.singles(), 3)
         trials, names = [], set()
-        for _, a, b in screening.pairs(chosen):
+        for a, b in screening.pairs(chosen):
             key = frozenset((a.effect.name, b.effect.name))
             if key not in names:
                 names.add(key)
@@ -220,10 +201,10 @@ class Search:
     def _worth(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether more effects gain more than chance would, over all that was looked at."""
         more = len(after.effects) - len(before.effects)
-        n_looks = max(len(self.catalogue), 1) ** more
+        n_looks = max(len(self.options.catalogue), 1) ** more
         # Structure that stays unexplained is as large by chance: the test is one of variances.
         gain = (before.misfit - after.misfit) / after.excess
-        alarm = chi2.isf(self.false_alarm / n_looks, more)
+        alarm = chi2.isf(self.options.false_alarm / n_looks, more)
         return bool(gain > alarm and gain > after.price - before.price + 2 * np.log(n_looks))
 
     def _pruned(self, best: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
@@ -247,7 +228,7 @@ class Search:
         used = {p.effect.name for p in best.effects}
         trials = []
         for i, part in enumerate(best.effects):
-            for name in sorted(look_alikes(part.effect.name, self.catalogue) - used):
+            for name in sorted(look_alikes(part.effect.name, self.options.catalogue) - used):
                 if name in leaders:
                     other = self._part(leaders[name], first)
                     trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])

@@ -23,22 +23,11 @@ _RICH = ("gamma_2", "gamma_3", "gamma_4", "gamma_5", "Upsilon_3", "Upsilon_5", "
 
 
 class SimulationModel(NamedTuple):
-    """Arguments of `diagnose` that stand for a simulated series.
+    """Arguments of `diagnose` that stand for a simulated series."""
 
-    Attributes
-    ----------
-    model : ReducedModel
-        Linear and cubic stiffness, viscous damping, over the amplitudes of the simulation.
-    tolerances : dict
-        Nonlinear stiffness is known from the series to its own size only.
-    floor : float
-        Twice what the richest equation leaves of the series, as a part of the amplitude: the
-        simulation itself is no better known.
-    """
-
-    model: ReducedModel
-    tolerances: dict[str, float]
-    floor: float
+    model: ReducedModel  # over the amplitudes of the simulation
+    tolerances: dict[str, float]  # nonlinear stiffness is known to its own size only
+    floor: float  # twice what the richest equation leaves, per amplitude: no better known
 
 
 def model_of_simulation(simulated: Decay) -> SimulationModel:
@@ -65,11 +54,8 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
 
 
 def _fitted(start: ReducedModel, names: tuple[str, ...], record: Record) -> Solution:
-    effects: list[Effect] = [
-        LinearFrequency(),
-        Viscous(),
-        *(Coefficient(term_from_key(n)) for n in names),
-    ]
+    nonlinear = [Coefficient(term_from_key(n)) for n in names]
+    effects: list[Effect] = [LinearFrequency(), Viscous(), *nonlinear]
     parts = [Part.of(e, scales([record]), 1) for e in effects]
     return fit(start, parts, [record], iterations=30)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,102 +12,46 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport, verdict_of
-from romsindy.diagnosis.search import Search
-from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
+from romsindy.diagnosis.search import Options, Search
+from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
-from romsindy.fit.verdict import FALSE_ALARM, FLOOR, ROUNDED
+from romsindy.fit.verdict import ROUNDED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import fundamental_frequency
 
 _TRAINING = 0.75  # of each record, where no other record is held out
 _LEAST_CYCLES = 6  # of a part that is held out
-FREE = ("omega^2", "c_linear")  # what a model is unsure of, where nothing else is said
 
 
 def diagnose_model(
     model: ReducedModel,
-    measured: Decay | Sequence[Decay],
-    *,
-    held_out: Decay | None = None,
-    free: Sequence[str | Effect] = FREE,
-    tolerances: Mapping[str, float] | None = None,
-    catalogue: Sequence[Effect] = CATALOGUE,
-    false_alarm: float = FALSE_ALARM,
-    max_effects: int = 3,
-    floor: float = FLOOR,
-    n_jobs: int = 1,
-    progress: Callable[[str], None] | None = None,
+    measured: Sequence[Decay],
+    held_out: Decay | None,
+    free: Sequence[str | Effect],
+    tolerances: Mapping[str, float],
+    options: Options,
 ) -> DiagnosisReport:
     """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
-    several = [measured] if isinstance(measured, Decay) else list(measured)
-    check_request(model, several, held_out, free, tolerances or {}, false_alarm)
-    several = [over_shared_amplitudes(model, d) for d in several]
-    training, tests, unseen = _split(several, held_out)
-    records = checked_records(model, training, floor)
-    return diagnose_records(
-        model,
-        records,
-        [Record.loud(d, floor) for d in tests] if unseen else records,
-        unseen=unseen,
-        free=free,
-        tolerances=tolerances,
-        catalogue=catalogue,
-        false_alarm=false_alarm,
-        max_effects=max_effects,
-        n_jobs=n_jobs,
-        progress=progress,
-    )
-
-
-def diagnose_records(
-    model: ReducedModel,
-    records: Sequence[Record],
-    tests: Sequence[Record],
-    *,
-    unseen: bool,
-    free: Sequence[str | Effect] = ("omega^2", "c_linear"),
-    tolerances: Mapping[str, float] | None = None,
-    catalogue: Sequence[Effect] = CATALOGUE,
-    false_alarm: float = FALSE_ALARM,
-    max_effects: int = 3,
-    n_jobs: int = 1,
-    progress: Callable[[str], None] | None = None,
-) -> DiagnosisReport:
-    """As `diagnose`, for records that are prepared and belong to the model.
-
-    Parameters
-    ----------
-    model : ReducedModel
-    records, tests : sequences of Record
-        To learn from, and to judge by.
-    unseen : bool
-        Whether the tests take no part otherwise.
-    free, tolerances, catalogue, false_alarm, max_effects, n_jobs, progress
-        As in `diagnose`.
-    """
+    check_request(model, measured, held_out, free, tolerances, options.false_alarm)
+    several = [over_shared_amplitudes(model, d) for d in measured]
+    training, late = _split(several, held_out)
+    records = checked_records(model, training, options.floor)
+    tests = [Record.loud(d, options.floor) for d in late] or records
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
-    parts = _unsure(model, free, tolerances or {}, all_scales, len(records))
+    parts = _unsure(model, free, tolerances, all_scales, len(records))
     names = {p.effect.name for p in parts}
-    search = Search(
-        model,
-        records,
-        parts,
-        tuple(e for e in catalogue if e.name not in names),
-        false_alarm,
-        max_effects,
-        n_jobs,
-        progress or (lambda _: None),
-    )
+    looked_for = tuple(e for e in options.catalogue if e.name not in names)
+    search = Search(model, records, parts, replace(options, catalogue=looked_for))
     found = search.run()
     best = _snapped(search, found.rivals[0])
     rivals = [best, *found.rivals[1:]]
     left = search.remainder(best)
-    gap = Gap(tuple(predict(model, best.solution.parts, test) for test in tests), unseen)
+    gap = Gap(tuple(predict(model, best.solution.parts, test) for test in tests), bool(late))
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
@@ -125,10 +69,10 @@ def diagnose_records(
 
 def _split(
     several: Sequence[Decay], held_out: Decay | None
-) -> tuple[list[Decay], list[Decay], bool]:
-    """Records to learn from, records to judge by, and whether these took no part."""
+) -> tuple[Sequence[Decay], Sequence[Decay]]:
+    """Records to learn from, and what takes no part: nothing where all are too short."""
     if held_out is not None:
-        return list(several), [held_out], True
+        return several, [held_out]
     early, late = [], []
     for decay in several:
         cut = decay.t[0] + _TRAINING * (decay.t[-1] - decay.t[0])
@@ -138,7 +82,7 @@ def _split(
         else:
             early.append(decay.between(end=cut))
             late.append(decay.between(start=cut))
-    return early, late or early, bool(late)
+    return early, late
 
 
 def _smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:

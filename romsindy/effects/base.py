@@ -3,11 +3,12 @@
 The contract for a new effect: one small frozen dataclass with ``name``, ``label``, ``family``,
 whose fields are its shape values (an exponent, a gap), each with its usual value as default.
 
-* An effect on the motion derives from `TermEffect` and returns its law from `term`; or it derives
-  from a law too, and is its own. From the law follow the term of a reduced model, the load on a
-  beam (``mounting``: where on it), the candidate of the diagnosis, and its JSON.
+* An effect on the motion derives from `TermEffect` and names its ``law``, whose fields of the same
+  name it sets (or returns it from `term`); or it derives from a law too, and is its own. From the
+  law follow the term of a reduced model, the load on a beam (``mounting``: where on it), the
+  candidate of the diagnosis, and its JSON.
 * An effect that knows the time derives from `TimedEffect` (``pull``).
-* An effect of the sensor derives from `ReadingEffect` (``shown``).
+* An effect of the sensor derives from `ReadingEffect` (`readings`).
 
 All are linear in their strengths. `parameters` says which fields a fit may change, from which
 values it starts, their limits and prior. ``sign`` = 1 says that a negative strength is unphysical;
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ import numpy as np
 from romsindy.effects.load import Load, PointMass
 from romsindy.effects.mounting import AlongBeam, Mounting, Point
 from romsindy.physics.damping import FrictionLaw
+from romsindy.physics.stiffness import side_name
 from romsindy.physics.term import Term, unit_text
 from romsindy.typing import Array
 
@@ -51,31 +53,15 @@ class Scales(NamedTuple):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A shape value of an effect that a fit may change.
+    """A shape value of an effect that a fit may change, within the limits ``low`` and ``high``."""
 
-    Attributes
-    ----------
-    name : str
-        The field of the effect.
-    starts : tuple of float
-        Values to screen.
-    low, high : float
-        Limits.
-    spread : float or None
-        Standard deviation of the prior about ``starts[0]``; None: any value within the limits.
-    reach : float or None
-        How far a fit may go from the value that it starts from.
-    unit : str
-        "q" stands for the unit of the coordinate.
-    """
-
-    name: str
-    starts: tuple[float, ...]
+    name: str  # the field of the effect
+    starts: tuple[float, ...]  # values to screen
     low: float
     high: float
-    spread: float | None = None
-    reach: float | None = None
-    unit: str = ""
+    spread: float | None = None  # standard deviation of the prior about starts[0]; None: no prior
+    reach: float | None = None  # how far a fit may go from the value that it starts from
+    unit: str = ""  # "q" stands for the unit of the coordinate
 
     def from_start(self, start: float) -> Parameter:
         """The same with the limits of a fit that starts from one of the values."""
@@ -108,7 +94,7 @@ class Effect(ABC):
     @property
     def variant(self) -> str:
         """What tells apart effects of the same name, such as the side of a stop."""
-        return ""
+        return side_name(self.side) if hasattr(self, "side") else ""
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         """Fields that a fit may change."""
@@ -155,6 +141,7 @@ class Effect(ABC):
 class TermEffect(Effect):
     """An effect that is a law of the equation of motion."""
 
+    law: ClassVar[Term | None] = None  # the fields of the effect are put in for its own
     mounting: ClassVar[Mounting | None] = None  # where it is looked for on a beam
     spread: ClassVar[float] = 0.0  # standard deviation of its exponent, where that is but a guess
 
@@ -164,16 +151,19 @@ class TermEffect(Effect):
         return (Parameter.near("exponent", textbook, self.spread),) if self.spread else ()
 
     def term(self) -> Term:
-        """The law; the effect itself, where it derives from one.
+        """The law with the fields of the effect; the effect itself, where it derives from one.
 
         Raises
         ------
         TypeError
-            If the effect is no law and returns none.
+            If the effect names no law, is none and returns none.
         """
+        if self.law is not None:
+            shared = {f.name for f in fields(self.law)} & vars(self).keys()  # type: ignore[arg-type]
+            return replace(self.law, **{n: getattr(self, n) for n in shared})  # type: ignore[type-var]
         if not isinstance(self, Term):
             raise TypeError(
-                f"{type(self).__name__} must derive from a law, or return one in term()"
+                f"{type(self).__name__} must name its law, derive from one, or return one in term()"
             )
         return self
 
@@ -266,17 +256,5 @@ class ReadingEffect(Effect):
     family = "measurement"
 
     @abstractmethod
-    def shown(self, t: Array, q: Array) -> Array:
-        """Additions to the reading, (n_strengths, n)."""
-
-    def shown_dq(self, t: Array, q: Array) -> Array:
-        """Derivative of `shown` with respect to q."""
-        return np.zeros((self.n_strengths, len(q)))
-
     def readings(self, t: Array, q: Array) -> Array:
-        """What is shown beside q."""
-        return self.shown(t, q)
-
-    def reading_slopes(self, t: Array, q: Array) -> Array:
-        """Derivatives of what is shown."""
-        return self.shown_dq(t, q)
+        """Additions to the reading, (n_strengths, n)."""

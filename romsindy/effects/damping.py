@@ -7,13 +7,7 @@ from typing import ClassVar
 
 from romsindy.effects.base import Parameter, Scales, TermEffect
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, TowardsAnchor
-from romsindy.physics.damping import (
-    AmplitudeDamping,
-    Friction,
-    PowerDamping,
-    RubbingFriction,
-)
-from romsindy.physics.stiffness import side_name
+from romsindy.physics.damping import AmplitudeDamping, Friction, PowerDamping, RubbingFriction
 
 
 @dataclass(frozen=True)
@@ -22,9 +16,7 @@ class Viscous(TermEffect):
 
     name, family = "viscous", "damping"
     label = "other viscous damping than assumed"
-
-    def term(self) -> PowerDamping:
-        return PowerDamping(1)
+    law = PowerDamping(1)
 
 
 @dataclass(frozen=True)
@@ -48,9 +40,7 @@ class AirDrag(TermEffect):
     advice = "a decay from a larger amplitude, or one in thinner air"
     resembles = ("amplitude_damping", "cubic_damping")
     mounting = AlongBeam()
-
-    def term(self) -> PowerDamping:
-        return PowerDamping(self.exponent)
+    law = PowerDamping()
 
 
 @dataclass(frozen=True)
@@ -63,9 +53,7 @@ class SpeedCubedDamping(TermEffect):
     name, family, sign = "cubic_damping", "damping", 1
     label = "damping proportional to speed cubed"
     advice = "a decay from a larger amplitude: the third harmonic decides"
-
-    def term(self) -> PowerDamping:
-        return PowerDamping(self.exponent)
+    law = PowerDamping()
 
 
 @dataclass(frozen=True)
@@ -79,9 +67,7 @@ class GrowingDamping(TermEffect):
     label = "damping q^2 q_dot that grows with displacement"
     advice = "a decay from a larger amplitude: the third harmonic decides"
     resembles = ("cubic_damping",)
-
-    def term(self) -> AmplitudeDamping:
-        return AmplitudeDamping(self.exponent)
+    law = AmplitudeDamping()
 
 
 @dataclass(frozen=True)
@@ -93,9 +79,7 @@ class DryFriction(TermEffect):
     advice = "a decay followed to smaller amplitudes, where friction stops the motion"
     resembles = ("rubbing", "hysteretic")
     mounting: ClassVar[Mounting] = AtPoint()
-
-    def term(self) -> Friction:
-        return Friction()
+    law = Friction()
 
 
 @dataclass(frozen=True)
@@ -118,9 +102,7 @@ class Hysteretic(TermEffect):
     label = "hysteretic (structural) damping"
     advice = "decays at another frequency, with a mass added"
     resembles = ("rubbing",)
-
-    def term(self) -> Friction:
-        return Friction(self.exponent)
+    law = Friction()
 
 
 @dataclass(frozen=True)
@@ -131,17 +113,11 @@ class Rubbing(TermEffect):
     gap: float = 0.0
 
     name, family, sign = "rubbing", "damping", 1
+    law = RubbingFriction()
     label = "rubbing on one side"
     advice = "a second sensor next to the suspected contact"
-
-    @property
-    def variant(self) -> str:
-        return side_name(self.side)
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
         starts = (0.0, 0.03 * a, -0.03 * a)
         return (Parameter("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
-
-    def term(self) -> RubbingFriction:
-        return RubbingFriction(self.gap, self.side)

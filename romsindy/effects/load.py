@@ -6,27 +6,16 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from romsindy.effects.mounting import AlongBeam, AtPoint, Matrix, Mounting, Point, Vector
 from romsindy.physics.term import Term
+from romsindy.physics.validation import require_finite, require_positive
 
 
 class MountedLaw:
-    """Anything that is a law, times a strength, with a mounting.
+    """Anything that is a law, times a strength, with a mounting."""
 
-    Attributes
-    ----------
-    law : Term
-        Of displacement and speed.
-    strength : float
-        What the law is multiplied by: N over its dimension; per m along a beam.
-    mounting : Mounting
-        Where it acts.
-    """
-
-    law: Term
-    strength: float
+    law: Term  # of displacement and speed
+    strength: float  # N over the dimension of the law; per m along a beam
     mounting: Mounting
 
     @property
@@ -80,20 +69,17 @@ class MountedLaw:
     def tangent(self, point: Point) -> Matrix:
         """Return -d(force)/d(x, y, theta)."""
         d, w, g = self._motion(point)
-        turning = self.mounting.turning(point)
         f = self._resistance(d, w)
         by_w = self.strength * self.law.damping_dq_dot(d, w)
         by_d = self.strength * (self.law.stiffness_dq(d) + self.law.damping_dq(d, w))
         by_d = 0.0 if self.distributed else by_d
-        v, (t0, t1, t2) = point.velocity, turning
+        v, (t0, t1, t2) = point.velocity, self.mounting.turning(point)
         # w = g . v turns with g.
-        b0, b1, b2 = (
-            by_d * g[j] + by_w * (t0[j] * v[0] + t1[j] * v[1] + t2[j] * v[2]) for j in range(3)
-        )
+        b = [by_d * g[j] + by_w * (t0[j] * v[0] + t1[j] * v[1] + t2[j] * v[2]) for j in range(3)]
         return (
-            (g[0] * b0 + f * t0[0], g[0] * b1 + f * t0[1], g[0] * b2 + f * t0[2]),
-            (g[1] * b0 + f * t1[0], g[1] * b1 + f * t1[1], g[1] * b2 + f * t1[2]),
-            (g[2] * b0 + f * t2[0], g[2] * b1 + f * t2[1], g[2] * b2 + f * t2[2]),
+            (g[0] * b[0] + f * t0[0], g[0] * b[1] + f * t0[1], g[0] * b[2] + f * t0[2]),
+            (g[1] * b[0] + f * t1[0], g[1] * b[1] + f * t1[1], g[1] * b[2] + f * t1[2]),
+            (g[2] * b[0] + f * t2[0], g[2] * b[1] + f * t2[1], g[2] * b[2] + f * t2[2]),
         )
 
     def damping_tangent(self, point: Point) -> Matrix:
@@ -141,8 +127,7 @@ class Load(MountedLaw):
     mounting: Mounting = field(default_factory=AtPoint)
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.strength):
-            raise ValueError(f"strength must be a finite number, got {self.strength}")
+        require_finite("strength", self.strength)
         kind = type(self.law).__name__
         if not (self.law.has("stiffness") or self.law.has("damping")):
             raise ValueError(f"law = {kind} is no force: a PointMass adds mass to a beam")
@@ -184,10 +169,8 @@ class PointMass:
     rotary_inertia: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("mass", "rotary_inertia"):
-            value = getattr(self, name)
-            if not 0.0 <= value < np.inf:
-                raise ValueError(f"{name} must be zero or positive, got {value}")
+        require_positive("mass", self.mass, zero_allowed=True)
+        require_positive("rotary_inertia", self.rotary_inertia, zero_allowed=True)
 
     def applied_to(self, beam: Any) -> Any:
         """Return `beam` with this mass."""

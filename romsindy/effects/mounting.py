@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from romsindy.physics.validation import require_finite, unit_vector
+
 Vector = tuple[Any, Any, Any]
 Matrix = tuple[Vector, Vector, Vector]
 
@@ -107,11 +109,7 @@ class AtPoint(Mounting):
     datum: float = 0.0
 
     def __post_init__(self) -> None:
-        norm = math.hypot(*self.direction)
-        if not 0.0 < norm < math.inf:
-            raise ValueError(f"direction = {self.direction} points nowhere; (0, 1) is upwards")
-        unit = (self.direction[0] / norm, self.direction[1] / norm)
-        object.__setattr__(self, "direction", unit)
+        object.__setattr__(self, "direction", unit_vector(self.direction))
 
     def kinematics(self, point: Point) -> tuple[Any, Vector]:
         ex, ey = self.direction
@@ -144,9 +142,7 @@ class TowardsAnchor(Mounting):
     length: float = 0.0
 
     def __post_init__(self) -> None:
-        for value in self.anchor or ():
-            if not math.isfinite(value):
-                raise ValueError(f"anchor must be a finite number, got {value}")
+        require_finite("anchor", *self.anchor or ())
         if not 0.0 <= self.length < math.inf:
             raise ValueError(f"length = {self.length!r} m must be zero or positive")
 

@@ -42,10 +42,9 @@ class SuddenChange(TimedEffect):
     advice = "the same decay repeated after an inspection"
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        starts = tuple(scales.duration * np.linspace(0.05, 0.9, 18))
-        return (
-            Parameter("time", starts, 0.02 * scales.duration, 0.97 * scales.duration, unit="s"),
-        )
+        end = scales.duration
+        starts = tuple(end * np.linspace(0.05, 0.9, 18))
+        return (Parameter("time", starts, 0.02 * end, 0.97 * end, unit="s"),)
 
     def pull(self, t: Array, q: Array) -> Array:
         return self.pull_dq(t, q) * q
@@ -94,7 +93,7 @@ class Hum(ReadingEffect):
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return (_tone(scales),)
 
-    def shown(self, t: Array, q: Array) -> Array:
+    def readings(self, t: Array, q: Array) -> Array:
         return np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
 
 
@@ -112,7 +111,7 @@ class SecondMode(ReadingEffect):
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return (_tone(scales), Parameter("damping_ratio", (0.002, 0.005, 0.012), 0.0003, 0.05))
 
-    def shown(self, t: Array, q: Array) -> Array:
+    def readings(self, t: Array, q: Array) -> Array:
         envelope = np.exp(-self.damping_ratio * self.frequency * t)
         return envelope * np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
 
@@ -126,7 +125,7 @@ class Bias(ReadingEffect):
     label = "an offset of the sensor"
     advice = "a record of the structure at rest"
 
-    def shown(self, t: Array, q: Array) -> Array:
+    def readings(self, t: Array, q: Array) -> Array:
         return np.ones((1, len(t)))
 
 
@@ -139,10 +138,10 @@ class Gain(ReadingEffect):
     label = "a wrong gain of the sensor"
     advice = "a calibration of the sensor, or a second sensor beside it"
 
-    def shown(self, t: Array, q: Array) -> Array:
+    def readings(self, t: Array, q: Array) -> Array:
         return q[None]
 
-    def shown_dq(self, t: Array, q: Array) -> Array:
+    def reading_slopes(self, t: Array, q: Array) -> Array:
         return np.ones((1, len(q)))
 
 
@@ -160,10 +159,10 @@ class SensorNonlinearity(ReadingEffect):
     def variant(self) -> str:
         return f"q^{self.power}"
 
-    def shown(self, t: Array, q: Array) -> Array:
+    def readings(self, t: Array, q: Array) -> Array:
         return q[None] ** self.power
 
-    def shown_dq(self, t: Array, q: Array) -> Array:
+    def reading_slopes(self, t: Array, q: Array) -> Array:
         return self.power * q[None] ** (self.power - 1)
 
 
@@ -182,8 +181,8 @@ class Saturation(ReadingEffect):
         starts = tuple(a * np.array([1.0, 0.985, 0.965, 0.94]))
         return (Parameter("limit", starts, 0.5 * a, 1.05 * a, unit="q"),)
 
-    def shown(self, t: Array, q: Array) -> Array:
+    def readings(self, t: Array, q: Array) -> Array:
         return -(np.sign(q) * np.maximum(np.abs(q) - self.limit, 0.0))[None]
 
-    def shown_dq(self, t: Array, q: Array) -> Array:
+    def reading_slopes(self, t: Array, q: Array) -> Array:
         return -1.0 * (np.abs(q) > self.limit)[None]

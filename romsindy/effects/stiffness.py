@@ -10,14 +10,7 @@ from romsindy.effects.base import Parameter, Scales, TermEffect
 from romsindy.effects.load import Load, PointMass
 from romsindy.effects.mounting import AtPoint, Mounting, Point, TowardsAnchor
 from romsindy.physics.inertia import AddedMass, Inertia
-from romsindy.physics.stiffness import (
-    ConstantForce,
-    GapForce,
-    MagnetForce,
-    Stiffness,
-    StopForce,
-    side_name,
-)
+from romsindy.physics.stiffness import ConstantForce, GapForce, MagnetForce, Stiffness, StopForce
 
 
 @dataclass(frozen=True)
@@ -27,9 +20,7 @@ class LinearFrequency(TermEffect):
     name, family = "linear_frequency", "stiffness"
     label = "another linear stiffness (natural frequency) than assumed"
     advice = "a second mode, or a decay with a known mass added"
-
-    def term(self) -> Stiffness:
-        return Stiffness(1)
+    law = Stiffness(1)
 
 
 @dataclass(frozen=True)
@@ -39,9 +30,7 @@ class MoreMass(TermEffect):
     name, family, sign = "added_mass", "inertia", 1
     label = "added mass"
     advice = "a second mode: mass and stiffness move it differently"
-
-    def term(self) -> AddedMass:
-        return AddedMass()
+    law = AddedMass()
 
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> PointMass:
         """A point mass [kg], at the right end if nothing else is said."""
@@ -96,9 +85,7 @@ class QuadraticStiffness(TermEffect):
     label = "quadratic (asymmetric) stiffness, as from sag"
     advice = "a test in another position relative to gravity"
     resembles = ("bilinear", "constant_force", "bias", "sensor_nonlinearity")
-
-    def term(self) -> Stiffness:
-        return Stiffness(2)
+    law = Stiffness(2)
 
 
 @dataclass(frozen=True)
@@ -109,9 +96,7 @@ class SteadyForce(TermEffect):
     label = "a constant force"
     advice = "a record of the structure at rest before and after"
     resembles = ("bilinear", "bias", "sensor_nonlinearity")
-
-    def term(self) -> ConstantForce:
-        return ConstantForce()
+    law = ConstantForce()
 
 
 @dataclass(frozen=True)
@@ -122,9 +107,7 @@ class NonlinearInertia(TermEffect):
     label = "nonlinear inertia"
     advice = "a larger amplitude: the third harmonic decides"
     resembles = ("gain", "added_mass", "magnet")
-
-    def term(self) -> Inertia:
-        return Inertia(3)
+    law = Inertia(3)
 
 
 @dataclass(frozen=True)
@@ -134,6 +117,7 @@ class Bilinear(TermEffect):
     gap: float = 0.0
 
     name, family = "bilinear", "stiffness"
+    law = StopForce()
     label = "bilinear stiffness, as of a crack that opens and closes"
     advice = "a static pull to either side"
     resembles = ("bias", "sensor_nonlinearity")
@@ -142,9 +126,6 @@ class Bilinear(TermEffect):
         a = scales.amplitude
         starts = (0.0, 0.025 * a, -0.025 * a, 0.05 * a, -0.05 * a)
         return (Parameter("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
-
-    def term(self) -> StopForce:
-        return StopForce(self.gap)
 
 
 class _AtRest(TermEffect):
@@ -171,13 +152,10 @@ class Stop(_AtRest):
     exponent: float = 1.0
 
     name, family, sign = "stop", "stiffness", 1
+    law = StopForce()
     label = "a stop on one side"
     resembles = ("two_sided_gap", "cubic_stiffness", "saturation")
     mounting = AtPoint()
-
-    @property
-    def variant(self) -> str:
-        return side_name(self.side)
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         gap = _gap(scales, 0.2)
@@ -185,9 +163,6 @@ class Stop(_AtRest):
             starts = tuple(-g for g in gap.starts)
             gap = replace(gap, starts=starts, low=-gap.high, high=-gap.low)
         return (gap, Parameter.near("exponent", 1.0, 0.04))
-
-    def term(self) -> StopForce:
-        return StopForce(self.gap, self.side, self.exponent)
 
 
 @dataclass(frozen=True)
@@ -198,15 +173,13 @@ class TwoSidedGap(_AtRest):
     exponent: float = 1.0
 
     name, family, sign = "two_sided_gap", "stiffness", 1
+    law = GapForce()
     label = "a spring with a gap on both sides"
     resembles = ("cubic_stiffness", "saturation")
     mounting = AtPoint()
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return (_gap(scales, 0.15), Parameter.near("exponent", 1.0, 0.04))
-
-    def term(self) -> GapForce:
-        return GapForce(self.gap, self.exponent)
 
 
 @dataclass(frozen=True)
@@ -218,23 +191,17 @@ class Magnet(_AtRest):
     exponent: float = 2.0
 
     name, family, sign = "magnet", "stiffness", 1
+    law = MagnetForce()
     label = "a magnet that attracts from one side"
     advice = "a static pull towards the magnet, or a larger amplitude"
     resembles = ("gain", "added_mass")
     mounting = AtPoint()
-
-    @property
-    def variant(self) -> str:
-        return side_name(self.side)
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
         starts = (1.3 * a, 1.5 * a, 1.8 * a, 2.3 * a)
         distance = Parameter("distance", starts, 1.1 * a, 4 * a, unit="q")
         return (distance, Parameter.near("exponent", self.exponent, 0.07))
-
-    def term(self) -> MagnetForce:
-        return MagnetForce(self.distance, self.side, self.exponent)
 
     def placed(self, mounting: Mounting, rest: Point) -> Mounting:
         """A pole at the distance from the point at rest, pulling along the line to it."""

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from romsindy.physics.term import Scalars, Term, WeakForm
+
+
+def _sum_of(part: str) -> Callable[..., Scalars]:
+    """The method of a combination that adds up this method of its terms."""
+
+    def total(self: Combination, *arguments: Scalars) -> Scalars:
+        pairs = zip(self.terms, self.weights, strict=True)
+        return sum(w * getattr(term, part)(*arguments) for term, w in pairs)
+
+    return total
 
 
 @dataclass(frozen=True)
 class Combination(Term):
     """Terms that a single cause changes together, such as the bending stiffness of a beam.
 
-    Attributes
-    ----------
-    cause : str
-        Its name is that of the coefficient.
-    terms : tuple of Term
-    weights : tuple of float
-        Change of each coefficient for a unit of the cause.
+    The coefficient is named after the cause; a weight is the change of a term's coefficient for a
+    unit of the cause.
     """
 
     cause: str
@@ -48,46 +54,22 @@ class Combination(Term):
     def undamped(self) -> Combination | None:
         pairs = [(t.undamped(), w) for t, w in zip(self.terms, self.weights, strict=True)]
         kept = [(t, w) for t, w in pairs if t is not None]
-        if not kept:
-            return None
-        return replace(self, terms=tuple(t for t, _ in kept), weights=tuple(w for _, w in kept))
+        terms, weights = zip(*kept, strict=True) if kept else ((), ())
+        return replace(self, terms=terms, weights=weights) if kept else None
 
     def regularised(self, velocity_scale: float) -> Combination:
         return replace(self, terms=tuple(t.regularised(velocity_scale) for t in self.terms))
 
-    def _sum(self, part: str, *arguments: Scalars) -> Scalars:
-        pairs = zip(self.terms, self.weights, strict=True)
-        return sum(w * getattr(term, part)(*arguments) for term, w in pairs)
-
-    def inertia(self, q: Scalars) -> Scalars:
-        return self._sum("inertia", q)
-
-    def convection(self, q: Scalars) -> Scalars:
-        return self._sum("convection", q)
-
-    def stiffness(self, q: Scalars) -> Scalars:
-        return self._sum("stiffness", q)
-
-    def potential(self, q: Scalars) -> Scalars:
-        return self._sum("potential", q)
-
-    def inertia_dq(self, q: Scalars) -> Scalars:
-        return self._sum("inertia_dq", q)
-
-    def convection_dq(self, q: Scalars) -> Scalars:
-        return self._sum("convection_dq", q)
-
-    def stiffness_dq(self, q: Scalars) -> Scalars:
-        return self._sum("stiffness_dq", q)
-
-    def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
-        return self._sum("damping", q, q_dot)
-
-    def damping_dq(self, q: Scalars, q_dot: Scalars) -> Scalars:
-        return self._sum("damping_dq", q, q_dot)
-
-    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
-        return self._sum("damping_dq_dot", q, q_dot)
+    inertia = _sum_of("inertia")
+    convection = _sum_of("convection")
+    stiffness = _sum_of("stiffness")
+    potential = _sum_of("potential")
+    damping = _sum_of("damping")
+    inertia_dq = _sum_of("inertia_dq")
+    convection_dq = _sum_of("convection_dq")
+    stiffness_dq = _sum_of("stiffness_dq")
+    damping_dq = _sum_of("damping_dq")
+    damping_dq_dot = _sum_of("damping_dq_dot")
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         forms = [(w, t.weak(q, q_dot)) for t, w in zip(self.terms, self.weights, strict=True)]

@@ -7,14 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.physics.term import (
-    Scalars,
-    Term,
-    WeakForm,
-    power_of,
-    power_slope,
-    power_text,
-)
+from romsindy.physics.term import Scalars, Term, WeakForm, power_of, power_slope, power_text
 
 
 @dataclass(frozen=True)

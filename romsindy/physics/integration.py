@@ -17,22 +17,9 @@ Acceleration = Callable[[float, float], float]
 def integrate_smooth(
     acceleration: Acceleration, state: Array, t: Array, rtol: float, scale: float
 ) -> tuple[Array, Array]:
-    """Motion without jumps of force, by LSODA.
+    """Motion (q, q_dot) without jumps of force at increasing times, by LSODA.
 
-    Parameters
-    ----------
-    acceleration : callable
-        q_ddot from floats q, q_dot.
-    state : (2,) array
-        q and q_dot at t[0].
-    t : (n,) array
-        Increasing times, s.
-    rtol, scale : float
-        Relative tolerance, and the size of q to which the absolute tolerance refers.
-
-    Returns
-    -------
-    q, q_dot : (n,) arrays
+    ``state`` is (q, q_dot) at t[0]; the absolute tolerance is ``rtol * scale``.
 
     Raises
     ------
@@ -58,15 +45,9 @@ def integrate_strokes(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Motion with dry friction, stroke by stroke between reversals; it may come to rest.
 
-    Parameters and errors as `integrate_smooth`.
-
-    Returns
-    -------
-    q, q_dot : (n,) arrays
-    rests : (n,) array of bool
-        Where friction holds the mass.
+    As `integrate_smooth`; the third array says where friction holds the mass.
     """
-    creep = 1e-12 * scale
+    creep, options = 1e-12 * scale, {"rtol": max(rtol, 1e-12), "atol": rtol * scale}
     y = np.tile([float(state[0]), 0.0], (len(t), 1))
     rests = np.ones(len(t), bool)
     start = t[0]
@@ -74,7 +55,7 @@ def integrate_strokes(
         direction = float(np.sign(state[1])) or _breakaway(acceleration, state[0], creep)
         if direction == 0:
             break
-        stroke = _stroke(acceleration, direction, start, state, t[-1], rtol, scale, creep)
+        stroke = _stroke(acceleration, direction, (start, t[-1]), state, creep, options)
         inside = (t >= start) & (t <= stroke.t[-1])
         y[inside] = stroke.sol(t[inside]).T
         rests[inside] = False
@@ -93,12 +74,10 @@ def _breakaway(acceleration: Acceleration, q: float, creep: float) -> float:
 def _stroke(  # type: ignore[no-untyped-def]
     acceleration: Acceleration,
     direction: float,
-    start: float,
+    span: tuple[float, float],
     state: Array,
-    end: float,
-    rtol: float,
-    scale: float,
     creep: float,
+    options: dict[str, float],
 ):
     """One stroke, to the next reversal or the end, as `scipy.integrate.solve_ivp` gives it."""
 
@@ -111,16 +90,7 @@ def _stroke(  # type: ignore[no-untyped-def]
         return y[1]
 
     reversal.terminal, reversal.direction = True, -direction  # type: ignore[attr-defined]
-    stroke = solve_ivp(
-        rates,
-        (start, end),
-        state,
-        "DOP853",
-        dense_output=True,
-        events=reversal,
-        rtol=max(rtol, 1e-12),
-        atol=rtol * scale,
-    )
+    stroke = solve_ivp(rates, span, state, "DOP853", dense_output=True, events=reversal, **options)
     if stroke.status < 0:
         raise RuntimeError(f"simulate stopped at t = {stroke.t[-1]:.6g} s: {stroke.message}")
     return stroke

@@ -54,7 +54,7 @@ class ReducedModel:
             raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
         if len({t.key for t in self.terms}) != len(self.terms):
             raise ValueError(f"terms appear twice: {[t.key for t in self.terms]}")
-        bad = {t.key: v for t, v in zip(self.terms, self.values, strict=True) if not np.isfinite(v)}
+        bad = {term.key: value for term, value in self._pairs if not np.isfinite(value)}
         if bad:
             raise ValueError(f"coefficients must be finite, got {bad}")
 
@@ -86,7 +86,11 @@ class ReducedModel:
     @property
     def coefficients(self) -> dict[str, float]:
         """Coefficients by name: "omega^2", "gamma_3", "Upsilon_3", "c_linear", ..."""
-        return {t.key: v for t, v in zip(self.terms, self.values, strict=True)}
+        return {term.key: value for term, value in self._pairs}
+
+    @property
+    def _pairs(self) -> list[tuple[Term, float]]:
+        return list(zip(self.terms, self.values, strict=True))
 
     # -- the four functions of the equation ---------------------------------------------------
 
@@ -121,7 +125,7 @@ class ReducedModel:
         squared = q_dot * q_dot
         residual, inertia = np.array(q_ddot), np.ones_like(q_ddot)
         by_q, by_q_dot = np.zeros_like(q_ddot), np.zeros_like(q_ddot)
-        for term, c in zip(self.terms, self.values, strict=True):
+        for term, c in self._pairs:
             if term.has("inertia"):
                 part = c * term.inertia(q)
                 inertia += part
@@ -143,7 +147,7 @@ class ReducedModel:
 
     def undamped(self) -> ReducedModel:
         """Model without its damping terms."""
-        pairs = [(t.undamped(), v) for t, v in zip(self.terms, self.values, strict=True)]
+        pairs = [(term.undamped(), value) for term, value in self._pairs]
         kept = {term: value for term, value in pairs if term is not None}
         return replace(self, terms=tuple(kept), values=tuple(kept.values()))
 
@@ -159,11 +163,7 @@ class ReducedModel:
         return total
 
     def _parts(self, part: str) -> list[tuple[float, Callable]]:
-        return [
-            (value, getattr(term, part))
-            for term, value in zip(self.terms, self.values, strict=True)
-            if term.has(part)
-        ]
+        return [(value, getattr(term, part)) for term, value in self._pairs if term.has(part)]
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
         """q_ddot of the free motion, shape of q.
@@ -276,9 +276,8 @@ class ReducedModel:
         potential = integral(lambda q: np.exp(log_factor(q)) * self.stiffness(q) / self.inertia(q))
 
         def factor(q: Array) -> Array:
-            return np.where(
-                (q >= low) & (q <= high), np.exp(log_factor(np.clip(q, low, high))), np.nan
-            )
+            inside = np.clip(q, low, high)
+            return np.where(inside == q, np.exp(log_factor(inside)), np.nan)
 
         return factor, lambda q: potential(np.clip(q, low, high))
 
@@ -308,8 +307,7 @@ class ReducedModel:
         ValueError
             If an amplitude is not positive.
         """
-        orbit = self._orbit(amplitudes)
-        return np.pi / np.sum(orbit.dt, axis=-1)
+        return np.pi / np.sum(self._orbit(amplitudes).dt, axis=-1)
 
     def damping_ratio(self, amplitudes: ArrayLike) -> Array:
         """Damping ratio against amplitude, from the work of the damping over one undamped cycle.
@@ -319,7 +317,7 @@ class ReducedModel:
         Parameters
         ----------
         amplitudes : (n,) array
-            Half peak-to-peak amplitudes, positive, unit of q.
+            As those of `backbone`.
 
         Returns
         -------
@@ -341,7 +339,7 @@ class ReducedModel:
         Parameters
         ----------
         amplitudes : (n,) array
-            Half peak-to-peak amplitudes, positive, unit of q.
+            As those of `backbone`.
 
         Returns
         -------
@@ -357,7 +355,7 @@ class ReducedModel:
 
         return {
             term.key: abs(value) * rms(term.strong(orbit.q, orbit.q_dot, q_ddot)) / rms(q_ddot)
-            for term, value in zip(self.terms, self.values, strict=True)
+            for term, value in self._pairs
         }
 
     def _orbit(self, amplitudes: ArrayLike) -> _Orbit:
@@ -393,16 +391,14 @@ class ReducedModel:
         """The equation as LaTeX, without dollar signs."""
 
         def expression(term: Term) -> str:
-            return term.expression("q", r"\dot{q}", r"\ddot{q}").replace(
-                "sign", r"\operatorname{sign}"
-            )
+            text = term.expression("q", r"\dot{q}", r"\ddot{q}")
+            return text.replace("sign", r"\operatorname{sign}")
 
-        text = r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
-        return text
+        return r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
 
     def _sum(self, precision: int, expression: Callable[[Term], str], latex: bool = False) -> str:
         parts = []
-        for term, value in zip(self.terms, self.values, strict=True):
+        for term, value in self._pairs:
             number = f"{abs(value):.{precision}g}"
             if latex and "e" in number:
                 mantissa, exponent = number.split("e")
@@ -413,7 +409,7 @@ class ReducedModel:
 
     def __str__(self) -> str:
         lines = [f"{self.equation()}    (q in {self.unit or 'its own unit [q]'}, t in s)"]
-        for term, value in zip(self.terms, self.values, strict=True):
+        for term, value in self._pairs:
             note = ""
             if term.key == "omega^2" and value > 0:
                 omega = np.sqrt(value / float(self.inertia(0.0)))  # mass may have been added
@@ -433,9 +429,8 @@ class ReducedModel:
 
         Every number reads back as the same number.
         """
-        pairs = zip(self.terms, self.values, strict=True)
         content = {
-            "terms": [{"name": t.key, "value": v, **content_of(t)} for t, v in pairs],
+            "terms": [{"name": t.key, "value": v, **content_of(t)} for t, v in self._pairs],
             "unit": self.unit,
             "amplitude_range": self.amplitude_range,
         }
@@ -460,11 +455,8 @@ class ReducedModel:
         reach = (float(limits[0]), float(limits[1])) if limits else None
         if "coefficients" in content:
             return cls.from_coefficients(content["coefficients"], unit, reach)
-        terms, values = (
-            tuple(map(term_of, content["terms"])),
-            [c["value"] for c in content["terms"]],
-        )
-        return cls(terms, tuple(values), unit, reach)
+        terms = content["terms"]
+        return cls(tuple(map(term_of, terms)), tuple(c["value"] for c in terms), unit, reach)
 
 
 @dataclass(frozen=True)

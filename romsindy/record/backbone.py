@@ -136,16 +136,14 @@ class _Points:
 
 
 def _roots(decay: Decay, guess: Array, period: Array, repeats: float) -> _Points:
-    fits = [
-        _LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE)
-        for t, T in zip(guess, period, strict=True)
-    ]
+    at = guess
     # The guess is off by up to a sample and the filter's distortion: centre the fit and repeat.
-    at = np.array([fit.root(fit.coefficients) for fit in fits])
-    fits = [
-        _LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE) for t, T in zip(at, period, strict=True)
-    ]
-    at = np.array([fit.root(fit.coefficients) for fit in fits])
+    for _ in range(2):
+        fits = [
+            _LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE)
+            for t, T in zip(at, period, strict=True)
+        ]
+        at = np.array([fit.root(fit.coefficients) for fit in fits])
     std = np.array([fit.std(t) / abs(fit.slope(t)) for fit, t in zip(fits, at, strict=True)])
     return _Points(at, np.zeros_like(at), std * np.sqrt(repeats))
 
@@ -189,10 +187,8 @@ class _LocalFit:
 
     def slope(self, t: float) -> float:
         derivative = chebyshev.chebder(self.coefficients)
-        return (
-            float(chebyshev.chebval((t - self.centre) / self.half_width, derivative))
-            / self.half_width
-        )
+        x = (t - self.centre) / self.half_width
+        return float(chebyshev.chebval(x, derivative)) / self.half_width
 
     def root(self, coefficients: Array) -> float:
         """Real root nearest to the centre, within the fit; the centre where there is none."""
@@ -203,9 +199,8 @@ class _LocalFit:
 
     def std(self, t: float) -> float:
         """Standard error of the fit at t."""
-        row = chebyshev.chebvander((t - self.centre) / self.half_width, len(self.coefficients) - 1)[
-            0
-        ]
+        x = (t - self.centre) / self.half_width
+        row = chebyshev.chebvander(x, len(self.coefficients) - 1)[0]
         return float(np.sqrt(row @ self.covariance @ row))
 
 

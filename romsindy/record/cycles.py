@@ -1,7 +1,8 @@
 """The one split of a record into cycles, and what follows from it.
 
 Midline and rest level, integration without drift, and the free part of a decay. Arrays have time
-on axis 0. Nothing here knows what was measured.
+on axis 0; unless another shape is named, ``x`` is one channel (n,), sampled every ``dt`` seconds.
+Nothing here knows what was measured.
 """
 
 from __future__ import annotations
@@ -22,16 +23,7 @@ def crossings(x: Array, dt: float) -> tuple[Indices, Indices]:
     They are found on the signal below three times its fundamental, so that noise and higher modes
     add none; the frequency may change by a factor of three along the decay.
 
-    Parameters
-    ----------
-    x : (n,) array
-    dt : float
-        Sampling interval in s.
-
-    Returns
-    -------
-    up, down : integer arrays
-        ``down[k]`` lies between ``up[k]`` and ``up[k + 1]``.
+    They come as two integer arrays: ``down[k]`` lies between ``up[k]`` and ``up[k + 1]``.
 
     Raises
     ------
@@ -58,13 +50,6 @@ def integrate(x: Array, dt: float) -> Array:
     The midline between the turning points is drawn through the record and subtracted: at the
     ends this is far better than a high-pass filter. The cost: the mean of an asymmetric
     vibration, which a velocity cannot show, is set to zero too.
-
-    Parameters
-    ----------
-    x : (n,) array
-        Rate of the wanted quantity.
-    dt : float
-        Sampling interval in s.
     """
     t = dt * np.arange(len(x))
     q = make_interp_spline(t, x, k=5).antiderivative()
@@ -79,13 +64,6 @@ def rest_level(x: Array, dt: float) -> float:
     The midline between the turning points, which an asymmetric vibration shifts in proportion to
     amplitude^2, is extrapolated to no amplitude. Less than 1 % of the largest amplitude, or less
     than four standard errors, counts as 0.
-
-    Parameters
-    ----------
-    x : (n,) array
-        Displacement.
-    dt : float
-        Sampling interval in s.
     """
     _, midline, swing = _midline(x, dt, 1 / fundamental_frequency(x, dt))
     # The later half; at the very end a half-cycle may be cut short.
@@ -139,12 +117,6 @@ def free_part(x: Array, dt: float) -> tuple[int, int, float]:
     the release, or a blow from rest, is left out. The end is where the amplitude falls for good
     below three times the noise.
 
-    Parameters
-    ----------
-    x : (n,) array
-    dt : float
-        Sampling interval in s.
-
     Raises
     ------
     ValueError
@@ -156,9 +128,8 @@ def free_part(x: Array, dt: float) -> tuple[int, int, float]:
     change = np.flatnonzero(np.signbit(x[high:]) != np.signbit(x[high]))
     stroke = size[high : high + int(change[0])] if len(change) else size[high:]
     # The last of the largest samples: where a hold at the release position ends.
-    start = high + int(
-        np.flatnonzero(stroke >= stroke.max() - max(1e-3 * stroke.max(), 3 * noise))[-1]
-    )
+    slack = max(1e-3 * stroke.max(), 3 * noise)
+    start = high + int(np.flatnonzero(stroke >= stroke.max() - slack)[-1])
     _refuse_late_start(x, start, dt)
     # The period comes from the swing alone: a hold before it would drown it in the spectrum.
     period = round(1 / (fundamental_frequency(x[start:], dt) * dt))
@@ -196,9 +167,8 @@ def _refuse_late_start(x: Array, start: int, dt: float) -> None:
 def _refuse_growth(amplitude: Array, period: int) -> None:
     ends = slice(period, -period) if len(amplitude) > 4 * period else slice(None)
     floor = 1e-6 * amplitude.max()  # where noise was taken off, nothing may be left
-    growth = np.polyfit(
-        np.linspace(0, 1, len(amplitude[ends])), np.log(np.maximum(amplitude[ends], floor)), 1
-    )[0]
+    size = np.log(np.maximum(amplitude[ends], floor))
+    growth = np.polyfit(np.linspace(0, 1, len(size)), size, 1)[0]
     if growth > 0.05:
         raise ValueError(
             f"the amplitude grows by {np.expm1(growth):.0%} over the record: it is forced or not a"

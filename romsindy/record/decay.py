@@ -128,14 +128,7 @@ class Decay:
     def from_acceleration(cls, t: ArrayLike, a: ArrayLike, unit: str | None = None) -> Decay:
         """Make a decay from a measured acceleration, integrated twice without drift.
 
-        Parameters
-        ----------
-        t : (n,) array
-            s.
-        a : (n,) or (n, n_channels) array
-            Unit of q per second squared.
-        unit : str, optional
-            Unit of q: "m" for an acceleration in m/s^2.
+        Arguments as those of `from_velocity`; a in units of q per second squared.
         """
         rate = cls(np.asarray(t), np.asarray(a))
         q = _integrated(_integrated(rate.q, rate.dt), rate.dt)
@@ -287,20 +280,17 @@ class Decay:
         """
         method = method or Butterworth()
         columns = [method(x, self.dt) for x in self.q.reshape(len(self.t), -1).T]
-        q, q_dot, q_ddot = (
-            np.stack(x, axis=1).reshape(self.q.shape) for x in zip(*columns, strict=True)
-        )
+        signals = [np.stack(x, axis=1).reshape(self.q.shape) for x in zip(*columns, strict=True)]
         notes = (*self.notes, f"smoothed and differentiated by {method}")
-        return replace(self, q=q, q_dot=q_dot, q_ddot=q_ddot, notes=notes)
+        return replace(self, **dict(zip(_NAMES, signals, strict=True)), notes=notes)  # type: ignore[arg-type]
 
     def conditioned(self, method: Filter | None = None) -> Decay:
         """What an analysis of cycles needs: free part, enough samples, derivatives.
 
         A record that is conditioned already is returned as it is.
         """
-        return (
-            self if self.stage == "conditioned" else self.free().upsampled().differentiated(method)
-        )
+        done = self.stage == "conditioned"
+        return self if done else self.free().upsampled().differentiated(method)
 
     def _strongest(self) -> Array:
         # What was measured, in the liveliest channel: integration colours the noise.

@@ -71,15 +71,9 @@ class Noise:
 
     @classmethod
     def of(cls, rest: Array, cycle: float, dt: float, floor: float) -> Noise:
-        """From what a smooth motion leaves of a record.
+        """From what a smooth motion leaves of a record, (n,), and the least standard deviation.
 
-        Parameters
-        ----------
-        rest : (n,) array
-        cycle, dt : float
-            Mean length of a cycle and sampling interval, s.
-        floor : float
-            Least standard deviation.
+        ``cycle`` is the mean length of a cycle, ``dt`` the sampling interval, s.
         """
         order, power = _between_harmonics(rest, cycle / dt)
         lines = _lines(order, power, len(rest), cycle)
@@ -167,13 +161,9 @@ def _lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]
 
 
 def autoregression(x: Array) -> Array:
-    """Coefficients [1, a_1, ..., a_p] that whiten a signal, p by the Bayesian criterion.
+    """Coefficients [1, a_1, ..., a_p] that whiten a signal (n,), p by the Bayesian criterion.
 
     Yule-Walker equations; p = 0, no filter at all, where the signal is white already.
-
-    Parameters
-    ----------
-    x : (n,) array
     """
     n = len(x)
     highest = min(_HIGHEST_ORDER, n // 10)
@@ -191,13 +181,9 @@ def autoregression(x: Array) -> Array:
 
 
 def coloured_product(a: Array, x: Array, y: Array) -> Array:
-    """x' S y for the covariance matrix S of an autoregression driven by noise of variance 1.
+    """x' S y, (m, k), for the covariance matrix S of an autoregression driven by unit white noise.
 
-    Parameters
-    ----------
-    a : (p + 1,) array
-        As `autoregression` returns it.
-    x, y : (n, m), (n, k) arrays
+    The coefficients a (p + 1,) are as `autoregression` returns them; x is (n, m), y (n, k).
     """
     # S = H H' with H the impulse response 1/A: filtering backwards in time applies H'.
     left = lfilter([1.0], a, x[::-1], axis=0)

@@ -1,6 +1,7 @@
 """Signal conditioning on plain arrays: fundamental, noise, filters, upsampling.
 
-Arrays have time on axis 0. Nothing here knows what was measured.
+Arrays have time on axis 0; unless another shape is named, ``x`` is one channel (n,), sampled every
+``dt`` seconds. Nothing here knows what was measured.
 """
 
 from __future__ import annotations
@@ -17,12 +18,6 @@ _CLIPPED_RUN = 4
 
 def fundamental_frequency(x: Array, dt: float) -> float:
     """Frequency of the spectral peak of one channel, in Hz.
-
-    Parameters
-    ----------
-    x : (n,) array
-    dt : float
-        Sampling interval in s.
 
     Raises
     ------
@@ -82,15 +77,8 @@ def with_noise(x: Array, snr_db: float, seed: int | None) -> Array:
 def lowpass(x: Array, dt: float, cutoff: float, order: int = 4) -> Array:
     """Zero-phase Butterworth low-pass; the signal itself where the cut-off is beyond Nyquist.
 
-    Parameters
-    ----------
-    x : (n,) or (n, n_channels) array
-    dt : float
-        Sampling interval in s.
-    cutoff : float
-        Hz.
-    order : int
-        Order of one pass; forward and backward double it.
+    Of (n,) or (n, n_channels) arrays; ``cutoff`` in Hz. The order is that of one pass, which
+    forward and backward double.
     """
     if cutoff >= 0.45 / dt:
         return np.array(x, float)
@@ -99,16 +87,9 @@ def lowpass(x: Array, dt: float, cutoff: float, order: int = 4) -> Array:
 
 
 def upsample(x: Array, factor: int) -> Array:
-    """Band-limited interpolation to ``factor`` times the rate.
+    """Band-limited interpolation of (n,) or (n, n_channels) arrays to ``factor`` times the rate.
 
-    Parameters
-    ----------
-    x : (n,) or (n, n_channels) array
-
-    Returns
-    -------
-    (factor (n - 1) + 1, ...) array
-        Every ``factor``-th sample is a sample of x.
+    Of the factor (n - 1) + 1 samples that are returned every ``factor``-th is a sample of x.
     """
     # Odd reflection continues value and slope beyond the ends, which would ring otherwise.
     margin = min(len(x) - 1, 20)
@@ -123,15 +104,6 @@ def clipped(x: Array) -> NDArray[np.bool_]:
 
     A sensor that clips shows the very same extreme value for several samples in several cycles,
     while the turning points of a decay differ. No sample is marked unless two cycles do so.
-
-    Parameters
-    ----------
-    x : (n,) array
-        One channel.
-
-    Returns
-    -------
-    (n,) array of bool
     """
     marked = np.zeros(len(x), bool)
     for extreme in (x.max(), x.min()):

@@ -28,8 +28,7 @@ class Candidate:
     ----------
     name : str
     estimator : HarmonicSINDy
-        Fitted.
-        By regression.
+        Fitted by regression.
     fit : Fit or None
         The same model refined by simulation; None where that was not asked for, or did not help.
     failure : str
@@ -160,8 +159,7 @@ def coefficient_table(candidates: Sequence[Candidate]) -> list[list[str]]:
     family = {"omega^2": 0, "gamma": 1, "Upsilon": 2, "c": 3}
     ordered = sorted(keys, key=lambda k: (family.get(k.split("_")[0], 4), _by_number(k)))
     rows = [["coefficient", "unit", *(c.name for c in candidates)]]
-    for key in ordered:
-        rows.append([key, keys[key], *(_cell(c, key) for c in candidates)])
+    rows += [[key, keys[key], *(_cell(c, key) for c in candidates)] for key in ordered]
     if any(c.fit for c in candidates):
         ratios = [f"{c.fit.adequacy:.3g}" if c.fit else "-" for c in candidates]
         rows.append(["residual over noise", "1", *ratios])

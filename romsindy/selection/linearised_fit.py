@@ -40,28 +40,16 @@ LARGE = 2 / 3
 class LinearisedFit:
     """Linear regression of measured motion on its sensitivities, cycle by cycle.
 
-    Attributes
-    ----------
-    keys : tuple of str
-        Coefficients of the first columns; the others belong to initial states, which every model
-        has.
-    theta : (n_cycles, n_rows, n_columns) array
-        Sensitivities over noise, each cycle compressed to few rows.
-    target : (n_cycles, n_rows) array
-    amplitude : (n_cycles,) array
-        Half peak to peak, unit of q.
-    samples : (n_cycles,) integer array
-        Of the record in each cycle.
-    colour : float
-        Part of the samples that count as independent in a sum of squares; 1 for white noise.
+    Rows are compressed to few a cycle. The first columns belong to ``keys``, the others to initial
+    states, which every model has.
     """
 
     keys: Keys
-    theta: Array
-    target: Array
-    amplitude: Array
-    samples: Array
-    colour: float
+    theta: Array  # (n_cycles, n_rows, n_columns), sensitivities over noise
+    target: Array  # (n_cycles, n_rows)
+    amplitude: Array  # (n_cycles,), half peak to peak, unit of q
+    samples: Array  # (n_cycles,), of the record in each cycle
+    colour: float  # part of the samples that count as independent; 1 for white noise
 
     @classmethod
     def at(cls, fit: Fit, terms: Sequence[Term]) -> LinearisedFit:

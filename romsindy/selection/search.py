@@ -17,13 +17,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import row_weights
 from romsindy.regression.projection import HarmonicProjection, Rows
-from romsindy.selection.candidates import (
-    EQUIVALENT,
-    LOST,
-    Structure,
-    describe,
-    judged,
-)
+from romsindy.selection.candidates import EQUIVALENT, LOST, Structure, describe, judged
 from romsindy.selection.linearised_fit import Keys, LinearisedFit
 from romsindy.typing import Array, Indices
 
@@ -104,8 +98,7 @@ class Search:
         self.progress(f"screening {len(structures)} candidates by regression")
         order = self.screen.ranked(structures)[:_TRIES]
         for keys in order:
-            fit = self.fit(keys)
-            if fit is not None:
+            if (fit := self.fit(keys)) is not None:
                 return fit
         raise TrajectoryError(
             f"none of the {len(order)} candidates that regression finds best can be simulated,"
@@ -125,10 +118,8 @@ class Search:
         """Every structure beside the others, seen from one fit."""
         every = dict.fromkeys([*structures, *self.fits])
         used = {key for keys in every for key in keys}
-        linearised = LinearisedFit.at(
-            fit, [term for key, term in self.terms.items() if key in used]
-        )
-        self.linearised = linearised
+        terms = [term for key, term in self.terms.items() if key in used]
+        self.linearised = linearised = LinearisedFit.at(fit, terms)
         errors = {keys: linearised.cycle_errors(keys) for keys in every}
         if sparse:
             start = min(errors, key=lambda keys: float(errors[keys].sum()))
@@ -169,9 +160,7 @@ class Search:
 
     def _bend(self, linearised: LinearisedFit, keys: Keys) -> float:
         fit = self.fits.get(keys)
-        if fit is None:
-            return 0.0
-        return fit.chi_squared - linearised.chi_squared(keys)
+        return fit.chi_squared - linearised.chi_squared(keys) if fit else 0.0
 
     def survivors(self, path: list[Structure], count: int, n_jobs: int | None) -> list[Structure]:
         """Fit the best of those that cannot be told apart by simulation, too."""
@@ -182,17 +171,14 @@ class Search:
             delayed(_refined)(self.records, self._starts(c.keys), self.screen.fixed) for c in new
         ]
         fits = dict(zip((c.keys for c in new), Parallel(n_jobs)(jobs), strict=True))
-        return [
-            replace(
-                c,
-                fit=fits[c.keys],
-                adequacy=fits[c.keys].adequacy if fits[c.keys] else c.adequacy,
-                verdict="" if fits[c.keys] else LOST,
-            )
-            if c.keys in fits
-            else c
-            for c in path
-        ]
+
+        def known(c: Structure) -> Structure:
+            if c.keys not in fits:
+                return c
+            fit = fits[c.keys]
+            return replace(c, fit=fit, adequacy=fit.adequacy) if fit else replace(c, verdict=LOST)
+
+        return [known(c) for c in path]
 
     def _starts(self, keys: Keys) -> list[ReducedModel]:
         """Coefficients from the linearised fit, if there is one, and from regression."""

@@ -19,13 +19,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.regression.library import ROMLibrary, library_terms
-from romsindy.selection.candidates import (
-    CHOSEN,
-    EQUIVALENT,
-    Structure,
-    best,
-    judged,
-)
+from romsindy.selection.candidates import CHOSEN, EQUIVALENT, Structure, best, judged
 from romsindy.selection.linearised_fit import LARGE, Keys
 from romsindy.selection.search import Screen, Search
 from romsindy.typing import Array
@@ -95,9 +89,8 @@ class Selection:
             ]
             return np.sqrt(np.mean(squares, axis=0))
 
-        return replace(
-            chosen, frequency_std=spread("frequency"), damping_ratio_std=spread("damping_ratio")
-        )
+        frequency_std, damping_ratio_std = spread("frequency"), spread("damping_ratio")
+        return replace(chosen, frequency_std=frequency_std, damping_ratio_std=damping_ratio_std)
 
     def table(self, rows: int | None = None) -> list[list[str]]:
         """Rows of text, the first the header: the best ``rows`` of the path, by size."""
@@ -113,11 +106,8 @@ class Selection:
             for row in table
         ]
         others = len(self.equivalent)
-        told = (
-            f"The data cannot tell it from {others} of the other structures"
-            if others
-            else "It alone predicts as well as the best"
-        )
+        told = f"The data cannot tell it from {others} of the other structures"
+        told = told if others else "It alone predicts as well as the best"
         return "\n".join(
             [
                 f"Chosen of {len(self.path)} structures: {self.chosen.name}. {told}"

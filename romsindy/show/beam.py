@@ -15,13 +15,7 @@ from romsindy.show.axes import given_or_new
 
 
 def plot_shapes(shapes: Mapping[str, Shape], ax: Axes | None = None) -> Axes:
-    """Draw the beam at rest (straight) and in named shapes, such as equilibrium and release.
-
-    Parameters
-    ----------
-    shapes : mapping from label to Shape
-    ax : Axes, optional
-    """
+    """Draw the beam at rest (straight) and in named shapes, such as equilibrium and release."""
     ax = given_or_new(ax)
     for i, (label, shape) in enumerate(shapes.items()):
         if i == 0:
@@ -34,15 +28,7 @@ def plot_shapes(shapes: Mapping[str, Shape], ax: Axes | None = None) -> Axes:
 
 
 def plot_modes(basis: ModalBasis, count: int = 3, ax: Axes | None = None) -> Axes:
-    """Draw the transverse part of the first mode shapes along the beam (the paper's fig. 2).
-
-    Parameters
-    ----------
-    basis : ModalBasis
-    count : int
-        Number of modes.
-    ax : Axes, optional
-    """
+    """Draw the transverse part of ``count`` mode shapes along the beam (the paper's fig. 2)."""
     ax = given_or_new(ax)
     s = basis.equilibrium.s
     for mode in range(1, count + 1):
@@ -55,15 +41,7 @@ def plot_modes(basis: ModalBasis, count: int = 3, ax: Axes | None = None) -> Axe
 
 
 def plot_modal_responses(motion: Motion, count: int = 3, ax: Axes | None = None) -> Axes:
-    """Draw modal coordinates against time (the paper's fig. 3, left).
-
-    Parameters
-    ----------
-    motion : Motion
-    count : int
-        Number of modes.
-    ax : Axes, optional
-    """
+    """Draw ``count`` modal coordinates against time (the paper's fig. 3, left)."""
     ax = given_or_new(ax)
     motion.basis.index(count)
     for column in range(count):
@@ -106,14 +84,7 @@ def plot_coupling(
 def plot_normal_mode(
     orbits: NormalMode, ax: Axes | None = None, *, label: str = "normal mode of the beam"
 ) -> Axes:
-    """Mark the beam's own periodic orbits; given the axes of `plot_backbone`, on top of it.
-
-    Parameters
-    ----------
-    orbits : NormalMode
-    ax : Axes, optional
-    label : str
-    """
+    """Mark the beam's own periodic orbits; given the axes of `plot_backbone`, on top of it."""
     ax = given_or_new(ax)
     hz = orbits.frequency / (2 * np.pi)
     # Above the curves that it judges.

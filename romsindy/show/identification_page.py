@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,12 +36,11 @@ class Identification:
     def verdict(self) -> str:
         """One sentence on the models with estimated linear frequency."""
         stiffness, icrom = self.named("stiffness"), self.named("IC-ROM")
-        words = [f"the {c.name} model {_off(c)}" for c in (icrom, stiffness)]
-        text = f"Over {int(np.sum(judging(self.backbone)))} cycles {words[0]}; {words[1]}."
+        words = "; ".join(f"the {c.name} model {_off(c)}" for c in (icrom, stiffness))
+        text = f"Over {int(np.sum(judging(self.backbone)))} cycles {words}."
         fit = self.selection.fit if self.selection else icrom.fit
         name = f"Chosen, {self.selection.chosen.name}" if self.selection else "IC-ROM"
-        explained = f" {name}: {fit.verdict}" if fit else ""
-        return text + explained
+        return f"{text} {name}: {fit.verdict}" if fit else text
 
     def table_note(self) -> str:
         """How the errors in the table were taken."""
@@ -84,68 +84,67 @@ def pictures(result: Identification) -> list[Picture]:
     b = result.backbone
     amplitudes = np.linspace(b.amplitude.min(), b.amplitude.max(), 150)
     return [
-        Picture(
+        _picture(
             "decay",
             "Decay",
             "The free decay that was analysed, with the peaks of its cycles.",
-            lambda figure: plots.plot_decay(
-                result.decay, b, record=result.record, ax=figure.subplots()
-            ),
+            partial(plots.plot_decay, result.decay, b, record=result.record),
         ),
-        Picture(
+        _picture(
             "backbone",
             "Backbone",
             "Each circle is a cycle with its standard error; curves are the undamped models, with"
             " their 95 % bands where they are refined.",
-            lambda figure: plots.plot_backbone(b, models, ax=figure.subplots()),
+            partial(plots.plot_backbone, b, models),
         ),
-        Picture(
+        _picture(
             "damping",
             "Damping",
             "Damping ratio of each cycle, and what the models dissipate.",
-            lambda figure: plots.plot_damping(b, models, ax=figure.subplots()),
+            partial(plots.plot_damping, b, models),
         ),
-        Picture(
+        _picture(
             "relative_magnitude",
             "Relative magnitude of the terms",
             "Terms of the IC-ROM over a cycle: which of them matter.",
-            lambda figure: plots.plot_relative_magnitude(icrom, amplitudes, ax=figure.subplots()),
+            partial(plots.plot_relative_magnitude, icrom, amplitudes),
         ),
-        Picture(
+        _picture(
             "residual",
             "Residual by harmonic",
             "What the regression leaves. Noise grows with the harmonic squared; what stands out"
             " from that is a missing term.",
-            lambda figure: plots.plot_residual(
-                {c.name: c.estimator for c in both}, ax=figure.subplots()
-            ),
+            partial(plots.plot_residual, {c.name: c.estimator for c in both}),
         ),
         *(_misfit(c.name, c.fit) for c in both if c.fit),
         *(_choice(result.selection) if result.selection else ()),
     ]
 
 
+def _picture(name: str, title: str, caption: str, plot: Callable[..., object]) -> Picture:
+    return Picture(name, title, caption, lambda figure: plot(ax=figure.subplots()))
+
+
 def _choice(selection: Selection) -> list[Picture]:
-    name = f"chosen ({selection.chosen.name})"
+    chosen = selection.chosen.name
+    caption = (
+        f"Chosen: {chosen}; {len(selection.equivalent)} others cannot be told from it. Error of"
+        " held-out cycles, in squared noise, against size."
+    )
+    plot = partial(plots.plot_selection, selection)
     return [
-        Picture(
-            "selection",
-            "Terms that the data ask for",
-            f"Chosen: {selection.chosen.name}; {len(selection.equivalent)} others cannot be told"
-            " from it. Error of held-out cycles, in squared noise, against size.",
-            lambda figure: plots.plot_selection(selection, ax=figure.subplots()),
-        ),
-        _misfit(name, selection.fit),
+        _picture("selection", "Terms that the data ask for", caption, plot),
+        _misfit(f"chosen ({chosen})", selection.fit),
     ]
 
 
 def _misfit(name: str, fit: Fit) -> Picture:
-    return Picture(
+    return _picture(
         "misfit",
         f"What the refined {name} model leaves",
         "Residual at the harmonics of the motion over the noise, in windows of eight cycles: near"
         " 1 nothing is missing.",
-        lambda figure: plots.plot_misfit(fit, ax=figure.subplots()),
+        partial(plots.plot_misfit, fit),
     )
 
 
@@ -153,6 +152,7 @@ def write_identification(
     result: Identification, path: str | Path, progress: Callable[[Iterable], Iterable] = iter
 ) -> None:
     """Write the page; ``progress`` may wrap the figures in a progress bar."""
+    rows = coefficient_table(result.candidates)
     write_page(
         path,
         "report",
@@ -160,13 +160,7 @@ def write_identification(
         sentence=result.verdict(),
         equation_title="The equation of motion",
         equation=str(result.named("IC-ROM").model),
-        tables=[
-            TextTable(
-                "Coefficients and backbone errors",
-                coefficient_table(result.candidates),
-                result.table_note(),
-            )
-        ],
+        tables=[TextTable("Coefficients and backbone errors", rows, result.table_note())],
         pictures=progress(pictures(result)),
         notes=[repr(result.decay).splitlines()[0].strip("<>"), *result.decay.notes],
     )

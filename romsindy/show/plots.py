@@ -23,23 +23,24 @@ from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
 # How the cycles of a measured decay look in every figure.
-_CYCLES: dict[str, Any] = {
-    "fmt": "o",
-    "ms": 3,
-    "lw": 0.7,
-    "color": "0.25",
-    "mfc": "white",
-    "label": "cycles of the decay",
-    "zorder": 1,
-}
+_CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
+_CYCLES |= {"label": "cycles of the decay", "zorder": 1}
 
 
-def _styled(
-    models: Mapping[str, ReducedModel | Fit] | None,
-) -> Iterator[tuple[ReducedModel | Fit, dict[str, Any]]]:
-    """Models with the look of their curves: a stiffness polynomial is dashed."""
+def _curves(
+    models: Mapping[str, ReducedModel | Fit] | None, amplitudes: Array, quantity: str, unit: float
+) -> Iterator[tuple[Array, tuple[Array, Array] | None, dict[str, Any]]]:
+    """Curve, 95 % band of a fit, and look of every model: a stiffness polynomial is dashed."""
     for i, (label, model) in enumerate((models or {}).items()):
-        yield model, {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
+        look = {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
+        if isinstance(model, Fit):
+            band = model.band(amplitudes)
+            middle = getattr(band, quantity) / unit
+            reach = _SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
+            yield middle, (middle - reach, middle + reach), look
+        else:
+            curve = model.backbone if quantity == "frequency" else model.damping_ratio
+            yield curve(amplitudes) / unit, None, look
 
 
 def plot_decay(
@@ -99,17 +100,10 @@ def plot_backbone(
             **_CYCLES,
         )
     amplitudes = _span(backbones)
-    for model, style in _styled(models):
-        if isinstance(model, Fit):
-            band = model.band(amplitudes)
-            low, high = (
-                (band.frequency + s * _SIGMAS_95 * band.frequency_std) / (2 * np.pi)
-                for s in (-1, 1)
-            )
-            ax.fill_betweenx(amplitudes, low, high, color=style["color"], alpha=0.25, lw=0)
-            ax.plot(band.frequency / (2 * np.pi), amplitudes, **style)
-        else:
-            ax.plot(model.backbone(amplitudes) / (2 * np.pi), amplitudes, **style)
+    for middle, band, look in _curves(models, amplitudes, "frequency", 2 * np.pi):
+        if band:
+            ax.fill_betweenx(amplitudes, *band, color=look["color"], alpha=0.25, lw=0)
+        ax.plot(middle, amplitudes, **look)
     unit = backbones[0].unit or "unit of q"
     ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
     # Single uncertain cycles must not squeeze the picture.
@@ -159,15 +153,10 @@ def plot_damping(
             **_CYCLES,
         )
     amplitudes = _span(backbones)
-    for model, style in _styled(models):
-        if isinstance(model, Fit):
-            band = model.band(amplitudes)
-            reach = _SIGMAS_95 * band.damping_ratio_std
-            low, high = (100 * (band.damping_ratio + s * reach) for s in (-1, 1))
-            ax.fill_between(amplitudes, low, high, color=style["color"], alpha=0.25, lw=0)
-            ax.plot(amplitudes, 100 * band.damping_ratio, **style)
-        else:
-            ax.plot(amplitudes, 100 * model.damping_ratio(amplitudes), **style)
+    for middle, band, look in _curves(models, amplitudes, "damping_ratio", 0.01):
+        if band:
+            ax.fill_between(amplitudes, *band, color=look["color"], alpha=0.25, lw=0)
+        ax.plot(amplitudes, middle, **look)
     ratios = np.concatenate([b.damping_ratio for b in backbones])
     spread = np.quantile(ratios, [0.05, 0.95]) * 100
     ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
@@ -190,10 +179,7 @@ def plot_misfit(fit: Fit, *, ax: Axes | None = None) -> Axes:
             label = "mean position" if k == 0 else f"harmonic {k}"
             ax.plot(verdict.amplitude[order], column[order], "o-", ms=3, lw=0.8, label=label)
     ax.axhline(1, color="0.4", lw=0.8, ls=":")
-    ax.set(
-        xlabel=f"amplitude ({verdict.unit or 'unit of q'})",
-        ylabel="residual over noise",
-    )
+    ax.set(xlabel=f"amplitude ({verdict.unit or 'unit of q'})", ylabel="residual over noise")
     log_ratio(ax)
     ax.legend(loc="best", frameon=False, ncols=2)
     return ax
@@ -207,9 +193,8 @@ def plot_relative_magnitude(
     amplitudes = np.asarray(amplitudes, float)
     shares = model.relative_magnitude(amplitudes)
     for i, (key, share) in enumerate(shares.items()):
-        ax.plot(
-            amplitudes, share, color=f"C{i % 10}", ls="-" if i < 10 else "--", label=_symbol(key)
-        )
+        style = "-" if i < 10 else "--"
+        ax.plot(amplitudes, share, style, color=f"C{i % 10}", label=_symbol(key))
     ax.set(
         xlabel=f"amplitude ({model.unit or 'unit of q'})",
         ylabel="rms of term / rms of acceleration",
@@ -283,11 +268,7 @@ def plot_branch(
 
 
 def plot_forced_response(
-    response: ForcedResponse,
-    *,
-    label: str = "",
-    color: str = "C0",
-    ax: Axes | None = None,
+    response: ForcedResponse, *, label: str = "", color: str = "C0", ax: Axes | None = None
 ) -> Axes:
     """Amplitude of forced orbits against frequency: stable solid, unstable dashed.
 
@@ -307,15 +288,10 @@ def plot_forced_response(
     changes = np.flatnonzero(np.diff(response.stable)) + 1
     named: set[str] = set()
     for low, high in zip([0, *changes], [*(changes + 1), len(hz)], strict=True):
-        name = "stable" if response.stable[low] else "unstable"
-        ax.plot(
-            hz[low:high],
-            response.amplitude[low:high],
-            "-" if response.stable[low] else "--",
-            color=color,
-            lw=1.2,
-            label=None if name in named else f"{label} {name}".strip(),
-        )
+        name, style = ("stable", "-") if response.stable[low] else ("unstable", "--")
+        text = None if name in named else f"{label} {name}".strip()
+        stretch = slice(low, high)
+        ax.plot(hz[stretch], response.amplitude[stretch], style, color=color, lw=1.2, label=text)
         named.add(name)
     for kind in dict.fromkeys(b.kind for b in response.bifurcations):
         _mark(ax, response, [b.index for b in response.bifurcations if b.kind == kind], kind)
@@ -335,16 +311,10 @@ def _orbit_axes(orbits: PeriodicOrbits, ax: Axes | None) -> Axes:
 def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> None:
     points = np.asarray(points, int)
     if len(points):
-        named = kind in ax.get_legend_handles_labels()[1]
-        ax.plot(
-            orbits.frequency[points] / (2 * np.pi),
-            orbits.amplitude[points],
-            _MARKERS[kind],
-            color="C3",
-            mfc="white",
-            ms=5,
-            label=None if named else kind,
-        )
+        label = None if kind in ax.get_legend_handles_labels()[1] else kind
+        look: dict[str, Any] = {"color": "C3", "mfc": "white", "ms": 5, "label": label}
+        hz = orbits.frequency[points] / (2 * np.pi)
+        ax.plot(hz, orbits.amplitude[points], _MARKERS[kind], **look)
 
 
 def _symbol(key: str) -> str:

@@ -20,10 +20,7 @@ else:
 T = TypeVar("T")
 
 _SUPPORTS = {"clamped": CLAMPED, "pinned": PINNED, "free": FREE}
-_SECTIONS: dict[str, Callable[..., Section]] = {
-    "rectangle": Section.rectangle,
-    "section": Section,
-}
+_SECTIONS: dict[str, Callable[..., Section]] = {"rectangle": Section.rectangle, "section": Section}
 
 
 def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:

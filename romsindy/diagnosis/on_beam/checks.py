@@ -12,16 +12,7 @@ from romsindy.record.units import parse_unit
 
 
 def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) -> Decay:
-    """Return a decay with one column per sensor, in m.
-
-    Parameters
-    ----------
-    decay : Decay
-    i : int
-        Its number in messages.
-    sensors : SensorArray
-    length : float
-        Of the beam, m.
+    """Return a decay, number ``i`` in messages, with one column per sensor, in m.
 
     Raises
     ------

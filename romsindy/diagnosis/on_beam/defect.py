@@ -10,6 +10,7 @@ taken off, a fit of the reduced model is one of the beam (defect correction, [1]
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,9 +48,7 @@ def effects_of(parts: Sequence[Part]) -> list[Any]:
 
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
     """The beam with the effects of some parts."""
-    for effect in effects_of(parts):
-        beam = beam.with_effect(effect)
-    return beam
+    return reduce(Beam.with_effect, effects_of(parts), beam)
 
 
 def corrected(
@@ -62,19 +61,9 @@ def corrected(
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
 
-    Only the coordinate of the release is fitted.
-
-    Parameters
-    ----------
-    seen : InstrumentedBeam
-    model : ReducedModel
-    parts : sequence of Part
-    record : Record
-        Coordinate of a decay.
-    decay : Decay
-        Displacements of the sensors from which the coordinate was made, m.
-    load : (n_nodes, 3) array, optional
-        Nodal load that held the beam; by default it is read from the sensors.
+    Only the coordinate of the release is fitted. The record is that of the coordinate, the decay
+    holds the displacements of the sensors, m. The nodal load (n_nodes, 3) that held the beam is
+    read from the sensors where none is given.
     """
     parts = on_the_beam(parts)
     beam = beam_with(seen.beam, parts)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from romsindy.beam import Beam, Shape
+from romsindy.beam import Beam, Shape, StaticCurve
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.sensors import SensorArray
 from romsindy.beam.statics import hold
@@ -16,6 +16,7 @@ from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 UNIT = "kg^0.5 m"
+_CASES, _GRID, _MARGIN = 41, 121, 1.15  # of the static curve
 
 
 def projected_modes(n_sensors: int) -> int:
@@ -25,14 +26,7 @@ def projected_modes(n_sensors: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class InstrumentedBeam:
-    """A beam seen through sensors.
-
-    Attributes
-    ----------
-    beam : Beam
-    sensors : SensorArray
-        Whose mode shapes, those of `beam`, define the coordinate.
-    """
+    """A beam seen through sensors: its mode shapes there define the coordinate."""
 
     beam: Beam
     sensors: SensorArray
@@ -60,16 +54,16 @@ class InstrumentedBeam:
         flat = fields.reshape(*fields.shape[:-2], -1)
         return self.coordinate(flat @ self.sensors.rows.T)
 
-    def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
-        """Shape from which the first mode of a beam swings with the coordinate ``q``.
+    def curve(self, reach: float) -> StaticCurve:
+        """The static curve of the first mode, over the coordinate, a little beyond ``reach``."""
+        own = self.beam.static_curve(amplitude=_MARGIN * reach, cases=_CASES)
+        return own.read_by(self.seen, reach, _GRID)
 
-        Parameters
-        ----------
-        beam : Beam
-        q : float
-            kg^0.5 m.
-        load : (n_nodes, 3) array, optional
-            Nodal load that holds it, of any size; by default the modal force of its first mode.
+    def held(self, beam: Beam, q: float, load: Array | None = None) -> Shape:
+        """Shape from which the first mode of a beam swings with the coordinate ``q``, kg^0.5 m.
+
+        A nodal load, (n_nodes, 3) and of any size, holds it; by default the modal force of its
+        first mode.
         """
         momentum, rest = beam.modes(count=1).momenta[0], beam.equilibrium()
         reading = self.coordinate(self.sensors.rows.T).reshape(momentum.shape)

@@ -20,11 +20,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from romsindy.beam import StaticCurve
-from romsindy.beam.spring import Spring
+from romsindy.beam.spring import springs_of
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, Point, TowardsAnchor
-from romsindy.physics.damping import FrictionLaw
+from romsindy.physics.damping import Averaged, FrictionLaw
 from romsindy.physics.term import Term
 from romsindy.typing import Array
 
@@ -41,15 +41,7 @@ class BeamEffect(Effect):
 
 @dataclass(frozen=True, eq=False)
 class MountedEffect(BeamEffect):
-    """An effect at its place on a beam.
-
-    Attributes
-    ----------
-    effect : TermEffect
-    curve : StaticCurve
-    mounting : Mounting
-        Where it is looked for.
-    """
+    """An effect at its place on a beam."""
 
     effect: TermEffect
     curve: StaticCurve
@@ -60,22 +52,19 @@ class MountedEffect(BeamEffect):
     sign = property(lambda self: self.effect.sign)
     advice = property(lambda self: self.effect.advice)
     resembles = property(lambda self: self.effect.resembles)
+    variant = property(lambda self: self.effect.variant)
 
     @property
     def label(self) -> str:  # type: ignore[override]
         """As an engineer says it, with the place."""
         return f"{self.effect.label} {self.mounting.place}"
 
-    @property
-    def variant(self) -> str:
-        return self.effect.variant
-
     def strength_unit(self, unit: str | None) -> str:
         return self.effect.strength_on_beam(self.mounting)
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         """Those of the effect, in metres; textbook exponents are exact on a beam."""
-        at_rest = self.mounting.zeroed(_points(self.curve, self.mounting, self.curve.rest[None])[0])
+        at_rest = self.mounting.zeroed(_at_rest(self.curve, self.mounting))
         ends = np.array([-self.curve.reach, self.curve.reach])
         d = _Path.of(self.curve, at_rest).displacement(ends)
         metres = scales._replace(amplitude=float(np.abs(d).min()))
@@ -91,8 +80,7 @@ class MountedEffect(BeamEffect):
     @cached_property
     def placed(self) -> Mounting:
         """The mounting for the present shape values, counted from the equilibrium where it must."""
-        rest = _points(self.curve, self.mounting, self.curve.rest[None])[0]
-        return self.effect.placed(self.mounting, rest)
+        return self.effect.placed(self.mounting, _at_rest(self.curve, self.mounting))
 
     def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
         least = max(strength, 0.0) if self.sign else strength
@@ -104,34 +92,32 @@ class MountedEffect(BeamEffect):
         # A fit averages the jump over its step in time, the beam needs it smooth.
         return law.jumping() if isinstance(law, FrictionLaw) else law
 
-    def _motion(self, state: State) -> tuple[_Path, Array, Array, Array]:
-        path = _Path.of(self.curve, self.placed)
-        inside = np.clip(state.q, self.curve.q[0], self.curve.q[-1])
-        slope = path.slope(inside)
-        return path, inside, slope, slope * state.q_dot[:, None]
+    @property
+    def _path(self) -> _Path:
+        return _Path.of(self.curve, self.placed)
+
+    def _resistance(self, state: State, q: Array, slope: Array) -> Averaged:
+        """The law at each point, for q within the curve, and its derivatives by d and w."""
+        law, d, w = self._law, self._path.displacement(q), slope * state.q_dot[:, None]
+        if isinstance(law, FrictionLaw):
+            change = slope * state.q_ddot[:, None] * state.step / 3
+            return law.averaged(d, w, w * state.step / 3, change)
+        force = law.stiffness(d) + law.preload + law.damping(d, w)
+        by_d = law.stiffness_dq(d) + law.damping_dq(d, w)
+        return Averaged(force, by_d, law.damping_dq_dot(d, w))
 
     def forces(self, state: State) -> Array:
         """The projection for a unit of strength."""
-        path, q, slope, w = self._motion(state)
-        law, d = self._law, path.displacement(q)
-        if isinstance(law, FrictionLaw):
-            change = slope * state.q_ddot[:, None] * state.step / 3
-            force = law.averaged(d, w, w * state.step / 3, change).force
-        else:
-            force = law.stiffness(d) + law.preload + law.damping(d, w)
-        return np.asarray((slope * force) @ path.weights)[None]
+        q = self.curve.within(state.q)
+        slope = self._path.slope(q)
+        force = self._resistance(state, q, slope).force
+        return np.asarray((slope * force) @ self._path.weights)[None]
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """Derivatives of the projection."""
-        path, q, slope, w = self._motion(state)
-        law, d, bend = self._law, path.displacement(q), path.slope(q, 1)
-        if isinstance(law, FrictionLaw):
-            change = slope * state.q_ddot[:, None] * state.step / 3
-            force, by_d, by_w = law.averaged(d, w, w * state.step / 3, change)
-        else:
-            force = law.stiffness(d) + law.preload + law.damping(d, w)
-            by_d = law.stiffness_dq(d) + law.damping_dq(d, w)
-            by_w = law.damping_dq_dot(d, w)
+        path, q = self._path, self.curve.within(state.q)
+        slope, bend = path.slope(q), path.slope(q, 1)
+        force, by_d, by_w = self._resistance(state, q, slope)
         if not path.holonomic:
             by_d = 0.0
         by_q = bend * force + slope * (by_d * slope + by_w * bend * state.q_dot[:, None])
@@ -165,16 +151,14 @@ class _Path:
     def of(curve: StaticCurve, mounting: Mounting) -> _Path:
         columns, weights = [], []
         for place, weight in _places(curve, mounting):
-            point = _point(place, curve.shapes)
+            u, w, theta = np.moveaxis(place.of(curve.shapes), -1, 0)
+            point = Point(place.s, place.s + u, w, theta)
             tangent = place.of(curve.tangents)
             g = np.stack(np.broadcast_arrays(*mounting.gradient(point), point.y)[:3], axis=-1)
             columns.append((mounting.displacement(point), np.sum(g * tangent, axis=-1)))
             weights.append(weight)
-        d, slope = (np.stack(c, axis=1) for c in zip(*columns, strict=True))
-        holonomic = not isinstance(mounting, AlongBeam)
-        return _Path(
-            CubicSpline(curve.q, d), CubicSpline(curve.q, slope), np.array(weights), holonomic
-        )
+        d, slope = (CubicSpline(curve.q, np.stack(c, 1)) for c in zip(*columns, strict=True))
+        return _Path(d, slope, np.array(weights), not isinstance(mounting, AlongBeam))
 
 
 def _places(curve: StaticCurve, mounting: Mounting) -> list[tuple[Any, float]]:
@@ -183,39 +167,24 @@ def _places(curve: StaticCurve, mounting: Mounting) -> list[tuple[Any, float]]:
     if not isinstance(mounting, AlongBeam):
         return [(assembly.place(mounting.at), 1.0)]
     x, w = np.polynomial.legendre.leggauss(_POINTS)
-    return [
-        (assembly.place(float(length * (1 + a) / 2)), float(length * b / 2))
-        for a, b in zip(x, w, strict=True)
-    ]
+    pairs = zip((length * (1 + x) / 2).tolist(), (length * w / 2).tolist(), strict=True)
+    return [(assembly.place(at), weight) for at, weight in pairs]
 
 
-def _point(place: Any, shapes: Array) -> Point:
-    u, w, theta = np.moveaxis(place.of(shapes), -1, 0)
-    return Point(place.s, place.s + u, w, theta)
-
-
-def _points(curve: StaticCurve, mounting: Mounting, shapes: Array) -> list[Point]:
-    """The first place of a mounting in some shapes (n, n_nodes, 3), one point each."""
-    place = _places(curve, mounting)[0][0]
-    return [Point(place.s, place.s + u, w, theta) for u, w, theta in place.of(shapes).tolist()]
+def _at_rest(curve: StaticCurve, mounting: Mounting) -> Point:
+    """The first place of a mounting at the equilibrium."""
+    return _places(curve, mounting)[0][0].point(curve.rest, np.zeros_like(curve.rest))
 
 
 @dataclass(frozen=True, eq=False)
 class DampingEffect(BeamEffect):
     """A change of the beam's own damping; its force is a difference of two beams.
 
-    Attributes
-    ----------
-    curve : StaticCurve
-    change : type
-        Of `romsindy.beam.changes`, in one number.
-    name, label, fixed_unit, advice : str
-    tolerance : float, optional
-        Standard deviation of the change, where it is known to be near 0.
+    ``change`` is one of `romsindy.beam.changes`, in one number.
     """
 
     curve: StaticCurve
-    change: type
+    change: type  # of `romsindy.beam.changes`, in one number
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
     fixed_unit: str  # type: ignore[misc]
@@ -236,11 +205,10 @@ class DampingEffect(BeamEffect):
         return spline
 
     def forces(self, state: State) -> Array:
-        inside = np.clip(state.q, self.curve.q[0], self.curve.q[-1])
-        return (self._resistance(inside) * state.q_dot)[None]
+        return (self._resistance(self.curve.within(state.q)) * state.q_dot)[None]
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
-        inside = np.clip(state.q, self.curve.q[0], self.curve.q[-1])
+        inside = self.curve.within(state.q)
         by_q = self._resistance(inside, 1) * state.q_dot
         return strengths[0] * by_q, strengths[0] * self._resistance(inside), 0.0
 
@@ -249,7 +217,7 @@ def mounted_effects(
     curve: StaticCurve, catalogue: Sequence[TermEffect] = BEAM_CATALOGUE
 ) -> tuple[MountedEffect, ...]:
     """The effects of a catalogue that can be on this beam, each at its place."""
-    springs = [e for e in curve.beam.effects if isinstance(e, Spring)]
+    springs = springs_of(curve.beam)
     found = []
     for effect in catalogue:
         where = effect.mounting

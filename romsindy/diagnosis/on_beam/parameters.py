@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from romsindy.beam.changes import (
     StifferBending,
     StifferSpring,
 )
-from romsindy.beam.spring import Spring
+from romsindy.beam.spring import springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.effects.base import TermEffect
@@ -36,31 +36,52 @@ _LEAST = 1e-12  # an effect that must be positive, and is zero
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
+class _Parameter(NamedTuple):
+    """A parameter of a beam: names, unit, and what changes the beam by one number.
+
+    ``step`` is that of the difference; ``sign`` = 1 says that it can but grow.
+    """
+
+    name: str
+    label: str
+    unit: str
+    change: Any
+    step: float = 0.01
+    sign: int = 0
+
+
+_STIFFNESS = (
+    _Parameter(
+        "bending_stiffness", "another bending stiffness", "of the assumed one", StifferBending
+    ),
+)
+_MASS = (_Parameter("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),)
+_CLAMP = (
+    _Parameter("clamp_compliance", "a clamp that gives way", "rad/(N m)", ClampCompliance, 1e-3, 1),
+)
+_SPRING = (
+    _Parameter("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring),
+    _Parameter("pre_tension", "another tension in the spring", "N", ExtraTension),
+)
+# Of masses that are there; what is looked for is mass that is not ("added_mass").
+_MASSES = (_Parameter("point_masses", "other point masses", "of the assumed ones", HeavierMasses),)
+
+
 @dataclass(frozen=True)
 class ParameterEffect(TermEffect, BeamEffect):
     """A parameter of the beam that is another than assumed; the strength is its change.
 
-    Attributes
-    ----------
-    direction : Combination
-        What a unit of the change does to the coefficients.
-    change : type
-        What `Beam.with_effect` takes, in one number.
-    name, label, fixed_unit : str
-    sign : int
-    at : float, optional
-        Where a point mass is, m; None is the right end.
-    tolerance : float, optional
-        Standard deviation of the change, where it is known to be near 0.
+    ``direction`` is what a unit of ``change`` does to the coefficients, ``at`` is where a point
+    mass sits, ``tolerance`` the standard deviation of a change that is known to be near 0.
     """
 
     direction: Combination
-    change: type
+    change: Any
     name: str  # type: ignore[misc]
     label: str  # type: ignore[misc]
     fixed_unit: str  # type: ignore[misc]
     sign: int = 0  # type: ignore[misc]
-    at: float | None = None
+    at: float | None = None  # where a point mass is, m
     tolerance: float | None = None  # type: ignore[misc]
 
     family = "beam"
@@ -74,8 +95,8 @@ class ParameterEffect(TermEffect, BeamEffect):
 
     def linear_shift(self, omega2: float) -> float:
         """Change of omega^2 for a unit of the parameter."""
-        pairs = zip(self.direction.terms, self.direction.weights, strict=True)
-        weights = {term.key: w for term, w in pairs}
+        keys = (term.key for term in self.direction.terms)
+        weights = dict(zip(keys, self.direction.weights, strict=True))
         return weights["omega^2"] - omega2 * weights["mu"]
 
 
@@ -84,112 +105,64 @@ def _changed(change: Any, value: float, at: float | None) -> Any:
     return change(value, at) if change is PointMass else change(value)
 
 
-# name, label, unit, change of the beam, step of the difference, sign
-_OF_ANY_BEAM = (
-    (
-        "bending_stiffness",
-        "another bending stiffness",
-        "of the assumed one",
-        StifferBending,
-        0.01,
-        0,
-    ),
-    ("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),
-    ("clamp_compliance", "a clamp that gives way", "rad/(N m)", ClampCompliance, 1e-3, 1),
-)
-# Of masses that are there; what is looked for is mass that is not ("added_mass").
-_OF_MASSES = (
-    ("point_masses", "other point masses", "of the assumed ones", HeavierMasses, 0.01, 0),
-)
-_OF_A_SPRING = (
-    ("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring, 0.01, 0),
-    ("pre_tension", "another tension in the spring", "N", ExtraTension, 0.01, 0),
-)
-# name, label, unit, change of the beam, advice
-_DAMPING = (
-    (
-        "mass_damping",
-        "other damping in proportion to mass (alpha) than assumed",
-        "1/s",
-        MassDamping,
-        "a longer decay from a larger amplitude",
-    ),
-    (
-        "material_damping",
-        "other damping in proportion to stiffness (eta) than assumed",
-        "s",
-        MaterialDamping,
-        "a second mode: it damps that more",
-    ),
-)
-
-
 def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
     """The beam's own damping, in proportion to mass and to stiffness."""
-    return tuple(
-        DampingEffect(curve, change, name, label, unit, advice)
-        for name, label, unit, change, advice in _DAMPING
+    by_mass = "other damping in proportion to mass (alpha) than assumed"
+    by_stiffness = "other damping in proportion to stiffness (eta) than assumed"
+    longer, second = "a longer decay from a larger amplitude", "a second mode: it damps that more"
+    return (
+        DampingEffect(curve, MassDamping, "mass_damping", by_mass, "1/s", longer),
+        DampingEffect(curve, MaterialDamping, "material_damping", by_stiffness, "s", second),
     )
 
 
 def parameter_effects(
     seen: InstrumentedBeam, amplitude: float, shift: float = 0.0
 ) -> tuple[ParameterEffect, ...]:
-    """Effects of the parameters that a beam has.
+    """Effects of the parameters that a beam has, up to some coordinate (kg^0.5 m).
 
-    Parameters
-    ----------
-    seen : InstrumentedBeam
-        Through its sensors a changed mode shape changes the coordinate.
-    amplitude : float
-        Largest coordinate, kg^0.5 m.
-    shift : float
-        By how much omega^2 was found to differ, 1/s^2: the differences are taken over the change
-        of each parameter that would cause this, so that they are exact there.
+    ``shift`` is by how much omega^2 was found to differ, 1/s^2: the differences are taken over the
+    change of each parameter that would cause this, so that they are exact there.
     """
-    springs = [e for e in seen.beam.effects if isinstance(e, Spring)]
-    left, at = seen.beam.left, seen.basis.point(1)
-    clamped = left.fixed[2] or left.rotational_stiffness > 0.0
+    at = seen.basis.point(1)
     start = _seen_coefficients(seen, seen.beam, amplitude)
+
+    def effect(p: _Parameter, step: float) -> ParameterEffect:
+        changed = seen.beam.with_effect(_changed(p.change, step, at))
+        there = _seen_coefficients(seen, changed, amplitude)
+        slopes = tuple((there[key] - start[key]) / step for key in start)
+        direction = Combination(p.name, tuple(map(term_from_key, start)), slopes)
+        label = p.label.format(place=AtPoint(at).place)
+        return ParameterEffect(direction, p.change, p.name, label, p.unit, p.sign, at)
+
     found = []
-    known = _OF_ANY_BEAM + (_OF_A_SPRING if len(springs) == 1 else ())
-    if any(isinstance(e, PointMass) for e in seen.beam.effects):
-        known += _OF_MASSES
-    for name, label, unit, change, step, sign in known:
-        if change is ClampCompliance and not clamped:
-            continue
-
-        def effect(
-            step: float,
-            name: str = name,
-            label: str = label.format(place=AtPoint(at).place),
-            unit: str = unit,
-            change: Any = change,
-            sign: int = sign,
-        ) -> ParameterEffect:
-            there = _seen_coefficients(
-                seen, seen.beam.with_effect(_changed(change, step, at)), amplitude
-            )
-            direction = _direction(name, start, there, step)
-            return ParameterEffect(direction, change, name, label, unit, sign, at)
-
-        tangent = effect(step)
+    for p in _parameters_of(seen.beam):
+        tangent = effect(p, p.step)
         slope = tangent.linear_shift(start["omega^2"])
         needed = shift / slope if slope else np.inf
         # Steps that the frequency does not ask for stay small.
-        chord = step < abs(needed) < _FAR * step and needed * max(sign, 0) >= 0
-        found.append(effect(needed) if chord else tangent)
+        chord = p.step < abs(needed) < _FAR * p.step and needed * max(p.sign, 0) >= 0
+        found.append(effect(p, needed) if chord else tangent)
     return tuple(found)
 
 
-def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str, float]:
-    """Return standard deviations of parameters of a beam, in the units of their effects.
+def _parameters_of(beam: Beam) -> tuple[_Parameter, ...]:
+    clamped = beam.left.fixed[2] or beam.left.rotational_stiffness > 0.0
+    return (
+        *_STIFFNESS,
+        *_MASS,
+        *(_CLAMP if clamped else ()),
+        *(_SPRING if len(springs_of(beam)) == 1 else ()),
+        *(_MASSES if _has_masses(beam) else ()),
+    )
 
-    Parameters
-    ----------
-    beam : Beam
-    tolerances : mapping of str to float
-        Relative standard deviations, by name.
+
+def _has_masses(beam: Beam) -> bool:
+    return any(isinstance(e, PointMass) for e in beam.effects)
+
+
+def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str, float]:
+    """Turn relative standard deviations of parameters of a beam into the units of their effects.
 
     Raises
     ------
@@ -214,22 +187,15 @@ def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str
 def _assumed(beam: Beam) -> dict[str, float]:
     """What a beam assumes of the parameters that a tolerance can be of, in their units."""
     sizes = {"bending_stiffness": 1.0, "mass_damping": beam.alpha, "material_damping": beam.eta}
-    if any(isinstance(e, PointMass) for e in beam.effects):
+    if _has_masses(beam):
         sizes["point_masses"] = 1.0
-    springs = [e for e in beam.effects if isinstance(e, Spring)]
+    springs = springs_of(beam)
     if len(springs) == 1:
         (spring,) = springs
         at = beam.length if spring.at is None else spring.at
         stretch = spring.mounting.span(at, 0.0) - spring.natural_length
         sizes |= {"spring_stiffness": 1.0, "pre_tension": abs(spring.stiffness * stretch)}
     return sizes
-
-
-def _direction(
-    name: str, start: Mapping[str, float], there: Mapping[str, float], step: float
-) -> Combination:
-    terms = tuple(term_from_key(key) for key in start)
-    return Combination(name, terms, tuple((there[key] - start[key]) / step for key in start))
 
 
 def _seen_coefficients(seen: InstrumentedBeam, beam: Beam, amplitude: float) -> dict[str, float]:

@@ -23,7 +23,7 @@ _ROUNDS = 2  # the motion is nearly linear in the higher modes
 def load_at_release(
     seen: InstrumentedBeam, beam: Beam, q: float, measured: Array, dt: float
 ) -> Array:
-    """Find the load that held a beam until it was let go.
+    """Find the load, (n_nodes, 3) and of any size, that held a beam until it was let go.
 
     The load is a sum of modal forces. Beside their ratios an error of the amplitude and one of the
     frequency are fitted, so that what the beam lacks is not taken for a part of the release.
@@ -31,15 +31,12 @@ def load_at_release(
     Parameters
     ----------
     seen : InstrumentedBeam
-        Whose sensors measured.
     beam : Beam
-        The beam with all effects that are known by now.
-    q : float
-        Coordinate at the release, kg^0.5 m.
+        With all effects that are known by now.
+    q, dt : float
+        Coordinate at the release, kg^0.5 m; sampling interval, s.
     measured : (n, n_sensors) array
         Displacements from the release on, m.
-    dt : float
-        Sampling interval, s.
 
     Returns
     -------

@@ -97,8 +97,8 @@ class BeamReport:
     @property
     def recipe(self) -> str:
         """The lines of Python that make `model` from `beam`, the beam as it was."""
-        lines = [recipe_of(effects_of(self.parts))]
-        return "\n".join([*lines, *(f"# not on the beam: {label}" for label in self.not_on_beam)])
+        missing = (f"# not on the beam: {label}" for label in self.not_on_beam)
+        return "\n".join([recipe_of(effects_of(self.parts)), *missing])
 
     @property
     def not_on_beam(self) -> tuple[str, ...]:

@@ -26,21 +26,12 @@ _FOLDS = 40  # parts of a channel's range over which what repeats is told from n
 
 @dataclass(frozen=True)
 class SensorFault:
-    """A channel that disagrees with the others.
-
-    Attributes
-    ----------
-    channel : int
-    label : str
-    kind : "gain", "offset" or "saturation"
-    value : float
-        Relative error of the gain; offset, m; limit, m.
-    """
+    """A channel that disagrees with the others."""
 
     channel: int
     label: str
-    kind: str
-    value: float
+    kind: str  # "gain", "offset" or "saturation"
+    value: float  # relative error of the gain; offset, m; limit, m
 
     def __str__(self) -> str:
         unit = "" if self.kind == "gain" else " m"
@@ -52,15 +43,9 @@ def find_fault(
 ) -> SensorFault | None:
     """Find the channel that is faulty, if there is one.
 
-    Parameters
-    ----------
-    measured : (n, n_sensors) array
-        Displacements from equilibrium, m.
-    simulated : (m, n_sensors) array
-        Of the beam over the same amplitudes, m.
-    shapes : (n_sensors, n_modes) array
-        Mode shapes at the sensors; two sensors more than modes are needed to say which is wrong.
-    labels : list of str
+    ``measured`` (n, n_sensors) and ``simulated`` (m, n_sensors) are displacements from equilibrium,
+    m, over the same amplitudes; ``shapes`` (n_sensors, n_modes) are those of the modes. Two sensors
+    more than modes are needed to say which is wrong.
     """
     for channel, y in enumerate(measured.T):
         if _clips(y):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -21,16 +20,15 @@ from romsindy.diagnosis.on_beam.parameters import (
 )
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
-from romsindy.diagnosis.on_beam.static_curve import seen_curve
 from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.workflow import diagnose_model
-from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
+from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
-from romsindy.fit.verdict import FALSE_ALARM, FLOOR
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import noise_std
@@ -47,19 +45,13 @@ _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
 def diagnose_beam(
     beam: Beam,
-    measured: Decay | Sequence[Decay],
-    *,
+    measured: Sequence[Decay],
     sensors: SensorArray,
-    held_out: Decay | None = None,
-    release: Shape | None = None,
-    free: Sequence[str | Effect] = (),
-    tolerances: Mapping[str, float] | None = None,
-    catalogue: Sequence[Effect] = CATALOGUE,
-    false_alarm: float = FALSE_ALARM,
-    max_effects: int = 3,
-    floor: float = FLOOR,
-    n_jobs: int = 1,
-    progress: Callable[[str], None] | None = None,
+    held_out: Decay | None,
+    release: Shape | None,
+    free: Sequence[str | Effect],
+    tolerances: Mapping[str, float],
+    options: Options,
 ) -> BeamReport:
     """Find, name and add what a beam lacks; arguments as those of `diagnose`.
 
@@ -69,44 +61,36 @@ def diagnose_beam(
     and the parameters of the beam replace effects of the catalogue that have the same name; an
     effect of your own with a ``mounting`` is looked for there.
     """
-    several = [measured] if isinstance(measured, Decay) else list(measured)
-    everything = [*several, *([held_out] if held_out is not None else [])]
-    load = _check(several, free, release)
+    everything = [*measured, *([held_out] if held_out is not None else [])]
+    load = _check(measured, free, release)
     free_names = {_FREE[str(name)] for name in free}
-    near = standard_deviations(beam, tolerances or {})
+    near = standard_deviations(beam, tolerances)
     everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
     seen = InstrumentedBeam(beam, sensors)
     for i, decay in enumerate(everything):
-        check_release(Record.loud(seen.decay(decay), floor), i)
-    seen, own, faults, decays = _with_right_sensors(seen, everything, len(several))
+        check_release(Record.loud(seen.decay(decay), options.floor), i)
+    seen, own, faults, decays = _with_right_sensors(seen, everything, len(measured))
     coordinates = [seen.decay(d) for d in decays]
-    training = coordinates[: len(several)]
+    training = coordinates[: len(measured)]
     model, rough = calibrated(beam, own)
-    effects = _effects(seen, model, training, float(np.abs(own.q).max()), catalogue)
+    effects = _effects(seen, model, training, float(np.abs(own.q).max()), options.catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
-    general = [e for e in catalogue if e.name not in unneeded]
+    general = [e for e in options.catalogue if e.name not in unneeded]
     unsure = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += [replace(e, tolerance=near[e.name]) for e in effects if e.name in near]  # type: ignore[type-var]
     effects = tuple(e for e in effects if e.name != "point_masses")
-    records = [Record.loud(d, floor) for d in coordinates]
-    parallel, say = Parallel(n_jobs), progress or (lambda _: None)
+    records = [Record.loud(d, options.floor) for d in coordinates]
+    look_for = replace(options, catalogue=(*general, *effects))
+    parallel = Parallel(options.n_jobs)
 
-    def look(decays: Sequence[Decay], most: int, floor: float = floor) -> DiagnosisReport:
-        return diagnose_model(
-            model,
-            decays[: len(several)],
-            held_out=decays[-1] if held_out is not None else None,
-            free=unsure,
-            catalogue=(*general, *effects),
-            false_alarm=false_alarm,
-            max_effects=most,
-            floor=floor,
-            n_jobs=n_jobs,
-            progress=progress,
-        )
+    def look(decays: Sequence[Decay], most: int, floor: float) -> DiagnosisReport:
+        test = decays[-1] if held_out is not None else None
+        chosen = replace(look_for, max_effects=most, floor=floor)
+        return diagnose_model(model, decays[: len(measured)], test, unsure, {}, chosen)
 
     def simulate(parts: Sequence[Part]) -> list[Corrected]:
-        say("the beam with " + (" + ".join(p.effect.name for p in parts) or "nothing more"))
+        added = " + ".join(p.effect.name for p in parts) or "nothing more"
+        options.progress(f"the beam with {added}")
         pairs = zip(records, decays, strict=True)
         return list(parallel(delayed(corrected)(seen, model, parts, r, d, load) for r, d in pairs))
 
@@ -117,8 +101,8 @@ def diagnose_beam(
             f"the beam as it is cannot be simulated over the decays ({error}): check its values,"
             " or let it go from less"
         ) from error
-    first = look(coordinates, 1, max(rough, floor))
-    report, trouble = _looked_again(first, look, simulate, max_effects)
+    first = look(coordinates, 1, max(rough, options.floor))
+    report, trouble = _looked_again(first, look, simulate, options)
     parts = () if trouble else on_the_beam(report.best.solution.parts)
     after = before
     if parts:
@@ -132,9 +116,9 @@ def diagnose_beam(
 
 def _looked_again(
     report: DiagnosisReport,
-    look: Callable[[Sequence[Decay], int], DiagnosisReport],
+    look: Callable[[Sequence[Decay], int, float], DiagnosisReport],
     simulate: Callable[[Sequence[Part]], list[Corrected]],
-    max_effects: int,
+    options: Options,
 ) -> tuple[DiagnosisReport, str]:
     """Simulate what was found, take the defect off and look again, until nothing changes.
 
@@ -148,11 +132,11 @@ def _looked_again(
             found = simulate(parts)
         except _FAILURES as error:
             return report, str(error)
-        report = look([c.decay for c in found], most)
+        report = look([c.decay for c in found], most, options.floor)
         if _settled(parts, report):
-            if report.verdict != "unknown" or most == max_effects:
+            if report.verdict != "unknown" or most == options.max_effects:
                 break
-            most = max_effects
+            most = options.max_effects
     return report, ""
 
 
@@ -181,7 +165,7 @@ def _effects(
     catalogue: Sequence[Effect],
 ) -> tuple[BeamEffect, ...]:
     """Effects in the form that they have on this beam; the user's own first."""
-    curve = seen_curve(seen, reach)
+    curve = seen.curve(reach)
     shift = _frequency_shift(model, decays)
     known = {e.name for e in BEAM_CATALOGUE}
     own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
@@ -197,7 +181,7 @@ def _sensor_errors(
     readings = decay.between(t[0], t[-1]).q
     noise = np.array([noise_std(y) for y in readings.T])
     errors = [np.sqrt(np.mean((readings - c.readings) ** 2, axis=0)) / noise for c in both]
-    return tuple(itertools.starmap(SensorError, zip(seen.sensors.labels, *errors, strict=True)))
+    return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *errors, strict=True))
 
 
 def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:

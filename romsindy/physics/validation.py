@@ -1,14 +1,25 @@
-"""Checks of the beam's arguments: every message names the argument, the value and the remedy."""
+"""Checks of arguments: every message names the argument, the value and the remedy."""
 
 from __future__ import annotations
 
 import math
 
 
-def require_finite(name: str, value: float) -> None:
-    """Raise ValueError unless `value` is a finite number."""
-    if not math.isfinite(value):
-        raise ValueError(f"{name} must be a finite number, got {value}")
+def require_finite(name: str, *values: float) -> None:
+    """Raise ValueError unless every value is a finite number."""
+    for value in values:
+        if not math.isfinite(value):
+            raise ValueError(f"{name} must be a finite number, got {value}")
+
+
+def unit_vector(direction: tuple[float, float]) -> tuple[float, float]:
+    """Return a direction of length one; raise ValueError where it has none."""
+    norm = math.hypot(*direction)
+    if not 0.0 < norm < math.inf:
+        raise ValueError(
+            f"direction = {direction} points nowhere; (0, 1) is transverse, (1, 0) axial"
+        )
+    return direction[0] / norm, direction[1] / norm
 
 
 def require_positive(name: str, value: float, *, zero_allowed: bool = False) -> None:
