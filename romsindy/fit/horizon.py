@@ -22,8 +22,8 @@ from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
 # In cycles: a wrong frequency shows as a phase that drifts, and must not drift far before it is
-# corrected.
-_FIRST, _GROWTH = 2.5, 1.6
+# corrected. Where a structure is wrong, longer strides (1.6) were seen to lose the motion.
+_FIRST, _GROWTH = 2.5, 1.4
 # Until the whole record is in sight, no term may change the acceleration by more than about this
 # part of it: few cycles do not tell coefficients apart.
 _LEASH = 0.01
