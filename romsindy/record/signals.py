@@ -14,6 +14,8 @@ from romsindy.typing import Array
 
 # Equal samples in a row at the very extreme: fewer may be chance, or steps of an encoder.
 _CLIPPED_RUN = 4
+# Lines of a spectrum below this one hold fewer cycles.
+_CYCLES_AT_LEAST = 3
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -27,13 +29,14 @@ def fundamental_frequency(x: Array, dt: float) -> float:
     if not np.ptp(x) > 0:
         raise ValueError(f"the signal is constant ({x[0]:.6g}): nothing vibrates in this record")
     frequencies, power = periodogram(detrend(x), 1 / dt, window="hann")
-    line = int(np.argmax(power))
-    if line < 3:
+    # The line of a frequency that changes with amplitude is broad and low: what drifts is judged
+    # by its power, not by its peak.
+    if power[:_CYCLES_AT_LEAST].sum() > power[_CYCLES_AT_LEAST:].sum():
         raise ValueError(
             f"the record of {len(x) * dt:.4g} s holds fewer than three cycles, or drifts by more"
             " than it vibrates: record longer, remove the drift, or check the time unit"
         )
-    return float(frequencies[line])
+    return float(frequencies[_CYCLES_AT_LEAST + np.argmax(power[_CYCLES_AT_LEAST:])])
 
 
 def noise_std(x: Array) -> float:
