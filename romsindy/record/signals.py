@@ -49,7 +49,7 @@ def _highest_line(x: Array, dt: float) -> float | None:
     drift, swing = np.split(power, [_CYCLES_AT_LEAST])
     # The line of a frequency that changes with amplitude is broad and low: drift is judged by its
     # power. White noise is no vibration; the median of its lines is ln 2 of their mean.
-    if drift.sum() > swing.sum() - len(swing) * np.median(power) / np.log(2):
+    if drift.sum() >= swing.sum() - len(swing) * np.median(power) / np.log(2):
         return None
     return float(frequencies[_CYCLES_AT_LEAST + np.argmax(swing)])
 
