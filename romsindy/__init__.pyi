@@ -7,7 +7,8 @@ from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.adequacy import Adequacy as Adequacy
 from romsindy.fit.bootstrap import Bootstrap as Bootstrap
 from romsindy.fit.bootstrap import bootstrap as bootstrap
-from romsindy.fit.refine import Band as Band
+from romsindy.fit.estimate import Band as Band
+from romsindy.fit.estimate import Estimate as Estimate
 from romsindy.fit.refine import Fit as Fit
 from romsindy.fit.refine import refine as refine
 from romsindy.orbits.continuation import Branch as Branch
