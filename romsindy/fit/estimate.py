@@ -130,8 +130,9 @@ class Estimate:
         """JSON text of the model (`ReducedModel.to_json`), with four more entries.
 
         They are "free", "covariance", "verdict" and "notes". Every number reads back as the same
-        number; those that are not finite, such as the ratio of a model without any motion, are
-        strings (see `romsindy.physics.serial`). `ReducedModel.from_json` reads the model alone.
+        number; those that are not finite, such as the ratio of a model without any motion, are the
+        strings "Infinity", "-Infinity" and "NaN" (see `romsindy.physics.serial`), for JSON has no
+        such numbers. `ReducedModel.from_json` reads the model alone.
         """
         content = json.loads(self.model.to_json()) | {
             "free": self.free,
