@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.estimate import Band
 from romsindy.fit.functions.structures import Structure
 from romsindy.fit.record import Record
-from romsindy.fit.refine import Band
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.typing import Array
