@@ -44,9 +44,6 @@ from romsindy.regression.library import StiffnessLibrary as StiffnessLibrary
 from romsindy.regression.library import implicit_data as implicit_data
 from romsindy.regression.projection import HarmonicLibrary as HarmonicLibrary
 from romsindy.regression.projection import HarmonicProjection as HarmonicProjection
-from romsindy.selection.select import Selection as Selection
-from romsindy.selection.select import default_candidates as default_candidates
-from romsindy.selection.select import select_model as select_model
 
 __version__: str
 __all__: list[str]

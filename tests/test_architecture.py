@@ -32,7 +32,6 @@ ROOMS = [
     {"physics"},
     {"effects", "orbits", "regression"},
     {"beam", "fit"},
-    {"selection"},
     {"show"},
     {"diagnosis", "study"},
     {"commands"},
@@ -126,7 +125,7 @@ def test_models_and_signals_know_no_regression():
     """A ReducedModel holds no PySINDy object; only the regression side imports it."""
     hosts = {"pysindy", "sklearn"}
     knowing = {room(m) for m in MODULES if {n.split(".")[0] for n in imported(m)} & hosts}
-    assert knowing <= {"regression", "selection", "study"}
+    assert knowing <= {"regression", "study"}
 
 
 def test_what_is_not_needed_is_not_imported():

@@ -8,7 +8,7 @@ from romsindy import (
     example_decay,
     extract_backbone,
 )
-from romsindy.selection.comparison import coefficient_table, compare_models
+from romsindy.regression.comparison import coefficient_table, compare_models
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from romsindy.commands import study as study_command
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.record.cycles import crossings
+from romsindy.regression.comparison import PAPER, WEIGHTED
 from romsindy.study import (
     chapters,
     choose_harmonics,
@@ -31,7 +32,6 @@ from romsindy.study import (
 )
 from romsindy.study.content import Check, Table
 from romsindy.study.harmonics import blocks
-from romsindy.study.models import DEFAULT, PAPER
 
 # Ten quadratic elements have the linear frequency of the default beam within 1e-4, and twelve
 # seconds hold a decade of amplitudes.
@@ -146,7 +146,7 @@ def test_blocks_share_no_cycle(system):
 def test_cross_validation_asks_for_the_third_harmonic(system):
     """Without it inertia and stiffness are one column: q^3 and q^2 q'' are alike in cos(theta)."""
     estimator = HarmonicSINDy(
-        ROMLibrary(damping=()), projection=PAPER.projection, weighted=DEFAULT.weighted
+        ROMLibrary(damping=()), projection=PAPER.projection, weighted=WEIGHTED.weighted
     )
     search = choose_harmonics(system.decay, estimator, [(0, 1, 2), (0, 1, 2, 3)])
     assert search.best_params_["projection__harmonics"] == (0, 1, 2, 3)

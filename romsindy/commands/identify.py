@@ -9,18 +9,28 @@ from typing import Any
 
 import click
 import numpy as np
+from sklearn.base import clone
 from tqdm import tqdm
 
+from romsindy.fit.functions.identify import identify as fit
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.example import example_decay
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
 from romsindy.record.filters import Butterworth
-from romsindy.regression.projection import HarmonicProjection
-from romsindy.selection.comparison import coefficient_table, compare_models
-from romsindy.selection.select import Selection, select_model
-from romsindy.show.identification_page import Identification, pictures, write_identification
+from romsindy.regression.comparison import (
+    PAPER,
+    WEIGHTED,
+    Candidate,
+    compare_models,
+    judge,
+)
+from romsindy.show.identification_page import (
+    IdentificationReport,
+    pictures,
+    write_identification,
+)
 
 
 def _coefficients(
@@ -38,7 +48,9 @@ def _coefficients(
     return fixed
 
 
-def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, ...]:
+def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+    if value is None:
+        return None
     try:
         low, dash, high = value.partition("-")
         if dash:
@@ -53,7 +65,12 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
 @click.command()
 @click.argument("file", required=False, type=click.Path(path_type=Path))
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
-@click.option("--seed", default=0, show_default=True, help="Seed of the example's noise (35 dB).")
+@click.option(
+    "--seed",
+    default=0,
+    show_default=True,
+    help="Seed of the draws behind the bands, and of the example's noise.",
+)
 @click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...')
 @click.option(
     "--quantity",
@@ -66,7 +83,10 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
 @click.option("--start", type=float, help="Use the record from this time on, s.")
 @click.option("--end", type=float, help="Use the record up to this time, s.")
 @click.option(
-    "--order", default=5, show_default=True, help="Highest order of stiffness and inertia."
+    "--order",
+    default=5,
+    show_default=True,
+    help="Highest order of stiffness and inertia in regressions; the identification finds its own.",
 )
 @click.option(
     "--damping",
@@ -74,43 +94,49 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str) -> tuple[int, 
     default=("linear",),
     show_default=True,
     type=click.Choice(list(DAMPING)),
-    help="Kind of damping; may be repeated.",
+    help="Kind of damping in regressions; may be repeated.",
 )
 @click.option(
     "--fix",
     multiple=True,
     callback=_coefficients,
     metavar="NAME=VALUE",
-    help="Known coefficient in SI units; may be repeated. The models with fixed linear"
+    help="Known coefficient in SI units; may be repeated. Regressions with fixed linear"
     " frequency take omega^2 from here, or else from the measured backbone.",
 )
 @click.option(
     "--harmonics",
-    default="0-3",
-    show_default=True,
     callback=_harmonics,
-    help="Harmonics of each cycle.",
+    help="Harmonics of each cycle in regressions.  [default: 0-5, weighted 0-3]",
 )
-@click.option("--amplitude", nargs=2, type=float, help="Least and largest amplitude to learn from.")
+@click.option(
+    "--amplitude",
+    nargs=2,
+    type=float,
+    help="Least and largest amplitude of the cycles that are used.",
+)
 @click.option(
     "--cutoff",
     type=float,
-    help="Cut-off of the low-pass filter, Hz.  [default: ten times the fundamental]",
+    help="Cut-off of the low-pass before regressions, Hz.  [default: ten times the fundamental]",
 )
 @click.option(
-    "--refine/--no-refine",
-    "refined",
-    default=True,
-    help="Refine every model by simulation, with error bars and a verdict.  [default: refine]",
-)
-@click.option(
-    "--select",
+    "--plain",
     is_flag=True,
-    help="Let the data choose the terms: orders 3 to 13, dampings, subsets. Takes about 20 s.",
+    help="The regression of the method's paper instead: two models, linear frequency estimated and"
+    " fixed, no error bars.",
+)
+@click.option(
+    "--weighted",
+    is_flag=True,
+    help="As --plain, with rows weighted by the noise expected in them.",
 )
 @click.option("--report", type=click.Path(path_type=Path), help="Name of the HTML report.")
+@click.option("--model", type=click.Path(path_type=Path), help="Write the equation as JSON.")
 @click.option(
-    "--model", type=click.Path(path_type=Path), help="Write the IC-ROM as JSON to this file."
+    "--save",
+    type=click.Path(path_type=Path),
+    help="Write all that was identified, bands included, as JSON.",
 )
 @click.option(
     "--figure", type=click.Path(path_type=Path), help="Write the backbone figure to this file."
@@ -122,89 +148,89 @@ def identify(
     order: int,
     damping: tuple[str, ...],
     fix: dict[str, float],
-    harmonics: tuple[int, ...],
+    harmonics: tuple[int, ...] | None,
     amplitude: tuple[float, float] | None,
     cutoff: float | None,
-    refined: bool,
-    select: bool,
+    plain: bool,
+    weighted: bool,
     report: Path | None,
     model: Path | None,
+    save: Path | None,
     figure: Path | None,
     **reading: Any,
 ) -> None:
     """Identify an equation of motion from the free decay in FILE.
 
-    Prints the equation, compares the IC-ROM with a stiffness polynomial, and writes one HTML page.
+    Prints its functions with 95 % bands, its coefficients beside those of plain regressions, and
+    writes one HTML page.
     """
     if example == (file is not None):
         raise click.UsageError("name one FILE, or ask for --example")
+    if plain and weighted:
+        raise click.UsageError("--plain and --weighted are two regressions: ask for one")
+    if save is not None and (plain or weighted):
+        raise click.UsageError("--save needs the bands, which no regression has: use --model")
     if file is not None:
         record = load_decay(file, **reading)
         title, report = f"Free decay {file.name}", report or Path(f"{file.stem}_report.html")
     else:
         record = example_decay(35.0, seed)
         title, report = "Example: synthetic decay, 35 dB", report or Path("example_report.html")
-    projection = HarmonicProjection(harmonics, amplitude=amplitude or None)
-    method = Butterworth(cutoff)
-    result = _identified(title, record, order, damping, fix, projection, method, refined)
-    best = result.named("IC-ROM")
-    icrom = best.model
-    click.echo(f"\n{result.decay!r}\n{result.backbone!r}\n\n{best.fit or icrom}\n")
-    click.echo(_aligned(coefficient_table(result.candidates)))
-    click.echo(f"\n{result.verdict()}\n{result.table_note()}")
-    if select:
-        selection = _selected(result, fix, projection)
-        result, icrom = replace(result, selection=selection), selection.model
-        click.echo(f"\n{selection}")
-    write_identification(result, report, lambda steps: _bar(steps, "drawing"))
+    free, backbone = _used(record, amplitude)
+    decay = free.conditioned(Butterworth(cutoff))
+    recipe = clone(WEIGHTED if weighted else PAPER)
+    if harmonics is not None:
+        recipe.set_params(projection__harmonics=harmonics)
+    four = {c.name: c for c in compare_models(decay, backbone, order, damping, fix, recipe)}
+    if plain or weighted:
+        result = IdentificationReport(
+            title, record, decay, backbone, list(four.values()), four["IC-ROM"]
+        )
+    else:
+        with _bar(None, "identifying") as bar:
+            found = fit(free, fixed=fix, seed=seed, progress=bar.set_postfix_str)
+        main = judge("identified", found.model, backbone, fix, found.standard_errors)
+        columns = [main, *_beside(four, "omega^2" in fix)]
+        result = IdentificationReport(title, record, decay, backbone, columns, main, found)
+        if save is not None:
+            found.save(save)
+    click.echo(f"\n{decay!r}\n{backbone!r}\n\n{result.equation}\n")
+    click.echo(f"{_aligned(result.table())}\n\n{result.errors()}\n{result.note()}")
+    figures = pictures(result)
+    write_identification(result, report, _bar(figures, "drawing"))
     click.echo(f"Report: {report}")
     if model is not None:
-        model.write_text(icrom.to_json() + "\n", encoding="utf-8")
+        model.write_text(result.main.model.to_json() + "\n", encoding="utf-8")
         click.echo(f"Model: {model}")
+    if save is not None:
+        click.echo(f"Saved: {save}")
     if figure is not None:
-        next(p for p in pictures(result) if p.name == "backbone").write(figure)
+        next(p for p in figures if p.name == "backbone").write(figure)
         click.echo(f"Figure: {figure}")
 
 
-def _identified(
-    title: str,
-    record: Decay,
-    order: int,
-    damping: tuple[str, ...],
-    fixed: dict[str, float],
-    projection: HarmonicProjection,
-    method: Butterworth,
-    refined: bool,
-) -> Identification:
+def _beside(four: dict[str, Candidate], fixed: bool) -> list[Candidate]:
+    """Regressions to be held against an identification."""
+    suffix = ", omega fixed" if fixed else ""
+    names = ("IC-ROM", "stiffness")
+    return [replace(four[name + suffix], name=f"plain {name}") for name in names]
+
+
+def _used(record: Decay, amplitude: tuple[float, float] | None) -> tuple[Decay, Backbone]:
+    """The free part of a record, or its cycles with these amplitudes, and their backbone."""
     free = record.single().free()
     backbone = extract_backbone(free)
-    decay = free.conditioned(method)
-    measured = _within(free, backbone, projection.amplitude) if refined else None
-    fits = compare_models(decay, backbone, order, damping, fixed, projection, measured)
-    candidates = list(_bar(fits, "identifying", 4))
-    return Identification(title, record, decay, backbone, candidates)
-
-
-def _selected(
-    result: Identification, fixed: dict[str, float], projection: HarmonicProjection
-) -> Selection:
-    measured = _within(result.record.single().free(), result.backbone, projection.amplitude)
-    with _bar(None, "choosing terms") as bar:
-        return select_model(measured, fixed=fixed or None, progress=bar.set_postfix_str)
-
-
-def _within(decay: Decay, backbone: Backbone, amplitude: tuple[float, float] | None) -> Decay:
-    """The cycles of a decay with these amplitudes."""
     if amplitude is None:
-        return decay
+        return free, backbone
     inside = (backbone.amplitude >= amplitude[0]) & (backbone.amplitude <= amplitude[1])
     if not np.any(inside):
         low, high = backbone.amplitude.min(), backbone.amplitude.max()
         raise ValueError(
             f"amplitude = {amplitude} holds no cycle: those of the decay have amplitudes from"
-            f" {low:.3g} to {high:.3g} {decay.unit or '[q]'}"
+            f" {low:.3g} to {high:.3g} {free.unit or '[q]'}"
         )
-    return decay.between(float(backbone.t[inside][0]), float(backbone.t[inside][-1]))
+    free = free.between(float(backbone.t[inside][0]), float(backbone.t[inside][-1]))
+    return free, extract_backbone(free)
 
 
 def _bar(steps: Any, what: str, total: int | None = None) -> Any:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import CERTAIN
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
@@ -45,7 +44,7 @@ class Prediction:
         order = np.argsort(said.amplitude)
         a = said.amplitude[order]
         inside = (true.amplitude >= a[0]) & (true.amplitude <= a[-1])
-        inside &= true.frequency_std < CERTAIN * true.frequency
+        inside &= true.certain
         if not np.any(inside):
             return float("nan"), float("nan")
         at = true.amplitude[inside]

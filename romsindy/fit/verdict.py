@@ -16,16 +16,6 @@ EXPLAINED = 1.10
 # less than 30 % of the noise in power, 14 % in amplitude, where noise is least, does not matter.
 STRUCTURE = 1.3
 
-# -- which terms do the data ask for? (`romsindy.selection`) ----------------------------------
-
-# Standard errors by which a candidate must predict held-out cycles worse to be told apart: 95 %.
-TOLD_APART = 2.0
-# Standard errors within which the smallest candidate is chosen: the rule of one standard error,
-# L. Breiman et al., "Classification and Regression Trees", 1984, section 3.4.3.
-ONE_STANDARD_ERROR = 1.0
-# A cycle whose own frequency has a larger relative standard error does not judge a model.
-CERTAIN = 0.01
-
 # -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.checks`) -------
 
 # What vibrates below this part of the largest amplitude is not looked at: 40 dB.

@@ -348,17 +348,41 @@ class ReducedModel:
         dict
             Coefficient name to (n,) array, dimensionless.
         """
+        return self._magnitudes(
+            amplitudes,
+            {
+                term.key: lambda *motion, c=value, law=term.strong: c * law(*motion)
+                for term, value in self._pairs
+            },
+        )
+
+    def relative_magnitude_of_parts(self, amplitudes: ArrayLike) -> dict[str, Array]:
+        """As `relative_magnitude`, of inertia beyond 1, of stiffness beyond omega^2, of damping.
+
+        Terms of one part may cancel each other: what is drawn for each says little then.
+        """
+        linear = self.coefficients.get("omega^2", 0.0)
+        return self._magnitudes(
+            amplitudes,
+            {
+                "inertia": lambda q, v, a: (self.inertia(q) - 1) * a + self.convection(q) * v**2,
+                "nonlinear stiffness": lambda q, v, a: self.stiffness(q) - linear * q,
+                "damping": lambda q, v, a: self.damping(q, v),
+            },
+        )
+
+    def _magnitudes(
+        self, amplitudes: ArrayLike, forces: Mapping[str, Callable[..., Array]]
+    ) -> dict[str, Array]:
+        """Rms of forces over undamped cycles relative to that of q_ddot."""
         orbit = self._orbit(amplitudes)
         force = self.stiffness(orbit.q) + self.convection(orbit.q) * orbit.q_dot**2
-        q_ddot = -force / self.inertia(orbit.q)
+        motion = (orbit.q, orbit.q_dot, -force / self.inertia(orbit.q))
 
         def rms(x: Array) -> Array:
             return np.sqrt(np.sum(x**2 * orbit.dt, axis=-1) / np.sum(orbit.dt, axis=-1))
 
-        return {
-            term.key: abs(value) * rms(term.strong(orbit.q, orbit.q_dot, q_ddot)) / rms(q_ddot)
-            for term, value in self._pairs
-        }
+        return {name: rms(f(*motion)) / rms(motion[-1]) for name, f in forces.items()}
 
     def _orbit(self, amplitudes: ArrayLike) -> _Orbit:
         a = np.atleast_1d(np.asarray(amplitudes, float))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
 
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
@@ -16,6 +17,8 @@ _ARC = 1 / 8
 _CROSSING_DEGREE, _PEAK_DEGREE = 3, 4
 # Degrees in the cycle number: of crossing times, and of logarithms of peaks, which are straighter.
 _TIME_DEGREE, _SIZE_DEGREE = 4, 2
+# A cycle whose own frequency has a larger relative standard error judges no model.
+CERTAIN = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,6 +57,11 @@ class Backbone:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def certain(self) -> NDArray[np.bool_]:
+        """Cycles whose own frequency is known well enough to judge a model, (n,)."""
+        return np.asarray(self.frequency_std < CERTAIN * self.frequency)
 
     def linear_frequency(self) -> float:
         """Angular frequency at vanishing amplitude, rad/s.

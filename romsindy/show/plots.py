@@ -7,23 +7,21 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from romsindy.fit.estimate import Estimate
+from romsindy.fit.estimate import Band, Estimate
+from romsindy.fit.functions.identification import Identification
 from romsindy.fit.refine import Fit
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
-from romsindy.selection.candidates import CHOSEN, EQUIVALENT
-from romsindy.selection.select import Selection
 from romsindy.show.axes import given_or_new, log_ratio
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
-Models = Mapping[str, ReducedModel | Estimate]
+Models = Mapping[str, ReducedModel | Estimate | Identification | Band]
 # How the cycles of a measured decay look in every figure.
 _CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
 _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
@@ -31,18 +29,20 @@ _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
 
 def _curves(
     models: Models | None, amplitudes: Array, quantity: str, unit: float
-) -> Iterator[tuple[Array, tuple[Array, Array] | None, dict[str, Any]]]:
-    """Curve, 95 % band of an estimate, look of every model: a stiffness polynomial is dashed."""
+) -> Iterator[tuple[Array, Array, tuple[Array, Array] | None, dict[str, Any]]]:
+    """Amplitudes, curve, 95 % band if any, and look of every model; polynomials are dashed."""
     for i, (label, model) in enumerate((models or {}).items()):
         look = {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
-        if isinstance(model, Estimate):
-            band = model.band(amplitudes)
+        if isinstance(model, Estimate | Identification):
+            model = model.band(amplitudes)
+        if isinstance(model, Band):
+            band = model
             middle = getattr(band, quantity) / unit
             reach = _SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
-            yield middle, (middle - reach, middle + reach), look
+            yield band.amplitude, middle, (middle - reach, middle + reach), look
         else:
             curve = model.backbone if quantity == "frequency" else model.damping_ratio
-            yield curve(amplitudes) / unit, None, look
+            yield amplitudes, curve(amplitudes) / unit, None, look
 
 
 def plot_decay(
@@ -77,7 +77,7 @@ def plot_decay(
 
 
 def plot_backbone(
-    measured: Backbone | Fit,
+    measured: Backbone | Fit | Identification,
     models: Models | None = None,
     *,
     ax: Axes | None = None,
@@ -86,10 +86,11 @@ def plot_backbone(
 
     Parameters
     ----------
-    measured : Backbone or Fit
-        Points with their standard errors. A fit gives the cycles of its decays, and its own curve.
-    models : mapping of str to ReducedModel or Estimate, optional
-        Curves by label; an estimate, such as a fit, has its 95 % band.
+    measured : Backbone, Fit or Identification
+        Points with their standard errors. What was fitted gives the cycles of its decays, and its
+        own curve.
+    models : mapping of str to ReducedModel, Estimate, Identification or Band, optional
+        Curves by label; what has errors has its 95 % band.
     """
     ax = given_or_new(ax)
     backbones, models = _measured(measured, models)
@@ -101,17 +102,15 @@ def plot_backbone(
             yerr=backbone.amplitude_std,
             **_CYCLES,
         )
-    amplitudes = _span(backbones)
-    for middle, band, look in _curves(models, amplitudes, "frequency", 2 * np.pi):
+    span = _span(backbones)
+    for amplitudes, middle, band, look in _curves(models, span, "frequency", 2 * np.pi):
         if band:
             ax.fill_betweenx(amplitudes, *band, color=look["color"], alpha=0.25, lw=0)
         ax.plot(middle, amplitudes, **look)
     unit = backbones[0].unit or "unit of q"
     ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
     # Single uncertain cycles must not squeeze the picture.
-    sure = np.concatenate(
-        [b.frequency[b.frequency_std < 0.01 * b.frequency] / (2 * np.pi) for b in backbones]
-    )
+    sure = np.concatenate([b.frequency[b.certain] / (2 * np.pi) for b in backbones])
     if len(sure) > 1:
         margin = 0.08 * max(np.ptp(sure), 1e-4 * sure.mean())
         ax.set_xlim(sure.min() - margin, sure.max() + margin)
@@ -120,15 +119,16 @@ def plot_backbone(
 
 
 def _measured(
-    measured: Backbone | Fit, models: Models | None
+    measured: Backbone | Fit | Identification, models: Models | None
 ) -> tuple[list[Backbone], Models | None]:
     if isinstance(measured, Backbone):
         return [measured], models
-    if not isinstance(measured, Fit):
+    if not isinstance(measured, Fit | Identification):
         raise ValueError(
             f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
         )
-    return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
+    backbones = [extract_backbone(record.decay) for record in measured.records]
+    return backbones, models or {"fitted model": measured}
 
 
 def _span(backbones: Sequence[Backbone]) -> Array:
@@ -143,7 +143,7 @@ def _legend(ax: Axes) -> None:
 
 
 def plot_damping(
-    measured: Backbone | Fit,
+    measured: Backbone | Fit | Identification,
     models: Models | None = None,
     *,
     ax: Axes | None = None,
@@ -158,8 +158,8 @@ def plot_damping(
             yerr=100 * backbone.damping_ratio_std,
             **_CYCLES,
         )
-    amplitudes = _span(backbones)
-    for middle, band, look in _curves(models, amplitudes, "damping_ratio", 0.01):
+    span = _span(backbones)
+    for amplitudes, middle, band, look in _curves(models, span, "damping_ratio", 0.01):
         if band:
             ax.fill_between(amplitudes, *band, color=look["color"], alpha=0.25, lw=0)
         ax.plot(amplitudes, middle, **look)
@@ -171,7 +171,7 @@ def plot_damping(
     return ax
 
 
-def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
+def plot_misfit(fit: Estimate | Identification, *, ax: Axes | None = None) -> Axes:
     """What a fit leaves at each harmonic of the motion, against amplitude.
 
     Rms of the residual over the noise at the same frequencies, in windows of eight cycles; near 1
@@ -230,34 +230,6 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
         ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
     ax.set(xlabel="harmonic", ylabel="rms residual / rms target")
     log_ratio(ax)
-    ax.legend(loc="best", frameon=False)
-    return ax
-
-
-def plot_selection(selection: Selection, *, ax: Axes | None = None) -> Axes:
-    """Held-out error of every structure against its number of coefficients.
-
-    The error is squared error over noise of held-out cycles, beyond that of the best, with one
-    standard error to either side: a structure whose bar reaches zero predicts as well as the best.
-    """
-    ax = given_or_new(ax)
-    looks: dict[str, dict[str, Any]] = {
-        CHOSEN: {"color": "C3", "ms": 9, "fmt": "*", "zorder": 3, "label": CHOSEN},
-        EQUIVALENT: {"color": "C0", "ms": 4, "fmt": "o", "zorder": 2, "label": EQUIVALENT},
-        "": {"color": "0.6", "ms": 4, "fmt": "o", "mfc": "white", "zorder": 1, "label": "worse"},
-    }
-    for verdict, look in looks.items():
-        some = [c for c in selection.path if (c.verdict if c.verdict in looks else "") == verdict]
-        if some:
-            count = [len(c.keys) for c in some]
-            error = [c.excess_std for c in some]
-            ax.errorbar(count, [c.excess for c in some], yerr=error, lw=0.8, **look)
-    ax.axhline(0, color="0.25", lw=0.8)
-    ax.set_yscale("symlog", linthresh=10)
-    ax.set_ylim(bottom=-30)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ylabel = "squared error of held-out cycles\nover noise, beyond the best"
-    ax.set(xlabel="number of coefficients", ylabel=ylabel)
     ax.legend(loc="best", frameon=False)
     return ax
 

@@ -11,11 +11,11 @@ from romsindy.beam import Motion
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Butterworth
-from romsindy.selection.comparison import Candidate
-from romsindy.study.models import DEFAULT, PAPER, identify
+from romsindy.regression.comparison import PAPER, WEIGHTED, Candidate
+from romsindy.study.models import identify
 
 MODES, SNR_DB, CUTOFF, END = 3, 35.0, 100.0, 18.0
-RECIPES = {"plain": PAPER, "weighted": DEFAULT}
+RECIPES = {"plain": PAPER, "weighted": WEIGHTED}
 FITTED = ("stiffness", "IC-ROM")
 ORDER = 5
 

@@ -11,7 +11,7 @@ from sklearn.model_selection import GridSearchCV
 
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.selection.comparison import Candidate
+from romsindy.regression.comparison import Candidate
 from romsindy.show import beam as beam_plots
 from romsindy.show import plots
 from romsindy.study.experiment import ORDER, Trial

@@ -1,4 +1,4 @@
-"""The models that the study compares: three families, four orders, two recipes of regression."""
+"""The models that the study compares: three families, four orders."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from sklearn.base import clone
-from sklearn.linear_model import LinearRegression
-
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
+from romsindy.regression.comparison import PAPER, Candidate, regress
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.regression.library import (
     BeamTheoryLibrary,
@@ -18,20 +16,9 @@ from romsindy.regression.library import (
     ICROMLibrary,
     StiffnessLibrary,
 )
-from romsindy.regression.projection import HarmonicProjection
-from romsindy.selection.comparison import Candidate, judge
 
 ORDERS = (3, 5, 7, 9)
 FAMILIES = ("stiffness", "beam theory", "IC-ROM")
-
-# Regression as in the paper: terms projected as they stand on harmonics 0 to 5, least squares.
-PAPER = HarmonicSINDy(
-    optimizer=LinearRegression(),
-    projection=HarmonicProjection(tuple(range(6)), form="strong"),
-    weighted=False,
-)
-# This package's own: weak form, harmonics 0 to 3, rows weighted by the noise expected in them.
-DEFAULT = HarmonicSINDy(projection=HarmonicProjection())
 
 
 def library(family: str, order: int, damping: Sequence[str] = ()) -> Any:
@@ -73,9 +60,8 @@ def identify(
     ``omega`` is a linear frequency that is known, rad/s; it is estimated by default.
     """
     fixed = {} if omega is None else {"omega^2": omega**2}
-    estimator = clone(recipe).set_params(library=library(family, order, damping), fixed=fixed)
     name = f"{family} {order}" + (", omega fixed" if omega is not None else "")
-    return judge(name, estimator.fit(decay), backbone)
+    return regress(name, library(family, order, damping), decay, backbone, recipe, fixed)
 
 
 def identify_all(

@@ -9,7 +9,7 @@ import numpy as np
 from sklearn.model_selection import GridSearchCV
 
 from romsindy.physics.model import ReducedModel
-from romsindy.selection.comparison import Candidate
+from romsindy.regression.comparison import Candidate
 from romsindy.study.content import Cell, Table
 from romsindy.study.experiment import Trial
 from romsindy.study.models import FAMILIES, ORDERS

@@ -1,0 +1,118 @@
+"""Figures of identified functions with their 95 % bands; axes in and out, as in `plots`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from romsindy.fit.functions.identification import Identification
+from romsindy.physics.model import ReducedModel
+from romsindy.show.axes import given_or_new
+from romsindy.typing import Array
+
+_POINTS, _AMPLITUDES = 201, 25
+_DRAWS = 40  # percentiles of a band to a fifth of its width
+_LEAST = 0.02  # amplitude that is drawn, as a part of the largest
+
+
+def plot_inertia(
+    found: Identification,
+    models: Mapping[str, ReducedModel] | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """M(q) = 1 + h(q) over the range of the data, with its 95 % band; M of other models beside.
+
+    Parameters
+    ----------
+    found : Identification
+    models : mapping of str to ReducedModel, optional
+        Curves by label.
+    """
+    ax = given_or_new(ax)
+    q = _range(found)
+    h = found.inertia(q)
+    _draw(ax, q, (1 + h.value, 1 + h.low, 1 + h.high))
+    _beside(ax, q, models, lambda model: model.inertia(q))
+    return _labelled(ax, found, "inertia  $M(q) = 1 + h(q)$")
+
+
+def plot_stiffness(
+    found: Identification,
+    models: Mapping[str, ReducedModel] | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """K(q)/q over the range of the data, with its 95 % band; that of other models beside it.
+
+    Parameters
+    ----------
+    found : Identification
+    models : mapping of str to ReducedModel, optional
+        Curves by label.
+    """
+    ax = given_or_new(ax)
+    q = _range(found)
+    q = q[q != 0]  # K(0)/0 is no number; its neighbours show where it tends to
+    k = found.stiffness(q)
+    _draw(ax, q, (k.value, k.low, k.high))
+    _beside(ax, q, models, lambda model: model.stiffness(q) / q)
+    return _labelled(ax, found, "stiffness  $K(q)/q$  (1/s$^2$)")
+
+
+def plot_parts(found: Identification, *, ax: Axes | None = None) -> Axes:
+    """Rms of inertia, nonlinear stiffness and damping over that of q_ddot, with 95 % bands.
+
+    Against amplitude, over cycles of the undamped motion
+    (`ReducedModel.relative_magnitude_of_parts`).
+    """
+    ax = given_or_new(ax)
+    largest = min(map(abs, found.reach))
+    amplitudes = np.geomspace(_LEAST * largest, largest, _AMPLITUDES)
+    some = found.samples[:: max(len(found.samples) // _DRAWS, 1)]
+    models = [ReducedModel(found.terms, tuple(values), found.model.unit) for values in some]
+    drawn = [model.relative_magnitude_of_parts(amplitudes) for model in models]
+    for i, part in enumerate(drawn[0]):
+        values = np.array([magnitudes[part] for magnitudes in drawn])
+        low, middle, high = np.nanpercentile(values, (2.5, 50, 97.5), axis=0)
+        _draw(ax, amplitudes, (middle, low, high), f"C{i}", part)
+    _labelled(ax, found, "rms of part / rms of acceleration")
+    ax.set(xlabel=f"amplitude ({found.model.unit or 'unit of q'})", yscale="log", ylim=(1e-5, 3))
+    return ax
+
+
+def _range(found: Identification) -> Array:
+    return np.linspace(*found.reach, _POINTS)
+
+
+def _draw(
+    ax: Axes,
+    x: Array,
+    curves: tuple[Array, Array, Array],
+    color: str = "C0",
+    label: str = "identified",
+) -> None:
+    """A curve and its band: middle, low, high."""
+    middle, low, high = curves
+    ax.fill_between(x, low, high, color=color, alpha=0.25, lw=0)
+    ax.plot(x, middle, color=color, label=label)
+
+
+def _beside(
+    ax: Axes,
+    q: Array,
+    models: Mapping[str, ReducedModel] | None,
+    function: Callable[[ReducedModel], Array],
+) -> None:
+    """Functions of other models, in the colours that they have beside a backbone."""
+    for i, (label, model) in enumerate((models or {}).items(), 1):
+        style = "--" if "stiffness" in label else "-"
+        ax.plot(q, function(model), style, color=f"C{i}", lw=1.2, label=label)
+
+
+def _labelled(ax: Axes, found: Identification, ylabel: str) -> Axes:
+    ax.set(xlabel=f"q ({found.model.unit or 'its own unit'})", ylabel=ylabel)
+    ax.legend(loc="best", frameon=False)
+    return ax
