@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.fit.adequacy import examine
 from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.dispersion import dispersion
 from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
@@ -85,7 +87,7 @@ def identify(
         richest = _again(richest, richest.series, records, level, say)
         richest = _with_forces(richest, records, say)
         found = _simpler(richest, records, say)
-        return _assembled(found, records, np.random.default_rng(seed))
+        return _assembled(found, records, dict(fixed or {}), np.random.default_rng(seed))
 
 
 def _scales(records: Sequence[Record]) -> Scales:
@@ -168,8 +170,13 @@ def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[
             for f, e in zip(found, evidence, strict=True)
             if contains(f.series.sizes, series.sizes)
         ]
-        if min(parents) > best - _HOPELESS:
+        if min(parents) < best - _HOPELESS:
+            continue
+        try:
             found.append(_again(richest, series, records, richest.noise, say))
+        except TrajectoryError:  # it cannot follow the motion at all: no candidate
+            say(f"{series.sizes} has no motion near the measured one")
+        else:
             evidence.append(found[-1].log_evidence())
     return found[::-1]
 
@@ -180,7 +187,10 @@ def _force(name: str, series: Series) -> Term:
 
 
 def _assembled(
-    found: Sequence[Fitted], records: Sequence[Record], rng: np.random.Generator
+    found: Sequence[Fitted],
+    records: Sequence[Record],
+    fixed: Mapping[str, float],
+    rng: np.random.Generator,
 ) -> Identification:
     structures = compared(
         [
@@ -190,25 +200,54 @@ def _assembled(
     )
     at = next(i for i, s in enumerate(structures) if s.equivalent)
     head, richest = found[at], found[-1]
-    values = draw(richest, _DRAWS, rng)
-    own = values if head is richest else draw(head, _DRAWS, rng)
+    terms = richest.series.terms()
+    draws = [draw(f, _DRAWS, rng) for f in found]
+    odds = np.exp([s.log_evidence for s in structures])
+    counts = np.round(_DRAWS * odds / odds.sum()).astype(int)
+    samples = [
+        _among(terms, f, d[rng.permutation(len(d))[:n]])
+        for f, d, n in zip(found, draws, counts, strict=True)
+    ]
+    pooled = np.concatenate(samples)
+    own = draws[at].mean(axis=0)
+    middle = tuple(head.series.taylor(draws[at]).mean(axis=0))
+    model = ReducedModel(
+        _sharp(head.series.terms()),
+        middle,
+        records[0].decay.unit,
+        (0.0, head.series.scales.reach),
+    )
+    free = tuple(k for k in model.coefficients if k not in fixed)
+    columns = [[t.key for t in terms].index(key) for key in free]
     motions = [r.motion.q for r in records]
-    reach = (float(min(q.min() for q in motions)), float(max(q.max() for q in motions)))
-    unit = records[0].decay.unit
-    middle = head.series.taylor(own).mean(axis=0)
-    return Identification(
-        ReducedModel(head.series.terms(), tuple(middle), unit, (0.0, head.series.scales.reach)),
+    result = Identification(
+        model,
+        free,
+        np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
+        examine(records, _residuals(head, own, records), len(middle)),
+        (),
         structures,
         structures[at],
-        richest.series.terms(),
-        richest.series.taylor(values),
-        tuple(records),
-        reach,
-        examine(records, _residuals(head, own.mean(axis=0), records), len(middle)),
-        richest.noise,
-        richest.jump,
-        all(f.converged for f in (head, richest)),
+        _sharp(terms),
+        pooled,
+        _among(terms, richest, draws[-1]),
+        (float(min(q.min() for q in motions)), float(max(q.max() for q in motions))),
     )
+    return replace(result, notes=tuple(sentences(result, richest, records)))
+
+
+def _among(terms: Sequence[Term], found: Fitted, draws: Array) -> Array:
+    """Coefficients of the terms (n, n_terms) from draws; 0 for those that a structure has not."""
+    keys = [t.key for t in terms]
+    samples = np.zeros((len(draws), len(keys)))
+    samples[:, [keys.index(t.key) for t in found.series.terms()]] = found.series.taylor(draws)
+    return samples
+
+
+def _sharp(terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Terms without what makes their jumps smooth for a fit."""
+    sharp = {law.key: law for law in map(DAMPING.get, _FORCES) if law is not None}
+    return tuple(sharp.get(t.key, t) for t in terms)
 
 
 def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
