@@ -6,11 +6,15 @@ import sys
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from sklearn.linear_model import LinearRegression
 
 from romsindy import (
+    HarmonicProjection,
+    HarmonicSINDy,
+    Identification,
     ReducedModel,
+    ROMLibrary,
     __version__,
-    add_noise,
     example_decay,
     extract_backbone,
     save_decay,
@@ -26,45 +30,102 @@ def run(tmp_path, monkeypatch):
     return lambda *arguments: CliRunner().invoke(main, [str(a) for a in arguments])
 
 
-def test_example_prints_models_and_writes_a_page(run, tmp_path):
-    result = run("identify", "--example", "--model", "model.json", "--figure", "backbone.png")
+def test_example_is_identified_beside_plain_regressions(run, tmp_path):
+    result = run("identify", "--example", "--model", "model.json", "--save", "found.json",
+                 "--figure", "backbone.png")  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert re.search(r"q_ddot \+ 0.[23]\d* \(q\^2 q_ddot \+ q q_dot\^2\)", result.output)
-    assert "stiffness, omega fixed" in result.output and "backbone error, rms" in result.output
-    errors = re.search(r"IC-ROM model misses .* by ([\d.]+) % rms.* stiffness .* by ([\d.]+) % rms",
-                       result.output)  # fmt: skip
-    assert float(errors[1]) < 0.2 < float(errors[2])
+    assert result.output.count("IC-ROM, ") == 1 and "inertia is determined" in result.output
+    errors = re.findall(r"model misses the measured frequency by ([\d.]+) % rms", result.output)
+    assert len(errors) == 3  # identified, plain IC-ROM, plain stiffness
+    assert float(errors[0]) < 0.2 < float(errors[2])
     # The last cycle is lost in the noise: it judges no model, and no sentence counts it.
     cycles = len(extract_backbone(example_decay(35.0, 0).free()))
     assert f"Over {cycles - 1} cycles" in result.output
     assert "whose own frequency is not known to 1 % are left out (1)" in result.output
+    header = "coefficient +unit +identified +plain IC-ROM +plain stiffness\n"
+    row = re.search(rf"{header}omega\^2 +1/s\^2 +([\d.]+) \+- ([\d.e-]+) ", result.output)
+    assert abs(float(row[1]) - 36) < 4 * float(row[2])
     page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
-    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(pictures) == 6 and "http" not in page.replace("http-equiv", "")
-    assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)
+    drawn = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert len(drawn) == 7 and "http" not in page.replace("http-equiv", "")
+    assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in drawn)
     assert "gamma_3" in page and __version__ in page
     model = ReducedModel.from_json((tmp_path / "model.json").read_text())
     assert model.coefficients["omega^2"] == pytest.approx(36, rel=2e-3)
+    # What was saved is what was printed, to the last digit.
+    found = Identification.load(tmp_path / "found.json")
+    assert found.model == model and str(found) in result.output
     assert (tmp_path / "backbone.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_same_seed_same_numbers(run):
-    first, second = (
-        run("identify", "--example", "--seed", 4, "--no-refine").output for _ in range(2)
+    first, second = (run("identify", "--example", "--seed", 4, "--plain").output for _ in range(2))
+    assert first == second != run("identify", "--example", "--seed", 5, "--plain").output
+
+
+def test_plain_is_the_regression_of_the_paper(run, tmp_path):
+    """As by hand: least squares on harmonics 0 to 5 of the terms as they stand."""
+    result = run("identify", "--example", "--plain", "--model", "model.json")
+    assert result.exit_code == 0 and "stiffness, omega fixed" in result.output
+    assert "+-" not in result.output and "Regressions have no error bars" in result.output
+    recipe = HarmonicSINDy(
+        ROMLibrary((3, 4, 5), (1, 2, 3, 4, 5)),
+        LinearRegression(),
+        HarmonicProjection((0, 1, 2, 3, 4, 5), form="strong"),
+        weighted=False,
     )
-    assert first == second != run("identify", "--example", "--seed", 5, "--no-refine").output
+    expected = recipe.fit(example_decay(35.0, 0)).model_
+    plain = ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert plain.coefficients == pytest.approx(expected.coefficients, rel=1e-9)
+    run("identify", "--example", "--weighted", "--model", "weighted.json")
+    weighted = ReducedModel.from_json((tmp_path / "weighted.json").read_text())
+    expected = HarmonicSINDy(recipe.library).fit(example_decay(35.0, 0)).model_
+    assert weighted.coefficients == pytest.approx(expected.coefficients, rel=1e-9)
 
 
-def test_terms_are_chosen(run, tmp_path):
-    model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0, "c_linear": 0.1})
-    decay = add_noise(model.simulate(1.0, 0.0, np.arange(0, 40, 0.02)), 40, seed=0)
-    save_decay(decay, tmp_path / "decay.npz")
-    result = run("identify", "decay.npz", "--order", 3, "--select", "--model", "model.json")
-    assert result.exit_code == 0, result.output
-    chosen = ReducedModel.from_json((tmp_path / "model.json").read_text())
-    assert set(chosen.coefficients) >= {"omega^2", "gamma_3", "c_linear"}
-    assert "Chosen of" in result.output and "not told apart" in result.output
-    assert "Terms that the data ask for" in (tmp_path / "decay_report.html").read_text()
+def test_an_inertia_that_no_structure_has_is_marked(run, tmp_path):
+    """A regression finds what there is, and the sentence says what is wrong with it."""
+    truth = {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": -0.05, "c_linear": 0.06}
+    model = ReducedModel.from_coefficients(truth, unit="m")
+    save_decay(model.simulate(1.5, 0.0, np.arange(0, 60, 0.02)), tmp_path / "decay.npz")
+    result = run("identify", "decay.npz", "--plain", "--order", 3)
+    assert re.search(
+        r"IC-ROM: its inertia h\(q\) is negative within the data, first at", result.output
+    )
+    assert "stiffness: its inertia" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--plain", "--weighted"], "are two regressions: ask for one"),
+        (["--plain", "--save", "found.json"], "--save needs the bands"),
+        (["--select"], "No such option"),
+    ],
+)
+def test_options_that_do_not_go_together(run, options, message):
+    result = run("identify", "--example", *options)
+    assert result.exit_code == 2 and message in result.stderr
+
+
+def test_options_reach_the_identification(run, tmp_path, monkeypatch):
+    """Known coefficients, the seed of the draws, and the cycles of the amplitudes asked for."""
+    seen = []
+
+    def refuse(decay, **options):
+        seen.append((decay, options))
+        raise ValueError("seen")
+
+    monkeypatch.setattr(identify_module, "fit", refuse)
+    save_decay(example_decay(40.0, 1), tmp_path / "decay.npz")
+    result = run("identify", "decay.npz", "--fix", "omega^2=36", "--seed", 7, "--order", 3,
+                 "--amplitude", 0.5, 1.5)  # fmt: skip
+    assert result.exit_code == 2 and "seen" in result.stderr
+    ((decay, options),) = seen
+    assert options["fixed"] == {"omega^2": 36.0} and options["seed"] == 7
+    # A cycle to either side may be cut or kept.
+    assert np.abs(decay.q).max() == pytest.approx(1.5, rel=0.05)
+    assert np.abs(decay.q[-100:]).max() == pytest.approx(0.5, rel=0.1)
 
 
 def test_file_with_options(run, tmp_path):
@@ -73,7 +134,8 @@ def test_file_with_options(run, tmp_path):
     np.savetxt(tmp_path / "decay.csv", table, delimiter=";", header="t;q", comments="")
     result = run("identify", "decay.csv", "--unit", "mm", "--order", 3, "--fix", "omega^2=36",
                  "--harmonics", "0,1,2,3,4", "--damping", "linear", "--damping", "quadratic",
-                 "--report", "page.html", "--amplitude", 0.1, 1.5, "--cutoff", 8)  # fmt: skip
+                 "--report", "page.html", "--amplitude", 0.1, 1.5, "--cutoff", 8,
+                 "--weighted")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "36 (fixed)" in result.output and "c_quadratic" in result.output
     assert "Upsilon_4" not in result.output and "cutoff=8.0" in result.output
@@ -87,7 +149,7 @@ def test_amplitudes_without_a_cycle(run):
 
 def test_measured_velocity(run, measured):
     result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
-                 "--no-refine", "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
+                 "--weighted", "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "displacement integrated from velocity, drift removed" in result.output
 
@@ -162,7 +224,7 @@ def test_millimetres_get_a_hint(run, tmp_path):
     decay = example_decay(40.0, 1)
     table = np.stack([decay.t, 1000 * decay.q], axis=1)
     np.savetxt(tmp_path / "decay.csv", table, delimiter=",", header="t,q", comments="")
-    result = run("identify", "decay.csv", "--unit", "m", "--fix", "omega^2=36", "--no-refine")
+    result = run("identify", "decay.csv", "--unit", "m", "--fix", "omega^2=36", "--weighted")
     assert "if it is in millimetres, load it with unit='mm'" in result.output
     wrong = run("identify", "decay.csv", "--unit", "m", "--fix", "gamma_3=9")
     assert wrong.exit_code == 2 and "1000 means millimetres" in wrong.output
@@ -176,7 +238,7 @@ def test_neither_or_both_of_file_and_example(run):
 
 def test_saved_decays_are_read_back(run, tmp_path):
     save_decay(example_decay(), tmp_path / "clean.npz")
-    result = run("identify", "clean.npz", "--no-refine")
+    result = run("identify", "clean.npz", "--weighted")
     assert result.exit_code == 0, result.output
     assert "IC-ROM model misses the measured frequency by 0.001" in result.output
 

@@ -3,18 +3,24 @@ import pytest
 
 from romsindy import (
     HarmonicProjection,
+    HarmonicSINDy,
     ReducedModel,
     add_noise,
     example_decay,
     extract_backbone,
 )
-from romsindy.regression.comparison import coefficient_table, compare_models
+from romsindy.regression.comparison import (
+    WEIGHTED,
+    coefficient_table,
+    compare_models,
+    negative_inertia,
+)
 
 
 @pytest.fixture(scope="module")
 def candidates():
     free = example_decay(35.0, 0).free()
-    return list(compare_models(free.conditioned(), extract_backbone(free)))
+    return list(compare_models(free.conditioned(), extract_backbone(free), recipe=WEIGHTED))
 
 
 def test_four_models_and_their_errors(candidates):
@@ -48,8 +54,8 @@ def test_missing_motion_is_reported():
     """A high order that was learnt from small noisy amplitudes has no motion at large ones."""
     model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": -8.0, "c_linear": 0.05})
     noisy = add_noise(model.simulate(1.6, 0.0, np.arange(8000) * 0.01), 25.0, 0)
-    small = HarmonicProjection(amplitude=(0.0, 0.5))
-    found = list(compare_models(noisy.conditioned(), extract_backbone(noisy), 7, projection=small))
+    small = HarmonicSINDy(projection=HarmonicProjection(amplitude=(0.0, 0.5)))
+    found = list(compare_models(noisy.conditioned(), extract_backbone(noisy), 7, recipe=small))
     lost = [c for c in found if c.lost]
     assert lost
     for c in lost:
@@ -83,3 +89,10 @@ def test_rows_are_in_the_order_of_their_numbers():
     names = [row[0] for row in coefficient_table(found)]
     gammas = [name for name in names if name.startswith("gamma")]
     assert gammas == [f"gamma_{m}" for m in range(2, 11)]
+
+
+def test_where_inertia_falls_below_that_of_the_mode():
+    """h = 0.3 q^2 - 0.4 q^4 is negative beyond |q| = sqrt(3/4); grid points are 0.001 apart."""
+    model = ReducedModel.from_coefficients({"omega^2": 1, "Upsilon_3": 0.3, "Upsilon_5": -0.4})
+    assert negative_inertia(model, -1.0, 1.0) == pytest.approx(np.sqrt(0.75), abs=1e-3)
+    assert negative_inertia(model, -0.8, 0.8) is None

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from sklearn.base import clone
 from tqdm import tqdm
 
 from romsindy.fit.functions.identify import identify as fit
@@ -178,7 +178,7 @@ def identify(
         title, report = "Example: synthetic decay, 35 dB", report or Path("example_report.html")
     free, backbone = _used(record, amplitude)
     decay = free.conditioned(Butterworth(cutoff))
-    recipe = clone(WEIGHTED if weighted else PAPER)
+    recipe = deepcopy(WEIGHTED if weighted else PAPER)
     if harmonics is not None:
         recipe.set_params(projection__harmonics=harmonics)
     four = {c.name: c for c in compare_models(decay, backbone, order, damping, fix, recipe)}

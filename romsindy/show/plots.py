@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.functions.identification import Identification
 from romsindy.fit.refine import Fit
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
@@ -21,7 +20,7 @@ from romsindy.show.axes import given_or_new, log_ratio
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
-Models = Mapping[str, ReducedModel | Estimate | Identification | Band]
+Models = Mapping[str, ReducedModel | Estimate | Band]
 # How the cycles of a measured decay look in every figure.
 _CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
 _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
@@ -33,7 +32,7 @@ def _curves(
     """Amplitudes, curve, 95 % band if any, and look of every model; polynomials are dashed."""
     for i, (label, model) in enumerate((models or {}).items()):
         look = {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
-        if isinstance(model, Estimate | Identification):
+        if isinstance(model, Estimate):
             model = model.band(amplitudes)
         if isinstance(model, Band):
             band = model
@@ -77,7 +76,7 @@ def plot_decay(
 
 
 def plot_backbone(
-    measured: Backbone | Fit | Identification,
+    measured: Backbone | Fit,
     models: Models | None = None,
     *,
     ax: Axes | None = None,
@@ -86,10 +85,9 @@ def plot_backbone(
 
     Parameters
     ----------
-    measured : Backbone, Fit or Identification
-        Points with their standard errors. What was fitted gives the cycles of its decays, and its
-        own curve.
-    models : mapping of str to ReducedModel, Estimate, Identification or Band, optional
+    measured : Backbone or Fit
+        Points with their standard errors. A fit gives the cycles of its decays, and its own curve.
+    models : mapping of str to ReducedModel, Estimate or Band, optional
         Curves by label; what has errors has its 95 % band.
     """
     ax = given_or_new(ax)
@@ -119,16 +117,15 @@ def plot_backbone(
 
 
 def _measured(
-    measured: Backbone | Fit | Identification, models: Models | None
+    measured: Backbone | Fit, models: Models | None
 ) -> tuple[list[Backbone], Models | None]:
     if isinstance(measured, Backbone):
         return [measured], models
-    if not isinstance(measured, Fit | Identification):
+    if not isinstance(measured, Fit):
         raise ValueError(
             f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
         )
-    backbones = [extract_backbone(record.decay) for record in measured.records]
-    return backbones, models or {"fitted model": measured}
+    return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
 
 
 def _span(backbones: Sequence[Backbone]) -> Array:
@@ -143,7 +140,7 @@ def _legend(ax: Axes) -> None:
 
 
 def plot_damping(
-    measured: Backbone | Fit | Identification,
+    measured: Backbone | Fit,
     models: Models | None = None,
     *,
     ax: Axes | None = None,
@@ -171,7 +168,7 @@ def plot_damping(
     return ax
 
 
-def plot_misfit(fit: Estimate | Identification, *, ax: Axes | None = None) -> Axes:
+def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
     """What a fit leaves at each harmonic of the motion, against amplitude.
 
     Rms of the residual over the noise at the same frequencies, in windows of eight cycles; near 1
