@@ -156,6 +156,20 @@ def test_relative_magnitudes_of_duffing():
     np.testing.assert_allclose(shares["gamma_3"], 2e-6 * np.sqrt(5 / 8), rtol=1e-5)
 
 
+def test_magnitudes_of_parts_are_those_of_their_only_terms():
+    values = {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": 0.3, "c_linear": 0.06}
+    model_ = ReducedModel.from_coefficients(values)
+    terms, parts = (f([0.5, 1.5]) for f in (model_.relative_magnitude,
+                                            model_.relative_magnitude_of_parts))  # fmt: skip
+    for part, term in (("inertia", "Upsilon_3"), ("nonlinear stiffness", "gamma_3"),
+                       ("damping", "c_linear")):  # fmt: skip
+        np.testing.assert_allclose(parts[part], terms[term], rtol=1e-12)
+    linear = model(omega2=4.0, gamma_3=0.0, c_linear=0.1).relative_magnitude_of_parts([2.0])
+    # rms of c q_dot over that of omega^2 q
+    np.testing.assert_allclose(linear["damping"], 0.1 / 2.0, rtol=1e-9)
+    assert linear["inertia"] == linear["nonlinear stiffness"] == 0
+
+
 def test_simulate_against_independent_integration():
     t = np.linspace(0, 40, 4001)
     motion = EXAMPLE_MODEL.simulate(1.8, 0.3, t)

@@ -8,15 +8,18 @@ from romsindy import (
     Adequacy,
     Estimate,
     HarmonicSINDy,
+    Identification,
     ReducedModel,
     backbone_curve,
     example_decay,
     extract_backbone,
     forced_response,
 )
+from romsindy.fit.functions.series import Sizes
+from romsindy.fit.functions.structures import Structure
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
-from romsindy.show import plots
+from romsindy.show import function_plots, plots
 
 
 @pytest.fixture(autouse=True)
@@ -53,6 +56,55 @@ def test_an_estimate_from_a_file_has_its_band(backbone):
     assert len(plots.plot_misfit(estimate).lines) == 7
     with pytest.raises(ValueError, match="holds no cycles: give a Backbone"):
         plots.plot_damping(estimate)
+
+
+def identification(inertia: int) -> Identification:
+    """The example, Upsilon_3 alone uncertain: 101 draws, evenly from 0.2 to 0.4."""
+    names, truth = list(EXAMPLE_MODEL.coefficients), np.array(EXAMPLE_MODEL.values)
+    samples = np.tile(truth, (101, 1))
+    samples[:, names.index("Upsilon_3")] = np.linspace(0.2, 0.4, 101)
+    verdict = Adequacy(1.0, 0.5, 1.0, False, np.array([1.0]), np.ones((1, 6)), 1.0, "m")
+    structure = Structure(Sizes(4, inertia, 0))
+    return Identification(
+        EXAMPLE_MODEL, tuple(names), np.cov(samples, rowvar=False), verdict, (), (structure,),
+        structure, EXAMPLE_MODEL.terms, samples, samples, (-1.5, 1.6),
+    )  # fmt: skip
+
+
+def band(ax, i=0):
+    """Abscissa, lower and upper edge of a filled band."""
+    vertices = ax.collections[i].get_paths()[0].vertices
+    x = np.unique(vertices[:, 0])
+    edges = [vertices[vertices[:, 0] == at, 1] for at in x]
+    return x, np.array([e.min() for e in edges]), np.array([e.max() for e in edges])
+
+
+def test_functions_with_their_bands_beside_a_regression():
+    found = identification(3)
+    ax = function_plots.plot_inertia(found, {"plain IC-ROM": EXAMPLE_MODEL})
+    q, low, high = band(ax)
+    assert q[0] == -1.5 and q[-1] == 1.6 and ax.get_xlabel() == "q (m)"
+    # 96 of 101 draws span 95 of the 100 steps of 0.002.
+    np.testing.assert_allclose(high - low, 0.19 * q**2, atol=1e-12)
+    identified, plain = ax.lines
+    np.testing.assert_allclose(identified.get_ydata(), EXAMPLE_MODEL.inertia(q), rtol=1e-12)
+    np.testing.assert_allclose(plain.get_ydata(), identified.get_ydata(), rtol=1e-12)
+    ax = function_plots.plot_stiffness(found, {"plain stiffness": EXAMPLE_MODEL})
+    q, low, high = band(ax)
+    np.testing.assert_allclose(low, 36 + 2 * q + 9 * q**2, rtol=1e-12)
+    np.testing.assert_allclose(high, low, rtol=1e-12)
+    assert ax.lines[1].get_linestyle() == "--"
+
+
+def test_parts_with_their_bands_or_an_upper_limit():
+    ax = function_plots.plot_parts(identification(3))
+    assert [line.get_label() for line in ax.lines] == ["inertia", "nonlinear stiffness", "damping"]
+    amplitude, low, high = band(ax)
+    assert amplitude[-1] == pytest.approx(1.5) and np.all(low > 0)
+    # At small amplitude h is Upsilon_3 q^2: a band of +-32 % about its middle.
+    np.testing.assert_allclose(high[0] / low[0], 0.395 / 0.205, rtol=0.03)
+    ax = function_plots.plot_parts(identification(0))
+    assert ax.lines[0].get_label() == "inertia at most" and np.all(band(ax)[1] == 0)
 
 
 def test_decay_damping_magnitudes_and_residuals(backbone):

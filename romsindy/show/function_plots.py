@@ -71,12 +71,16 @@ def plot_parts(found: Identification, *, ax: Axes | None = None) -> Axes:
     ax = given_or_new(ax)
     largest = min(map(abs, found.reach))
     amplitudes = np.geomspace(_LEAST * largest, largest, _AMPLITUDES)
-    some = found.samples[:: max(len(found.samples) // _DRAWS, 1)]
+    asked = found.structure.sizes.inertia > 0
+    samples = found.samples if asked else found.widest
+    some = samples[:: max(len(samples) // _DRAWS, 1)]
     models = [ReducedModel(found.terms, tuple(values), found.model.unit) for values in some]
     drawn = [model.relative_magnitude_of_parts(amplitudes) for model in models]
     for i, part in enumerate(drawn[0]):
         values = np.array([magnitudes[part] for magnitudes in drawn])
         low, middle, high = np.nanpercentile(values, (2.5, 50, 97.5), axis=0)
+        if part == "inertia" and not asked:  # an upper limit is all there is
+            low, middle, part = 0 * low, high, "inertia at most"
         _draw(ax, amplitudes, (middle, low, high), f"C{i}", part)
     _labelled(ax, found, "rms of part / rms of acceleration")
     ax.set(xlabel=f"amplitude ({found.model.unit or 'unit of q'})", yscale="log", ylim=(1e-5, 3))
