@@ -76,10 +76,7 @@ def plot_decay(
 
 
 def plot_backbone(
-    measured: Backbone | Fit,
-    models: Models | None = None,
-    *,
-    ax: Axes | None = None,
+    measured: Backbone | Fit, models: Models | None = None, *, ax: Axes | None = None
 ) -> Axes:
     """Frequency against amplitude of every cycle, with the backbones of models over it.
 
@@ -140,10 +137,7 @@ def _legend(ax: Axes) -> None:
 
 
 def plot_damping(
-    measured: Backbone | Fit,
-    models: Models | None = None,
-    *,
-    ax: Axes | None = None,
+    measured: Backbone | Fit, models: Models | None = None, *, ax: Axes | None = None
 ) -> Axes:
     """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
     ax = given_or_new(ax)
