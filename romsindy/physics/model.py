@@ -19,8 +19,9 @@ from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
 _N_GAUSS = 80
-# First half-width of the search for the centre of an orbit, in amplitudes.
-_NEAR = 0.01
+# The centre of an orbit is sought so far from 0, in amplitudes, one after the other: far outside of
+# its data a polynomial of high order is not to be trusted.
+_NEAR = (0.02, 0.1, 0.5)
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
 _SINGULAR = 1e-3
 
@@ -393,12 +394,10 @@ class ReducedModel:
         def imbalance(c: Array, a: Array) -> Array:
             return potential(c + a) - potential(c - a)
 
-        # The centre is near 0. Far away a polynomial of high order is not to be trusted.
-        near = elementwise.bracket_root(
-            imbalance, -_NEAR * a, _NEAR * a, xmin=-a / 2, xmax=a / 2, args=(a,)
-        )
-        centre = elementwise.find_root(imbalance, near.bracket, args=(a,))
-        c = np.where(centre.success, centre.x, np.nan)
+        c = np.full_like(a, np.nan)
+        for part in _NEAR:
+            centre = elementwise.find_root(imbalance, (-part * a, part * a), args=(a,))
+            c = np.where(np.isnan(c) & centre.success, centre.x, c)
         x, w = np.polynomial.legendre.leggauss(_N_GAUSS)
         theta, w = x * np.pi / 2, w * np.pi / 2
         q = c[:, None] + a[:, None] * np.sin(theta)

@@ -19,6 +19,7 @@ from romsindy.physics.term import Term
 from romsindy.typing import Array
 
 _BAND_DRAWS = 100
+_FEW = 0.1
 _INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
 _NEAR_ZERO = 0.05  # of the upper end of a band
 
@@ -126,7 +127,12 @@ class Identification(Estimate):
         a = np.atleast_1d(np.asarray(amplitudes, float))
         some = self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
         curves = np.array([[m.backbone(a), m.damping_ratio(a)] for m in some])
-        (omega, zeta), (omega_std, zeta_std) = curves.mean(axis=0), curves.std(axis=0, ddof=1)
+        # Where hardly a draw has no orbit, the others tell.
+        few = np.mean(np.isnan(curves), axis=0) < _FEW
+        (omega, zeta), (omega_std, zeta_std) = (
+            np.where(few, f(np.where(few, curves, 0.0), axis=0), np.nan)
+            for f in (np.nanmean, np.nanstd)
+        )
         return Band(a, omega, zeta, omega_std, zeta_std, self.model.unit)
 
     def interval(self, name: str) -> tuple[float, float]:
