@@ -21,6 +21,8 @@ def plot_inertia(
     found: Identification,
     models: Mapping[str, ReducedModel] | None = None,
     *,
+    color: str = "C0",
+    label: str = "identified",
     ax: Axes | None = None,
 ) -> Axes:
     """M(q) = 1 + h(q) over the range of the data, with its 95 % band; M of other models beside.
@@ -30,11 +32,13 @@ def plot_inertia(
     found : Identification
     models : mapping of str to ReducedModel, optional
         Curves by label.
+    color, label : str
+        Of the identified function.
     """
     ax = given_or_new(ax)
     q = _range(found)
     h = found.inertia(q)
-    _draw(ax, q, (1 + h.value, 1 + h.low, 1 + h.high))
+    _draw(ax, q, (1 + h.value, 1 + h.low, 1 + h.high), color, label)
     _beside(ax, q, models, lambda model: model.inertia(q))
     return _labelled(ax, found, "inertia  $M(q) = 1 + h(q)$")
 
@@ -43,6 +47,8 @@ def plot_stiffness(
     found: Identification,
     models: Mapping[str, ReducedModel] | None = None,
     *,
+    color: str = "C0",
+    label: str = "identified",
     ax: Axes | None = None,
 ) -> Axes:
     """K(q)/q over the range of the data, with its 95 % band; that of other models beside it.
@@ -52,12 +58,14 @@ def plot_stiffness(
     found : Identification
     models : mapping of str to ReducedModel, optional
         Curves by label.
+    color, label : str
+        Of the identified function.
     """
     ax = given_or_new(ax)
     q = _range(found)
     q = q[q != 0]  # K(0)/0 is no number; its neighbours show where it tends to
     k = found.stiffness(q)
-    _draw(ax, q, (k.value, k.low, k.high))
+    _draw(ax, q, (k.value, k.low, k.high), color, label)
     _beside(ax, q, models, lambda model: model.stiffness(q) / q)
     return _labelled(ax, found, "stiffness  $K(q)/q$  (1/s$^2$)")
 
@@ -95,8 +103,8 @@ def _draw(
     ax: Axes,
     x: Array,
     curves: tuple[Array, Array, Array],
-    color: str = "C0",
-    label: str = "identified",
+    color: str,
+    label: str,
 ) -> None:
     """A curve and its band: middle, low, high."""
     middle, low, high = curves
