@@ -26,7 +26,10 @@ _NEAR_ZERO = 0.05  # of the upper end of a band
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A function of q with its 95 % band, pointwise; all (n,)."""
+    """A function of q as the model has it, with the 95 % band of all that may be true; (n,) each.
+
+    The band holds pointwise, as the shortest interval.
+    """
 
     q: Array
     value: Array
@@ -51,8 +54,8 @@ class Identification(Estimate):
     terms : tuple of Term
         Of the richest structure, to which bands belong.
     samples : (n_samples, n_terms) array
-        Their coefficients, drawn from all structures by their probability; 0 for terms that a
-        structure has not.
+        Their coefficients: half of them drawn from all structures by their evidence, half from
+        the richest; 0 for terms that a structure has not.
     widest : (n, n_terms) array
         The same from the richest structure alone: limits of what the data do not ask for.
     reach : (float, float)
@@ -114,7 +117,7 @@ class Identification(Estimate):
                 " there; stay within reach"
             )
         values = np.array([function(m, q) for m in models])
-        return Curve(q, values.mean(axis=0), *_shortest(values))
+        return Curve(q, function(self.model, q), *_shortest(values))
 
     def band(self, amplitudes: ArrayLike) -> Band:
         """Backbone and damping ratio with their standard errors, over all that the data allow.
