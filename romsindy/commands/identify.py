@@ -12,6 +12,7 @@ import click
 import numpy as np
 from tqdm import tqdm
 
+from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify as fit
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.example import example_decay
@@ -23,6 +24,7 @@ from romsindy.regression.comparison import (
     PAPER,
     WEIGHTED,
     Candidate,
+    Judged,
     compare_models,
     judge,
 )
@@ -182,18 +184,15 @@ def identify(
     if harmonics is not None:
         recipe.set_params(projection__harmonics=harmonics)
     four = {c.name: c for c in compare_models(decay, backbone, order, damping, fix, recipe)}
-    if plain or weighted:
-        result = IdentificationReport(
-            title, record, decay, backbone, list(four.values()), four["IC-ROM"]
-        )
-    else:
+    found: Identification | None = None
+    main: Judged = four["IC-ROM"]
+    columns: list[Judged] = list(four.values())
+    if not (plain or weighted):
         with _bar(None, "identifying") as bar:
             found = fit(free, fixed=fix, seed=seed, progress=bar.set_postfix_str)
         main = judge("identified", found.model, backbone, fix, found.standard_errors)
         columns = [main, *_beside(four, "omega^2" in fix)]
-        result = IdentificationReport(title, record, decay, backbone, columns, main, found)
-        if save is not None:
-            found.save(save)
+    result = IdentificationReport(title, record, decay, backbone, columns, main, found)
     click.echo(f"\n{decay!r}\n{backbone!r}\n\n{result.equation}\n")
     click.echo(f"{_aligned(result.table())}\n\n{result.errors()}\n{result.note()}")
     figures = pictures(result)
@@ -202,7 +201,8 @@ def identify(
     if model is not None:
         model.write_text(result.main.model.to_json() + "\n", encoding="utf-8")
         click.echo(f"Model: {model}")
-    if save is not None:
+    if found is not None and save is not None:
+        found.save(save)
         click.echo(f"Saved: {save}")
     if figure is not None:
         next(p for p in figures if p.name == "backbone").write(figure)
