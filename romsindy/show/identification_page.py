@@ -61,11 +61,11 @@ class IdentificationReport:
         return f"Over {int(np.sum(self.backbone.certain))} cycles {words}."
 
     def table(self) -> list[list[str]]:
-        """Coefficients and backbone errors: of the identified those that regressions have too."""
+        """Coefficients and backbone errors: of series those that regressions have too."""
         regressions = [c for c in self.candidates if isinstance(c, Candidate)]
-        return coefficient_table(
-            self.candidates, dict.fromkeys(k for c in regressions for k in c.model.coefficients)
-        )
+        keys = dict.fromkeys(k for c in regressions for k in c.model.coefficients)
+        forces = self.found.structure.forces if self.found is not None else ()
+        return coefficient_table(self.candidates, [*keys, *(f for f in forces if f not in keys)])
 
     def note(self) -> str:
         """How the errors in the table were taken, and which model cannot be."""
@@ -81,7 +81,7 @@ class IdentificationReport:
         if self.found is not None:
             text += (
                 " Those of the identified model include what the choice of structure leaves open;"
-                " of its coefficients, the table has those that the regressions have too."
+                " of its series, the table has the coefficients that the regressions have too."
             )
         return " ".join([text, *self._impossible()])
 
