@@ -20,6 +20,7 @@ from romsindy.typing import Array
 
 _BAND_DRAWS = 100
 _FEW = 0.1
+_ORDER = 5  # powers of q in a force beyond this say nothing on their own
 _INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
 _NEAR_ZERO = 0.05  # of the upper end of a band
 
@@ -204,17 +205,17 @@ class Identification(Estimate):
         return rows
 
     def _coefficients(self) -> str:
-        """Taylor coefficients at q = 0 that are more than two standard errors off zero."""
+        """Taylor coefficients at q = 0, of low order, that are two standard errors off zero."""
         errors, rows, left = self.standard_errors, [["coefficient", "value", "+-", "unit"]], 0
         for term, value in zip(self.model.terms, self.model.values, strict=True):
             error = errors.get(term.key, 0.0)
-            if abs(value) < 2 * error:
+            if abs(value) < 2 * error or term.dimension[0] > _ORDER:
                 left += 1
                 continue
             number = _with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
             rows.append([term.key, *number, term.unit(self.model.unit)])
-        more = f"\n{left} more, of higher order, are not determined one by one." if left else ""
-        return f"{_aligned(rows)}{more}"
+        more = f"\n  {left} more are not told from 0 or of higher order: read the functions."
+        return _aligned(rows) + (more if left else "")
 
     # -- JSON ---------------------------------------------------------------------------------
 
