@@ -7,6 +7,9 @@ from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.adequacy import Adequacy as Adequacy
 from romsindy.fit.bootstrap import Bootstrap as Bootstrap
 from romsindy.fit.bootstrap import bootstrap as bootstrap
+from romsindy.fit.functions.identification import Curve as Curve
+from romsindy.fit.functions.identification import Identification as Identification
+from romsindy.fit.functions.identify import identify as identify
 from romsindy.fit.refine import Band as Band
 from romsindy.fit.refine import Fit as Fit
 from romsindy.fit.refine import refine as refine

@@ -112,6 +112,53 @@ class AmplitudeDamping(ForceLaw):
         return WeakForm(first=power_of(q, 3) / 3) if self.exponent == 2 else super().weak(q, q_dot)
 
 
+@dataclass(frozen=True)
+class PositionDamping(ForceLaw):
+    """q^p q_dot for a whole power p: a term of the series of damping that changes with q.
+
+    Odd powers damp one side of the motion more than the other.
+
+    Raises
+    ------
+    ValueError
+        If the power is not a whole number of at least 1.
+    """
+
+    power: int
+
+    def __post_init__(self) -> None:
+        if isinstance(self.power, bool) or int(self.power) != self.power or self.power < 1:
+            raise ValueError(f"power = {self.power!r} must be a whole number of at least 1")
+
+    @property
+    def key(self) -> str:
+        return f"delta_{self.power}"
+
+    @classmethod
+    def from_key(cls, key: str) -> PositionDamping | None:
+        match = re.fullmatch(r"delta_([1-9]\d*)", key)
+        return cls(int(match[1])) if match else None
+
+    @property
+    def dimension(self) -> tuple[float, float]:
+        return self.power + 1, -1
+
+    def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
+        return f"{power_text(q, self.power)} {q_dot}"
+
+    def damping(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return power_of(q, self.power) * q_dot
+
+    def damping_dq(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return power_slope(q, self.power) * q_dot
+
+    def damping_dq_dot(self, q: Scalars, q_dot: Scalars) -> Scalars:
+        return power_of(q, self.power)
+
+    def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
+        return WeakForm(first=power_of(q, self.power + 1) / (self.power + 1))
+
+
 class Averaged(NamedTuple):
     """A force that jumps, averaged over a step in time, and its derivatives, (n,) each."""
 

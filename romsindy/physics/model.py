@@ -19,6 +19,8 @@ from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
 _N_GAUSS = 80
+# First half-width of the search for the centre of an orbit, in amplitudes.
+_NEAR = 0.01
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
 _SINGULAR = 1e-3
 
@@ -363,9 +365,15 @@ class ReducedModel:
         if a.ndim != 1 or not np.all(a > 0):
             raise ValueError(f"amplitudes must be positive and one-dimensional, got {amplitudes!r}")
         factor, potential = self._energies(1.5 * float(a.max(initial=0.0)))
-        centre = elementwise.find_root(
-            lambda c, a: potential(c + a) - potential(c - a), (-a / 2, a / 2), args=(a,)
+
+        def imbalance(c: Array, a: Array) -> Array:
+            return potential(c + a) - potential(c - a)
+
+        # The centre is near 0. Far away a polynomial of high order is not to be trusted.
+        near = elementwise.bracket_root(
+            imbalance, -_NEAR * a, _NEAR * a, xmin=-a / 2, xmax=a / 2, args=(a,)
         )
+        centre = elementwise.find_root(imbalance, near.bracket, args=(a,))
         c = np.where(centre.success, centre.x, np.nan)
         x, w = np.polynomial.legendre.leggauss(_N_GAUSS)
         theta, w = x * np.pi / 2, w * np.pi / 2

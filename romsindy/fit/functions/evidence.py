@@ -1,0 +1,222 @@
+"""Fits of series to records, with as much smoothness and process noise as the data support.
+
+For values with a Gaussian prior, linearised about the present motions, the marginal likelihood of
+the data is a closed form. Its maximum over the scales of the prior (`prior`) and the size of the
+process noise (`windows`) says how much of a function the data ask for [1]; its curvature says
+how far other scales would do.
+
+[1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.functions import prior
+from romsindy.fit.functions.series import Series
+from romsindy.fit.functions.windows import Block, Reduced, Window, linearised, reduced
+from romsindy.fit.record import Record
+from romsindy.typing import Array
+
+_ITERATIONS = 25
+_LEASH = 0.3  # largest change of a motion in one step, in amplitudes
+_LOST = 1e4
+# A step this small, in amplitudes, changes no figure that is printed; neither does this in the
+# logarithm of the evidence.
+_SMALL_STEP, _SMALL_GAIN = 1e-3, 0.1
+# Process noise from window to window, in amplitudes: from nothing to a phase that is lost.
+JUMPS = 10.0 ** np.arange(-7, -0.9, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Series fitted to records.
+
+    Attributes
+    ----------
+    series : Series
+        With the most probable values.
+    windows : tuple of Window
+        With their motions.
+    blocks : tuple of Block
+        Linearised about them.
+    known : (m, p + 1) array
+        Rows for what was known beforehand.
+    noise : float
+        Of the whitened signals: 1, or more where the misfit is larger than the noise.
+    jump : float
+        Process noise, in amplitudes.
+    scales : (9,) array
+        Of the prior, see `prior`.
+    cost : float
+        Minus the logarithm of the evidence at these scales.
+    converged : bool
+    """
+
+    series: Series
+    windows: tuple[Window, ...]
+    blocks: tuple[Block, ...]
+    known: Array
+    noise: float
+    jump: float
+    scales: Array
+    cost: float
+    converged: bool
+
+    def reduced(self) -> Reduced:
+        """What the windows say of the values alone."""
+        return reduced(self.blocks, self.series.scales.rate, self.noise, self.jump, self.known)
+
+    def scale_covariance(self) -> Array:
+        """Covariance of the scales by the curvature of the evidence, (9, 9)."""
+        rows = self.reduced()
+        hessian = _hessian(lambda x: _cost(self.series, rows, x), self.scales)
+        w, v = np.linalg.eigh(hessian)
+        # Where the evidence is flat, or at a limit of the scales, what was expected holds.
+        return np.asarray((v / np.maximum(w, 0.25)) @ v.T)
+
+    def log_evidence(self) -> float:
+        """Logarithm of the evidence of the structure, over all scales (Laplace)."""
+        root = np.linalg.cholesky(2 * np.pi * self.scale_covariance())
+        return float(-self.cost + np.sum(np.log(np.diag(root))))
+
+
+def fit(
+    series: Series,
+    windows: Sequence[Window],
+    records: Sequence[Record],
+    known: Array,
+    *,
+    start: Fitted | None = None,
+    noise: float | None = None,
+    jumps: Array = JUMPS,
+    progress: Callable[[str], None] | None = None,
+) -> Fitted:
+    """Fit series to records.
+
+    Parameters
+    ----------
+    series : Series
+        With starting values.
+    windows : sequence of Window
+        With the motions to start from.
+    records : sequence of Record
+    known : (m, p + 1) array
+        Rows for the values, and what they come to, over the error: what is known beforehand.
+    start : Fitted, optional
+        Scales and process noise to start from.
+    noise : float, optional
+        Of the whitened signals; by default as large as the misfit asks for.
+    jumps : array
+        Sizes of process noise to choose from.
+    progress : callable, optional
+        Called with a line of text at every step.
+
+    Raises
+    ------
+    TrajectoryError
+        If the motion goes astray.
+    """
+    scales = prior.MIDDLE if start is None else start.scales
+    jump = float(np.clip(1e-2, jumps[0], jumps[-1])) if start is None else start.jump
+    level, last = noise or 1.0, np.inf
+    own = tuple(windows)
+    for iteration in range(_ITERATIONS):
+        blocks = linearised(series, own, records)
+        now = Fitted(series, own, blocks, known, level, jump, scales, last, False)
+        if iteration > 0 and len(jumps) > 1:
+            now = _best_jump(now, jumps)
+        now = _best_scales(now)
+        values, step, largest, misfit = _step(now)
+        if not np.isfinite(largest) or largest > _LOST:
+            raise TrajectoryError("the motion of the linearised equation goes astray")
+        if progress is not None:
+            progress(f"misfit {misfit:.4g} times the noise, change {largest:.1e}")
+        short = min(1.0, _LEASH / max(largest, 1e-300))
+        series = series.moved(series.values + short * (values - series.values))
+        own = tuple(b.moved(short * s) for b, s in zip(blocks, step, strict=True))
+        settled = iteration > 1 and short == 1.0 and largest < _SMALL_STEP
+        if settled and abs(last - now.cost) < _SMALL_GAIN:
+            break
+        level = noise or max(1.0, misfit)
+        jump, scales, last = now.jump, now.scales, now.cost
+    else:
+        settled = False
+    final = replace(now, series=series, windows=own, blocks=linearised(series, own, records))
+    return replace(final, converged=settled)
+
+
+def _best_jump(now: Fitted, jumps: Array) -> Fitted:
+    each = [replace(now, jump=float(j)) for j in jumps]
+    costs = [_cost(now.series, f.reduced(), now.scales) for f in each]
+    return each[int(np.argmin(costs))]
+
+
+def _best_scales(now: Fitted) -> Fitted:
+    rows = now.reduced()
+    found = minimize(
+        lambda x: _cost(now.series, rows, x),
+        now.scales,
+        method="L-BFGS-B",
+        bounds=list(zip(prior.LOW, prior.HIGH, strict=True)),
+        # Values of the evidence are good to about 1e-6: differences want steps well above that.
+        options={"maxiter": 60, "eps": 1e-3},
+    )
+    n = sum(len(b.window.rows) for b in now.blocks)
+    return replace(now, scales=found.x, cost=float(found.fun) + n * float(np.log(now.noise)))
+
+
+def _cost(series: Series, rows: Reduced, scales: Array) -> float:
+    """Minus the logarithm of the evidence and of the prior of the scales."""
+    triangle = posterior_triangle(rows, prior.factor(series, scales))
+    inside = np.sum(np.log(np.abs(np.diag(triangle)[:-1])))
+    return float(triangle[-1, -1] ** 2 / 2 + inside) + rows.cost + prior.cost(scales)
+
+
+def posterior_triangle(rows: Reduced, factor: Array) -> Array:
+    """Triangle [R, y; 0, rest] for x with values = factor x: posterior mean R^-1 y, root R^-1."""
+    p = len(factor)
+    seen = np.column_stack([rows.rows[:, :p] @ factor, rows.rows[:, p]])
+    return np.asarray(np.linalg.qr(np.concatenate([seen, np.eye(p, p + 1)]), mode="r"))
+
+
+def _step(now: Fitted) -> tuple[Array, list[Array], float, float]:
+    """Most probable values, changes of values and start of each window, their size, the misfit."""
+    rows, factor = now.reduced(), prior.factor(now.series, now.scales)
+    triangle = posterior_triangle(rows, factor)
+    values = factor @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
+    states = rows.states(values)
+    change = values - now.series.values
+    step = [
+        np.concatenate([change, s - b.window.motion.start])
+        for b, s in zip(now.blocks, states, strict=True)
+    ]
+    largest = max(b.change(s) for b, s in zip(now.blocks, step, strict=True))
+    squares = sum(float(np.sum(e**2)) for e in residuals(now.blocks, values, states))
+    n = sum(len(b.window.rows) for b in now.blocks)
+    return values, step, largest, float(np.sqrt(squares / max(n - len(values), 1)))
+
+
+def residuals(blocks: Sequence[Block], values: Array, states: Sequence[Array]) -> list[Array]:
+    """Whitened misfit of every window, projected on its p + 3 directions."""
+    return [
+        b.rows @ np.concatenate([values, s, [-1.0]]) for b, s in zip(blocks, states, strict=True)
+    ]
+
+
+def _hessian(f: Callable[[Array], float], x: Array, step: float = 0.05) -> Array:
+    n = len(x)
+    e = step * np.eye(n)
+    middle = f(x)
+    up, down = np.array([f(x + d) for d in e]), np.array([f(x - d) for d in e])
+    hessian = np.diag((up + down - 2 * middle) / step**2)
+    for i in range(n):
+        for j in range(i):
+            both = (f(x + e[i] + e[j]) - up[i] - up[j] + middle) / step**2
+            hessian[i, j] = hessian[j, i] = both
+    return hessian

@@ -1,0 +1,225 @@
+"""Identify an equation of motion from free decays: as much structure as the data support."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from romsindy.fit.adequacy import examine
+from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.functions.dispersion import dispersion
+from romsindy.fit.functions.evidence import Fitted, fit
+from romsindy.fit.functions.identification import Identification
+from romsindy.fit.functions.posterior import draw
+from romsindy.fit.functions.series import Scales, Series
+from romsindy.fit.functions.structures import (
+    RICHEST,
+    Structure,
+    compared,
+    contains,
+    simpler,
+)
+from romsindy.fit.functions.windows import windows_of
+from romsindy.fit.record import Record
+from romsindy.fit.refine import prepared
+from romsindy.fit.verdict import EQUIVALENT
+from romsindy.physics.damping import DAMPING
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
+from romsindy.record.backbone import extract_backbone
+from romsindy.record.decay import Decay
+from romsindy.typing import Array
+
+_DRAWS = 400
+# Damping that no smooth function of q times q_dot can be.
+_FORCES = ("coulomb", "quadratic")
+# Fewer functions save at most about so much in the logarithm of the evidence.
+_HOPELESS = 100.0
+_EXACT = 1e-6  # error of what is known, in values of order one
+_SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
+
+
+def identify(
+    decays: Decay | Sequence[Decay],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Identification:
+    """Identify stiffness, inertia and damping as functions of q, with bands.
+
+    Parameters
+    ----------
+    decays : Decay or sequence of Decay
+        One channel each; the free part is used, in the quantity that was measured.
+    fixed : mapping, optional
+        Known coefficients, such as ``{"omega^2": 1482.0}``, in the unit of the decay and seconds.
+    seed : int
+        Of the draws behind the bands.
+    progress : callable, optional
+        Called with a line of text at every step.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    ValueError
+        For no decays, another unit, a decay given twice, or unknown names in ``fixed``.
+    TrajectoryError
+        If no motion of the equation follows the measured one.
+    """
+    several = [decays] if isinstance(decays, Decay) else list(decays)
+    records = prepared(several, several[0].unit if several else None)
+    say = progress or (lambda line: None)
+    series = Series.linear(_scales(records), RICHEST)
+    known = _known(series, dict(fixed or {}))
+    # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        richest = fit(series, windows_of(records), records, known, progress=say)
+        level = richest.noise * np.sqrt(max(dispersion(richest), 1.0))
+        richest = _again(richest, richest.series, records, level, say)
+        richest = _with_forces(richest, records, say)
+        found = _simpler(richest, records, say)
+        return _assembled(found, records, np.random.default_rng(seed))
+
+
+def _scales(records: Sequence[Record]) -> Scales:
+    reach = max(r.amplitude for r in records)
+    rate = float(np.mean([r.rate for r in records]))
+    ratio = np.concatenate([extract_backbone(r.decay).damping_ratio for r in records])
+    return Scales(reach, rate, 2 * rate * max(float(np.nanmedian(ratio)), 1e-5))
+
+
+def _known(series: Series, fixed: Mapping[str, float]) -> Array:
+    """Rows for what is known of the coefficients."""
+    names = [t.key for t in series.terms()]
+    unknown = sorted(set(fixed) - set(names))
+    if unknown:
+        raise ValueError(f"fixed names {unknown}, but there are {', '.join(names)}")
+    # Coefficients are linear in the values, but for the damping that follows the inertia.
+    nothing = series.moved(np.zeros_like(series.values))
+    slopes = nothing.taylor(np.eye(len(series.values)))
+    rows = []
+    for name, value in fixed.items():
+        slope = slopes[:, names.index(name)]
+        size = np.abs(slope).max()
+        rows.append(np.append(slope, value) / (size * _EXACT))
+    return np.array(rows).reshape(len(rows), len(series.values) + 1)
+
+
+def _again(
+    start: Fitted, series: Series, records: Sequence[Record], noise: float, say: Callable
+) -> Fitted:
+    """Fit a like series from where another has ended."""
+    known = start.known
+    if len(series.values) != len(start.series.values):
+        known = _narrowed(start, series)
+    return fit(
+        series,
+        start.windows,
+        records,
+        known,
+        start=start,
+        noise=noise,
+        jumps=np.array([start.jump]),
+        progress=say,
+    )
+
+
+def _narrowed(start: Fitted, series: Series) -> Array:
+    """Rows for what is known, for a series with fewer or more terms."""
+    parts = start.series.split(start.known[:, :-1])
+    lengths = [len(x) for x in series.split(series.values)]
+    fitted = [
+        np.pad(x[:, :n], ((0, 0), (0, max(n - x.shape[1], 0))))
+        for x, n in zip(parts, lengths, strict=True)
+    ]
+    return np.column_stack([*fitted, start.known[:, -1:]])
+
+
+def _with_forces(richest: Fitted, records: Sequence[Record], say: Callable) -> Fitted:
+    """With the further damping forces that the data ask for, one after the other."""
+    left = [_force(name, richest.series) for name in _FORCES]
+    while left:
+        more = [
+            _again(richest, richest.series.widened([f]), records, richest.noise, say) for f in left
+        ]
+        gains = [2 * (m.log_evidence() - richest.log_evidence()) for m in more]
+        best = int(np.argmax(gains))
+        if gains[best] <= EQUIVALENT:
+            break
+        richest = more[best]
+        left.pop(best)
+    return richest
+
+
+def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[Fitted]:
+    """Fits of simpler structures, simplest first; none simpler than one that is hopeless."""
+    found, evidence = [richest], [richest.log_evidence()]
+    for series in simpler(richest.series):
+        best = max(evidence)
+        parents = [
+            e
+            for f, e in zip(found, evidence, strict=True)
+            if contains(f.series.sizes, series.sizes)
+        ]
+        if min(parents) > best - _HOPELESS:
+            found.append(_again(richest, series, records, richest.noise, say))
+            evidence.append(found[-1].log_evidence())
+    return found[::-1]
+
+
+def _force(name: str, series: Series) -> Term:
+    reach, rate, _ = series.scales
+    return DAMPING[name].regularised(_SMOOTHING * reach * rate)
+
+
+def _assembled(
+    found: Sequence[Fitted], records: Sequence[Record], rng: np.random.Generator
+) -> Identification:
+    structures = compared(
+        [
+            Structure(f.series.sizes, tuple(t.key for t in f.series.forces), f.log_evidence())
+            for f in found
+        ]
+    )
+    at = next(i for i, s in enumerate(structures) if s.equivalent)
+    head, richest = found[at], found[-1]
+    values = draw(richest, _DRAWS, rng)
+    own = values if head is richest else draw(head, _DRAWS, rng)
+    motions = [r.motion.q for r in records]
+    reach = (float(min(q.min() for q in motions)), float(max(q.max() for q in motions)))
+    unit = records[0].decay.unit
+    middle = head.series.taylor(own).mean(axis=0)
+    return Identification(
+        ReducedModel(head.series.terms(), tuple(middle), unit, (0.0, head.series.scales.reach)),
+        structures,
+        structures[at],
+        richest.series.terms(),
+        richest.series.taylor(values),
+        tuple(records),
+        reach,
+        examine(records, _residuals(head, own.mean(axis=0), records), len(middle)),
+        richest.noise,
+        richest.jump,
+        all(f.converged for f in (head, richest)),
+    )
+
+
+def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
+    """Measured minus one simulation of each record, from its best start."""
+    series = found.series.moved(values)
+    states = found.reduced().states(values)
+    left: list[Array] = []
+    for i, record in enumerate(records):
+        first = next(k for k, b in enumerate(found.blocks) if b.window.record == i)
+        try:
+            motion = integrate(series, states[first], record.motion.grid, record.motion)
+            left.append(record.signal - motion.samples(series, record.derivative)[:, 0])
+        except TrajectoryError:
+            left.append(np.full(len(record.signal), np.inf))
+    return left

@@ -1,0 +1,104 @@
+"""Functions that may be true: draws of the posterior in which inertia is never negative.
+
+h is the kinetic energy of the modes that are dragged along, a sum of squares. Draws keep to the
+cone of series with h >= 0 on the range of the data; their mean is in it too, for a cone is convex.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.optimize import linprog
+from scipy.special import ndtr, ndtri
+
+from romsindy.fit.functions import prior
+from romsindy.fit.functions.evidence import Fitted, posterior_triangle
+from romsindy.typing import Array
+
+_EACH = 4  # draws for each set of scales
+_SWEEPS = 30  # of Gibbs' sampler: each forgets where it started after a few
+_PLACES = 81  # where h >= 0 is asked for
+
+
+def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
+    """Values of the series, (n, p), drawn from their posterior over all scales of the prior."""
+    rows = found.reduced()
+    spread = np.linalg.cholesky(found.scale_covariance())
+    draws = []
+    for _ in range(n // _EACH):
+        scales = found.scales + spread @ rng.standard_normal(len(spread))
+        scales = np.clip(scales, prior.LOW, prior.HIGH)
+        factor = prior.factor(found.series, scales)
+        triangle = posterior_triangle(rows, factor)
+        mean = factor @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
+        root = factor @ np.linalg.inv(triangle[:-1, :-1])
+        draws.append(_in_cone(found, mean, root, rng))
+    return np.concatenate(draws)
+
+
+def _in_cone(found: Fitted, mean: Array, root: Array, rng: np.random.Generator) -> Array:
+    """Draws of mean + root x, x standard normal, with h >= 0, (_EACH, p)."""
+    x = rng.standard_normal((len(mean), _EACH))
+    n_k, n_r, _ = found.series.sizes
+    if not n_r:
+        return np.asarray((mean[:, None] + root @ x).T)
+    inertia = slice(n_k, n_k + n_r)
+    # x = q u + what inertia does not see; r = mean + t' u.
+    q, t = np.linalg.qr(root[inertia].T)
+    places = chebyshev.chebvander(np.cos(np.linspace(0, np.pi, _PLACES)), n_r - 1)
+    u = _positive(places @ mean[inertia], places @ t.T, q.T @ x, rng)
+    draws = mean[:, None] + root @ (x + q @ (u - q.T @ x))
+    # Between the places a polynomial may dip by a trace: lift it.
+    for r in draws[inertia].T:
+        r[0] += max(-_least(r), 0.0)
+    return np.asarray(draws.T)
+
+
+def _positive(offset: Array, slope: Array, u: Array, rng: np.random.Generator) -> Array:
+    """Standard normal u (k, m) with offset + slope u >= 0: Gibbs' sampler, one u_i after another.
+
+    J. Geweke, "Efficient simulation from the multivariate normal subject to linear constraints",
+    1991.
+    """
+    if np.all(offset[:, None] + slope @ u >= 0):
+        return u
+    u = np.repeat(_inside(offset, slope)[:, None], u.shape[1], axis=1)
+    for _ in range(_SWEEPS):
+        for i in range(len(u)):
+            column = slope[:, [i]]
+            rest = offset[:, None] + slope @ u - column * u[i]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                limit = -rest / column
+            low = np.max(limit, axis=0, initial=-np.inf, where=column > 0)
+            high = np.min(limit, axis=0, initial=np.inf, where=column < 0)
+            u[i] = _truncated(low, np.maximum(high, low), rng)
+    return u
+
+
+def _truncated(low: Array, high: Array, rng: np.random.Generator) -> Array:
+    """Standard normal between limits, (m,) each; by symmetry in the tail where digits are left."""
+    flip = np.where(low > 0, -1.0, 1.0)
+    a, b = np.where(flip < 0, -high, low), np.where(flip < 0, -low, high)
+    below, above = ndtr(a), ndtr(b)
+    drawn = ndtri(below + (above - below) * rng.random(len(low)))
+    return np.asarray(flip * np.clip(drawn, a, b))
+
+
+def _inside(offset: Array, slope: Array) -> Array:
+    """A point well inside offset + slope u >= 0: the margin, up to one, as large as can be."""
+    size = np.abs(offset).max()
+    k = slope.shape[1]
+    found = linprog(
+        np.append(np.zeros(k), -1.0),
+        A_ub=np.column_stack([-slope, np.full(len(offset), size)]),
+        b_ub=offset,
+        bounds=[(None, None)] * k + [(0.0, 1.0)],
+    )
+    return np.asarray(found.x[:-1])
+
+
+def _least(r: Array) -> float:
+    """Least value of a Chebyshev series on [-1, 1], exactly: at an end or where its slope is 0."""
+    roots = chebyshev.chebroots(chebyshev.chebder(r)) if len(r) > 2 else np.zeros(0)
+    inner = roots.real[(np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) < 1)]
+    return float(np.min(chebyshev.chebval(np.r_[-1.0, 1.0, inner], r)))

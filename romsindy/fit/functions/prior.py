@@ -1,0 +1,75 @@
+"""How smooth the functions of an equation are: Gaussian processes with scales of their own.
+
+What a function of q is before the data speak: a trend that may be anything (a constant, a slope, a
+parabola) and a departure from it, with correlation
+
+    size^2 (1 + d) exp(-d),  d = sqrt(3) |z - z'| / length       (Matern, once differentiable [1])
+
+between places z = q / reach. Its part that is odd in z, which a symmetric structure has not, is
+smaller by a factor. Size, length and asymmetry of each function follow from the data
+(`romsindy.fit.functions.evidence`): terms that the data do not support shrink to nothing, and no
+order has to be chosen. The process is once differentiable only: the shrinkage of high
+orders stays mild, so that features that are sharper than the rest are not smoothed away.
+
+[1] C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning", 2006, sections
+    4.2 (kernels), 2.7 (trend) and 5.4 (scales from the marginal likelihood).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from scipy.linalg import block_diag
+
+from romsindy.fit.functions.series import Series
+from romsindy.typing import Array
+
+# Of stiffness, inertia and damping: standard deviations of the first terms of the trend. Values of
+# order one are normal (see `Series`); the constants of stiffness and damping may be anything.
+_TREND = ((10.0, 1.0, 1.0), (1.0,), (0.0, 1.0))
+_CONSTANT = 10.0  # of the damping, see `Series`
+_FORCE = 3.0
+# Logarithms of size, length and asymmetry: middle and spread of what they are expected to be, wide,
+# and their limits. A length of 0.2 is about what 17 polynomials resolve.
+_SIZES = (0.2, 0.1, 0.1)
+MIDDLE = np.log([(size, 1.0, 0.3) for size in _SIZES]).ravel()
+SPREAD = np.tile([2.0, 0.7, 1.0], 3)
+LOW = np.tile(np.log([1e-6, 0.2, 0.01]), 3)
+HIGH = np.tile(np.log([10.0, 5.0, 1.5]), 3)
+
+
+def factor(series: Series, scales: Array) -> Array:
+    """L with prior covariance L L' of the values of a series; ``scales`` (9,) as in `MIDDLE`."""
+    sizes = np.exp(scales).reshape(3, 3)
+    k, r, d = (
+        _of_function(n, own, trend)
+        for n, own, trend in zip(series.sizes, sizes, _TREND, strict=True)
+    )
+    return block_diag(k, r, [[_CONSTANT]], d, np.diag([_FORCE] * len(series.forces)))
+
+
+def cost(scales: Array) -> float:
+    """Minus the logarithm of the prior density of the scales."""
+    off = (scales - MIDDLE) / SPREAD
+    return float(off @ off / 2 + np.sum(np.log(SPREAD * np.sqrt(2 * np.pi))))
+
+
+def _of_function(n: int, scales: Array, trend: tuple[float, ...]) -> Array:
+    """Factor of the covariance of the Chebyshev coefficients of one function, (n, n)."""
+    size, length, odd = scales
+    if n <= 1:  # a constant
+        return np.eye(n) * trend[0]
+    z = chebyshev.chebpts1(n)
+    near, far = (_matern(np.abs(z[:, None] + s * z) / length) for s in (-1, 1))
+    values = size**2 * ((near + far) / 2 + odd**2 * (near - far) / 2)
+    to_series = np.linalg.inv(chebyshev.chebvander(z, n - 1))
+    covariance = to_series @ values @ to_series.T
+    first = range(min(len(trend), n))
+    covariance[first, first] += np.square(trend[:n])
+    w, v = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray(v * np.sqrt(np.maximum(w, 1e-14 * w[-1])))
+
+
+def _matern(distance: Array) -> Array:
+    d = np.sqrt(3) * distance
+    return np.asarray((1 + d) * np.exp(-d))

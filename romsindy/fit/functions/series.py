@@ -1,0 +1,221 @@
+"""An equation of motion whose functions are series: stiffness, inertia and damping.
+
+With z = q / reach on [-1, 1] and Chebyshev polynomials T_i::
+
+    K(q) / q = rate^2 sum_i k_i T_i(z)                     stiffness
+    h(q)     = z^2 sum_i r_i T_i(z)                        inertia, M = 1 + h
+    D(q)     = decay (c (1 + h) + z sum_i d_i T_i(z))      damping force D(q) q_dot
+
+Damping proportional to mass follows the inertia: alpha (1 + h). What the material adds,
+eta S(q) with S the rates of strain along the motion, is a smooth function of q in the rest.
+Orthogonal polynomials on the range of the data keep high orders well conditioned; Taylor
+coefficients are read off them (`Series.taylor`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from romsindy.fit.linear_steps import Linearisation
+from romsindy.physics.damping import PositionDamping, PowerDamping
+from romsindy.physics.inertia import Inertia
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Term
+from romsindy.typing import Array
+
+
+class Sizes(NamedTuple):
+    """Number of terms of each series; 0 leaves inertia or the change of damping out."""
+
+    stiffness: int
+    inertia: int
+    damping: int
+
+
+class Scales(NamedTuple):
+    """What makes values of order one: largest |q|, angular frequency and decay rate, 1/s."""
+
+    reach: float
+    rate: float
+    decay: float
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Equation of one coordinate with series for its functions; see above.
+
+    Attributes
+    ----------
+    scales : Scales
+    sizes : Sizes
+    forces : tuple of Term
+        Further damping, such as dry friction, smooth at the speeds of the record.
+    values : (n,) array
+        k, then r, then c, then d, then strengths of the forces, all of order one.
+    """
+
+    scales: Scales
+    sizes: Sizes
+    forces: tuple[Term, ...]
+    values: Array
+
+    @classmethod
+    def linear(cls, scales: Scales, sizes: Sizes, forces: Sequence[Term] = ()) -> Series:
+        """A linear oscillator, from which fits start."""
+        values = np.zeros(sum(sizes) + 1 + len(forces))
+        values[0] = values[sizes.stiffness + sizes.inertia] = 1.0
+        return cls(scales, sizes, tuple(forces), values)
+
+    def moved(self, values: Array) -> Series:
+        """The same with other values."""
+        return replace(self, values=values)
+
+    def split(self, values: Array) -> list[Array]:
+        """Values (..., n) as k, r, c, d and strengths of forces."""
+        n_k, n_r, n_d = self.sizes
+        return np.split(values, np.cumsum([n_k, n_r, 1, n_d]), axis=-1)
+
+    def narrowed(self, sizes: Sizes) -> Series:
+        """The same with fewer terms of some series."""
+        k, r, c, d, forces = self.split(self.values)
+        kept = [x[:n] for x, n in zip((k, r, d), sizes, strict=True)]
+        return replace(
+            self, sizes=sizes, values=np.concatenate([kept[0], kept[1], c, kept[2], forces])
+        )
+
+    def widened(self, forces: Sequence[Term]) -> Series:
+        """The same with further forces, without strength."""
+        values = np.concatenate([self.values, np.zeros(len(forces))])
+        return replace(self, forces=(*self.forces, *forces), values=values)
+
+    @cached_property
+    def _functions(self) -> tuple[Array, Array, Array]:
+        """Chebyshev coefficients of K, h and D over z."""
+        (reach, rate, decay), (k, r, c, d, _) = self.scales, self.split(self.values)
+        stiffness = rate**2 * reach * chebyshev.chebmul(k, [0, 1])
+        inertia = chebyshev.chebmul(r, [0.5, 0, 0.5]) if len(r) else np.zeros(1)
+        follows = chebyshev.chebadd(c * inertia, c)
+        rest = chebyshev.chebmul(d, [0, 1]) if len(d) else np.zeros(1)
+        return stiffness, inertia, decay * chebyshev.chebadd(follows, rest)
+
+    @cached_property
+    def _unit_forces(self) -> list[float]:
+        """Strength that makes each force as large as the viscous one at the largest speed."""
+        reach, rate, decay = self.scales
+        fastest = np.array([reach * rate])
+        return [
+            decay * fastest[0] / abs(float(f.damping(0 * fastest, fastest)[0])) for f in self.forces
+        ]
+
+    def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
+        """Residual (n, 1) and its derivatives (n, 1, 1)."""
+        q, v, a = q[:, 0], q_dot[:, 0], q_ddot[:, 0]
+        reach = self.scales.reach
+        z = q / reach
+
+        def at(c: Array, order: int) -> Array:
+            return np.asarray(chebyshev.chebval(z, chebyshev.chebder(c, order))) / reach**order
+
+        stiffness, inertia, damping = self._functions
+        mass, convection = 1 + at(inertia, 0), at(inertia, 1) / 2
+        d = at(damping, 0)
+        residual = mass * a + convection * v * v + at(stiffness, 0) + d * v
+        by_q = (
+            2 * convection * a + at(inertia, 2) / 2 * v * v + at(stiffness, 1) + at(damping, 1) * v
+        )
+        by_v = 2 * convection * v + d
+        strengths = self.split(self.values)[4] * self._unit_forces
+        for force, strength in zip(self.forces, strengths, strict=True):
+            residual += strength * force.damping(q, v)
+            by_q += strength * force.damping_dq(q, v)
+            by_v += strength * force.damping_dq_dot(q, v)
+        return Linearisation(residual[:, None], *(x[:, None, None] for x in (by_q, by_v, mass)))
+
+    def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        """Derivatives of the residual by all values, (m, n, 1)."""
+        q, v, a = q[:, 0], q_dot[:, 0], q_ddot[:, 0]
+        (reach, rate, decay), (n_k, n_r, n_d) = self.scales, self.sizes
+        z = q / reach
+        polynomials, slopes = _polynomials(z, max(*self.sizes, 2))
+        c = self.split(self.values)[2]
+        t_r, dt_r = polynomials[:n_r], slopes[:n_r]
+        inertia = z * z * (t_r * (a + decay * c * v)) + (2 * z * t_r + z * z * dt_r) * (
+            v * v / (2 * reach)
+        )
+        mass = 1 + chebyshev.chebval(z, self._functions[1])
+        rows = [
+            rate**2 * q * polynomials[:n_k],
+            inertia,
+            decay * (mass * v)[None],
+            decay * z * v * polynomials[:n_d],
+        ]
+        for force, unit in zip(self.forces, self._unit_forces, strict=True):
+            rows.append(unit * np.asarray(force.damping(q, v))[None])
+        return np.concatenate(rows)[..., None]
+
+    # -- as an equation of ordinary terms -----------------------------------------------------
+
+    def terms(self) -> tuple[Term, ...]:
+        """The terms of which `taylor` gives the coefficients."""
+        n_k, n_r, n_d = self.sizes
+        highest = max(n_r + 1 if n_r else 0, n_d)
+        return (
+            *(Stiffness(i) for i in range(1, n_k + 1)),
+            *(Inertia(i) for i in range(3, n_r + 3)),
+            PowerDamping(1),
+            *(PositionDamping(i) for i in range(1, highest + 1)),
+            *self.forces,
+        )
+
+    def taylor(self, values: Array) -> Array:
+        """Coefficients of `terms`, (n_sets, n_terms), of sets of values, (n_sets, n)."""
+        reach, rate, decay = self.scales
+        k, r, c, d, forces = self.split(np.atleast_2d(values))
+        stiffness = rate**2 * k @ _to_powers(self.sizes.stiffness)
+        inertia = r @ _to_powers(self.sizes.inertia)  # of h / z^2
+        highest = max(inertia.shape[1] + 1 if inertia.shape[1] else 0, d.shape[1])
+        damping = np.zeros((len(k), highest + 1))
+        damping[:, :1] += c
+        damping[:, 2 : 2 + inertia.shape[1]] += c * inertia
+        damping[:, 1 : 1 + d.shape[1]] += d @ _to_powers(self.sizes.damping)
+
+        def per_power(x: Array, first: int) -> Array:
+            return x / reach ** np.arange(first, first + x.shape[1])
+
+        orders = np.arange(3, self.sizes.inertia + 3)
+        doubled = 1 + (orders % 2 == 0)  # the paper's 2 Upsilon_4, see `Inertia`
+        return np.concatenate(
+            [
+                per_power(stiffness, 0),
+                per_power(inertia, 2) / doubled,
+                decay * per_power(damping, 0),
+                forces * self._unit_forces,
+            ],
+            axis=1,
+        )
+
+
+def _polynomials(z: Array, n: int) -> tuple[Array, Array]:
+    """T_0 .. T_(n-1) and their derivatives at z, (n, len(z)) each."""
+    values = chebyshev.chebvander(z, n - 1).T
+    second = np.ones_like(values)  # of the second kind: T_i' = i U_(i-1)
+    second[1] = 2 * z
+    for i in range(2, n):
+        second[i] = 2 * z * second[i - 1] - second[i - 2]
+    slopes = np.zeros_like(values)
+    slopes[1:] = np.arange(1, n)[:, None] * second[:-1]
+    return values, slopes
+
+
+def _to_powers(n: int) -> Array:
+    """Row i has the powers of z in T_i, (n, n)."""
+    rows = np.zeros((n, n))
+    for i in range(n):
+        rows[i, : i + 1] = chebyshev.cheb2poly(np.eye(n)[i])[: i + 1]
+    return rows
