@@ -7,10 +7,11 @@ from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.adequacy import Adequacy as Adequacy
 from romsindy.fit.bootstrap import Bootstrap as Bootstrap
 from romsindy.fit.bootstrap import bootstrap as bootstrap
+from romsindy.fit.estimate import Band as Band
+from romsindy.fit.estimate import Estimate as Estimate
 from romsindy.fit.functions.identification import Curve as Curve
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.functions.identify import identify as identify
-from romsindy.fit.refine import Band as Band
 from romsindy.fit.refine import Fit as Fit
 from romsindy.fit.refine import refine as refine
 from romsindy.orbits.continuation import Branch as Branch

@@ -75,6 +75,19 @@ def viscous_decay(t: np.ndarray, omega: float, zeta: float, q0: float = 1.0) -> 
     return q0 * np.exp(-zeta * omega * t) * phase
 
 
+def falling_decay(
+    t: np.ndarray, f: float = 5.0, rate: float = 0.3
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q, envelope A and frequency [Hz] of a decay as of a clamped beam.
+
+    The frequency f (1 + 0.8 A^2) falls from 1.8 f to f, the centre 0.2 A^2 comes back to rest.
+    """
+    envelope = np.exp(-rate * t)
+    phase = 2 * np.pi * f * (t + 0.8 * (1 - envelope**2) / (2 * rate))
+    q = envelope * np.cos(phase) + 0.2 * envelope**2
+    return q, envelope, f * (1 + 0.8 * envelope**2)
+
+
 def equation_of(model, free=()):
     """The equation of a model, some of whose coefficients are free."""
     return ExtendedEquation(model, free_coefficients(model, free), 0, 0.01)

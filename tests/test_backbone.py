@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from oracles import duffing_frequency, viscous_decay
+from oracles import duffing_frequency, falling_decay, viscous_decay
 
 from romsindy import Decay, ReducedModel, example_decay, extract_backbone
 from romsindy.physics.example import EXAMPLE_MODEL
@@ -72,6 +72,21 @@ def test_linear_frequency_of_a_hardening_decay():
     b = extract_backbone(bare(model.simulate(1.0, 0.0, np.arange(12000) * 0.01)))
     assert b.linear_frequency() == pytest.approx(6.0, rel=5e-5)
     np.testing.assert_allclose(b.frequency, duffing_frequency(36.0, 20.0, b.amplitude), rtol=1e-4)
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.6])
+def test_falling_frequency_of_an_asymmetric_decay(rate):
+    """As of a clamped beam under its weight: 1.8 f to f, and the centre moves with amplitude^2."""
+    t = np.arange(8000) * 0.005
+    q, _, frequency = falling_decay(t, rate=rate)
+    b = extract_backbone(Decay(t, q, unit="m"))
+    exact = np.interp(b.t, t, frequency)
+    # at first it falls by 3 % (6 %) a cycle, which shifts the crossings of a moving centre
+    np.testing.assert_allclose(b.frequency / (2 * np.pi), exact, rtol=0.01 * rate)
+    noise = np.random.default_rng(8).normal(0, 1e-2 * q.std(), len(t))  # 40 dB
+    noisy = extract_backbone(Decay(t, q + noise, unit="m"))
+    exact = np.interp(noisy.t, t, frequency)
+    assert np.median(np.abs(noisy.frequency / (2 * np.pi) / exact - 1)) < 1e-3
 
 
 def test_heavy_damping():

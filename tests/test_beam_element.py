@@ -109,6 +109,22 @@ def test_kernel_equals_element(field):
     assert_allclose(power, dissipated, rtol=1e-12)
 
 
+def test_small_strains_keep_their_digits():
+    """A uniform stretch, turned a little, stores EA eps^2 / 2 per length and shears nothing."""
+    stretch, angle = 1e-12, 1e-5
+    s = LENGTH / 2 * np.arange(2 * N_ELEMENTS + 1)
+    x = np.zeros((len(s), 3))
+    x[:, 0] = s * (stretch * np.cos(angle) - 2 * np.sin(angle / 2) ** 2)
+    x[:, 1] = s * (1 + stretch) * np.sin(angle)
+    x[:, 2] = angle
+    # u' of 5e-11 rounds at 1e-26, 1e-14 of the stretch; beside 1 it would round at 1e-4 of it
+    energy = 0.5 * SECTION.EA * stretch**2 * s[-1]
+    assert_allclose(kernel.strain_energy(x, *STIFFNESS), energy, rtol=1e-12)
+    out = np.zeros_like(x)
+    kernel.add_internal_force(x, np.zeros_like(x), *STIFFNESS, 0.0, out)
+    assert_allclose(out[-1, 0], SECTION.EA * stretch, rtol=1e-9)  # turned: angle^2 / 2 less
+
+
 @pytest.mark.parametrize("shift", [2.0, 2.0 + 1.0j])
 def test_frontal_solution_equals_dense(field, shift):
     _, D = kernel.tangent(field[0], *STIFFNESS)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.interpolate import make_interp_spline
 from scipy.special import ellipk
 
-from romsindy.beam import PINNED, Beam, RadauIIA, Section, StepTooLongError, transient
+from romsindy.beam import CLAMPED, PINNED, Beam, RadauIIA, Section, StepTooLongError, transient
 from romsindy.beam.radau import lagrange
 
 LARGE = 0.15  # the release of the default system, a third of its length
@@ -110,6 +110,25 @@ def test_small_decay_has_the_damping_of_rayleigh():
     measured = -0.5 * np.log(total[cycles * period] / total[0]) / motion.t[cycles * period]
     # energy is read at nearly the same phase of the cycle, hence the loose tolerance
     assert_allclose(measured, rate, rtol=2e-3)
+
+
+@pytest.mark.parametrize("amplitude", [1e-7, 1e-10])
+def test_swing_far_below_the_static_sag(amplitude):
+    """q'' + alpha q' + omega^2 q = 0 down to where rounding drowns the swing.
+
+    Long decays end like this. Newton's method feels how small the motion is, not for how long it
+    has gone on: a short record of a small release is enough.
+    """
+    thickness = 1e-3
+    steel = Section.rectangle(0.02, thickness, 210e9, 7800.0)
+    beam = Beam(0.45, steel, elements=10, right=CLAMPED, alpha=1.0)
+    motion = run(beam, beam.release_shape(amplitude, mode=1, at=0.225), 0.05, 2.5e-4)
+    c = motion.coordinates
+    q, q_dot, q_ddot = (x[1:, 0] for x in (c.displacement, c.velocity, c.acceleration))
+    spring = motion.basis.omega[0] ** 2 * q
+    # the sag, 0.4 of the thickness, makes the spring asymmetric: linear to amplitude / thickness
+    linear = amplitude / thickness * np.abs(spring).max()
+    assert_allclose(q_ddot + beam.assembly.alpha * q_dot + spring, 0.0, atol=linear)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.01])

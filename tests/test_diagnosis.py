@@ -207,6 +207,9 @@ def test_report_files(tmp_path):
     page = (tmp_path / "page.html").read_text()
     assert page.count("data:image/png;base64") == 6 and result.sentence[:40] in page
     assert json.loads(result.to_json())["effects"][0]["name"] == "quadratic_drag"
+    lost = replace(result, remainder=replace(result.remainder, structure=np.inf))
+    content = json.loads(lost.to_json(), parse_constant=pytest.fail)  # strict JSON
+    assert float(content["structure"]) == np.inf
     result.to_csv(tmp_path / "table.csv")
     assert "quadratic_drag,,strength" in (tmp_path / "table.csv").read_text()
 

@@ -229,6 +229,23 @@ def test_json_that_holds_no_model_is_refused():
         ReducedModel.from_json("no json")
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"terms": [{"type": "Stiffness", "degree": 1}]}',
+        '{"terms": [3]}',
+        '{"terms": null}',
+        '{"coefficients": ["omega^2"]}',
+        '{"coefficients": {"omega^2": null}}',
+        '{"coefficients": {"omega^2": 36}, "amplitude_range": [1]}',
+        '{"coefficients": {"omega^2": 36}, "amplitude_range": 1}',
+    ],
+)
+def test_json_of_half_a_model_is_refused(text):
+    with pytest.raises(ValueError, match=r"holds a model that is not complete .* and a value"):
+        ReducedModel.from_json(text)
+
+
 @pytest.mark.parametrize("amplitudes", [[0.0, 1.0], [-1.0], [[1.0]]])
 def test_amplitudes_are_checked(amplitudes):
     with pytest.raises(ValueError, match="amplitudes must be positive"):

@@ -249,6 +249,14 @@ def test_a_law_of_ones_own_survives_json():
         ReducedModel.from_json(json.dumps(content))
 
 
+def test_infinity_survives_strict_json():
+    """JSON has no infinity: other readers refuse the bare word that Python writes for it."""
+    model = ReducedModel((Ripple(np.inf), Ripple(-np.inf)), (1.0, 2.0))
+    text = model.to_json()
+    json.loads(text, parse_constant=pytest.fail)
+    assert ReducedModel.from_json(text) == model
+
+
 def test_abstract_laws_are_no_terms():
     assert Term.from_key("omega^2") is None and ForceLaw.from_key("omega^2") is None
 

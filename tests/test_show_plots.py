@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from romsindy import (
+    Adequacy,
+    Estimate,
     HarmonicSINDy,
     ReducedModel,
     backbone_curve,
@@ -36,6 +38,21 @@ def test_backbone_with_models(backbone):
     assert [t.get_text() for t in ax.get_legend().get_texts()] == ["IC-ROM", "cycles of the decay"]
     low, high = ax.get_xlim()
     assert 0.88 < low < 0.9 and 0.955 < high < 0.97  # uncertain cycles do not squeeze it
+
+
+def test_an_estimate_from_a_file_has_its_band(backbone):
+    """Frequency of a linear oscillator: its error is that of omega^2 over 2 omega."""
+    model = ReducedModel.from_coefficients({"omega^2": 36.0}, "m")
+    verdict = Adequacy(1.0, 0.5, 1.0, False, np.array([1.0]), np.ones((1, 6)), 1.0, "m")
+    text = Estimate(model, ("omega^2",), np.array([[0.12**2]]), verdict, ()).to_json()
+    estimate = Estimate.from_json(text)
+    ax = plots.plot_backbone(backbone, {"saved": estimate})
+    edges = ax.collections[-1].get_paths()[0].vertices[:, 0]
+    # Differences over a tenth of a standard error: (0.1 * 0.12 / 36)^2 off.
+    np.testing.assert_allclose(np.ptp(edges), 2 * 1.96 * 0.01 / (2 * np.pi), rtol=1e-6)
+    assert len(plots.plot_misfit(estimate).lines) == 7
+    with pytest.raises(ValueError, match="holds no cycles: give a Backbone"):
+        plots.plot_damping(estimate)
 
 
 def test_decay_damping_magnitudes_and_residuals(backbone):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from oracles import viscous_decay
+from oracles import falling_decay, viscous_decay
 
 from romsindy.record.cycles import crossings, free_part, integrate, rest_level
 from romsindy.record.signals import fundamental_frequency, lowpass, noise_std, upsample
@@ -12,6 +12,26 @@ T = np.arange(4000) * DT
 def test_fundamental_of_a_decay():
     q = viscous_decay(T, 2 * np.pi * 1.3, 0.01)
     assert fundamental_frequency(q, DT) == pytest.approx(1.3, abs=1 / T[-1])  # one line
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1e-3])
+@pytest.mark.parametrize("rate", [0.3, 1.0, 3.0])
+def test_fundamental_of_a_falling_frequency(rate, sigma):
+    """Over its broad line the few lines of the shifting centre stand out; a long tail is quiet."""
+    q, _, _ = falling_decay(T, rate=rate)
+    noise = np.random.default_rng(6).normal(0, sigma, len(T)) if sigma else 0.0
+    # quiet cycles, all of nearly one frequency, make the highest line; 0.1 Hz apart in 10 s
+    assert fundamental_frequency(q + noise, DT) == pytest.approx(5.0, abs=0.15)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.0])
+def test_drift_above_the_vibration_is_refused(sigma):
+    """Of rms 0.7, five times that of the vibration; noise of rms 1 is no vibration either."""
+    q, _, _ = falling_decay(T)
+    drift = 1 - np.cos(2 * np.pi * T / T[-1])
+    noise = np.random.default_rng(7).normal(0, sigma, len(T)) if sigma else 0.0
+    with pytest.raises(ValueError, match=r"record of 40 s .* drifts by more than it vibrates"):
+        fundamental_frequency(q + drift + noise, DT)
 
 
 @pytest.mark.parametrize("sigma", [1e-3, 0.05])

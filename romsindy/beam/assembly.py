@@ -182,6 +182,17 @@ class Assembly:
         R[:, self.fixed] = 0.0
         return R
 
+    def rounding(self, X: np.ndarray) -> float:
+        """Return the acceleration [m/s^2] up to which rounding the displacements X is felt.
+
+        Slopes are differences of displacements within an element: strains are in doubt by
+        epsilon |X| / h, with h the length of an element, and EA / (mass h) makes that an
+        acceleration.
+        """
+        length, EA, *_ = self._stiffness
+        doubt = np.finfo(float).eps * float(np.abs(X[..., :2]).max()) / length
+        return doubt * EA / (self.structure.section.mass * length)
+
     def stage_powers(self, X: np.ndarray, V: np.ndarray) -> np.ndarray:
         """Return the power dissipated [W] in several states."""
         powers = kernel.stage_powers(X, V, self.mass, self.alpha, *self._stiffness, self.eta)

@@ -42,6 +42,18 @@ def at_strain_point(field, a, g, scale):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def strains(du, dw, th):  # type: ignore[no-untyped-def]
+    """Return eps, gamma and cos(theta), sin(theta).
+
+    The half angle gives cos(theta) - 1 without the 1: a small strain would drown in its rounding,
+    and the stiff axial direction turns that into an acceleration.
+    """
+    half = np.sin(0.5 * th)
+    c, s = 1.0 - 2.0 * half * half, 2.0 * half * np.cos(0.5 * th)
+    return du * c + dw * s - 2.0 * half * half, dw * c - du * s - s, c, s
+
+
+@njit(cache=True, error_model="numpy")
 def add_internal_force(x, v, length, EA, GA, EI, eta, out):  # type: ignore[no-untyped-def]
     """Add the internal force of every element to `out`, (n_nodes, 3); return the damping power."""
     n_elements = (x.shape[0] - 1) // 2
@@ -52,18 +64,16 @@ def add_internal_force(x, v, length, EA, GA, EI, eta, out):  # type: ignore[no-u
         for g in range(2):
             du, dw, dth, th = at_strain_point(x, a, g, scale)
             dvu, dvw, dvt, vt = at_strain_point(v, a, g, scale)
-            c, s = np.cos(th), np.sin(th)
-            stretch = (1.0 + du) * c + dw * s
-            gamma = dw * c - (1.0 + du) * s
+            eps, gamma, c, s = strains(du, dw, th)
             eps_dot = c * dvu + s * dvw + gamma * vt
-            gamma_dot = c * dvw - s * dvu - stretch * vt
-            N = EA * (stretch - 1.0 + eta * eps_dot)
+            gamma_dot = c * dvw - s * dvu - (1.0 + eps) * vt
+            N = EA * (eps + eta * eps_dot)
             Q = GA * (gamma + eta * gamma_dot)
             M = EI * (dth + eta * dvt)
             rate = EA * eps_dot * eps_dot + GA * gamma_dot * gamma_dot + EI * dvt * dvt
             power += weight * eta * rate
             fu, fw = weight * (N * c - Q * s), weight * (N * s + Q * c)
-            ft = weight * (N * gamma - Q * stretch)
+            ft = weight * (N * gamma - Q * (1.0 + eps))
             for i in range(3):
                 dn = _DN[g, i] * scale
                 out[a + i, 0] += dn * fu
@@ -80,9 +90,7 @@ def strain_energy(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     for e in range((x.shape[0] - 1) // 2):
         for g in range(2):
             du, dw, dth, th = at_strain_point(x, 2 * e, g, scale)
-            c, s = np.cos(th), np.sin(th)
-            eps = (1.0 + du) * c + dw * s - 1.0
-            gamma = dw * c - (1.0 + du) * s
+            eps, gamma, _, _ = strains(du, dw, th)
             energy += EA * eps * eps + GA * gamma * gamma + EI * dth * dth
     return 0.25 * length * energy
 
@@ -97,10 +105,9 @@ def tangent(x, length, EA, GA, EI):  # type: ignore[no-untyped-def]
     for e in range(n_elements):
         for g in range(2):
             du, dw, _, th = at_strain_point(x, 2 * e, g, scale)
-            c, s = np.cos(th), np.sin(th)
-            stretch = (1.0 + du) * c + dw * s
-            gamma = dw * c - (1.0 + du) * s
-            N, Q = weight * EA * (stretch - 1.0), weight * GA * gamma
+            eps, gamma, c, s = strains(du, dw, th)
+            stretch = 1.0 + eps
+            N, Q = weight * EA * eps, weight * GA * gamma
             wA, wG, wI = weight * EA, weight * GA, weight * EI
             # material part in the basis (u', w', theta, theta')
             uu, uw, ww = wA * c * c + wG * s * s, (wA - wG) * c * s, wA * s * s + wG * c * c

@@ -20,6 +20,7 @@ from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EXPLAINED, PREDICTED
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.serial import json_text
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -251,7 +252,7 @@ class DiagnosisReport:
             "gap": {"before": self.gap.before, "after": self.gap.after},
             "model": json.loads(self.model.to_json()),
         }
-        return json.dumps(content, indent=2)
+        return json_text(content)
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table of explanations."""

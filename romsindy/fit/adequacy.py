@@ -62,6 +62,15 @@ class Adequacy:
     unit: str | None
     false_alarm: float = FALSE_ALARM
 
+    def __post_init__(self) -> None:
+        for name in ("ratio", "p_value", "structure", "limit", "false_alarm"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+        amplitude = np.array(self.amplitude, float)
+        # Without any window the list of a JSON text does not say how many harmonics there are.
+        misfit = np.array(self.misfit, float).reshape(len(amplitude), _HARMONICS + 1)
+        object.__setattr__(self, "amplitude", amplitude)
+        object.__setattr__(self, "misfit", misfit)
+
     @property
     def structured(self) -> bool:
         """Whether something is left that repeats with the vibration, and matters."""

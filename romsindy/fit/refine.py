@@ -12,13 +12,13 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects import Bias
-from romsindy.fit.adequacy import Adequacy, examine
+from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import extended, free_coefficients
 from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.estimate import Estimate
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
@@ -43,39 +43,23 @@ class _Offset(Bias):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
-    """A model fitted by simulation, with its errors and how far it explains the data.
+class Fit(Estimate):
+    """A model fitted by simulation, with its errors and what it was made of.
+
+    Saved is the `Estimate` alone: model, covariance, verdict and notes.
 
     Attributes
     ----------
-    model : ReducedModel
-        With the fitted coefficients.
-    free : tuple of str
-        Names of the fitted coefficients, in the order of `covariance`.
     start : ReducedModel
         The equation to which the parts of the solution are added; its dry friction is smooth.
     records : tuple of Record
     solution : Solution
         Changes of the free coefficients, then the offsets of the sensor where they were fitted.
-    covariance : (n_free, n_free) array
-        Of the free coefficients, for the colour that the residuals really have.
-    verdict : Adequacy
-        Whether the data are explained, in numbers and in a sentence.
     """
 
-    model: ReducedModel
-    free: tuple[str, ...]
     start: ReducedModel
     records: tuple[Record, ...]
     solution: Solution
-    covariance: Array
-    verdict: Adequacy
-
-    @property
-    def standard_errors(self) -> dict[str, float]:
-        """Standard error of every fitted coefficient, by name."""
-        errors = np.sqrt(np.diag(self.covariance))
-        return dict(zip(self.free, errors.tolist(), strict=True))
 
     @property
     def residuals(self) -> tuple[Array, ...]:
@@ -108,97 +92,9 @@ class Fit:
         """Noise of each decay, found without the model."""
         return tuple(record.noise for record in self.records)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the reader must know of the records and of the fit."""
-        notes = []
-        if self.solution.interrupted:
-            notes.append("interrupted before the simulations came to their end: not the best fit")
-        elif not self.solution.converged:
-            notes.append("the fit has not come to its end: start from other values")
-        for i, record in enumerate(self.records):
-            lost = int(np.sum(~record.valid))
-            if lost:
-                notes.append(
-                    f"decay {i}: {lost} samples stick to the end of the sensor's range and take no"
-                    " part"
-                )
-            if record.noise.lines:
-                line = record.noise.lines[0]
-                notes.append(
-                    f"decay {i}: another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g},"
-                    " is counted as noise; it is no part of this model"
-                )
-        return tuple(notes)
-
-    @property
-    def adequacy(self) -> float:
-        """Rms of the residual over the noise; 1 where the model explains the data to it."""
-        return self.verdict.ratio
-
-    def band(self, amplitudes: ArrayLike) -> Band:
-        """Backbone and damping of the model with their standard errors.
-
-        Parameters
-        ----------
-        amplitudes : (n,) array
-            Half peak to peak, positive, unit of q.
-        """
-        a = np.atleast_1d(np.asarray(amplitudes, float))
-        values = self.model.coefficients
-        slopes = []
-        for name, error in self.standard_errors.items():
-            ends = [_curves(self._with(name, values[name] + s * error), a) for s in (0.1, -0.1)]
-            slopes.append((ends[0] - ends[1]) / (0.2 * error))
-        variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
-        (omega, zeta), (omega_std, zeta_std) = _curves(self.model, a), np.sqrt(variance)
-        return Band(a, omega, zeta, omega_std, zeta_std, self.model.unit)
-
-    def _with(self, name: str, value: float) -> ReducedModel:
-        values = self.model.coefficients | {name: value}
-        return replace(self.model, values=tuple(values.values()))
-
-    def __str__(self) -> str:
-        errors = self.standard_errors
-        lines = [f"{self.model.equation()}    (q in {self.model.unit or '[q]'}, t in s)"]
-        for term, value in zip(self.model.terms, self.model.values, strict=True):
-            error = f"+- {errors[term.key]:.2g}" if term.key in errors else "(fixed)"
-            lines.append(
-                f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
-            )
-        notes = [f"Note: {note.rstrip('.')}." for note in self.notes]
-        return "\n".join([*lines, str(self.verdict), *notes])
-
     def __repr__(self) -> str:
         size = f"{len(self.free)} coefficients, {len(self.decays)} decays"
         return f"<Fit: {size}, adequacy {self.adequacy:.3f}>"
-
-
-@dataclass(frozen=True, eq=False)
-class Band:
-    """Backbone and damping ratio of a fitted model, with standard errors.
-
-    Attributes
-    ----------
-    amplitude, frequency, damping_ratio : (n,) arrays
-        Unit of q, rad/s, dimensionless.
-    frequency_std, damping_ratio_std : (n,) arrays
-        Standard errors, by the covariance of the coefficients to first order. The 95 % band is
-        1.96 of them to either side.
-    unit : str or None
-        Of the amplitude.
-    """
-
-    amplitude: Array
-    frequency: Array
-    damping_ratio: Array
-    frequency_std: Array
-    damping_ratio_std: Array
-    unit: str | None
-
-
-def _curves(model: ReducedModel, amplitudes: Array) -> Array:
-    return np.array([model.backbone(amplitudes), model.damping_ratio(amplitudes)])
 
 
 def refine(
@@ -298,14 +194,37 @@ def fit_records(
     peak = max(float(np.abs(record.decay.q).max()) for record in records)
     new = extended(model, solution.parts)
     return Fit(
-        replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
-        free,
-        start,
-        tuple(records),
-        solution,
-        covariance[: len(free), : len(free)],
-        examine(records, solution.residuals, solution.n_values),
+        model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
+        free=free,
+        covariance=covariance[: len(free), : len(free)],
+        verdict=examine(records, solution.residuals, solution.n_values),
+        notes=_notes(records, solution),
+        start=start,
+        records=tuple(records),
+        solution=solution,
     )
+
+
+def _notes(records: Sequence[Record], solution: Solution) -> tuple[str, ...]:
+    """What the reader must know of the records and of the fit."""
+    notes = []
+    if solution.interrupted:
+        notes.append("interrupted before the simulations came to their end: not the best fit")
+    elif not solution.converged:
+        notes.append("the fit has not come to its end: start from other values")
+    for i, record in enumerate(records):
+        lost = int(np.sum(~record.valid))
+        if lost:
+            notes.append(
+                f"decay {i}: {lost} samples stick to the end of the sensor's range and take no part"
+            )
+        if record.noise.lines:
+            line = record.noise.lines[0]
+            notes.append(
+                f"decay {i}: another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g},"
+                " is counted as noise; it is no part of this model"
+            )
+    return tuple(notes)
 
 
 def _followed(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
-from romsindy.physics.serial import content_of, term_from_key, term_of
+from romsindy.physics.serial import content_of, json_text, term_from_key, term_of
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
@@ -435,18 +435,21 @@ class ReducedModel:
     def to_json(self) -> str:
         """JSON text: type, fields, name and value of every term, unit and amplitude range.
 
-        Every number reads back as the same number.
+        Every number reads back as the same number, see `romsindy.physics.serial`.
         """
         content = {
             "terms": [{"name": t.key, "value": v, **content_of(t)} for t, v in self._pairs],
             "unit": self.unit,
             "amplitude_range": self.amplitude_range,
         }
-        return json.dumps(content, indent=2)
+        return json_text(content)
 
     @classmethod
     def from_json(cls, text: str) -> ReducedModel:
         """Read what `to_json` wrote, or ``{"coefficients": {"omega^2": ...}, "unit": ...}``.
+
+        Other entries beside these do not matter: a saved `romsindy.fit.estimate.Estimate` is read
+        as the model that it holds.
 
         Raises
         ------
@@ -460,11 +463,17 @@ class ReducedModel:
                 ' {"coefficients": {...}, ...}'
             )
         unit, limits = content.get("unit"), content.get("amplitude_range")
-        reach = (float(limits[0]), float(limits[1])) if limits else None
-        if "coefficients" in content:
-            return cls.from_coefficients(content["coefficients"], unit, reach)
-        terms = content["terms"]
-        return cls(tuple(map(term_of, terms)), tuple(c["value"] for c in terms), unit, reach)
+        try:
+            reach = (float(limits[0]), float(limits[1])) if limits else None
+            if "coefficients" in content:
+                return cls.from_coefficients(content["coefficients"], unit, reach)
+            terms = content["terms"]
+            return cls(tuple(map(term_of, terms)), tuple(c["value"] for c in terms), unit, reach)
+        except (AttributeError, LookupError, TypeError) as error:
+            raise ValueError(
+                f"the JSON text holds a model that is not complete ({error!r}): every term has a"
+                " type, its fields and a value, every coefficient a number, amplitude_range two"
+            ) from error
 
 
 @dataclass(frozen=True)

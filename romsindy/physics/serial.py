@@ -1,11 +1,21 @@
-"""Laws from the names of their coefficients, and laws as JSON: type and fields, exact."""
+"""Laws from the names of their coefficients, and laws as JSON: type and fields, exact.
+
+Every number that is written reads back as the same number. JSON has no infinity and no NaN: they
+are the strings "Infinity", "-Infinity" and "NaN", as in the JSON of protocol buffers
+(https://protobuf.dev/programming-guides/json/), which Python's ``float`` and JavaScript's
+``Number`` understand.
+"""
 
 from __future__ import annotations
 
 import difflib
+import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
+
+import numpy as np
 
 # The laws must be there before they are looked up by name.
 from romsindy.physics import combination, inertia  # noqa: F401
@@ -13,6 +23,7 @@ from romsindy.physics.damping import DAMPING
 from romsindy.physics.term import Term, type_name
 
 _NAMES = (*(law.key for law in DAMPING.values()), "omega^2", "beta_1", "beta_2")
+_NOT_FINITE = {"Infinity": math.inf, "-Infinity": -math.inf, "NaN": math.nan}
 
 
 def term_from_key(key: str) -> Term:
@@ -35,16 +46,29 @@ def term_from_key(key: str) -> Term:
     )
 
 
+def json_text(content: Mapping[str, Any]) -> str:
+    """Content of laws, arrays and numbers as JSON that every reader accepts."""
+    return json.dumps(_plain(content), indent=2, allow_nan=False)
+
+
 def content_of(term: Term) -> dict[str, Any]:
-    """Type and fields of a law, as JSON has them."""
+    """Type and fields of a law."""
     values = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]
-    return {"type": type_name(type(term)), **{name: _plain(v) for name, v in values.items()}}
+    return {"type": type_name(type(term)), **values}
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, Term):
-        return content_of(value)
-    return [_plain(v) for v in value] if isinstance(value, tuple) else value
+        return _plain(content_of(value))
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {name: _plain(v) for name, v in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return json.dumps(value)  # the name that Python's JSON has for it, as a string
+    return value
 
 
 def term_of(content: Mapping[str, Any]) -> Term:
@@ -74,4 +98,6 @@ def term_of(content: Mapping[str, Any]) -> Term:
 def _value(value: Any) -> Any:
     if isinstance(value, dict):
         return term_of(value)
+    if isinstance(value, str):
+        return _NOT_FINITE.get(value, value)
     return tuple(_value(v) for v in value) if isinstance(value, list) else value

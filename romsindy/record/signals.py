@@ -16,6 +16,8 @@ from romsindy.typing import Array
 _CLIPPED_RUN = 4
 # Lines of a spectrum below this one hold fewer cycles.
 _CYCLES_AT_LEAST = 3
+# Of the power of the first half of a record: less in the second is the quiet after a decay.
+_QUIET = 0.1
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -24,19 +26,32 @@ def fundamental_frequency(x: Array, dt: float) -> float:
     Raises
     ------
     ValueError
-        If the signal is constant, or holds fewer than three cycles.
+        If the signal is constant, holds fewer than three cycles, or drifts more than it vibrates.
     """
     if not np.ptp(x) > 0:
         raise ValueError(f"the signal is constant ({x[0]:.6g}): nothing vibrates in this record")
+    loud = x
+    while (found := _highest_line(loud, dt)) is None:
+        # The window looks at the middle, where a decay may be over long since.
+        half = len(loud) // 2
+        if half < _CYCLES_AT_LEAST or loud[half:].var() >= _QUIET * loud[:half].var():
+            raise ValueError(
+                f"the record of {len(x) * dt:.4g} s holds fewer than three cycles, or drifts by"
+                " more than it vibrates: record longer, remove the drift, or check the time unit"
+            )
+        loud = loud[:half]
+    return found
+
+
+def _highest_line(x: Array, dt: float) -> float | None:
+    """Frequency of the highest line of a spectrum, in Hz; None if drift has the greater power."""
     frequencies, power = periodogram(detrend(x), 1 / dt, window="hann")
-    # The line of a frequency that changes with amplitude is broad and low: what drifts is judged
-    # by its power, not by its peak.
-    if power[:_CYCLES_AT_LEAST].sum() > power[_CYCLES_AT_LEAST:].sum():
-        raise ValueError(
-            f"the record of {len(x) * dt:.4g} s holds fewer than three cycles, or drifts by more"
-            " than it vibrates: record longer, remove the drift, or check the time unit"
-        )
-    return float(frequencies[_CYCLES_AT_LEAST + np.argmax(power[_CYCLES_AT_LEAST:])])
+    drift, swing = np.split(power, [_CYCLES_AT_LEAST])
+    # The line of a frequency that changes with amplitude is broad and low: drift is judged by its
+    # power. White noise is no vibration; the median of its lines is ln 2 of their mean.
+    if drift.sum() >= swing.sum() - len(swing) * np.median(power) / np.log(2):
+        return None
+    return float(frequencies[_CYCLES_AT_LEAST + np.argmax(swing)])
 
 
 def noise_std(x: Array) -> float:

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.refine import Band, Fit, prepared
+from romsindy.fit.estimate import Band
+from romsindy.fit.refine import Fit, prepared
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
+from romsindy.fit.estimate import Estimate
 from romsindy.fit.refine import Fit
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
@@ -22,18 +23,19 @@ from romsindy.show.axes import given_or_new, log_ratio
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
+Models = Mapping[str, ReducedModel | Estimate]
 # How the cycles of a measured decay look in every figure.
 _CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
 _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
 
 
 def _curves(
-    models: Mapping[str, ReducedModel | Fit] | None, amplitudes: Array, quantity: str, unit: float
+    models: Models | None, amplitudes: Array, quantity: str, unit: float
 ) -> Iterator[tuple[Array, tuple[Array, Array] | None, dict[str, Any]]]:
-    """Curve, 95 % band of a fit, and look of every model: a stiffness polynomial is dashed."""
+    """Curve, 95 % band of an estimate, look of every model: a stiffness polynomial is dashed."""
     for i, (label, model) in enumerate((models or {}).items()):
         look = {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
-        if isinstance(model, Fit):
+        if isinstance(model, Estimate):
             band = model.band(amplitudes)
             middle = getattr(band, quantity) / unit
             reach = _SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
@@ -76,7 +78,7 @@ def plot_decay(
 
 def plot_backbone(
     measured: Backbone | Fit,
-    models: Mapping[str, ReducedModel | Fit] | None = None,
+    models: Models | None = None,
     *,
     ax: Axes | None = None,
 ) -> Axes:
@@ -86,8 +88,8 @@ def plot_backbone(
     ----------
     measured : Backbone or Fit
         Points with their standard errors. A fit gives the cycles of its decays, and its own curve.
-    models : mapping of str to ReducedModel or Fit, optional
-        Curves by label; a fit has its 95 % band.
+    models : mapping of str to ReducedModel or Estimate, optional
+        Curves by label; an estimate, such as a fit, has its 95 % band.
     """
     ax = given_or_new(ax)
     backbones, models = _measured(measured, models)
@@ -118,10 +120,14 @@ def plot_backbone(
 
 
 def _measured(
-    measured: Backbone | Fit, models: Mapping[str, ReducedModel | Fit] | None
-) -> tuple[list[Backbone], Mapping[str, ReducedModel | Fit] | None]:
+    measured: Backbone | Fit, models: Models | None
+) -> tuple[list[Backbone], Models | None]:
     if isinstance(measured, Backbone):
         return [measured], models
+    if not isinstance(measured, Fit):
+        raise ValueError(
+            f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
+        )
     return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
 
 
@@ -138,7 +144,7 @@ def _legend(ax: Axes) -> None:
 
 def plot_damping(
     measured: Backbone | Fit,
-    models: Mapping[str, ReducedModel | Fit] | None = None,
+    models: Models | None = None,
     *,
     ax: Axes | None = None,
 ) -> Axes:
@@ -165,7 +171,7 @@ def plot_damping(
     return ax
 
 
-def plot_misfit(fit: Fit, *, ax: Axes | None = None) -> Axes:
+def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
     """What a fit leaves at each harmonic of the motion, against amplitude.
 
     Rms of the residual over the noise at the same frequencies, in windows of eight cycles; near 1

@@ -18,6 +18,7 @@ from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect, Verdict
 from romsindy.fit.part import Part
+from romsindy.physics.serial import json_text
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -140,7 +141,7 @@ class BeamReport:
         content |= {"verdict": self.verdict, "sentence": self.sentence}
         content["faults"] = [vars(f) for f in self.faults]
         content["sensors"] = [vars(e) for e in self.sensor_errors]
-        return json.dumps(content, indent=2)
+        return json_text(content)
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table of explanations."""

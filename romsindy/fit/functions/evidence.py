@@ -20,12 +20,15 @@ from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions import prior
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Reduced, Window, linearised, reduced
+from romsindy.fit.linear_response import nodes
 from romsindy.fit.record import Record
 from romsindy.typing import Array
 
 _ITERATIONS = 25
 _LEASH = 0.3  # largest change of a motion in one step, in amplitudes
 _LOST = 1e4
+_NEAR = 0.05
+_ROUGH = 0.03  # errors of the smoothed acceleration, as a part of its rms
 # A step this small, in amplitudes, changes no figure that is printed; neither does this in the
 # logarithm of the evidence.
 _SMALL_STEP, _SMALL_GAIN = 1e-3, 0.1
@@ -125,13 +128,15 @@ def fit(
     scales = prior.MIDDLE if start is None else start.scales
     jump = float(np.clip(1e-2, jumps[0], jumps[-1])) if start is None else start.jump
     level, last = noise or 1.0, np.inf
-    own = tuple(windows)
-    for iteration in range(_ITERATIONS):
+    own, largest = tuple(windows), np.inf
+    for _ in range(_ITERATIONS):
         blocks = linearised(series, own, records)
         now = Fitted(series, own, blocks, known, level, jump, scales, last, False)
-        if iteration > 0 and len(jumps) > 1:
+        # Evidence means something where the equation is linear: near the end.
+        if largest < _NEAR and len(jumps) > 1:
             now = _best_jump(now, jumps)
-        now = _best_scales(now)
+        if largest < _NEAR or start is not None:
+            now = _best_scales(now)
         values, step, largest, misfit = _step(now)
         if not np.isfinite(largest) or largest > _LOST:
             raise TrajectoryError("the motion of the linearised equation goes astray")
@@ -140,15 +145,26 @@ def fit(
         short = min(1.0, _LEASH / max(largest, 1e-300))
         series = series.moved(series.values + short * (values - series.values))
         own = tuple(b.moved(short * s) for b, s in zip(blocks, step, strict=True))
-        settled = iteration > 1 and short == 1.0 and largest < _SMALL_STEP
-        if settled and abs(last - now.cost) < _SMALL_GAIN:
+        settled = largest < _SMALL_STEP and abs(last - now.cost) < _SMALL_GAIN
+        if settled:
             break
         level = noise or max(1.0, misfit)
         jump, scales, last = now.jump, now.scales, now.cost
-    else:
-        settled = False
     final = replace(now, series=series, windows=own, blocks=linearised(series, own, records))
     return replace(final, converged=settled)
+
+
+def regressed(series: Series, records: Sequence[Record]) -> Series:
+    """Values to start from: regression of the smoothed acceleration on the terms."""
+    scales = prior.factor(series, prior.MIDDLE)
+    rows = [np.eye(len(scales), len(scales) + 1)]
+    for record in records:
+        state = nodes(record.motion)
+        size = _ROUGH * float(np.std(state[3]))
+        slopes = series.by_parameter(*state)[..., 0].T @ scales
+        rows.append(np.column_stack([slopes, -state[3]]) / size)
+    triangle = np.linalg.qr(np.concatenate(rows), mode="r")
+    return series.moved(scales @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1]))
 
 
 def _best_jump(now: Fitted, jumps: Array) -> Fitted:

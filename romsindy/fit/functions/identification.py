@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.estimate import Band
 from romsindy.fit.functions.structures import Structure
 from romsindy.fit.record import Record
-from romsindy.fit.refine import Band
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.typing import Array
@@ -21,6 +21,7 @@ from romsindy.typing import Array
 DETERMINED = 0.25
 _BAND_DRAWS = 100
 _INSIDE = (2.5, 97.5)  # percentiles of the 95 % band
+_NEAR_ZERO = 0.05  # of the upper end of a band
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +87,18 @@ class Identification:
                 f" {least:.4g} to {largest:.4g} {self.model.unit or '[q]'}: bands say nothing there"
             )
         values = np.array([function(m, q) for m in self._models])
-        return Curve(q, values.mean(axis=0), *np.percentile(values, _INSIDE, axis=0))
+        return Curve(q, values.mean(axis=0), *_shortest(values))
 
     def inertia(self, q: ArrayLike) -> Curve:
-        """h(q), the inertia beside 1, within `reach` (unit of q)."""
-        return self._curve(q, lambda m, x: m.inertia(x) - 1)
+        """h(q), the inertia beside 1, within `reach` (unit of q).
+
+        It is never negative, so that equal tails would leave out 0 always. The band starts there
+        where 0 is hardly less likely than its middle, or where the data do not ask for inertia.
+        """
+        curve = self._curve(q, lambda m, x: m.inertia(x) - 1)
+        needless = any(s.equivalent and not s.sizes.inertia for s in self.structures)
+        open_below = needless | (curve.low < _NEAR_ZERO * curve.high)
+        return replace(curve, low=np.where(open_below, 0.0, curve.low))
 
     def stiffness(self, q: ArrayLike) -> Curve:
         """K(q) / q in 1/s^2, within `reach` (unit of q); omega^2 at q = 0."""
@@ -134,3 +142,12 @@ class Identification:
     def covariance(self) -> Array:
         """Of the coefficients, (n_terms, n_terms)."""
         return np.cov(self.samples, rowvar=False)
+
+
+def _shortest(values: Array) -> tuple[Array, Array]:
+    """Ends of the shortest intervals that hold 95 % of the draws (n_draws, n), (n,) each."""
+    ordered = np.sort(values, axis=0)
+    kept = int(np.ceil(0.95 * len(values)))
+    widths = ordered[kept - 1 :] - ordered[: len(values) - kept + 1]
+    first, column = np.argmin(widths, axis=0), np.arange(values.shape[1])
+    return ordered[first, column], ordered[first + kept - 1, column]

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.fit.adequacy import examine
 from romsindy.fit.collocation import TrajectoryError, integrate
 from romsindy.fit.functions.dispersion import dispersion
-from romsindy.fit.functions.evidence import Fitted, fit
+from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
 from romsindy.fit.functions.series import Scales, Series
@@ -79,6 +79,7 @@ def identify(
     known = _known(series, dict(fixed or {}))
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
+        series = regressed(series, records)
         richest = fit(series, windows_of(records), records, known, progress=say)
         level = richest.noise * np.sqrt(max(dispersion(richest), 1.0))
         richest = _again(richest, richest.series, records, level, say)

@@ -1,0 +1,233 @@
+"""What is known of a model: coefficients, their covariance, and how far they explain the data.
+
+However it was found, and without the data it was found from, so that it can be kept in a file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from romsindy.fit.adequacy import Adequacy
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.serial import json_text
+from romsindy.typing import Array
+
+# Part of a standard error by which a coefficient moves for the slope of a curve.
+_STEP = 0.1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate:
+    """A model with the covariance of its coefficients and the verdict on it.
+
+    Parameters
+    ----------
+    model : ReducedModel
+        With the estimated coefficients.
+    free : tuple of str
+        Names of the coefficients that were estimated, in the order of `covariance`.
+    covariance : (n_free, n_free) array
+        Of the free coefficients, in the units of the model.
+    verdict : Adequacy
+        Whether the data are explained, in numbers and in a sentence.
+    notes : tuple of str
+        What the reader must know of the records and of the estimation.
+
+    Raises
+    ------
+    ValueError
+        If a free name is not in the model or stands twice, or the covariance does not fit.
+    """
+
+    model: ReducedModel
+    free: tuple[str, ...]
+    covariance: Array
+    verdict: Adequacy
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        known = list(self.model.coefficients)
+        if len({*self.free} & {*known}) != len(self.free):
+            raise ValueError(f"free = {list(self.free)} must name coefficients of {known} once")
+        try:
+            covariance = np.array(self.covariance, float, order="C")
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"covariance must be a table of numbers: {error}") from error
+        n = len(self.free)
+        if covariance.shape != (n, n):
+            raise ValueError(
+                f"covariance has the shape {covariance.shape}, but {n} coefficients are free:"
+                f" give ({n}, {n}), in the order of {list(self.free)}"
+            )
+        if np.any(np.diag(covariance) < 0):
+            raise ValueError("covariance has variances below zero on its diagonal")
+        object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard error of every free coefficient, by name."""
+        errors = np.sqrt(np.diag(self.covariance))
+        return dict(zip(self.free, errors.tolist(), strict=True))
+
+    @property
+    def adequacy(self) -> float:
+        """Rms of the residual over the noise; 1 where the model explains the data to it."""
+        return self.verdict.ratio
+
+    def band(self, amplitudes: ArrayLike) -> Band:
+        """Backbone and damping of the model with their standard errors.
+
+        Parameters
+        ----------
+        amplitudes : (n,) array
+            Half peak to peak, positive, unit of q.
+
+        Returns
+        -------
+        Band
+        """
+        a = np.atleast_1d(np.asarray(amplitudes, float))
+        slopes = [self._slope(name, error, a) for name, error in self.standard_errors.items()]
+        variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
+        (omega, zeta), (omega_std, zeta_std) = _curves(self.model, a), np.sqrt(variance)
+        return Band(a, omega, zeta, omega_std, zeta_std, self.model.unit)
+
+    def _slope(self, name: str, error: float, amplitudes: Array) -> Array:
+        """Derivative of the curves with respect to a coefficient."""
+        if error == 0:  # without error it adds nothing, whatever its slope
+            return np.zeros((2, len(amplitudes)))
+        values = self.model.coefficients
+        ends = [values | {name: values[name] + s * error} for s in (_STEP, -_STEP)]
+        high, low = (
+            _curves(replace(self.model, values=tuple(end.values())), amplitudes) for end in ends
+        )
+        return (high - low) / (2 * _STEP * error)
+
+    def __str__(self) -> str:
+        errors = self.standard_errors
+        lines = [f"{self.model.equation()}    (q in {self.model.unit or '[q]'}, t in s)"]
+        for term, value in zip(self.model.terms, self.model.values, strict=True):
+            error = f"+- {errors[term.key]:.2g}" if term.key in errors else "(fixed)"
+            lines.append(
+                f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
+            )
+        notes = [f"Note: {note.rstrip('.')}." for note in self.notes]
+        return "\n".join([*lines, str(self.verdict), *notes])
+
+    def __repr__(self) -> str:
+        return f"<Estimate: {len(self.free)} coefficients, adequacy {self.adequacy:.3f}>"
+
+    # -- JSON ---------------------------------------------------------------------------------
+
+    def to_json(self) -> str:
+        """JSON text of the model (`ReducedModel.to_json`), with four more entries.
+
+        They are "free", "covariance", "verdict" and "notes". Every number reads back as the same
+        number; those that are not finite, such as the ratio of a model without any motion, are the
+        strings "Infinity", "-Infinity" and "NaN" (see `romsindy.physics.serial`), for JSON has no
+        such numbers. `ReducedModel.from_json` reads the model alone.
+        """
+        content = json.loads(self.model.to_json()) | {
+            "free": self.free,
+            "covariance": self.covariance,
+            "verdict": vars(self.verdict),
+            "notes": self.notes,
+        }
+        return json_text(content)
+
+    @classmethod
+    def from_json(cls, text: str) -> Estimate:
+        """Read what `to_json` wrote; of a `Fit` too, without what it was made of.
+
+        Raises
+        ------
+        ValueError
+            If the text is no JSON or cut short, holds no model or a model alone, or entries that
+            do not belong together.
+        """
+        try:
+            content = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise ValueError(
+                f"the text is no JSON, or only the beginning of one ({error})"
+            ) from error
+        model = ReducedModel.from_json(text)
+        missing = {"free", "covariance", "verdict", "notes"} - set(content)
+        if missing:
+            raise ValueError(
+                f"the JSON text holds a model without {', '.join(sorted(missing))}: read it with"
+                " ReducedModel.from_json"
+            )
+        names, notes = (_texts(key, content[key]) for key in ("free", "notes"))
+        return Estimate(model, names, content["covariance"], _verdict(content["verdict"]), notes)
+
+    def save(self, path: str | Path) -> None:
+        """Write the JSON text to a file, see `to_json`."""
+        Path(path).write_text(self.to_json() + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Estimate:
+        """Read a file that `save` wrote.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no such file.
+        ValueError
+            If it holds something else; the message names the file and what is wrong with it.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: no such file")
+        try:
+            return cls.from_json(path.read_text(encoding="utf-8"))
+        except ValueError as error:  # also that of bytes that are no text
+            raise ValueError(f"{path} is no file of {cls.__name__}.save: {error}") from error
+
+
+def _texts(name: str, content: Any) -> tuple[str, ...]:
+    if not (isinstance(content, list) and all(isinstance(text, str) for text in content)):
+        raise ValueError(f"{name} must be a list of strings, got {content!r}")
+    return tuple(content)
+
+
+def _verdict(content: Mapping[str, Any]) -> Adequacy:
+    try:
+        return Adequacy(**content)
+    except (TypeError, ValueError) as error:
+        names = ", ".join(field.name for field in fields(Adequacy))
+        raise ValueError(f"verdict needs the entries {names} ({error})") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Backbone and damping ratio of a model, with standard errors.
+
+    Attributes
+    ----------
+    amplitude, frequency, damping_ratio : (n,) arrays
+        Unit of q, rad/s, dimensionless.
+    frequency_std, damping_ratio_std : (n,) arrays
+        Standard errors, by the covariance of the coefficients to first order. The 95 % band is
+        1.96 of them to either side.
+    unit : str or None
+        Of the amplitude.
+    """
+
+    amplitude: Array
+    frequency: Array
+    damping_ratio: Array
+    frequency_std: Array
+    damping_ratio_std: Array
+    unit: str | None
+
+
+def _curves(model: ReducedModel, amplitudes: Array) -> Array:
+    return np.array([model.backbone(amplitudes), model.damping_ratio(amplitudes)])
