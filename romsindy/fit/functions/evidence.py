@@ -163,7 +163,7 @@ def regressed(series: Series, records: Sequence[Record]) -> Series:
         size = _ROUGH * float(np.std(state[3]))
         slopes = series.by_parameter(*state)[..., 0].T @ scales
         rows.append(np.column_stack([slopes, -state[3]]) / size)
-    triangle = np.linalg.qr(np.concatenate(rows), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
     return series.moved(scales @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1]))
 
 

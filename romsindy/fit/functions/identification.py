@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.estimate import Band
+from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.functions.structures import Structure
-from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
 from romsindy.typing import Array
 
-# A function is determined where its 95 % band is within this part of its value.
-DETERMINED = 0.25
 _BAND_DRAWS = 100
-_INSIDE = (2.5, 97.5)  # percentiles of the 95 % band
+_INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
 _NEAR_ZERO = 0.05  # of the upper end of a band
 
 
@@ -35,14 +34,15 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identification:
+class Identification(Estimate):
     """An identified equation of motion: functions with bands first, coefficients read off them.
+
+    ``model`` is the equation of the simplest structure that predicts as well as any. Its terms are
+    those of a series of high order: as a whole they are the functions, one by one most are not
+    determined. The covariance is that of ``samples``.
 
     Attributes
     ----------
-    model : ReducedModel
-        Of the simplest structure that predicts as well as any. Its terms are those of a series of
-        high order: as a whole they are the functions, one by one most are not determined.
     structures : tuple of Structure
         All that were compared, from the simplest on.
     structure : Structure
@@ -51,43 +51,19 @@ class Identification:
         Of the richest structure, to which bands belong.
     samples : (n_samples, n_terms) array
         Their coefficients, drawn from all that the data allow.
-    records : tuple of Record
     reach : (float, float)
         Least and largest q of the data, unit of q.
-    verdict : Adequacy
-        Whether one simulation of the mean equation explains the data to their noise.
-    noise, jump : float
-        Misfit that the errors stand for, over the noise; and by how much the motion departs from
-        the equation from window to window, as a part of the amplitude.
-    converged : bool
     """
 
-    model: ReducedModel
     structures: tuple[Structure, ...]
     structure: Structure
     terms: tuple[Term, ...]
     samples: Array
-    records: tuple[Record, ...]
     reach: tuple[float, float]
-    verdict: Adequacy
-    noise: float
-    jump: float
-    converged: bool
 
     @cached_property
     def _models(self) -> list[ReducedModel]:
         return [ReducedModel(self.terms, tuple(s), self.model.unit) for s in self.samples]
-
-    def _curve(self, q: ArrayLike, function: Callable[[ReducedModel, Array], Array]) -> Curve:
-        q = np.atleast_1d(np.asarray(q, float))
-        least, largest = self.reach
-        if np.any((q < 1.001 * least) | (q > 1.001 * largest)):
-            raise ValueError(
-                f"q = {q.min():.4g} to {q.max():.4g} leaves the range of the data,"
-                f" {least:.4g} to {largest:.4g} {self.model.unit or '[q]'}: bands say nothing there"
-            )
-        values = np.array([function(m, q) for m in self._models])
-        return Curve(q, values.mean(axis=0), *_shortest(values))
 
     def inertia(self, q: ArrayLike) -> Curve:
         """h(q), the inertia beside 1, within `reach` (unit of q).
@@ -106,12 +82,30 @@ class Identification:
 
         def secant(model: ReducedModel, x: Array) -> Array:
             away = np.where(np.abs(x) < step, step, x)
-            return model.stiffness(away) / away
+            return np.asarray(model.stiffness(away) / away)
 
         return self._curve(q, secant)
 
+    def _curve(self, q: ArrayLike, function: Callable[[ReducedModel, Array], Array]) -> Curve:
+        q = np.atleast_1d(np.asarray(q, float))
+        least, largest = self.reach
+        if not np.all((q >= 1.001 * least) & (q <= 1.001 * largest)):
+            raise ValueError(
+                f"q = {q.min():.4g} to {q.max():.4g} leaves the range of the data,"
+                f" {least:.4g} to {largest:.4g} {self.model.unit or '[q]'}: bands say nothing"
+                " there; stay within reach"
+            )
+        values = np.array([function(m, q) for m in self._models])
+        return Curve(q, values.mean(axis=0), *_shortest(values))
+
     def band(self, amplitudes: ArrayLike) -> Band:
-        """Frequency and damping ratio against amplitude (half peak to peak), with their errors."""
+        """Backbone and damping ratio with their standard errors, over all that the data allow.
+
+        Parameters
+        ----------
+        amplitudes : (n,) array
+            Half peak to peak, positive, unit of q.
+        """
         a = np.atleast_1d(np.asarray(amplitudes, float))
         some = self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
         curves = np.array([[m.backbone(a), m.damping_ratio(a)] for m in some])
@@ -132,16 +126,110 @@ class Identification:
         low, high = np.percentile(self.samples[:, names.index(name)], _INSIDE)
         return float(low), float(high)
 
-    @property
-    def standard_errors(self) -> dict[str, float]:
-        """Standard deviation of every coefficient, over all structures that the data allow."""
-        errors = self.samples.std(axis=0, ddof=1)
-        return {t.key: float(e) for t, e in zip(self.terms, errors, strict=True)}
+    def __repr__(self) -> str:
+        return f"<Identification: {self.structure}, adequacy {self.adequacy:.3f}>"
 
-    @property
-    def covariance(self) -> Array:
-        """Of the coefficients, (n_terms, n_terms)."""
-        return np.cov(self.samples, rowvar=False)
+    # -- text ---------------------------------------------------------------------------------
+
+    def __str__(self) -> str:
+        unit = self.model.unit or "[q]"
+        parts = [
+            f"{self.structure}: (1 + h(q)) q_ddot + h'(q)/2 q_dot^2 + D(q) q_dot + K(q) = 0"
+            f"    (q in {unit}, t in s)",
+            self._others(),
+            _aligned(self._functions_table()),
+            _aligned(self._amplitude_table()),
+            self._coefficients(),
+            str(self.verdict),
+            *(f"{note.rstrip('.')}." for note in self.notes),
+        ]
+        return "\n".join(filter(None, parts))
+
+    def _others(self) -> str:
+        equal = [str(s) for s in self.structures if s.equivalent and s is not self.structure]
+        if not equal:
+            return "No other structure that was compared predicts as well."
+        return f"The simplest that predicts as well as any; not told apart: {'; '.join(equal)}."
+
+    def _functions_table(self) -> list[list[str]]:
+        least, largest = self.reach
+        q = np.concatenate([least * np.array([0.95, 0.75, 0.5, 0.25]), [0.0]])
+        q = np.concatenate([q, largest * np.array([0.25, 0.5, 0.75, 0.95])])
+        h, k = self.inertia(q), self.stiffness(q)
+        rows = [["q", "h(q)", "95 %", "K(q)/q [1/s^2]", "95 %"]]
+        for i, x in enumerate(q):
+            cells = [_with_band(c.value[i], c.low[i], c.high[i]) for c in (h, k)]
+            rows.append([f"{x:.4g}", *cells[0], *cells[1]])
+        return rows
+
+    def _amplitude_table(self) -> list[list[str]]:
+        a = min(map(abs, self.reach)) * np.array([0.1, 0.25, 0.5, 0.75, 0.95])
+        band = self.band(a)
+        rows = [["amplitude", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]]
+        for x, f, df, z, dz in zip(
+            a,
+            band.frequency / (2 * np.pi),
+            band.frequency_std / (2 * np.pi),
+            100 * band.damping_ratio,
+            100 * band.damping_ratio_std,
+            strict=True,
+        ):
+            rows.append([f"{x:.4g}", *_with_error(f, df), *_with_error(z, dz)])
+        return rows
+
+    def _coefficients(self) -> str:
+        """Taylor coefficients at q = 0 that are more than two standard errors off zero."""
+        errors, rows, left = self.standard_errors, [["coefficient", "value", "+-", "unit"]], 0
+        for term, value in zip(self.model.terms, self.model.values, strict=True):
+            error = errors.get(term.key, 0.0)
+            if abs(value) < 2 * error:
+                left += 1
+                continue
+            number = _with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
+            rows.append([term.key, *number, term.unit(self.model.unit)])
+        more = f"\n{left} more, of higher order, are not determined one by one." if left else ""
+        return f"{_aligned(rows)}{more}"
+
+    # -- JSON ---------------------------------------------------------------------------------
+
+    def to_json(self) -> str:
+        """JSON text of the `Estimate`, with structures, terms and samples."""
+        content = json.loads(super().to_json()) | {
+            "structures": [asdict(s) for s in self.structures],
+            "structure": self.structures.index(self.structure),
+            "richest": [content_of(t) for t in self.terms],
+            "samples": self.samples,
+            "reach": self.reach,
+        }
+        return json_text(content)
+
+    @classmethod
+    def from_json(cls, text: str) -> Identification:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            As `Estimate.from_json`, or if it is an estimate of another kind.
+        """
+        base = Estimate.from_json(text)
+        content: dict[str, Any] = json.loads(text)
+        missing = {"structures", "structure", "richest", "samples", "reach"} - set(content)
+        if missing:
+            raise ValueError(
+                f"the JSON text holds no {', '.join(sorted(missing))}: read it with"
+                " Estimate.from_json"
+            )
+        structures = tuple(map(Structure.from_content, content["structures"]))
+        least, largest = content["reach"]
+        return cls(
+            **vars(base),
+            structures=structures,
+            structure=structures[content["structure"]],
+            terms=tuple(map(term_of, content["richest"])),
+            samples=np.array(content["samples"], float),
+            reach=(float(least), float(largest)),
+        )
 
 
 def _shortest(values: Array) -> tuple[Array, Array]:
@@ -151,3 +239,26 @@ def _shortest(values: Array) -> tuple[Array, Array]:
     widths = ordered[kept - 1 :] - ordered[: len(values) - kept + 1]
     first, column = np.argmin(widths, axis=0), np.arange(values.shape[1])
     return ordered[first, column], ordered[first + kept - 1, column]
+
+
+def _digits(error: float) -> int:
+    """Decimals that show two digits of an error."""
+    return int(np.clip(1 - np.floor(np.log10(error)), 0, 12)) if error > 0 else 6
+
+
+def _with_error(value: float, error: float) -> list[str]:
+    if not 1e-4 <= abs(value) < 1e7:
+        return [f"{value:.4g}", f"{error:.2g}"]
+    return [f"{value:.{_digits(error)}f}", f"{error:.2g}"]
+
+
+def _with_band(value: float, low: float, high: float) -> list[str]:
+    n = _digits((high - low) / 4)
+    return [f"{value:.{n}f}", f"{low:.{n}f} to {high:.{n}f}"]
+
+
+def _aligned(rows: list[list[str]]) -> str:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  " + "  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows
+    )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.fit.adequacy import examine
 from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.dispersion import dispersion
 from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
@@ -85,7 +87,7 @@ def identify(
         richest = _again(richest, richest.series, records, level, say)
         richest = _with_forces(richest, records, say)
         found = _simpler(richest, records, say)
-        return _assembled(found, records, np.random.default_rng(seed))
+        return _assembled(found, records, dict(fixed or {}), np.random.default_rng(seed))
 
 
 def _scales(records: Sequence[Record]) -> Scales:
@@ -168,8 +170,13 @@ def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[
             for f, e in zip(found, evidence, strict=True)
             if contains(f.series.sizes, series.sizes)
         ]
-        if min(parents) > best - _HOPELESS:
+        if min(parents) < best - _HOPELESS:
+            continue
+        try:
             found.append(_again(richest, series, records, richest.noise, say))
+        except TrajectoryError:  # it cannot follow the motion at all: no candidate
+            say(f"{series.sizes} has no motion near the measured one")
+        else:
             evidence.append(found[-1].log_evidence())
     return found[::-1]
 
@@ -180,7 +187,10 @@ def _force(name: str, series: Series) -> Term:
 
 
 def _assembled(
-    found: Sequence[Fitted], records: Sequence[Record], rng: np.random.Generator
+    found: Sequence[Fitted],
+    records: Sequence[Record],
+    fixed: Mapping[str, float],
+    rng: np.random.Generator,
 ) -> Identification:
     structures = compared(
         [
@@ -193,22 +203,35 @@ def _assembled(
     values = draw(richest, _DRAWS, rng)
     own = values if head is richest else draw(head, _DRAWS, rng)
     motions = [r.motion.q for r in records]
-    reach = (float(min(q.min() for q in motions)), float(max(q.max() for q in motions)))
-    unit = records[0].decay.unit
-    middle = head.series.taylor(own).mean(axis=0)
-    return Identification(
-        ReducedModel(head.series.terms(), tuple(middle), unit, (0.0, head.series.scales.reach)),
+    terms, samples = _sharp(richest.series.terms()), richest.series.taylor(values)
+    middle = tuple(head.series.taylor(own).mean(axis=0))
+    model = ReducedModel(
+        _sharp(head.series.terms()),
+        middle,
+        records[0].decay.unit,
+        (0.0, head.series.scales.reach),
+    )
+    free = tuple(k for k in model.coefficients if k not in fixed)
+    columns = [[t.key for t in terms].index(key) for key in free]
+    result = Identification(
+        model,
+        free,
+        np.cov(samples[:, columns], rowvar=False),
+        examine(records, _residuals(head, own.mean(axis=0), records), len(middle)),
+        (),
         structures,
         structures[at],
-        richest.series.terms(),
-        richest.series.taylor(values),
-        tuple(records),
-        reach,
-        examine(records, _residuals(head, own.mean(axis=0), records), len(middle)),
-        richest.noise,
-        richest.jump,
-        all(f.converged for f in (head, richest)),
+        terms,
+        samples,
+        (float(min(q.min() for q in motions)), float(max(q.max() for q in motions))),
     )
+    return replace(result, notes=tuple(sentences(result, richest, records)))
+
+
+def _sharp(terms: Sequence[Term]) -> tuple[Term, ...]:
+    """Terms without what makes their jumps smooth for a fit."""
+    sharp = {law.key: law for law in map(DAMPING.get, _FORCES) if law is not None}
+    return tuple(sharp.get(t.key, t) for t in terms)
 
 
 def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:

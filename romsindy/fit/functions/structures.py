@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from romsindy.fit.functions.series import Series, Sizes
 from romsindy.fit.verdict import EQUIVALENT
@@ -30,6 +31,13 @@ class Structure:
     sizes: Sizes
     forces: tuple[str, ...] = ()
     log_evidence: float = 0.0
+
+    @classmethod
+    def from_content(cls, content: Mapping[str, Any]) -> Structure:
+        """Read what `dataclasses.asdict` wrote, also after JSON."""
+        return cls(
+            Sizes(*content["sizes"]), tuple(content["forces"]), float(content["log_evidence"])
+        )
 
     @property
     def name(self) -> str:

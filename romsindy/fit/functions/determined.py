@@ -1,0 +1,91 @@
+"""Sentences on what the data determine, and what not; each is written by its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from romsindy.fit.functions.evidence import Fitted
+from romsindy.fit.functions.identification import Identification
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import EXPLAINED
+from romsindy.typing import Array
+
+# A function is determined where its 95 % band is within this part of its value to either side.
+DETERMINED = 0.25
+# Jumps from window to window that matter, in amplitudes: a milliradian of phase.
+_JUMP = 1e-3
+_PLACES = 40
+# Noise of less than so many times the least that is told from none.
+_NOISE_FREE = 10.0
+
+
+def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) -> Iterator[str]:
+    """What the user should know of the inertia, the stiffness and the misfit."""
+    unit = found.model.unit or "[q]"
+    sizes = np.linspace(0.05, 1.0, _PLACES)
+    q = np.concatenate([sizes * end for end in found.reach])
+    yield _inertia(found, q, sizes, unit)
+    k = found.stiffness(q)
+    width = (k.high - k.low) / 2 / np.abs(k.value)
+    inner = np.tile((sizes > 0.3) & (sizes < 0.7), 2)
+    yield (
+        f"K(q)/q is known to {_percent(np.max(width[inner]))} between 0.3 and 0.7 of the range, to"
+        f" {_percent(np.max(width))} at worst"
+    )
+    if fitted.noise > EXPLAINED:
+        yield _misfit(fitted, records)
+    if fitted.jump > _JUMP:
+        cycles = (
+            np.mean(
+                [b.window.motion.grid.n_steps * b.window.motion.grid.step for b in fitted.blocks]
+            )
+            * fitted.series.scales.rate
+            / (2 * np.pi)
+        )
+        yield (
+            f"every {cycles:.0f} cycles the motion departs from any such equation by"
+            f" {_percent(fitted.jump)} of its amplitude: another mode takes part, or something"
+            " that is no function of q"
+        )
+    if not fitted.converged:
+        yield "the fit has not come to its end: bands may be too narrow"
+
+
+def _inertia(found: Identification, q: Array, sizes: Array, unit: str) -> str:
+    h = found.inertia(q)
+    if not found.structure.sizes.inertia:
+        worst = int(np.argmax(h.high))
+        return (
+            f"the data do not ask for inertia: h(q) is at most {h.high[worst]:.2g}"
+            f" (at q = {q[worst]:.3g} {unit})"
+        )
+    width = (h.high - h.low) / 2
+    good = (width <= DETERMINED * h.value).reshape(2, -1).all(axis=0)
+    if not np.any(good):
+        return (
+            f"h(q) is nowhere known to {_percent(DETERMINED)}: the data ask for inertia, but hardly"
+            " say how much"
+        )
+    size = max(map(abs, found.reach))
+    known = sizes[good] * size
+    return (
+        f"inertia is determined (h(q) to {_percent(DETERMINED)} at most) from |q| = {known[0]:.3g}"
+        f" to {known[-1]:.3g} {unit}; elsewhere the band says how little"
+    )
+
+
+def _misfit(fitted: Fitted, records: Sequence[Record]) -> str:
+    counted = f"errors and bands count it: they stand for {fitted.noise:.3g} times the noise"
+    if all(r.noise.std < _NOISE_FREE * r.noise.floor for r in records):
+        size = max(r.noise.std / r.amplitude for r in records) * fitted.noise
+        return (
+            "the records are nearly free of noise, and what limits the fit is the equation, which"
+            f" misses the motion by {size:.1g} of its amplitude; {counted}"
+        )
+    return f"the misfit is larger than the noise of the records, and {counted}"
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.2g} %"
