@@ -9,7 +9,6 @@ import numpy as np
 from romsindy.fit.functions.evidence import Fitted
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EXPLAINED
 from romsindy.typing import Array
 
 # A function is determined where its 95 % band is within this part of its value to either side.
@@ -17,6 +16,8 @@ DETERMINED = 0.25
 # Jumps from window to window that matter, in amplitudes: a milliradian of phase.
 _JUMP = 1e-3
 _PLACES = 40
+# Errors larger than by the noise alone: up to here it may be chance.
+_MISFIT = 1.5
 # Noise of less than so many times the least that is told from none.
 _NOISE_FREE = 10.0
 
@@ -34,7 +35,7 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
         f"K(q)/q is known to {_percent(np.max(width[inner]))} between 0.3 and 0.7 of the range, to"
         f" {_percent(np.max(width))} at worst"
     )
-    if fitted.noise > EXPLAINED:
+    if fitted.noise > _MISFIT:
         yield _misfit(fitted, records)
     if fitted.jump > _JUMP:
         cycles = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -50,7 +50,10 @@ class Identification(Estimate):
     terms : tuple of Term
         Of the richest structure, to which bands belong.
     samples : (n_samples, n_terms) array
-        Their coefficients, drawn from all that the data allow.
+        Their coefficients, drawn from all structures by their probability; 0 for terms that a
+        structure has not.
+    widest : (n, n_terms) array
+        The same from the richest structure alone: limits of what the data do not ask for.
     reach : (float, float)
         Least and largest q of the data, unit of q.
     """
@@ -59,22 +62,32 @@ class Identification(Estimate):
     structure: Structure
     terms: tuple[Term, ...]
     samples: Array
+    widest: Array
     reach: tuple[float, float]
 
     @cached_property
     def _models(self) -> list[ReducedModel]:
-        return [ReducedModel(self.terms, tuple(s), self.model.unit) for s in self.samples]
+        return self._models_of(self.samples)
+
+    def _models_of(self, samples: Array) -> list[ReducedModel]:
+        return [ReducedModel(self.terms, tuple(s), self.model.unit) for s in samples]
 
     def inertia(self, q: ArrayLike) -> Curve:
         """h(q), the inertia beside 1, within `reach` (unit of q).
 
-        It is never negative, so that equal tails would leave out 0 always. The band starts there
-        where 0 is hardly less likely than its middle, or where the data do not ask for inertia.
+        It is never negative, so that equal tails would leave out 0 always: the band starts there
+        where 0 is hardly less likely than its middle. Where the data do not ask for inertia the
+        band says how much of it they would allow.
         """
-        curve = self._curve(q, lambda m, x: m.inertia(x) - 1)
-        needless = any(s.equivalent and not s.sizes.inertia for s in self.structures)
-        open_below = needless | (curve.low < _NEAR_ZERO * curve.high)
-        return replace(curve, low=np.where(open_below, 0.0, curve.low))
+
+        def h(model: ReducedModel, x: Array) -> Array:
+            return model.inertia(x) - 1
+
+        curve = self._curve(q, h, self._models)
+        if any(s.equivalent and not s.sizes.inertia for s in self.structures):
+            allowed = self._curve(q, h, self._models_of(self.widest)).high
+            return replace(curve, low=0 * allowed, high=np.maximum(allowed, curve.high))
+        return replace(curve, low=np.where(curve.low < _NEAR_ZERO * curve.high, 0.0, curve.low))
 
     def stiffness(self, q: ArrayLike) -> Curve:
         """K(q) / q in 1/s^2, within `reach` (unit of q); omega^2 at q = 0."""
@@ -84,9 +97,14 @@ class Identification(Estimate):
             away = np.where(np.abs(x) < step, step, x)
             return np.asarray(model.stiffness(away) / away)
 
-        return self._curve(q, secant)
+        return self._curve(q, secant, self._models)
 
-    def _curve(self, q: ArrayLike, function: Callable[[ReducedModel, Array], Array]) -> Curve:
+    def _curve(
+        self,
+        q: ArrayLike,
+        function: Callable[[ReducedModel, Array], Array],
+        models: Sequence[ReducedModel],
+    ) -> Curve:
         q = np.atleast_1d(np.asarray(q, float))
         least, largest = self.reach
         if not np.all((q >= 1.001 * least) & (q <= 1.001 * largest)):
@@ -95,7 +113,7 @@ class Identification(Estimate):
                 f" {least:.4g} to {largest:.4g} {self.model.unit or '[q]'}: bands say nothing"
                 " there; stay within reach"
             )
-        values = np.array([function(m, q) for m in self._models])
+        values = np.array([function(m, q) for m in models])
         return Curve(q, values.mean(axis=0), *_shortest(values))
 
     def band(self, amplitudes: ArrayLike) -> Band:
@@ -199,6 +217,7 @@ class Identification(Estimate):
             "structure": self.structures.index(self.structure),
             "richest": [content_of(t) for t in self.terms],
             "samples": self.samples,
+            "widest": self.widest,
             "reach": self.reach,
         }
         return json_text(content)
@@ -214,7 +233,9 @@ class Identification(Estimate):
         """
         base = Estimate.from_json(text)
         content: dict[str, Any] = json.loads(text)
-        missing = {"structures", "structure", "richest", "samples", "reach"} - set(content)
+        missing = {"structures", "structure", "richest", "samples", "widest", "reach"} - set(
+            content
+        )
         if missing:
             raise ValueError(
                 f"the JSON text holds no {', '.join(sorted(missing))}: read it with"
@@ -228,6 +249,7 @@ class Identification(Estimate):
             structure=structures[content["structure"]],
             terms=tuple(map(term_of, content["richest"])),
             samples=np.array(content["samples"], float),
+            widest=np.array(content["widest"], float),
             reach=(float(least), float(largest)),
         )
 

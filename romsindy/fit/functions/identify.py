@@ -200,11 +200,17 @@ def _assembled(
     )
     at = next(i for i, s in enumerate(structures) if s.equivalent)
     head, richest = found[at], found[-1]
-    values = draw(richest, _DRAWS, rng)
-    own = values if head is richest else draw(head, _DRAWS, rng)
-    motions = [r.motion.q for r in records]
-    terms, samples = _sharp(richest.series.terms()), richest.series.taylor(values)
-    middle = tuple(head.series.taylor(own).mean(axis=0))
+    terms = richest.series.terms()
+    draws = [draw(f, _DRAWS, rng) for f in found]
+    odds = np.exp([s.log_evidence for s in structures])
+    counts = np.round(_DRAWS * odds / odds.sum()).astype(int)
+    samples = [
+        _among(terms, f, d[rng.permutation(len(d))[:n]])
+        for f, d, n in zip(found, draws, counts, strict=True)
+    ]
+    pooled = np.concatenate(samples)
+    own = draws[at].mean(axis=0)
+    middle = tuple(head.series.taylor(draws[at]).mean(axis=0))
     model = ReducedModel(
         _sharp(head.series.terms()),
         middle,
@@ -213,19 +219,29 @@ def _assembled(
     )
     free = tuple(k for k in model.coefficients if k not in fixed)
     columns = [[t.key for t in terms].index(key) for key in free]
+    motions = [r.motion.q for r in records]
     result = Identification(
         model,
         free,
-        np.cov(samples[:, columns], rowvar=False),
-        examine(records, _residuals(head, own.mean(axis=0), records), len(middle)),
+        np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
+        examine(records, _residuals(head, own, records), len(middle)),
         (),
         structures,
         structures[at],
-        terms,
-        samples,
+        _sharp(terms),
+        pooled,
+        _among(terms, richest, draws[-1]),
         (float(min(q.min() for q in motions)), float(max(q.max() for q in motions))),
     )
     return replace(result, notes=tuple(sentences(result, richest, records)))
+
+
+def _among(terms: Sequence[Term], found: Fitted, draws: Array) -> Array:
+    """Coefficients of the terms (n, n_terms) from draws; 0 for those that a structure has not."""
+    keys = [t.key for t in terms]
+    samples = np.zeros((len(draws), len(keys)))
+    samples[:, [keys.index(t.key) for t in found.series.terms()]] = found.series.taylor(draws)
+    return samples
 
 
 def _sharp(terms: Sequence[Term]) -> tuple[Term, ...]:
