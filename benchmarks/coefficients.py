@@ -20,7 +20,6 @@ import numpy as np
 import selection
 import uncertainty
 from bands import half_width, holds
-from joblib import Parallel, delayed
 from known_beams import (
     cached,
     cantilever_release,
@@ -28,7 +27,7 @@ from known_beams import (
     default_release,
     known_decay,
 )
-from trials import MIDDLE, least_inertia, rows_of
+from trials import MIDDLE, attempted, least_inertia, rows_of
 from uncertainty import Row
 
 import romsindy as rs
@@ -81,7 +80,10 @@ def oscillators(seeds: range, jobs: int) -> Iterator[Row]:
     """Where the structure of the model is exact: nothing may be lost against `refine`."""
     for snr_db in (40.0, 30.0):
         yield from uncertainty.coverage(seeds, snr_db, jobs)
-    pairs = Parallel(jobs)(delayed(errors)(seed) for seed in seeds)
+    pairs, lost = attempted(errors, seeds, jobs, "exact structure, 35 dB")
+    yield lost
+    if not pairs:
+        return
     for name in pairs[0][0]:
         new, today = (np.sqrt(np.mean([p[i][name] ** 2 for p in pairs])) for i in (0, 1))
         text = f"{new:.2g} / {today:.2g} = {new / today:.2f}"
@@ -110,8 +112,11 @@ def relative_errors(model: rs.ReducedModel) -> dict[str, float]:
 
 def duffing(seeds: range, jobs: int) -> Iterator[Row]:
     """Cubic stiffness as large as the beam's, no inertia, 40 dB."""
-    results = Parallel(jobs)(delayed(duffing_trial)(seed) for seed in seeds)
-    n = len(results)
+    results, lost = attempted(duffing_trial, seeds, jobs, "Duffing, 40 dB")
+    yield lost
+    if not results:
+        return
+    n = len(seeds)
     heads = Counter(structure for structure, _ in results)
     asked = f"{np.ceil(0.96 * n):.0f} of {n}"
     yield "Duffing, stiffness polynomial at the head", f"{heads['stiffness polynomial']}", asked
@@ -138,7 +143,11 @@ def experiment(seeds: range, jobs: int, cache: Path | None) -> Iterator[Row]:
     """Five noisy sensors and mode shapes of the default beam: identify beside select_model."""
     make: Callable[[], dict[str, np.ndarray]] = partial(_records, ELEMENTS)
     records = selection.Records(**cached(cache, f"experiment_{ELEMENTS}", make))
-    pairs = Parallel(jobs)(delayed(experiment_trial)(records, seed) for seed in seeds)
+    trial = partial(experiment_trial, records)
+    pairs, lost = attempted(trial, seeds, jobs, "experiment, 35 dB")
+    yield lost
+    if not pairs:
+        return
     new, today = (np.array(side) for side in zip(*pairs, strict=True))
     n = len(pairs)
     for column, what in enumerate(("linear frequency off", "backbone off, rms")):
@@ -158,12 +167,9 @@ def experiment_trial(records: selection.Records, seed: int) -> tuple[list[float]
     """Errors, share and width of `selection.fidelity` by identify, and by select_model."""
     decay, row = selection.measured(records, seed)
     found, choice = rs.identify(decay), rs.select_model(decay)
-    start = found.records[0].motion.start
     return (
-        selection.fidelity(records, row, found.model, found.band, start, found.records[0].t),
-        selection.fidelity(
-            records, row, choice.model, choice.band, choice.fit.states[0], choice.fit.records[0].t
-        ),
+        selection.fidelity(records, row, found.model, found.band),
+        selection.fidelity(records, row, choice.model, choice.band),
     )
 
 

@@ -213,15 +213,14 @@ def fidelity(
     row: np.ndarray,
     model: rs.ReducedModel,
     band: Callable[[np.ndarray], rs.Band],
-    start: np.ndarray,
-    t: np.ndarray,
 ) -> list[float]:
     """|omega_1| off, backbone off (rms), share of it that the band holds, width of the band.
 
     All relative; the true backbone is seen through the same mode shapes, as in `experiment`.
     """
-    own = decayed(model, start, t)
-    amplitude, true = known(extracted(records.t, records.displacement @ row), own)
+    q = records.displacement @ row
+    own = decayed(model, np.array([q[0], 0.0]), records.t)
+    amplitude, true = known(extracted(records.t, q), own)
     off, std = own(amplitude) / true - 1, band(amplitude).frequency_std / true
     linear = model.coefficients["omega^2"] ** 0.5 / records.omega - 1
     held = np.mean(np.abs(off) <= 1.96 * std)

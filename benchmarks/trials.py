@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from bands import half_width, holds, inertia_samples, interval_score, plain_band
@@ -13,6 +15,7 @@ from known_beams import KnownDecay
 from uncertainty import Row
 
 import romsindy as rs
+from romsindy.fit.collocation import TrajectoryError
 
 MIDDLE = 0.6  # of the largest |q|: where the width of a band is read
 ROUNDING = -1e-9  # h below this is negative
@@ -53,6 +56,23 @@ def trial(known: KnownDecay, snr_db: float, seed: int) -> Trial:
     )
 
 
+def attempted(
+    action: Callable[[int], Any], seeds: Sequence[int], jobs: int, what: str
+) -> tuple[list[Any], Row]:
+    """Results of all seeds that come to one, and a row that says how many do not."""
+    results = Parallel(jobs)(delayed(_attempt)(action, seed) for seed in seeds)
+    found = [r for r in results if not isinstance(r, TrajectoryError)]
+    lost = len(results) - len(found)
+    return found, (f"{what}: identifications that fail", f"{lost} of {len(results)}", "0")
+
+
+def _attempt(action: Callable[[int], Any], seed: int) -> Any:
+    try:
+        return action(seed)
+    except TrajectoryError as error:
+        return error
+
+
 def least_inertia(found: rs.Identification) -> tuple[float, float]:
     """Least h within reach of the data: of the model, and of any sample."""
     q = np.linspace(*found.reach, 401)
@@ -71,8 +91,12 @@ def widest(snr_db: float) -> dict[str, float]:
 
 def rows_of(known: KnownDecay, name: str, snr_db: float, seeds: range, jobs: int) -> Iterator[Row]:
     """Rows of one beam at one level of noise."""
-    trials = Parallel(jobs)(delayed(trial)(known, snr_db, seed) for seed in seeds)
-    n, label = len(trials), f"{name}, {snr_db:g} dB"
+    label = f"{name}, {snr_db:g} dB"
+    trials, lost = attempted(partial(trial, known, snr_db), seeds, jobs, label)
+    yield lost
+    if not trials:
+        return
+    n = len(trials)
     for of, limit in widest(snr_db).items():
         share = 100 * np.mean(np.concatenate([t.holds[of] for t in trials]))
         width = np.median([t.half_widths[of] for t in trials])
