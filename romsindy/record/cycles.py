@@ -67,7 +67,7 @@ def rest_level(x: Array, dt: float) -> float:
     """
     _, midline, swing = _midline(x, dt, 1 / fundamental_frequency(x, dt))
     # The later half; at the very end a half-cycle may be cut short.
-    quiet = np.arange(len(swing) // 2, max(len(swing) - 3, len(swing) // 2 + 3))
+    quiet = np.arange(len(swing))[len(swing) // 2 : max(len(swing) - 3, len(swing) // 2 + 3)]
     if swing[quiet].min() > 0.7 * swing.max():
         return 0.0  # a steady asymmetric vibration looks the same as an offset
     basis = np.stack([np.ones(len(quiet)), swing[quiet] ** 2 / np.max(swing) ** 2], axis=1)

@@ -28,6 +28,10 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
     sizes = np.linspace(0.05, 1.0, _PLACES)
     q = np.concatenate([sizes * end for end in found.reach])
     yield _inertia(found, q, sizes, unit)
+    least, largest = found.reach
+    yield f"nothing is known beyond q = {least:.3g} and {largest:.3g} {unit}: do not extrapolate"
+    if found.structure.name == "linear":
+        yield _straight(found, q)
     k = found.stiffness(q)
     width = (k.high - k.low) / 2 / np.abs(k.value)
     inner = np.tile((sizes > 0.3) & (sizes < 0.7), 2)
@@ -66,14 +70,25 @@ def _inertia(found: Identification, q: Array, sizes: Array, unit: str) -> str:
     good = (width <= DETERMINED * h.value).reshape(2, -1).all(axis=0)
     if not np.any(good):
         return (
-            f"h(q) is nowhere known to {_percent(DETERMINED)}: the data ask for inertia, but hardly"
-            " say how much"
+            "the data ask for inertia, but hardly say how much: nowhere is h(q) known to"
+            f" {_percent(DETERMINED)}"
         )
     size = max(map(abs, found.reach))
     known = sizes[good] * size
     return (
         f"inertia is determined (h(q) to {_percent(DETERMINED)} at most) from |q| = {known[0]:.3g}"
         f" to {known[-1]:.3g} {unit}; elsewhere the band says how little"
+    )
+
+
+def _straight(found: Identification, q: Array) -> str:
+    """How much of a nonlinear stiffness the data would allow."""
+    k = found.allowed_stiffness(q)
+    middle = float(found.stiffness(0.0).value[0])
+    most = max(float(np.max(k.high)) - middle, middle - float(np.min(k.low))) / middle
+    return (
+        f"the data do not ask for nonlinear stiffness: K(q)/q changes by at most {_percent(most)}"
+        " over the range"
     )
 
 

@@ -91,13 +91,12 @@ class Identification(Estimate):
 
     def stiffness(self, q: ArrayLike) -> Curve:
         """K(q) / q in 1/s^2, within `reach` (unit of q); omega^2 at q = 0."""
-        step = 1e-6 * max(map(abs, self.reach))
+        return self._curve(q, _secant_of(max(map(abs, self.reach))), self._models)
 
-        def secant(model: ReducedModel, x: Array) -> Array:
-            away = np.where(np.abs(x) < step, step, x)
-            return np.asarray(model.stiffness(away) / away)
-
-        return self._curve(q, secant, self._models)
+    def allowed_stiffness(self, q: ArrayLike) -> Curve:
+        """K(q) / q as `stiffness`, from the richest structure alone: what the data would allow."""
+        secant = _secant_of(max(map(abs, self.reach)))
+        return self._curve(q, secant, self._models_of(self.widest))
 
     def _curve(
         self,
@@ -159,7 +158,7 @@ class Identification(Estimate):
             _aligned(self._amplitude_table()),
             self._coefficients(),
             str(self.verdict),
-            *(f"{note.rstrip('.')}." for note in self.notes),
+            *(f"{note[0].upper()}{note[1:]}." for note in self.notes),
         ]
         return "\n".join(filter(None, parts))
 
@@ -252,6 +251,17 @@ class Identification(Estimate):
             widest=np.array(content["widest"], float),
             reach=(float(least), float(largest)),
         )
+
+
+def _secant_of(size: float) -> Callable[[ReducedModel, Array], Array]:
+    """K(q) / q; at 0, where a part in a million of the range takes its place, its limit."""
+    step = 1e-6 * size
+
+    def secant(model: ReducedModel, q: Array) -> Array:
+        away = np.where(np.abs(q) < step, step, q)
+        return np.asarray(model.stiffness(away) / away)
+
+    return secant
 
 
 def _shortest(values: Array) -> tuple[Array, Array]:

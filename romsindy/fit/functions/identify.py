@@ -23,7 +23,7 @@ from romsindy.fit.functions.structures import (
     contains,
     simpler,
 )
-from romsindy.fit.functions.windows import windows_of
+from romsindy.fit.functions.windows import Window, windows_of
 from romsindy.fit.record import Record
 from romsindy.fit.refine import prepared
 from romsindy.fit.verdict import EQUIVALENT
@@ -82,12 +82,25 @@ def identify(
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         series = regressed(series, records)
-        richest = fit(series, windows_of(records), records, known, progress=say)
-        level = richest.noise * np.sqrt(max(dispersion(richest), 1.0))
-        richest = _again(richest, richest.series, records, level, say)
-        richest = _with_forces(richest, records, say)
+        plain = _settled(series, windows_of(records), records, known, say)
+        richest = _with_forces(plain, records, say)
+        if richest is not plain:  # what was process noise may have been this force
+            richest = _settled(richest.series, richest.windows, records, richest.known, say)
         found = _simpler(richest, records, say)
         return _assembled(found, records, dict(fixed or {}), np.random.default_rng(seed))
+
+
+def _settled(
+    series: Series,
+    windows: Sequence[Window],
+    records: Sequence[Record],
+    known: Array,
+    say: Callable,
+) -> Fitted:
+    """A fit whose noise is as large as its windows disagree."""
+    found = fit(series, windows, records, known, progress=say)
+    level = found.noise * np.sqrt(max(dispersion(found), 1.0))
+    return _again(found, found.series, records, level, say)
 
 
 def _scales(records: Sequence[Record]) -> Scales:
@@ -202,7 +215,10 @@ def _assembled(
     head, richest = found[at], found[-1]
     terms = richest.series.terms()
     draws = [draw(f, _DRAWS, rng) for f in found]
-    odds = np.exp([s.log_evidence for s in structures])
+    # All damping is left open in the draws. It costs little, and a law of damping that is nearly
+    # right would bend stiffness and inertia.
+    open_damping = [s.sizes.damping == richest.series.sizes.damping for s in structures]
+    odds = np.exp([s.log_evidence for s in structures]) * open_damping
     counts = np.round(_DRAWS * odds / odds.sum()).astype(int)
     samples = [
         _among(terms, f, d[rng.permutation(len(d))[:n]])
