@@ -27,6 +27,8 @@ from romsindy.typing import Array
 _ITERATIONS = 25
 _LEASH = 0.3  # largest change of a motion in one step, in amplitudes
 _LOST = 1e4
+# A structure whose misfit is so many times the noise after so many steps will not come down.
+_HOPELESS, _PATIENCE = 3.0, 3
 _NEAR = 0.05
 _ROUGH = 0.03  # errors of the smoothed acceleration, as a part of its rms
 # A step this small, in amplitudes, changes no figure that is printed; neither does this in the
@@ -123,13 +125,13 @@ def fit(
     Raises
     ------
     TrajectoryError
-        If the motion goes astray.
+        If the motion goes astray, or stays far from the records though their noise is given.
     """
     scales = prior.MIDDLE if start is None else start.scales
     jump = float(np.clip(1e-2, jumps[0], jumps[-1])) if start is None else start.jump
     level, last = noise or 1.0, np.inf
     own, largest = tuple(windows), np.inf
-    for _ in range(_ITERATIONS):
+    for iteration in range(_ITERATIONS):
         blocks = linearised(series, own, records)
         now = Fitted(series, own, blocks, known, level, jump, scales, last, False)
         # Evidence means something where the equation is linear: near the end.
@@ -138,8 +140,9 @@ def fit(
         if largest < _NEAR or start is not None:
             now = _best_scales(now)
         values, step, largest, misfit = _step(now)
-        if not np.isfinite(largest) or largest > _LOST:
-            raise TrajectoryError("the motion of the linearised equation goes astray")
+        far = noise is not None and iteration >= _PATIENCE and misfit > _HOPELESS * noise
+        if far or not largest < _LOST:
+            raise TrajectoryError("no motion of the equation follows the measured one")
         if progress is not None:
             progress(f"misfit {misfit:.4g} times the noise, change {largest:.1e}")
         short = min(1.0, _LEASH / max(largest, 1e-300))

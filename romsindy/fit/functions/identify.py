@@ -175,22 +175,16 @@ def _with_forces(richest: Fitted, records: Sequence[Record], say: Callable) -> F
 
 def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[Fitted]:
     """Fits of simpler structures, simplest first; none simpler than one that is hopeless."""
-    found, evidence = [richest], [richest.log_evidence()]
+    found, evidence = [richest], {richest.series.sizes: richest.log_evidence()}
     for series in simpler(richest.series):
-        best = max(evidence)
-        parents = [
-            e
-            for f, e in zip(found, evidence, strict=True)
-            if contains(f.series.sizes, series.sizes)
-        ]
-        if min(parents) < best - _HOPELESS:
+        sizes, least = series.sizes, max(evidence.values()) - _HOPELESS
+        if any(e < least for s, e in evidence.items() if contains(s, sizes)):
             continue
         try:
             found.append(_again(richest, series, records, richest.noise, say))
+            evidence[sizes] = found[-1].log_evidence()
         except TrajectoryError:  # it cannot follow the motion at all: no candidate
-            say(f"{series.sizes} has no motion near the measured one")
-        else:
-            evidence.append(found[-1].log_evidence())
+            evidence[sizes] = -np.inf
     return found[::-1]
 
 
@@ -214,19 +208,17 @@ def _assembled(
     at = next(i for i, s in enumerate(structures) if s.equivalent)
     head, richest = found[at], found[-1]
     terms = richest.series.terms()
-    draws = [draw(f, _DRAWS, rng) for f in found]
     # All damping is left open in the draws. It costs little, and a law of damping that is nearly
     # right would bend stiffness and inertia.
     open_damping = [s.sizes.damping == richest.series.sizes.damping for s in structures]
     odds = np.exp([s.log_evidence for s in structures]) * open_damping
     counts = np.round(_DRAWS * odds / odds.sum()).astype(int)
+    own, widest = (draw(f, _DRAWS, rng) for f in (head, richest))
     samples = [
-        _among(terms, f, d[rng.permutation(len(d))[:n]])
-        for f, d, n in zip(found, draws, counts, strict=True)
+        _among(terms, f, draw(f, n, rng)) for f, n in zip(found, counts, strict=True) if n > 0
     ]
     pooled = np.concatenate(samples)
-    own = draws[at].mean(axis=0)
-    middle = tuple(head.series.taylor(draws[at]).mean(axis=0))
+    middle = tuple(head.series.taylor(own).mean(axis=0))
     model = ReducedModel(
         _sharp(head.series.terms()),
         middle,
@@ -240,13 +232,13 @@ def _assembled(
         model,
         free,
         np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
-        examine(records, _residuals(head, own, records), len(middle)),
+        examine(records, _residuals(head, own.mean(axis=0), records), len(middle)),
         (),
         structures,
         structures[at],
         _sharp(terms),
         pooled,
-        _among(terms, richest, draws[-1]),
+        _among(terms, richest, widest),
         (float(min(q.min() for q in motions)), float(max(q.max() for q in motions))),
     )
     return replace(result, notes=tuple(sentences(result, richest, records)))

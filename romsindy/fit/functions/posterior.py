@@ -15,8 +15,8 @@ from romsindy.fit.functions import prior
 from romsindy.fit.functions.evidence import Fitted, posterior_triangle
 from romsindy.typing import Array
 
-_EACH = 4  # draws for each set of scales
-_SWEEPS = 30  # of Gibbs' sampler: each forgets where it started after a few
+_EACH = 8  # draws for each set of scales
+_SWEEPS = 20  # of Gibbs' sampler: each forgets where it started after a few
 _PLACES = 81  # where h >= 0 is asked for
 
 
@@ -25,7 +25,7 @@ def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
     rows = found.reduced()
     spread = np.linalg.cholesky(found.scale_covariance())
     draws = []
-    for _ in range(n // _EACH):
+    for _ in range(-(-n // _EACH)):
         scales = found.scales + spread @ rng.standard_normal(len(spread))
         scales = np.clip(scales, prior.LOW, prior.HIGH)
         factor = prior.factor(found.series, scales)
@@ -33,7 +33,7 @@ def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
         mean = factor @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
         root = factor @ np.linalg.inv(triangle[:-1, :-1])
         draws.append(_in_cone(found, mean, root, rng))
-    return np.concatenate(draws)
+    return np.concatenate(draws)[:n]
 
 
 def _in_cone(found: Fitted, mean: Array, root: Array, rng: np.random.Generator) -> Array:
@@ -81,7 +81,9 @@ def _truncated(low: Array, high: Array, rng: np.random.Generator) -> Array:
     a, b = np.where(flip < 0, -high, low), np.where(flip < 0, -low, high)
     below, above = ndtr(a), ndtr(b)
     drawn = ndtri(below + (above - below) * rng.random(len(low)))
-    return np.asarray(flip * np.clip(drawn, a, b))
+    # So far out that no digits are left, all of it is at the near end.
+    drawn = np.where(above > 0, np.clip(drawn, a, b), b)
+    return np.asarray(flip * drawn)
 
 
 def _inside(offset: Array, slope: Array) -> Array:
