@@ -94,8 +94,12 @@ def rows_of(known: KnownDecay, name: str, snr_db: float, seeds: range, jobs: int
     label = f"{name}, {snr_db:g} dB"
     trials, lost = attempted(partial(trial, known, snr_db), seeds, jobs, label)
     yield lost
-    if not trials:
-        return
+    if trials:
+        yield from summary(trials, label, snr_db)
+
+
+def summary(trials: Sequence[Trial], label: str, snr_db: float) -> Iterator[Row]:
+    """Shares, medians and means over trials."""
     n = len(trials)
     for of, limit in widest(snr_db).items():
         share = 100 * np.mean(np.concatenate([t.holds[of] for t in trials]))

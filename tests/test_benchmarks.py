@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import romsindy as rs
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.regression.projection import Rows
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
@@ -103,3 +105,33 @@ def test_arrays_are_made_once(benchmark, tmp_path):
     for _ in range(2):
         assert benchmark.cached(tmp_path / "new", "beam", make)["x"].tolist() == [1.0, 2.0]
     assert len(made) == 1
+
+
+@benchmark_of("trials")
+def test_a_trial_on_a_few_cycles(benchmark):
+    """All rows of one noise come out, and its bands hold what an exact structure determines."""
+    model = EXAMPLE_MODEL
+    q = np.linspace(-2.0, 2.0, 81)
+    away = np.where(q == 0, 1e-9, q)
+    clean = rs.example_decay(periods=15, samples=40)
+    known = benchmark.KnownDecay(clean, q, model.inertia(q) - 1, model.stiffness(away) / away)
+    trial = benchmark.trial(known, 40.0, 3)
+    assert min(trial.least_h) >= 0
+    for name in ("h", "K/q", "omega^2", "Upsilon_3"):
+        assert np.all(np.isfinite(trial.half_widths[name])), name
+        # 95 % bands of one seed go together: half of the points is far below what chance leaves.
+        assert np.mean(trial.holds[name]) > 0.5, name
+    rows = list(benchmark.summary([trial], "oscillator", 40.0))
+    assert len(rows) == 13
+    assert not any("nan" in measured for _, measured, _ in rows)
+
+
+@benchmark_of("trials")
+def test_failed_identifications_are_counted(benchmark):
+    def fails_at_two(seed):
+        if seed == 2:
+            raise TrajectoryError("lost")
+        return seed
+
+    found, row = benchmark.attempted(fails_at_two, range(4), 1, "this")
+    assert found == [0, 1, 3] and row == ("this: identifications that fail", "1 of 4", "0")
