@@ -53,6 +53,10 @@ class Inertia(Term):
         second = [str(convection) if convection > 1 else "", power_text(q, k - 2), f"{q_dot}^2"]
         return f"({' '.join(filter(None, first))} + {' '.join(filter(None, second))})"
 
+    def monomial(self, part: str) -> tuple[float, int] | None:
+        n, s = self.order - 1, float(self._scale)
+        return {"inertia": (s, n), "convection": (s * n / 2, n - 1)}.get(part)
+
     def inertia(self, q: Scalars) -> Scalars:
         return self._scale * power_of(q, self.order - 1)
 

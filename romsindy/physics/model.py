@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import Chebyshev
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
@@ -19,8 +21,9 @@ from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
 _N_GAUSS = 80
-# First half-width of the search for the centre of an orbit, in amplitudes.
-_NEAR = 0.01
+# The centre of an orbit is sought so far from 0, in amplitudes, one after the other: far outside of
+# its data a polynomial of high order is not to be trusted.
+_NEAR = (0.02, 0.1, 0.5)
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
 _SINGULAR = 1e-3
 
@@ -59,6 +62,10 @@ class ReducedModel:
         bad = {term.key: value for term, value in self._pairs if not np.isfinite(value)}
         if bad:
             raise ValueError(f"coefficients must be finite, got {bad}")
+
+    @cached_property
+    def _cache(self) -> dict[str, tuple[Array, list[tuple[float, Callable]]]]:
+        return {}
 
     @classmethod
     def from_coefficients(
@@ -159,10 +166,27 @@ class ReducedModel:
 
     def _total(self, part: str, *arguments: ArrayLike) -> Array:
         arrays = np.broadcast_arrays(*(np.asarray(a, float) for a in arguments))
-        total = np.zeros_like(arrays[0])
-        for coefficient, function in self._parts(part):
+        powers, others = self._sums(part)
+        # Many powers of q at once, by Horner's rule: an orbit asks for them thousands of times.
+        total = polyval(arrays[0], powers) if len(powers) else np.zeros_like(arrays[0])
+        for coefficient, function in others:
             total = total + coefficient * function(*arrays)
-        return total
+        return np.asarray(total)
+
+    def _sums(self, part: str) -> tuple[Array, list[tuple[float, Callable]]]:
+        """Coefficients of the powers of q in a part, and what is no power."""
+        if part not in self._cache:
+            powers: dict[int, float] = {}
+            others = []
+            for term, value in self._pairs:
+                monomial = term.monomial(part)
+                if monomial is not None:
+                    powers[monomial[1]] = powers.get(monomial[1], 0.0) + value * monomial[0]
+                elif term.has(part):
+                    others.append((value, getattr(term, part)))
+            row = [powers.get(i, 0.0) for i in range(max(powers, default=-1) + 1)]
+            self._cache[part] = np.array(row), others
+        return self._cache[part]
 
     def _parts(self, part: str) -> list[tuple[float, Callable]]:
         return [(value, getattr(term, part)) for term, value in self._pairs if term.has(part)]
@@ -369,12 +393,13 @@ class ReducedModel:
         def imbalance(c: Array, a: Array) -> Array:
             return potential(c + a) - potential(c - a)
 
-        # The centre is near 0. Far away a polynomial of high order is not to be trusted.
-        near = elementwise.bracket_root(
-            imbalance, -_NEAR * a, _NEAR * a, xmin=-a / 2, xmax=a / 2, args=(a,)
-        )
-        centre = elementwise.find_root(imbalance, near.bracket, args=(a,))
-        c = np.where(centre.success, centre.x, np.nan)
+        c = np.full_like(a, np.nan)
+        for part in _NEAR:
+            left = np.isnan(c)
+            if np.any(left):
+                bracket = (-part * a[left], part * a[left])
+                found = elementwise.find_root(imbalance, bracket, args=(a[left],))
+                c[left] = np.where(found.success, found.x, np.nan)
         x, w = np.polynomial.legendre.leggauss(_N_GAUSS)
         theta, w = x * np.pi / 2, w * np.pi / 2
         q = c[:, None] + a[:, None] * np.sin(theta)

@@ -72,6 +72,12 @@ class Stiffness(ForceLaw):
             return power_text(q, self.degree)
         return f"|{q}|^{self.degree:.6g} sign({q})"
 
+    def monomial(self, part: str) -> tuple[float, int] | None:
+        n = self.degree
+        if not isinstance(n, int):
+            return None
+        return {"stiffness": (1.0, n), "potential": (1 / (n + 1), n + 1)}.get(part)
+
     def stiffness(self, q: Scalars) -> Scalars:
         return power_of(q, self.degree)
 

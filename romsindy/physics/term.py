@@ -125,6 +125,10 @@ class Term(ABC):
         """Derivative of `damping` with respect to q_dot."""
         return 0.0
 
+    def monomial(self, part: str) -> tuple[float, int] | None:
+        """Factor and power where a part, such as "potential", is a power of q alone."""
+        return None
+
     @property
     def preload(self) -> float:
         """Force at rest that a reduced model does not see, since q counts from equilibrium."""

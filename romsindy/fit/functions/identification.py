@@ -19,13 +19,17 @@ from romsindy.physics.term import Term
 from romsindy.typing import Array
 
 _BAND_DRAWS = 100
+_FEW = 0.1
 _INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
 _NEAR_ZERO = 0.05  # of the upper end of a band
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A function of q with its 95 % band, pointwise; all (n,)."""
+    """A function of q as the model has it, with the 95 % band of all that may be true; (n,) each.
+
+    The band holds pointwise, as the shortest interval.
+    """
 
     q: Array
     value: Array
@@ -50,8 +54,8 @@ class Identification(Estimate):
     terms : tuple of Term
         Of the richest structure, to which bands belong.
     samples : (n_samples, n_terms) array
-        Their coefficients, drawn from all structures by their probability; 0 for terms that a
-        structure has not.
+        Their coefficients: half of them drawn from all structures by their evidence, half from
+        the richest; 0 for terms that a structure has not.
     widest : (n, n_terms) array
         The same from the richest structure alone: limits of what the data do not ask for.
     reach : (float, float)
@@ -113,7 +117,7 @@ class Identification(Estimate):
                 " there; stay within reach"
             )
         values = np.array([function(m, q) for m in models])
-        return Curve(q, values.mean(axis=0), *_shortest(values))
+        return Curve(q, function(self.model, q), *_shortest(values))
 
     def band(self, amplitudes: ArrayLike) -> Band:
         """Backbone and damping ratio with their standard errors, over all that the data allow.
@@ -126,7 +130,12 @@ class Identification(Estimate):
         a = np.atleast_1d(np.asarray(amplitudes, float))
         some = self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
         curves = np.array([[m.backbone(a), m.damping_ratio(a)] for m in some])
-        (omega, zeta), (omega_std, zeta_std) = curves.mean(axis=0), curves.std(axis=0, ddof=1)
+        # Where hardly a draw has no orbit, the others tell.
+        few = np.mean(np.isnan(curves), axis=0) < _FEW
+        (omega, zeta), (omega_std, zeta_std) = (
+            np.where(few, f(np.where(few, curves, 0.0), axis=0), np.nan)
+            for f in (np.nanmean, np.nanstd)
+        )
         return Band(a, omega, zeta, omega_std, zeta_std, self.model.unit)
 
     def interval(self, name: str) -> tuple[float, float]:

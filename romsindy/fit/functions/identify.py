@@ -208,11 +208,13 @@ def _assembled(
     at = next(i for i, s in enumerate(structures) if s.equivalent)
     head, richest = found[at], found[-1]
     terms = richest.series.terms()
-    # All damping is left open in the draws. It costs little, and a law of damping that is nearly
-    # right would bend stiffness and inertia.
-    open_damping = [s.sizes.damping == richest.series.sizes.damping for s in structures]
-    odds = np.exp([s.log_evidence for s in structures]) * open_damping
-    counts = np.round(_DRAWS * odds / odds.sum()).astype(int)
+    # Structures with all of the damping, by their evidence: a law of damping that is nearly right
+    # would bend stiffness and inertia.
+    whole = [s.sizes.damping == richest.series.sizes.damping for s in structures]
+    odds = np.exp([s.log_evidence for s in structures]) * whole
+    # No structure is exact. However small its evidence, the richest keeps half of the draws.
+    counts = np.round(_DRAWS / 2 * odds / odds.sum()).astype(int)
+    counts[-1] += _DRAWS // 2
     own, widest = (draw(f, _DRAWS, rng) for f in (head, richest))
     samples = [
         _among(terms, f, draw(f, n, rng)) for f, n in zip(found, counts, strict=True) if n > 0

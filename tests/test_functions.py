@@ -1,0 +1,319 @@
+"""Functions with bands: series, windows, evidence, draws, and what `identify` makes of a record."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+import romsindy as rs
+from romsindy.fit.functions import evidence, prior
+from romsindy.fit.functions.dispersion import dispersion
+from romsindy.fit.functions.posterior import _inside, _least, _positive, draw
+from romsindy.fit.functions.series import Scales, Series, Sizes
+from romsindy.fit.functions.windows import linearised, reduced, windows_of
+from romsindy.fit.refine import prepared
+from romsindy.physics.damping import PowerDamping
+from romsindy.physics.example import add_noise
+
+SCALES = Scales(reach=0.02, rate=40.0, decay=0.4)
+SMALL = Sizes(5, 3, 3)
+
+
+DRAG = (PowerDamping(2),)
+TINY = Sizes(2, 1, 1)
+
+
+def series(seed=0, sizes=SMALL, forces=DRAG):
+    rng = np.random.default_rng(seed)
+    made = Series.linear(SCALES, sizes, forces)
+    return made.moved(made.values + 0.1 * rng.standard_normal(len(made.values)))
+
+
+def states(n=6, seed=1):
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-1, 1, (n, 1)) * x for x in (0.02, 0.8, 32.0)]
+
+
+def decay(coefficients, start=1.0, seconds=8.0, snr_db=40.0, seed=0, rate=400.0):
+    """A decay integrated by LSODA, with white noise."""
+    model = rs.ReducedModel.from_coefficients(coefficients, unit="m")
+    motion = model.simulate(start, 0.0, np.arange(int(seconds * rate)) / rate)
+    clean = rs.Decay(motion.t, motion.q, unit="m")
+    return clean if snr_db is None else add_noise(clean, snr_db, seed)
+
+
+STIFF = {"omega^2": 1482.0, "gamma_3": 300.0, "c_linear": 0.6}
+
+
+# -- series -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sizes", [SMALL, Sizes(1, 0, 0), Sizes(4, 0, 3), Sizes(1, 3, 0)])
+def test_derivatives_of_a_series(sizes):
+    """Central differences: about step^2 = 1e-10 off where values are of order one."""
+    equation, state, step = series(sizes=sizes), states(), 1e-5
+    by_value = equation.by_parameter(None, *state)
+    for slope, unit in zip(by_value, np.eye(len(equation.values)), strict=True):
+        ends = [
+            equation.moved(equation.values + s * step * unit).linearise(None, *state).residual
+            for s in (1, -1)
+        ]
+        numbers = (ends[0] - ends[1]) / (2 * step)
+        assert slope == pytest.approx(numbers, abs=1e-8 * np.abs(by_value).max())
+    for i, slope in enumerate(equation.linearise(None, *state)[1:]):
+        moved = [
+            [x + s * step * (j == i) * np.abs(x).max() for j, x in enumerate(state)]
+            for s in (1, -1)
+        ]
+        ends = [equation.linearise(None, *m).residual for m in moved]
+        numbers = (ends[0] - ends[1]) / (2 * step * np.abs(state[i]).max())
+        assert slope[:, :, 0] == pytest.approx(numbers, abs=1e-7 * np.abs(slope).max() + 1e-12)
+
+
+@pytest.mark.parametrize("sizes", [SMALL, Sizes(1, 0, 0), Sizes(17, 11, 8)])
+def test_taylor_coefficients_are_the_same_equation(sizes):
+    """Ordinary terms, each with its own code, give the same residual, up to rounding."""
+    equation = series(sizes=sizes)
+    model = rs.ReducedModel(equation.terms(), equation.taylor(equation.values)[0], "m")
+    q, v, a = (x[:, 0] for x in states())
+    expected = model.linearise(q, v, a)[0]
+    found = equation.linearise(None, *states()).residual[:, 0]
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_damping_follows_the_inertia():
+    """alpha (1 + h) q_dot alone: D / M is the same at every q."""
+    equation = series(sizes=Sizes(3, 4, 0), forces=())
+    model = rs.ReducedModel(equation.terms(), equation.taylor(equation.values)[0], "m")
+    q = np.linspace(-0.02, 0.02, 9)
+    ratio = model.damping(q, np.ones(9)) / model.inertia(q)
+    assert ratio == pytest.approx(np.full(9, ratio[0]), rel=1e-10)
+
+
+# -- windows and evidence ---------------------------------------------------------------------
+
+
+def linear_blocks(seconds=3.0, sizes=TINY):
+    records = prepared(decay(STIFF, seconds=seconds), "m")
+    equation = Series.linear(Scales(1.0, 38.5, 0.6), sizes)
+    return linearised(equation, windows_of(records), records)
+
+
+def dense(blocks, jump):
+    """All windows in one matrix: columns are values, then all starts, then the signal."""
+    p, n = blocks[0].rows.shape[1] - 3, len(blocks)
+    rows = []
+    for i, b in enumerate(blocks):
+        wide = np.zeros((len(b.rows), p + 2 * n + 1))
+        wide[:, :p], wide[:, p + 2 * i : p + 2 * i + 2] = b.rows[:, :p], b.rows[:, p : p + 2]
+        wide[:, -1] = b.rows[:, -1]
+        rows.append(wide)
+        if i + 1 < n:
+            tie = np.zeros((2, p + 2 * n + 1))
+            tie[:, :p], tie[:, p + 2 * i : p + 2 * i + 2] = b.end[:, :p], b.end[:, p:]
+            tie[:, p + 2 * i + 2 : p + 2 * i + 4], tie[:, -1] = -np.eye(2), -b.rest
+            error = jump * b.window.amplitude * np.array([1.0, 38.5])
+            rows.append(tie / error[:, None])
+    return np.concatenate(rows), p
+
+
+def test_windows_one_after_the_other_are_one_least_squares_problem():
+    blocks = linear_blocks()
+    assert len(blocks) > 4
+    known = np.zeros((0, blocks[0].rows.shape[1] - 2))
+    found = reduced(blocks, 38.5, 1.0, 0.01, known)
+    matrix, p = dense(blocks, 0.01)
+    best = np.linalg.lstsq(matrix[:, :-1], matrix[:, -1], rcond=None)[0]
+    values = np.linalg.solve(found.rows[:p, :p], found.rows[:p, p])
+    assert values == pytest.approx(best[:p], rel=1e-7)
+    assert np.ravel(found.states(values)) == pytest.approx(best[p:], rel=1e-6, abs=1e-9)
+    left = matrix[:, :-1] @ best - matrix[:, -1]
+    assert found.rows[p, p] ** 2 == pytest.approx(left @ left, rel=1e-7)
+
+
+def test_evidence_is_the_marginal_likelihood():
+    """Against the normal density of the signal itself, with all that is unknown integrated out."""
+    rng = np.random.default_rng(3)
+    equation = Series.linear(Scales(1.0, 1.0, 1.0), Sizes(3, 1, 1))
+    p = len(equation.values)
+    rows = rng.standard_normal((p + 8, p + 1))
+    triangle = np.linalg.qr(rows, mode="r")
+    data = evidence.Reduced(triangle, 0.0, ())
+    costs, exact = [], []
+    for scales in (prior.MIDDLE, prior.MIDDLE + 0.3):
+        costs.append(evidence._cost(equation, data, scales) - prior.cost(scales))
+        factor = prior.factor(equation, scales)
+        covariance = np.eye(len(rows)) + rows[:, :p] @ factor @ factor.T @ rows[:, :p].T
+        exact.append(-multivariate_normal(cov=covariance).logpdf(rows[:, p]))
+    # The constant of the density is left out: differences count.
+    assert costs[1] - costs[0] == pytest.approx(exact[1] - exact[0], rel=1e-9)
+
+
+def test_process_noise_is_none_for_an_exact_equation_and_some_for_a_wandering_one():
+    records = prepared(decay(STIFF, seconds=6.0), "m")
+    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records)
+    none = np.zeros((0, len(equation.values) + 1))
+    assert (
+        evidence.fit(equation, windows_of(records), records, none).jump < 1e-3
+    )  # what 1 % of noise hides
+    # Every two seconds the phase slips by 0.05 rad: some three times a hundred cycles.
+    clean = decay(STIFF, seconds=6.0, snr_db=None)
+    t = clean.t + 0.05 / 38.5 * np.floor(clean.t / 2)
+    slipped = np.interp(t, clean.t, clean.q)
+    wandering = prepared(add_noise(rs.Decay(clean.t, slipped, unit="m"), 40, 0), "m")
+    assert evidence.fit(equation, windows_of(wandering), wandering, none).jump > 5e-3
+
+
+# -- draws ------------------------------------------------------------------------------------
+
+
+def test_positive_draws_are_half_normal():
+    """u >= 0: mean sqrt(2/pi). 4000 draws know it to 1 %; 5 standard errors are 0.05."""
+    start = np.full((1, 4000), -1.0)
+    drawn = _positive(np.zeros(1), np.ones((1, 1)), start, np.random.default_rng(0))
+    assert drawn.min() >= 0
+    assert drawn.mean() == pytest.approx(np.sqrt(2 / np.pi), abs=0.05)
+
+
+def test_far_out_in_the_tail_draws_stay_finite():
+    drawn = _positive(
+        np.array([-60.0]), np.ones((1, 1)), np.zeros((1, 50)), np.random.default_rng(0)
+    )
+    assert np.all(np.isfinite(drawn)) and np.all(drawn >= 60 - 1e-9)
+
+
+def test_least_value_of_a_series_and_a_point_inside():
+    assert _least(np.array([0.0, 0.0, 1.0])) == pytest.approx(-1.0)  # T_2 at 0
+    offset, slope = np.array([-1.0, 0.5]), np.array([[1.0], [0.1]])
+    assert np.all(offset + slope @ _inside(offset, slope) > 0)
+
+
+def test_dispersion_is_one_for_noise_and_counts_repeated_samples():
+    """Noise in which every sample stands four times has a quarter of the information."""
+    clean = decay(STIFF, seconds=10.0, snr_db=None)
+    rng = np.random.default_rng(5)
+    found = []
+    for held in (1, 4):
+        noise = np.repeat(rng.standard_normal(-(-len(clean.t) // held)), held)[: len(clean.t)]
+        records = prepared(rs.Decay(clean.t, clean.q + 0.003 * noise, unit="m"), "m")
+        equation = Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3))
+        equation = evidence.regressed(equation, records)
+        none = np.zeros((0, len(equation.values) + 1))
+        found.append(dispersion(evidence.fit(equation, windows_of(records), records, none)))
+    # A chi-square of about ten degrees of freedom scatters by 45 %.
+    assert 0.3 < found[0] < 2.0
+    assert found[1] > 2 * found[0]
+
+
+# -- identify ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def example():
+    """The oscillator of the package's examples: exact structure, 35 dB."""
+    return rs.identify(rs.example_decay(35.0, 11))
+
+
+def test_functions_of_an_oscillator_lie_in_their_bands(example):
+    """95 % bands at 20 places: few of them, which go together, may miss; three times them none."""
+    truth = rs.physics.example.EXAMPLE_MODEL
+    q = np.linspace(0.95 * example.reach[0], 0.95 * example.reach[1], 20)
+    h, k = example.inertia(q), example.stiffness(q)
+    for curve, exact in ((h, truth.inertia(q) - 1), (k, truth.stiffness(q) / q)):
+        width = (curve.high - curve.low) / 2
+        assert np.mean((curve.low <= exact) & (exact <= curve.high)) >= 0.7
+        assert np.all(np.abs(curve.value - exact) < 3 * width)
+    assert example.structure.name == "IC-ROM"
+    assert example.verdict.explained
+
+
+def test_inertia_is_never_negative(example):
+    q = np.linspace(*example.reach, 2001)
+    for sample in (*example.samples[:50], example.model.values):
+        model = rs.ReducedModel(
+            example.terms if len(sample) == len(example.terms) else example.model.terms,
+            tuple(sample),
+        )
+        assert model.inertia(q).min() >= 1 - 1e-9
+    assert example.inertia(q).low.min() >= 0
+
+
+def test_what_is_found_is_kept_in_a_file(example, tmp_path):
+    example.save(tmp_path / "found.json")
+    again = rs.Identification.load(tmp_path / "found.json")
+    assert str(again) == str(example)
+    assert again.interval("Upsilon_3") == example.interval("Upsilon_3")
+    assert np.array_equal(again.covariance, example.covariance)
+    with pytest.raises(ValueError, match=r"read it with Estimate\.from_json"):
+        rs.Identification.from_json(rs.Estimate.to_json(example))
+
+
+def test_seeds_are_arguments(example):
+    same = rs.identify(rs.example_decay(35.0, 11))
+    assert str(same) == str(example)
+
+
+def test_beyond_the_data_there_are_no_bands(example):
+    with pytest.raises(ValueError, match="stay within reach"):
+        example.inertia([0.0, 5.0])
+    with pytest.raises(ValueError, match="'Ypsilon' is no coefficient"):
+        example.interval("Ypsilon")
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "start", "name"),
+    [
+        (STIFF, 1.0, "stiffness polynomial"),
+        (STIFF, 0.002, "linear"),  # gamma_3 changes omega^2 by 1e-6: nothing shows
+        (STIFF | {"Upsilon_3": 0.3}, 1.0, "IC-ROM"),
+    ],
+)
+def test_the_simplest_structure_is_at_the_head(coefficients, start, name):
+    found = rs.identify(decay(coefficients, start))
+    assert found.structure.name == name
+    text = str(found)
+    assert ("do not ask for inertia" in text) == (name != "IC-ROM")
+    assert ("do not ask for nonlinear stiffness" in text) == (name == "linear")
+    assert ("Upsilon_3" in found.model.coefficients) == (name == "IC-ROM")
+    low, high = found.interval("omega^2")
+    # Three times a 95 % interval: the truth is outside once in 1e8.
+    assert abs(1482 - (low + high) / 2) < 1.5 * (high - low)
+
+
+def test_dry_friction_is_named():
+    found = rs.identify(decay(STIFF | {"c_coulomb": 2.0, "c_linear": 0.2}))
+    assert "c_coulomb" in found.structure.forces
+    assert found.interval("c_coulomb")[0] < 2.0 < found.interval("c_coulomb")[1]
+
+
+def test_a_known_coefficient_stays():
+    found = rs.identify(decay(STIFF), fixed={"omega^2": 1482.0})
+    assert found.model.coefficients["omega^2"] == pytest.approx(1482.0, rel=1e-6)
+    assert "omega^2" not in found.free
+    with pytest.raises(ValueError, match="fixed names"):
+        rs.identify(decay(STIFF), fixed={"omega2": 1482.0})
+
+
+def test_fewer_cycles_than_terms():
+    """Four cycles: the functions are known roughly, and that is said."""
+    found = rs.identify(decay(STIFF, seconds=0.7, snr_db=45))
+    k = found.stiffness([0.5 * found.reach[1]])
+    exact = 1482 + 300 * (0.5 * found.reach[1]) ** 2
+    assert k.low[0] <= exact <= k.high[0]
+    assert (k.high - k.low)[0] > 5
+
+
+def test_a_simulation_is_limited_by_the_model():
+    found = rs.identify(decay(STIFF | {"gamma_15": 40.0}, snr_db=None))
+    k = found.stiffness([-0.5, 0.5])
+    assert k.value == pytest.approx(1482 + 300 * 0.25, rel=1e-3)
+
+
+def test_draws_belong_to_the_fit():
+    """Mean and scatter of draws are those of the normal posterior where h >= 0 does not bind."""
+    records = prepared(decay(STIFF), "m")
+    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records)
+    none = np.zeros((0, len(equation.values) + 1))
+    found = evidence.fit(equation, windows_of(records), records, none)
+    draws = draw(found, 4000, np.random.default_rng(0))
+    spread = draws.std(axis=0)
+    assert np.all(np.abs(draws.mean(axis=0) - found.series.values) < 0.3 * spread)
