@@ -140,7 +140,33 @@ def refine(
     """
     if loss not in LOSSES:
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
-    return fit_records(model, prepared(decays, model.unit), fixed, offset, loss, progress)
+    records = prepared(decays, model.unit)
+    free = _free_names(model, fixed)
+    start = _smoothed(model, records)
+    parts: tuple[Part, ...] = free_coefficients(start, free)
+    if offset:
+        parts += (Part(_Offset(), (), np.zeros((len(records), 1))),)
+    # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            solution, covariance = _followed(start, parts, records, loss, progress)
+        except TrajectoryError as error:
+            raise TrajectoryError(
+                f"the model with {len(free)} free coefficients has no motion near the measured one"
+                f" ({error}): use fewer terms, or start from other values"
+            ) from error
+    peak = max(float(np.abs(record.decay.q).max()) for record in records)
+    new = extended(model, solution.parts)
+    return Fit(
+        model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
+        free=free,
+        covariance=covariance[: len(free), : len(free)],
+        verdict=examine(records, solution.residuals, solution.n_values),
+        notes=_notes(records, solution),
+        start=start,
+        records=records,
+        solution=solution,
+    )
 
 
 def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record, ...]:
@@ -166,43 +192,6 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
                 " every error bar too small; give it once"
             )
     return tuple(Record.of(d.single().free(), _NUMERICS).without_faults() for d in several)
-
-
-def fit_records(
-    model: ReducedModel,
-    records: Sequence[Record],
-    fixed: Collection[str] = (),
-    offset: bool = False,
-    loss: str = "linear",
-    progress: Callable[[str], None] | None = None,
-) -> Fit:
-    """As `refine`, for records that are prepared."""
-    free = _free_names(model, fixed)
-    start = smoothed(model, records)
-    parts: tuple[Part, ...] = free_coefficients(start, free)
-    if offset:
-        parts += (Part(_Offset(), (), np.zeros((len(records), 1))),)
-    # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            solution, covariance = _followed(start, parts, records, loss, progress)
-        except TrajectoryError as error:
-            raise TrajectoryError(
-                f"the model with {len(free)} free coefficients has no motion near the measured one"
-                f" ({error}): use fewer terms, or start from other values"
-            ) from error
-    peak = max(float(np.abs(record.decay.q).max()) for record in records)
-    new = extended(model, solution.parts)
-    return Fit(
-        model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
-        free=free,
-        covariance=covariance[: len(free), : len(free)],
-        verdict=examine(records, solution.residuals, solution.n_values),
-        notes=_notes(records, solution),
-        start=start,
-        records=tuple(records),
-        solution=solution,
-    )
 
 
 def _notes(records: Sequence[Record], solution: Solution) -> tuple[str, ...]:
@@ -252,7 +241,7 @@ def _free_names(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
     return free
 
 
-def smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
+def _smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
     """Model whose dry friction is smooth at the speeds of the records."""
     if all(term.smooth for term in model.terms):
         return model

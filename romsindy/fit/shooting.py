@@ -89,37 +89,28 @@ class _Problem:
         return np.concatenate([rows, known])
 
     def tables(self, values: Array) -> list[Array]:
-        """Rows of the normal equations, of each record."""
-        return tables(self.model, self.at(values)[0], self.records, self.simulate(values))
+        """Sensitivities and misfit over noise about the simulated motions, for each record.
+
+        Columns are the values of all parts, q and q_dot at the start of each record, and the
+        misfit.
+        """
+        parts, equations = self.at(values)
+        motions = zip(self.records, equations, self.simulate(values), strict=True)
+        found: list[Array] = []
+        for i, (record, equation, motion) in enumerate(motions):
+            slopes = sensitivity(equation, motion, record.derivative)
+            x = motion.samples(equation, record.derivative)
+            own = table(parts, i, record, x, slopes)
+            rows = np.zeros((len(own), self.n_values + 2 * len(self.records) + 1))
+            first = self.n_values + 2 * i
+            rows[:, [*columns_of(parts, i), first, first + 1, -1]] = own
+            found.append(rows)
+        return found
 
     def jacobian(self, values: Array) -> Array:
         """Derivatives of `misfit`."""
         known = [-np.eye(1, len(values), at) / spread for at, _, spread in priors(self.parts)]
         return np.concatenate([*(-rows[:, :-1] for rows in self.tables(values)), *known])
-
-
-def tables(
-    model: ReducedModel,
-    parts: Sequence[Part],
-    records: Sequence[Record],
-    motions: Sequence[Trajectory],
-) -> list[Array]:
-    """Sensitivities and misfit over noise about motions of the equation, for each record.
-
-    Columns are the values of all parts, q and q_dot at the start of each record, and the misfit.
-    """
-    n_values = sum(p.size for p in parts)
-    found: list[Array] = []
-    for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
-        equation = ExtendedEquation(model, tuple(parts), i, motion.grid.step)
-        slopes = sensitivity(equation, motion, record.derivative)
-        x = motion.samples(equation, record.derivative)
-        own = table(parts, i, record, x, slopes)
-        rows = np.zeros((len(own), n_values + 2 * len(records) + 1))
-        first = n_values + 2 * i
-        rows[:, [*columns_of(parts, i), first, first + 1, -1]] = own
-        found.append(rows)
-    return found
 
 
 def simulated_misfit(
