@@ -293,6 +293,28 @@ def test_a_known_coefficient_stays():
         rs.identify(decay(STIFF), fixed={"omega2": 1482.0})
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fixed": {"omega^2": "many"}}, "must be a finite number"),
+        ({"fixed": {"omega^2": float("nan")}}, "must be a finite number"),
+        ({"fixed": {"Upsilon_3": -1.0}}, "must not be negative"),
+        ({"fixed": ["omega^2"]}, "must map names to values"),
+        ({"seed": 0.5}, "seed = 0.5 must be a whole number"),
+        ({"seed": -1}, "seed = -1 must be a whole number"),
+    ],
+)
+def test_what_cannot_be_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        rs.identify(decay(STIFF, seconds=2.0), **options)
+
+
+def test_two_structures_in_one_fit_are_refused():
+    other = decay(STIFF | {"omega^2": 3000.0}, seconds=4.0, seed=2)
+    with pytest.raises(rs.fit.collocation.TrajectoryError, match="different structures"):
+        rs.identify([decay(STIFF, seconds=4.0), other])
+
+
 def test_fewer_cycles_than_terms():
     """Four cycles: the functions are known roughly, and that is said."""
     found = rs.identify(decay(STIFF, seconds=0.7, snr_db=45))

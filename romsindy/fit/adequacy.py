@@ -100,7 +100,7 @@ class Adequacy:
         )
 
     def _loudest(self) -> str:
-        if not self.structured:
+        if not self.structured or np.all(np.isnan(self.misfit)):
             return "spread over all frequencies, as from a disturbance or a bad start"
         rms = np.sqrt(np.nanmean(self.misfit**2, axis=0))
         worst = int(np.nanargmax(rms))

@@ -132,7 +132,8 @@ def fit(
     level, last = noise or 1.0, np.inf
     own, largest = tuple(windows), np.inf
     for iteration in range(_ITERATIONS):
-        blocks = linearised(series, own, records)
+        with np.errstate(all="ignore"):  # a motion that goes astray is found below
+            blocks = linearised(series, own, records)
         now = Fitted(series, own, blocks, known, level, jump, scales, last, False)
         # Evidence means something where the equation is linear: near the end.
         if largest < _NEAR and len(jumps) > 1:
@@ -142,7 +143,11 @@ def fit(
         values, step, largest, misfit = _step(now)
         far = noise is not None and iteration >= _PATIENCE and misfit > _HOPELESS * noise
         if far or not largest < _LOST:
-            raise TrajectoryError("no motion of the equation follows the measured one")
+            raise TrajectoryError(
+                "no motion of one coordinate follows the measured one: several modes take part, the"
+                " records are of different structures, or a fixed coefficient is wrong; cut or"
+                " filter the record, or leave the coefficient free"
+            )
         if progress is not None:
             progress(f"misfit {misfit:.4g} times the noise, change {largest:.1e}")
         short = min(1.0, _LEASH / max(largest, 1e-300))

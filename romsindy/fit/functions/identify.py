@@ -70,15 +70,18 @@ def identify(
     Raises
     ------
     ValueError
-        For no decays, another unit, a decay given twice, or unknown names in ``fixed``.
+        For no decays, another unit, a decay given twice, a seed that is no whole number, or names
+        or values in ``fixed`` that cannot be.
     TrajectoryError
         If no motion of the equation follows the measured one.
     """
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")
     several = [decays] if isinstance(decays, Decay) else list(decays)
     records = prepared(several, several[0].unit if several else None)
     say = progress or (lambda line: None)
     series = Series.linear(_scales(records), RICHEST)
-    known = _known(series, dict(fixed or {}))
+    known = _known(series, fixed or {})
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         series = regressed(series, records)
@@ -113,9 +116,17 @@ def _scales(records: Sequence[Record]) -> Scales:
 def _known(series: Series, fixed: Mapping[str, float]) -> Array:
     """Rows for what is known of the coefficients."""
     names = [t.key for t in series.terms()]
+    if not isinstance(fixed, Mapping):
+        raise ValueError(f"fixed = {fixed!r} must map names to values, as {{'omega^2': 1482.0}}")
     unknown = sorted(set(fixed) - set(names))
     if unknown:
         raise ValueError(f"fixed names {unknown}, but there are {', '.join(names)}")
+    for name, value in fixed.items():
+        if not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
+            raise ValueError(f"fixed {name} = {value!r} must be a finite number")
+    for name in ("omega^2", "Upsilon_3"):  # no stable rest, no sum of squares
+        if fixed.get(name, 0.0) < 0:
+            raise ValueError(f"fixed {name} = {fixed[name]:g} must not be negative")
     # Coefficients are linear in the values, but for the damping that follows the inertia.
     nothing = series.moved(np.zeros_like(series.values))
     slopes = nothing.taylor(np.eye(len(series.values)))
