@@ -6,8 +6,9 @@ from scipy.stats import multivariate_normal
 
 import romsindy as rs
 from romsindy.fit.functions import evidence, prior
+from romsindy.fit.functions.cone import lifted, nearest
 from romsindy.fit.functions.dispersion import dispersion
-from romsindy.fit.functions.posterior import _inside, _least, _positive, draw
+from romsindy.fit.functions.posterior import _inside, _positive, draw
 from romsindy.fit.functions.series import Scales, Series, Sizes
 from romsindy.fit.functions.windows import linearised, reduced, windows_of
 from romsindy.fit.refine import prepared
@@ -181,10 +182,22 @@ def test_far_out_in_the_tail_draws_stay_finite():
     assert np.all(np.isfinite(drawn)) and np.all(drawn >= 60 - 1e-9)
 
 
-def test_least_value_of_a_series_and_a_point_inside():
-    assert _least(np.array([0.0, 0.0, 1.0])) == pytest.approx(-1.0)  # T_2 at 0
+def test_lifted_series_and_a_point_inside():
+    assert lifted(np.array([0.5, 0.0, 1.0]))[0] == pytest.approx(1.0)  # T_2 is -1 at 0
+    assert lifted(np.array([2.0, 0.0, 1.0]))[0] == 2.0
     offset, slope = np.array([-1.0, 0.5]), np.array([[1.0], [0.1]])
     assert np.all(offset + slope @ _inside(offset, slope) > 0)
+
+
+def test_nearest_point_of_the_cone():
+    """One coefficient, h = r z^2: the least that is allowed is 0, and what goes with it follows."""
+    equation = Series.linear(SCALES, Sizes(1, 1, 0))
+    root = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    found = nearest(equation, np.array([1.0, -2.0, 1.0]), root)
+    # In x, the nearest point of x_1 >= 2 is (0, 2, 0).
+    assert found == pytest.approx([2.0, 0.0, 1.0], abs=1e-9)
+    inside = np.array([1.0, 0.3, 1.0])
+    assert np.array_equal(nearest(equation, inside, root), inside)
 
 
 def test_dispersion_is_one_for_noise_and_counts_repeated_samples():

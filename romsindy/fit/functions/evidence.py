@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions import prior
+from romsindy.fit.functions.cone import nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Reduced, Window, linearised, reduced
 from romsindy.fit.linear_response import nodes
@@ -146,7 +147,8 @@ def fit(
             raise TrajectoryError(
                 "no motion of one coordinate follows the measured one: several modes take part, the"
                 " records are of different structures, or a fixed coefficient is wrong; cut or"
-                " filter the record, or leave the coefficient free"
+                " filter the record, leave the coefficient free, or be content with a regression"
+                " (HarmonicSINDy, romsindy identify --weighted)"
             )
         if progress is not None:
             progress(f"misfit {misfit:.4g} times the noise, change {largest:.1e}")
@@ -172,7 +174,8 @@ def regressed(series: Series, records: Sequence[Record]) -> Series:
         slopes = series.by_parameter(*state)[..., 0].T @ scales
         rows.append(np.column_stack([slopes, -state[3]]) / size)
     triangle = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
-    return series.moved(scales @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1]))
+    root = scales @ np.linalg.inv(triangle[:-1, :-1])
+    return series.moved(nearest(series, root @ triangle[:-1, -1], root))
 
 
 def _best_jump(now: Fitted, jumps: Array) -> Fitted:
@@ -213,7 +216,8 @@ def _step(now: Fitted) -> tuple[Array, list[Array], float, float]:
     """Most probable values, changes of values and start of each window, their size, the misfit."""
     rows, factor = now.reduced(), prior.factor(now.series, now.scales)
     triangle = posterior_triangle(rows, factor)
-    values = factor @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
+    root = factor @ np.linalg.inv(triangle[:-1, :-1])
+    values = nearest(now.series, root @ triangle[:-1, -1], root)
     states = rows.states(values)
     change = values - now.series.values
     step = [
@@ -221,7 +225,8 @@ def _step(now: Fitted) -> tuple[Array, list[Array], float, float]:
         for b, s in zip(now.blocks, states, strict=True)
     ]
     largest = max(b.change(s) for b, s in zip(now.blocks, step, strict=True))
-    squares = sum(float(np.sum(e**2)) for e in residuals(now.blocks, values, states))
+    with np.errstate(over="ignore"):
+        squares = sum(float(np.sum(e**2)) for e in residuals(now.blocks, values, states))
     n = sum(len(b.window.rows) for b in now.blocks)
     return values, step, largest, float(np.sqrt(squares / max(n - len(values), 1)))
 

@@ -7,17 +7,16 @@ cone of series with h >= 0 on the range of the data; their mean is in it too, fo
 from __future__ import annotations
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from scipy.optimize import linprog
 from scipy.special import ndtr, ndtri
 
 from romsindy.fit.functions import prior
+from romsindy.fit.functions.cone import constraints, lifted
 from romsindy.fit.functions.evidence import Fitted, posterior_triangle
 from romsindy.typing import Array
 
 _EACH = 8  # draws for each set of scales
 _SWEEPS = 20  # of Gibbs' sampler: each forgets where it started after a few
-_PLACES = 81  # where h >= 0 is asked for
 
 
 def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
@@ -39,18 +38,14 @@ def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
 def _in_cone(found: Fitted, mean: Array, root: Array, rng: np.random.Generator) -> Array:
     """Draws of mean + root x, x standard normal, with h >= 0, (_EACH, p)."""
     x = rng.standard_normal((len(mean), _EACH))
-    n_k, n_r, _ = found.series.sizes
-    if not n_r:
+    inertia, places = constraints(found.series)
+    if not found.series.sizes.inertia:
         return np.asarray((mean[:, None] + root @ x).T)
-    inertia = slice(n_k, n_k + n_r)
     # x = q u + what inertia does not see; r = mean + t' u.
     q, t = np.linalg.qr(root[inertia].T)
-    places = chebyshev.chebvander(np.cos(np.linspace(0, np.pi, _PLACES)), n_r - 1)
     u = _positive(places @ mean[inertia], places @ t.T, q.T @ x, rng)
     draws = mean[:, None] + root @ (x + q @ (u - q.T @ x))
-    # Between the places a polynomial may dip by a trace: lift it.
-    for r in draws[inertia].T:
-        r[0] += max(-_least(r), 0.0)
+    draws[inertia] = np.stack([lifted(r) for r in draws[inertia].T], axis=1)
     return np.asarray(draws.T)
 
 
@@ -97,10 +92,3 @@ def _inside(offset: Array, slope: Array) -> Array:
         bounds=[(None, None)] * k + [(0.0, 1.0)],
     )
     return np.asarray(found.x[:-1])
-
-
-def _least(r: Array) -> float:
-    """Least value of a Chebyshev series on [-1, 1], exactly: at an end or where its slope is 0."""
-    roots = chebyshev.chebroots(chebyshev.chebder(r)) if len(r) > 2 else np.zeros(0)
-    inner = roots.real[(np.abs(roots.imag) < 1e-6) & (np.abs(roots.real) < 1)]
-    return float(np.min(chebyshev.chebval(np.r_[-1.0, 1.0, inner], r)))
