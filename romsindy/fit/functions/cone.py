@@ -35,6 +35,8 @@ def nearest(series: Series, mean: Array, root: Array) -> Array:
     table = np.vstack([slope.T / size, missing / size])
     aim = np.append(np.zeros(len(mean)), 1.0)
     rest = table @ nnls(table, aim, maxiter=50 * _PLACES)[0] - aim
+    if not rest[-1] < 0:
+        return mean  # so far off that no digits are left
     return np.asarray(mean - root @ (rest[:-1] / rest[-1]))
 
 
