@@ -83,6 +83,8 @@ class Adequacy:
         return self.ratio <= EXPLAINED and not self.structured
 
     def __str__(self) -> str:
+        if not np.isfinite(self.ratio):
+            return "The model does not explain the data: it has no motion that follows the record."
         size = f"residual {self.ratio:.3g} times the noise"
         if self.explained:
             return (
@@ -100,10 +102,12 @@ class Adequacy:
         )
 
     def _loudest(self) -> str:
-        if not self.structured or np.all(np.isnan(self.misfit)):
+        if not self.structured:
             return "spread over all frequencies, as from a disturbance or a bad start"
-        rms = np.sqrt(np.nanmean(self.misfit**2, axis=0))
-        worst = int(np.nanargmax(rms))
+        # Harmonics that sampling is too coarse for have no misfit at all.
+        counts = np.maximum(np.sum(~np.isnan(self.misfit), axis=0), 1)
+        rms = np.sqrt(np.nansum(self.misfit**2, axis=0) / counts)
+        worst = int(np.argmax(rms))
         name = "mean position" if worst == 0 else f"harmonic {worst}"
         return f"most of it at the {name}, {rms[worst]:.3g} times the noise there"
 

@@ -169,6 +169,25 @@ def refine(
     )
 
 
+def several_decays(decays: Decay | Sequence[Decay]) -> list[Decay]:
+    """One decay or several as a list.
+
+    Raises
+    ------
+    ValueError
+        For none, or anything else.
+    """
+    several = [decays] if isinstance(decays, Decay) else decays
+    if not isinstance(several, (list, tuple)) or not all(isinstance(d, Decay) for d in several):
+        raise ValueError(
+            f"decays is {type(decays).__name__}: give a Decay or a list of them; arrays become one"
+            ' by Decay(t, q, unit="m")'
+        )
+    if not several:
+        raise ValueError("decays is empty: give at least one Decay")
+    return list(several)
+
+
 def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record, ...]:
     """Free decays in a unit, ready to be fitted.
 
@@ -177,9 +196,7 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
     ValueError
         For no decays, another unit, or a decay given twice.
     """
-    several = [decays] if isinstance(decays, Decay) else list(decays)
-    if not several:
-        raise ValueError("decays is empty: give at least one Decay")
+    several = several_decays(decays)
     for i, decay in enumerate(several):
         if decay.unit != unit:
             raise ValueError(
@@ -201,6 +218,12 @@ def _notes(records: Sequence[Record], solution: Solution) -> tuple[str, ...]:
         notes.append("interrupted before the simulations came to their end: not the best fit")
     elif not solution.converged:
         notes.append("the fit has not come to its end: start from other values")
+    return (*notes, *record_notes(records))
+
+
+def record_notes(records: Sequence[Record]) -> list[str]:
+    """What the reader must know of the records."""
+    notes = []
     for i, record in enumerate(records):
         lost = int(np.sum(~record.valid))
         if lost:
@@ -213,7 +236,7 @@ def _notes(records: Sequence[Record], solution: Solution) -> tuple[str, ...]:
                 f"decay {i}: another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g},"
                 " is counted as noise; it is no part of this model"
             )
-    return tuple(notes)
+    return notes
 
 
 def _followed(

@@ -9,6 +9,7 @@ import numpy as np
 from romsindy.fit.functions.evidence import Fitted
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.record import Record
+from romsindy.fit.refine import record_notes
 from romsindy.typing import Array
 
 # A function is determined where its 95 % band is within this part of its value to either side.
@@ -51,9 +52,16 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
         )
         yield (
             f"every {cycles:.0f} cycles the motion departs from any such equation by"
-            f" {_percent(fitted.jump)} of its amplitude: another mode takes part, or something"
-            " that is no function of q"
+            f" {_percent(fitted.jump)} of its amplitude: another mode takes part, the sensor"
+            " drifts, or something that is no function of q"
         )
+    if found.verdict.structured and fitted.noise > _MISFIT:
+        yield (
+            "what other modes or the sensor do in time with the motion cannot be told from"
+            " stiffness and inertia: bands may miss the truth where the model does not explain"
+            " the data"
+        )
+    yield from record_notes(records)
     if not fitted.converged:
         yield "the fit has not come to its end: bands may be too narrow"
 

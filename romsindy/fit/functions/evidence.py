@@ -23,6 +23,7 @@ from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Reduced, Window, linearised, reduced
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import EQUIVALENT
 from romsindy.typing import Array
 
 _ITERATIONS = 25
@@ -77,6 +78,13 @@ class Fitted:
     def reduced(self) -> Reduced:
         """What the windows say of the values alone."""
         return reduced(self.blocks, self.series.scales.rate, self.noise, self.jump, self.known)
+
+    @property
+    def n_effective(self) -> int:
+        """Number of values that the data determine, with the start of every record."""
+        triangle = posterior_triangle(self.reduced(), prior.factor(self.series, self.scales))
+        free = len(self.series.values) - float(np.sum(np.linalg.inv(triangle[:-1, :-1]) ** 2))
+        return round(free) + 2 * len({w.record for w in self.windows})
 
     def scale_covariance(self) -> Array:
         """Covariance of the scales by the curvature of the evidence, (9, 9)."""
@@ -180,8 +188,9 @@ def regressed(series: Series, records: Sequence[Record]) -> Series:
 
 def _best_jump(now: Fitted, jumps: Array) -> Fitted:
     each = [replace(now, jump=float(j)) for j in jumps]
-    costs = [_cost(now.series, f.reduced(), now.scales) for f in each]
-    return each[int(np.argmin(costs))]
+    costs = np.array([_cost(now.series, f.reduced(), now.scales) for f in each])
+    # The least of which the data cannot tell the best: no departure is invented.
+    return each[int(np.argmax(2 * (costs - costs.min()) <= EQUIVALENT))]
 
 
 def _best_scales(now: Fitted) -> Fitted:

@@ -12,7 +12,7 @@ from romsindy.fit.adequacy import examine
 from romsindy.fit.collocation import TrajectoryError, integrate
 from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.dispersion import dispersion
-from romsindy.fit.functions.evidence import Fitted, fit, regressed
+from romsindy.fit.functions.evidence import JUMPS, Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
 from romsindy.fit.functions.series import Scales, Series
@@ -25,7 +25,7 @@ from romsindy.fit.functions.structures import (
 )
 from romsindy.fit.functions.windows import Window, windows_of
 from romsindy.fit.record import Record
-from romsindy.fit.refine import prepared
+from romsindy.fit.refine import prepared, several_decays
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.model import ReducedModel
@@ -77,8 +77,8 @@ def identify(
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")
-    several = [decays] if isinstance(decays, Decay) else list(decays)
-    records = prepared(several, several[0].unit if several else None)
+    several = several_decays(decays)
+    records = prepared(several, several[0].unit)
     say = progress or (lambda line: None)
     series = Series.linear(_scales(records), RICHEST)
     known = _known(series, fixed or {})
@@ -245,7 +245,7 @@ def _assembled(
         model,
         free,
         np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
-        examine(records, _residuals(head, own.mean(axis=0), records), len(middle)),
+        examine(records, _residuals(head, own.mean(axis=0), records), head.n_effective),
         (),
         structures,
         structures[at],
@@ -272,9 +272,9 @@ def _sharp(terms: Sequence[Term]) -> tuple[Term, ...]:
 
 
 def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
-    """Measured minus one simulation of each record, from its best start."""
+    """Measured minus one simulation of each record, from the start that suits all of it."""
     series = found.series.moved(values)
-    states = found.reduced().states(values)
+    states = replace(found, jump=float(JUMPS[0])).reduced().states(values)
     left: list[Array] = []
     for i, record in enumerate(records):
         first = next(k for k, b in enumerate(found.blocks) if b.window.record == i)

@@ -48,7 +48,7 @@ class Structure:
     def damping(self) -> str:
         """What its damping is."""
         follows = " that follows the inertia" if self.sizes.inertia else ""
-        kind = "damping that changes with q" if self.sizes.damping else f"linear damping{follows}"
+        kind = "damping a function of q" if self.sizes.damping else f"linear damping{follows}"
         return ", ".join([kind, *self.forces])
 
     @property
