@@ -154,6 +154,17 @@ def test_measured_velocity(run, measured):
     assert "displacement integrated from velocity, drift removed" in result.output
 
 
+def test_a_record_of_several_modes_leaves_the_regressions(run, measured):
+    """Run a of the clamped beam: no motion of one coordinate follows it, and that is said."""
+    options = ["--column", "mode1a_v", "--time", "mode1a_t", "--unit", "m/s"]
+    command = ["identify", measured / "cc_beam_bristol.npz", *options]
+    result = run(*command)
+    assert result.exit_code == 0, result.output
+    assert "Regressions alone, without functions and bands: no motion" in result.output
+    refused = run(*command, "--save", "found.json")
+    assert refused.exit_code != 0 and "Regressions alone" in refused.output
+
+
 def bad(name):
     """Files that cannot be used."""
     t = np.arange(600) * 0.01

@@ -12,6 +12,7 @@ import click
 import numpy as np
 from tqdm import tqdm
 
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify as fit
 from romsindy.physics.damping import DAMPING
@@ -184,15 +185,17 @@ def identify(
     if harmonics is not None:
         recipe.set_params(projection__harmonics=harmonics)
     four = {c.name: c for c in compare_models(decay, backbone, order, damping, fix, recipe)}
-    found: Identification | None = None
+    found, trouble = None, ""
     main: Judged = four["IC-ROM"]
     columns: list[Judged] = list(four.values())
     if not (plain or weighted):
-        with _bar(None, "identifying") as bar:
-            found = fit(free, fixed=fix, seed=seed, progress=bar.set_postfix_str)
-        main = judge("identified", found.model, backbone, fix, found.standard_errors)
-        columns = [main, *_beside(four, "omega^2" in fix)]
-    result = IdentificationReport(title, record, decay, backbone, columns, main, found)
+        found, trouble = _functions(free, fix, seed)
+        if found is not None:
+            main = judge("identified", found.model, backbone, fix, found.standard_errors)
+            columns = [main, *_beside(four, "omega^2" in fix)]
+        elif save is not None:
+            raise click.ClickException(trouble)
+    result = IdentificationReport(title, record, decay, backbone, columns, main, found, trouble)
     click.echo(f"\n{decay!r}\n{backbone!r}\n\n{result.equation}\n")
     click.echo(f"{_aligned(result.table())}\n\n{result.errors()}\n{result.note()}")
     figures = pictures(result)
@@ -207,6 +210,17 @@ def identify(
     if figure is not None:
         next(p for p in figures if p.name == "backbone").write(figure)
         click.echo(f"Figure: {figure}")
+
+
+def _functions(
+    free: Decay, fixed: dict[str, float], seed: int
+) -> tuple[Identification | None, str]:
+    """The identification, or why there is none: regressions are left then."""
+    with _bar(None, "identifying") as bar:
+        try:
+            return fit(free, fixed=fixed, seed=seed, progress=bar.set_postfix_str), ""
+        except TrajectoryError as error:
+            return None, f"Regressions alone, without functions and bands: {error}."
 
 
 def _beside(four: dict[str, Candidate], fixed: bool) -> list[Candidate]:

@@ -34,7 +34,9 @@ class IdentificationReport:
     main : Judged
         Whose equation is printed.
     found : Identification or None
-        None where regressions alone were asked for.
+        None where regressions alone were asked for, or nothing else was possible.
+    trouble : str
+        Why nothing else was possible.
     """
 
     title: str
@@ -44,6 +46,7 @@ class IdentificationReport:
     candidates: Sequence[Judged]
     main: Judged
     found: Identification | None = None
+    trouble: str = ""
 
     @property
     def shown(self) -> list[Judged]:
@@ -58,7 +61,8 @@ class IdentificationReport:
     def errors(self) -> str:
         """One sentence on how the models follow the backbone."""
         words = "; ".join(f"the {c.name} model {_off(c)}" for c in self.shown)
-        return f"Over {int(np.sum(self.backbone.certain))} cycles {words}."
+        text = f"Over {int(np.sum(self.backbone.certain))} cycles {words}."
+        return f"{self.trouble} {text}".strip()
 
     def table(self) -> list[list[str]]:
         """Coefficients and backbone errors: of series those that regressions have too."""
