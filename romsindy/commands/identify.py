@@ -173,6 +173,9 @@ def identify(
         raise click.UsageError("--plain and --weighted are two regressions: ask for one")
     if save is not None and (plain or weighted):
         raise click.UsageError("--save needs the bands, which no regression has: use --model")
+    for option, path in (("report", report), ("model", model), ("save", save), ("figure", figure)):
+        if path is not None and not path.parent.is_dir():
+            raise click.UsageError(f"--{option} {path}: there is no folder {path.parent}")
     if file is not None:
         record = load_decay(file, **reading)
         title, report = f"Free decay {file.name}", report or Path(f"{file.stem}_report.html")

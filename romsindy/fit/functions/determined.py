@@ -37,8 +37,8 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
     width = (k.high - k.low) / 2 / np.abs(k.value)
     inner = np.tile((sizes > 0.3) & (sizes < 0.7), 2)
     yield (
-        f"K(q)/q is known to {_percent(np.max(width[inner]))} between 0.3 and 0.7 of the range, to"
-        f" {_percent(np.max(width))} at worst"
+        f"K(q)/q is known to +- {_percent(np.max(width[inner]))} (95 %) between 0.3 and 0.7 of the"
+        f" range, to +- {_percent(np.max(width))} at worst"
     )
     if fitted.noise > _MISFIT:
         yield _misfit(fitted, records)
@@ -71,8 +71,8 @@ def _inertia(found: Identification, q: Array, sizes: Array, unit: str) -> str:
     if not found.structure.sizes.inertia:
         worst = int(np.argmax(h.high))
         return (
-            f"the data do not ask for inertia: h(q) is at most {h.high[worst]:.2g}"
-            f" (at q = {q[worst]:.3g} {unit})"
+            f"the data do not ask for inertia: h(q) is at most {h.high[worst]:.2g} (95 %,"
+            f" at q = {q[worst]:.3g} {unit})"
         )
     width = (h.high - h.low) / 2
     good = (width <= DETERMINED * h.value).reshape(2, -1).all(axis=0)
@@ -84,8 +84,8 @@ def _inertia(found: Identification, q: Array, sizes: Array, unit: str) -> str:
     size = max(map(abs, found.reach))
     known = sizes[good] * size
     return (
-        f"inertia is determined (h(q) to {_percent(DETERMINED)} at most) from |q| = {known[0]:.3g}"
-        f" to {known[-1]:.3g} {unit}; elsewhere the band says how little"
+        f"inertia is determined (95 % band within {_percent(DETERMINED)} of h(q)) from |q| ="
+        f" {known[0]:.3g} to {known[-1]:.3g} {unit}; elsewhere the band says how little"
     )
 
 

@@ -164,8 +164,12 @@ class Identification(Estimate):
             f"{self.structure}: (1 + h(q)) q_ddot + h'(q)/2 q_dot^2 + D(q) q_dot + K(q) = 0"
             f"    (q in {unit}, t in s)",
             self._others(),
+            "Functions, with the band that holds them at each q with 95 % probability:",
             _aligned(self._functions_table()),
+            "Undamped frequency and damping ratio (loss of a cycle / 4 pi energy), +- one standard"
+            " error:",
             _aligned(self._amplitude_table()),
+            "Taylor coefficients of the functions at q = 0, +- one standard error:",
             self._coefficients(),
             str(self.verdict),
             *(f"{note[0].upper()}{note[1:]}." for note in self.notes),
@@ -283,19 +287,21 @@ def _shortest(values: Array) -> tuple[Array, Array]:
     return ordered[first, column], ordered[first + kept - 1, column]
 
 
-def _digits(error: float) -> int:
-    """Decimals that show two digits of an error."""
-    return int(np.clip(1 - np.floor(np.log10(error)), 0, 12)) if error > 0 else 6
+def _digits(error: float, value: float) -> int:
+    """Decimals that show two digits of an error, but no more than nine of the value."""
+    most = 8 - np.floor(np.log10(abs(value))) if value else 6
+    wanted = 1 - np.floor(np.log10(error)) if error > 0 else most
+    return int(np.clip(min(wanted, most), 0, 12))
 
 
 def _with_error(value: float, error: float) -> list[str]:
     if not 1e-4 <= abs(value) < 1e7:
         return [f"{value:.4g}", f"{error:.2g}"]
-    return [f"{value:.{_digits(error)}f}", f"{error:.2g}"]
+    return [f"{value:.{_digits(error, value)}f}", f"{error:.2g}"]
 
 
 def _with_band(value: float, low: float, high: float) -> list[str]:
-    n = _digits((high - low) / 4)
+    n = _digits((high - low) / 4, value)
     return [f"{value:.{n}f}", f"{low:.{n}f} to {high:.{n}f}"]
 
 

@@ -39,7 +39,7 @@ _DRAWS = 400
 _FORCES = ("coulomb", "quadratic")
 # Fewer functions save at most about so much in the logarithm of the evidence.
 _HOPELESS = 100.0
-_EXACT = 1e-6  # error of what is known, in values of order one
+_EXACT = 1e-8  # error of what is known, in values of order one
 _SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
 
 
@@ -230,11 +230,11 @@ def _assembled(
     samples = [
         _among(terms, f, draw(f, n, rng)) for f, n in zip(found, counts, strict=True) if n > 0
     ]
-    pooled = np.concatenate(samples)
-    middle = tuple(head.series.taylor(own).mean(axis=0))
+    pooled = _exactly(terms, np.concatenate(samples), fixed)
+    middle = _exactly(head.series.terms(), head.series.taylor(own), fixed).mean(axis=0)
     model = ReducedModel(
         _sharp(head.series.terms()),
-        middle,
+        tuple(middle),
         records[0].decay.unit,
         (0.0, head.series.scales.reach),
     )
@@ -251,10 +251,17 @@ def _assembled(
         structures[at],
         _sharp(terms),
         pooled,
-        _among(terms, richest, widest),
+        _exactly(terms, _among(terms, richest, widest), fixed),
         (float(min(q.min() for q in motions)), float(max(q.max() for q in motions))),
     )
     return replace(result, notes=tuple(sentences(result, richest, records)))
+
+
+def _exactly(terms: Sequence[Term], samples: Array, fixed: Mapping[str, float]) -> Array:
+    """Samples whose fixed coefficients are what they were fixed to, to the last digit."""
+    for i, term in enumerate(terms):
+        samples[:, i] = fixed.get(term.key, samples[:, i])
+    return samples
 
 
 def _among(terms: Sequence[Term], found: Fitted, draws: Array) -> Array:
