@@ -166,8 +166,8 @@ class Identification(Estimate):
             self._others(),
             "Functions, with the band that holds them at each q with 95 % probability:",
             _aligned(self._functions_table()),
-            "Undamped frequency and damping ratio (loss of a cycle / 4 pi energy), +- one standard"
-            " error:",
+            "Undamped frequency, and damping ratio (energy lost in a cycle / 2 pi a dE/da), +- one"
+            " standard error:",
             _aligned(self._amplitude_table()),
             "Taylor coefficients of the functions at q = 0, +- one standard error:",
             self._coefficients(),
