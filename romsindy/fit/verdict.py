@@ -16,6 +16,19 @@ EXPLAINED = 1.10
 # less than 30 % of the noise in power, 14 % in amplitude, where noise is least, does not matter.
 STRUCTURE = 1.3
 
+# -- what do the data determine? (`romsindy.fit.functions`) -----------------------------------
+
+# A function is determined where its 95 % band is within this part of its value to either side.
+DETERMINED = 0.25
+# Departures from the equation from window to window that are told, in amplitudes: a milliradian.
+DEPARTURE = 1e-3
+# Errors this many times those by the noise alone may be chance: windows are few.
+BY_CHANCE = 1.5
+# Noise of less than so many times the least that is told from none.
+NOISE_FREE = 10.0
+# A band of something that is never negative starts at 0 where it comes to this part of its end.
+NEAR_ZERO = 0.05
+
 # -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.checks`) -------
 
 # What vibrates below this part of the largest amplitude is not looked at: 40 dB.

@@ -10,17 +10,10 @@ from romsindy.fit.functions.evidence import Fitted
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.record import Record
 from romsindy.fit.refine import record_notes
+from romsindy.fit.verdict import BY_CHANCE, DEPARTURE, DETERMINED, NOISE_FREE
 from romsindy.typing import Array
 
-# A function is determined where its 95 % band is within this part of its value to either side.
-DETERMINED = 0.25
-# Jumps from window to window that matter, in amplitudes: a milliradian of phase.
-_JUMP = 1e-3
 _PLACES = 40
-# Errors larger than by the noise alone: up to here it may be chance.
-_MISFIT = 1.5
-# Noise of less than so many times the least that is told from none.
-_NOISE_FREE = 10.0
 
 
 def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) -> Iterator[str]:
@@ -28,7 +21,7 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
     unit = found.model.unit or "[q]"
     sizes = np.linspace(0.05, 1.0, _PLACES)
     q = np.concatenate([sizes * end for end in found.reach])
-    yield _inertia(found, q, sizes, unit)
+    yield _inertia(found, sizes, unit)
     least, largest = found.reach
     yield f"nothing is known beyond q = {least:.3g} and {largest:.3g} {unit}: do not extrapolate"
     if found.structure.name == "linear":
@@ -40,22 +33,16 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
         f"K(q)/q is known to +- {_percent(np.max(width[inner]))} (95 %) between 0.3 and 0.7 of the"
         f" range, to +- {_percent(np.max(width))} at worst"
     )
-    if fitted.noise > _MISFIT:
-        yield _misfit(fitted, records)
-    if fitted.jump > _JUMP:
-        cycles = (
-            np.mean(
-                [b.window.motion.grid.n_steps * b.window.motion.grid.step for b in fitted.blocks]
-            )
-            * fitted.series.scales.rate
-            / (2 * np.pi)
-        )
+    if fitted.noise > BY_CHANCE:
+        yield _misfit(found, fitted, records)
+    if fitted.jump > DEPARTURE:
+        cycles = sum(len(r.cycles) for r in records) / len(fitted.windows)
         yield (
             f"every {cycles:.0f} cycles the motion departs from any such equation by"
             f" {_percent(fitted.jump)} of its amplitude: another mode takes part, the sensor"
             " drifts, or something that is no function of q"
         )
-    if found.verdict.structured and fitted.noise > _MISFIT:
+    if found.verdict.structured and fitted.noise > BY_CHANCE:
         yield (
             "what other modes or the sensor do in time with the motion cannot be told from"
             " stiffness and inertia: bands may miss the truth where the model does not explain"
@@ -66,7 +53,9 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
         yield "the fit has not come to its end: bands may be too narrow"
 
 
-def _inertia(found: Identification, q: Array, sizes: Array, unit: str) -> str:
+def _inertia(found: Identification, sizes: Array, unit: str) -> str:
+    both = sizes * min(map(abs, found.reach))
+    q = np.concatenate([-both, both])
     h = found.inertia(q)
     if not found.structure.sizes.inertia:
         worst = int(np.argmax(h.high))
@@ -79,13 +68,13 @@ def _inertia(found: Identification, q: Array, sizes: Array, unit: str) -> str:
     if not np.any(good):
         return (
             "the data ask for inertia, but hardly say how much: nowhere is h(q) known to"
-            f" {_percent(DETERMINED)}"
+            f" {_percent(DETERMINED)} on both sides"
         )
-    size = max(map(abs, found.reach))
-    known = sizes[good] * size
+    ends = np.flatnonzero(np.diff(np.pad(good.astype(int), 1))).reshape(-1, 2)
+    parts = " and ".join(f"from |q| = {both[a]:.3g} to {both[b - 1]:.3g}" for a, b in ends)
     return (
-        f"inertia is determined (95 % band within {_percent(DETERMINED)} of h(q)) from |q| ="
-        f" {known[0]:.3g} to {known[-1]:.3g} {unit}; elsewhere the band says how little"
+        f"inertia is determined (95 % band within {_percent(DETERMINED)} of h(q)) {parts} {unit};"
+        " elsewhere the band says how little"
     )
 
 
@@ -96,17 +85,18 @@ def _straight(found: Identification, q: Array) -> str:
     most = max(float(np.max(k.high)) - middle, middle - float(np.min(k.low))) / middle
     return (
         f"the data do not ask for nonlinear stiffness: K(q)/q changes by at most {_percent(most)}"
-        " over the range"
+        " over the range (95 %)"
     )
 
 
-def _misfit(fitted: Fitted, records: Sequence[Record]) -> str:
+def _misfit(found: Identification, fitted: Fitted, records: Sequence[Record]) -> str:
     counted = f"errors and bands count it: they stand for {fitted.noise:.3g} times the noise"
-    if all(r.noise.std < _NOISE_FREE * r.noise.floor for r in records):
-        size = max(r.noise.std / r.amplitude for r in records) * fitted.noise
+    if all(r.noise.std < NOISE_FREE * r.noise.floor for r in records):
+        size = max(r.noise.std / float(np.abs(r.signal).max()) for r in records)
         return (
             "the records are nearly free of noise, and what limits the fit is the equation, which"
-            f" misses the motion by {size:.1g} of its amplitude; {counted}"
+            f" misses the signal by {found.adequacy * size:.1g} of its largest value (rms);"
+            f" {counted}"
         )
     return f"the misfit is larger than the noise of the records, and {counted}"
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.functions.structures import Structure
+from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
@@ -22,7 +23,6 @@ _BAND_DRAWS = 100
 _FEW = 0.1
 _ORDER = 5  # powers of q in a force beyond this say nothing on their own
 _INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
-_NEAR_ZERO = 0.05  # of the upper end of a band
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class Identification(Estimate):
         if any(s.equivalent and not s.sizes.inertia for s in self.structures):
             allowed = self._curve(q, h, self._models_of(self.widest)).high
             return replace(curve, low=0 * allowed, high=np.maximum(allowed, curve.high))
-        return replace(curve, low=np.where(curve.low < _NEAR_ZERO * curve.high, 0.0, curve.low))
+        return replace(curve, low=np.where(curve.low < NEAR_ZERO * curve.high, 0.0, curve.low))
 
     def stiffness(self, q: ArrayLike) -> Curve:
         """K(q) / q in 1/s^2, within `reach` (unit of q); omega^2 at q = 0."""

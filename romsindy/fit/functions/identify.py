@@ -172,16 +172,25 @@ def _with_forces(richest: Fitted, records: Sequence[Record], say: Callable) -> F
     """With the further damping forces that the data ask for, one after the other."""
     left = [_force(name, richest.series) for name in _FORCES]
     while left:
-        more = [
-            _again(richest, richest.series.widened([f]), records, richest.noise, say) for f in left
-        ]
-        gains = [2 * (m.log_evidence() - richest.log_evidence()) for m in more]
+        more = [_tried(richest, richest.series.widened([f]), records, say) for f in left]
+        gains = [2 * (evidence - richest.log_evidence()) for _, evidence in more]
         best = int(np.argmax(gains))
         if gains[best] <= EQUIVALENT:
             break
-        richest = more[best]
+        richest = more[best][0]
         left.pop(best)
     return richest
+
+
+def _tried(
+    start: Fitted, series: Series, records: Sequence[Record], say: Callable
+) -> tuple[Fitted, float]:
+    """A fit of another structure and the logarithm of its evidence: none if it has no motion."""
+    try:
+        found = _again(start, series, records, start.noise, say)
+    except TrajectoryError:
+        return start, -np.inf
+    return found, found.log_evidence()
 
 
 def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[Fitted]:
@@ -191,11 +200,9 @@ def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[
         sizes, least = series.sizes, max(evidence.values()) - _HOPELESS
         if any(e < least for s, e in evidence.items() if contains(s, sizes)):
             continue
-        try:
-            found.append(_again(richest, series, records, richest.noise, say))
-            evidence[sizes] = found[-1].log_evidence()
-        except TrajectoryError:  # it cannot follow the motion at all: no candidate
-            evidence[sizes] = -np.inf
+        fitted, evidence[sizes] = _tried(richest, series, records, say)
+        if np.isfinite(evidence[sizes]):
+            found.append(fitted)
     return found[::-1]
 
 
