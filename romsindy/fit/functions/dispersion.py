@@ -12,18 +12,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from romsindy.fit.functions import prior
-from romsindy.fit.functions.evidence import Fitted, posterior_triangle, residuals
+from romsindy.fit.functions.evidence import Fitted, residuals
 from romsindy.typing import Array
 
 
 def dispersion(found: Fitted) -> float:
     """Variance of the values by the scatter of the windows over that by the noise; 1 for noise."""
     blocks, p = found.blocks, len(found.series.values)
-    rows = found.reduced()
-    triangle = posterior_triangle(rows, prior.factor(found.series, found.scales))
     # Directions in which the posterior is a standard normal.
-    root = prior.factor(found.series, found.scales) @ np.linalg.inv(triangle[:-1, :-1])
+    rows, root = found.reduced, found.posterior().root
     values = found.series.values
     left = residuals(blocks, values, rows.states(values))
     follow = _following(found)
@@ -40,7 +37,7 @@ def dispersion(found: Fitted) -> float:
 
 def _following(found: Fitted) -> list[Array]:
     """How the best start of every window changes with the values, (2, p) each."""
-    rows = found.reduced()
+    rows = found.reduced
     p = len(found.series.values)
     base = rows.states(np.zeros(p))
     columns = [rows.states(e) for e in np.eye(p)]

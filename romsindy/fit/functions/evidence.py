@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -28,16 +30,23 @@ from romsindy.typing import Array
 
 _ITERATIONS = 25
 _LEASH = 0.3  # largest change of a motion in one step, in amplitudes
-_LOST = 1e4
+_LOST = 1e4  # changes, in amplitudes, that lead nowhere
 # A structure whose misfit is so many times the noise after so many steps will not come down.
 _HOPELESS, _PATIENCE = 3.0, 3
-_NEAR = 0.05
+_NEAR = 0.05  # changes, in amplitudes, below which the equation is nearly linear
 _ROUGH = 0.03  # errors of the smoothed acceleration, as a part of its rms
 # A step this small, in amplitudes, changes no figure that is printed; neither does this in the
 # logarithm of the evidence.
 _SMALL_STEP, _SMALL_GAIN = 1e-3, 0.1
 # Process noise from window to window, in amplitudes: from nothing to a phase that is lost.
 JUMPS = 10.0 ** np.arange(-7, -0.9, 0.5)
+
+
+class Normal(NamedTuple):
+    """Values mean + root x, x standard normal."""
+
+    mean: Array
+    root: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +84,7 @@ class Fitted:
     cost: float
     converged: bool
 
+    @cached_property
     def reduced(self) -> Reduced:
         """What the windows say of the values alone."""
         return reduced(self.blocks, self.series.scales.rate, self.noise, self.jump, self.known)
@@ -82,13 +92,18 @@ class Fitted:
     @property
     def n_effective(self) -> int:
         """Number of values that the data determine, with the start of every record."""
-        triangle = posterior_triangle(self.reduced(), prior.factor(self.series, self.scales))
+        triangle = _triangle(self.reduced, prior.factor(self.series, self.scales))
         free = len(self.series.values) - float(np.sum(np.linalg.inv(triangle[:-1, :-1]) ** 2))
         return round(free) + 2 * len({w.record for w in self.windows})
 
+    def posterior(self, scales: Array | None = None) -> Normal:
+        """Of the values, for these scales of the prior or others."""
+        factor = prior.factor(self.series, self.scales if scales is None else scales)
+        return _normal(_triangle(self.reduced, factor), factor)
+
     def scale_covariance(self) -> Array:
         """Covariance of the scales by the curvature of the evidence, (9, 9)."""
-        rows = self.reduced()
+        rows = self.reduced
         hessian = _hessian(lambda x: _cost(self.series, rows, x), self.scales)
         w, v = np.linalg.eigh(hessian)
         # Where the evidence is flat, or at a limit of the scales, what was expected holds.
@@ -182,19 +197,18 @@ def regressed(series: Series, records: Sequence[Record]) -> Series:
         slopes = series.by_parameter(*state)[..., 0].T @ scales
         rows.append(np.column_stack([slopes, -state[3]]) / size)
     triangle = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
-    root = scales @ np.linalg.inv(triangle[:-1, :-1])
-    return series.moved(nearest(series, root @ triangle[:-1, -1], root))
+    return series.moved(nearest(series, *_normal(triangle, scales)))
 
 
 def _best_jump(now: Fitted, jumps: Array) -> Fitted:
     each = [replace(now, jump=float(j)) for j in jumps]
-    costs = np.array([_cost(now.series, f.reduced(), now.scales) for f in each])
+    costs = np.array([_cost(now.series, f.reduced, now.scales) for f in each])
     # The least of which the data cannot tell the best: no departure is invented.
     return each[int(np.argmax(2 * (costs - costs.min()) <= EQUIVALENT))]
 
 
 def _best_scales(now: Fitted) -> Fitted:
-    rows = now.reduced()
+    rows = now.reduced
     found = minimize(
         lambda x: _cost(now.series, rows, x),
         now.scales,
@@ -209,25 +223,28 @@ def _best_scales(now: Fitted) -> Fitted:
 
 def _cost(series: Series, rows: Reduced, scales: Array) -> float:
     """Minus the logarithm of the evidence and of the prior of the scales."""
-    triangle = posterior_triangle(rows, prior.factor(series, scales))
+    triangle = _triangle(rows, prior.factor(series, scales))
     inside = np.sum(np.log(np.abs(np.diag(triangle)[:-1])))
     return float(triangle[-1, -1] ** 2 / 2 + inside) + rows.cost + prior.cost(scales)
 
 
-def posterior_triangle(rows: Reduced, factor: Array) -> Array:
-    """Triangle [R, y; 0, rest] for x with values = factor x: posterior mean R^-1 y, root R^-1."""
+def _triangle(rows: Reduced, factor: Array) -> Array:
+    """Triangle [R, y; 0, rest] of data and prior for x, with values = factor x."""
     p = len(factor)
     seen = np.column_stack([rows.rows[:, :p] @ factor, rows.rows[:, p]])
     return np.asarray(np.linalg.qr(np.concatenate([seen, np.eye(p, p + 1)]), mode="r"))
 
 
+def _normal(triangle: Array, factor: Array) -> Normal:
+    """Values = factor x with R x = y but for standard normal errors."""
+    root = factor @ np.linalg.inv(triangle[:-1, :-1])
+    return Normal(root @ triangle[:-1, -1], root)
+
+
 def _step(now: Fitted) -> tuple[Array, list[Array], float, float]:
     """Most probable values, changes of values and start of each window, their size, the misfit."""
-    rows, factor = now.reduced(), prior.factor(now.series, now.scales)
-    triangle = posterior_triangle(rows, factor)
-    root = factor @ np.linalg.inv(triangle[:-1, :-1])
-    values = nearest(now.series, root @ triangle[:-1, -1], root)
-    states = rows.states(values)
+    values = nearest(now.series, *now.posterior())
+    states = now.reduced.states(values)
     change = values - now.series.values
     step = [
         np.concatenate([change, s - b.window.motion.start])

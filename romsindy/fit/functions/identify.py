@@ -288,7 +288,7 @@ def _sharp(terms: Sequence[Term]) -> tuple[Term, ...]:
 def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
     """Measured minus one simulation of each record, from the start that suits all of it."""
     series = found.series.moved(values)
-    states = replace(found, jump=float(JUMPS[0])).reduced().states(values)
+    states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
     left: list[Array] = []
     for i, record in enumerate(records):
         first = next(k for k, b in enumerate(found.blocks) if b.window.record == i)

@@ -12,7 +12,7 @@ from scipy.special import ndtr, ndtri
 
 from romsindy.fit.functions import prior
 from romsindy.fit.functions.cone import constraints, lifted
-from romsindy.fit.functions.evidence import Fitted, posterior_triangle
+from romsindy.fit.functions.evidence import Fitted
 from romsindy.typing import Array
 
 _EACH = 8  # draws for each set of scales
@@ -21,17 +21,12 @@ _SWEEPS = 20  # of Gibbs' sampler: each forgets where it started after a few
 
 def draw(found: Fitted, n: int, rng: np.random.Generator) -> Array:
     """Values of the series, (n, p), drawn from their posterior over all scales of the prior."""
-    rows = found.reduced()
     spread = np.linalg.cholesky(found.scale_covariance())
     draws = []
     for _ in range(-(-n // _EACH)):
         scales = found.scales + spread @ rng.standard_normal(len(spread))
-        scales = np.clip(scales, prior.LOW, prior.HIGH)
-        factor = prior.factor(found.series, scales)
-        triangle = posterior_triangle(rows, factor)
-        mean = factor @ np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
-        root = factor @ np.linalg.inv(triangle[:-1, :-1])
-        draws.append(_in_cone(found, mean, root, rng))
+        normal = found.posterior(np.clip(scales, prior.LOW, prior.HIGH))
+        draws.append(_in_cone(found, *normal, rng))
     return np.concatenate(draws)[:n]
 
 
