@@ -1,5 +1,7 @@
 """Functions with bands: series, windows, evidence, draws, and what `identify` makes of a record."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -293,8 +295,19 @@ def test_the_simplest_structure_is_at_the_head(coefficients, start, name):
     assert abs(1482 - (low + high) / 2) < 1.5 * (high - low)
 
 
+def test_structures_that_differ_only_outside_the_range():
+    """q^9 is 1e-6 of the force at 0.2 m: what is said there is the same, and beyond nothing is."""
+    same, other = (rs.identify(decay(STIFF | more, start=0.2)) for more in ({}, {"gamma_9": 300.0}))
+    assert str(other.structure) == str(same.structure)
+    q = 0.9 * same.reach[1]
+    one, two = same.stiffness(q), other.stiffness(q)
+    assert abs(one.value[0] - two.value[0]) < (one.high - one.low)[0]
+    assert "Nothing is known beyond q = -0.1" in str(other)
+
+
 def test_dry_friction_is_named():
     found = rs.identify(decay(STIFF | {"c_coulomb": 2.0, "c_linear": 0.2}))
+    assert ", c_coulomb: (1 + h(q))" in str(found)
     assert "c_coulomb" in found.structure.forces
     assert found.interval("c_coulomb")[0] < 2.0 < found.interval("c_coulomb")[1]
 
@@ -336,6 +349,8 @@ def test_two_structures_in_one_fit_are_refused():
 def test_fewer_cycles_than_terms():
     """Four cycles: the functions are known roughly, and that is said."""
     found = rs.identify(decay(STIFF, seconds=0.7, snr_db=45))
+    assert "Nothing is known beyond q" in str(found)
+    assert re.search(r"K\(q\)/q is known to \+- [\d.]+ % \(95 %\)", str(found))
     k = found.stiffness([0.5 * found.reach[1]])
     exact = 1482 + 300 * (0.5 * found.reach[1]) ** 2
     assert k.low[0] <= exact <= k.high[0]
