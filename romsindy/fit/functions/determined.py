@@ -73,8 +73,8 @@ def _inertia(found: Identification, sizes: Array, unit: str) -> str:
     ends = np.flatnonzero(np.diff(np.pad(good.astype(int), 1))).reshape(-1, 2)
     parts = " and ".join(f"from |q| = {both[a]:.3g} to {both[b - 1]:.3g}" for a, b in ends)
     return (
-        f"inertia is determined (95 % band within {_percent(DETERMINED)} of h(q)) {parts} {unit};"
-        " elsewhere the band says how little"
+        "given one coordinate, inertia is determined (95 % band within"
+        f" {_percent(DETERMINED)} of h(q)) {parts} {unit}; elsewhere the band says how little"
     )
 
 

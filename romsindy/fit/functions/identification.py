@@ -164,7 +164,7 @@ class Identification(Estimate):
             f"{self.structure}: (1 + h(q)) q_ddot + h'(q)/2 q_dot^2 + D(q) q_dot + K(q) = 0"
             f"    (q in {unit}, t in s)",
             self._others(),
-            "Functions, with the band that holds them at each q with 95 % probability:",
+            "Functions with their 95 % bands at each q, for an equation of one coordinate:",
             _aligned(self._functions_table()),
             "Undamped frequency, and damping ratio (energy lost in a cycle / 2 pi a dE/da), +- one"
             " standard error:",
