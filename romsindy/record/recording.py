@@ -1,0 +1,138 @@
+"""What a sensor gave: channels sampled together, before any analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from romsindy.record.decay import QUANTITIES, Quantity
+from romsindy.typing import Array
+
+# Of the usual step: a longer one is a gap.
+GAP = 1.5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording:
+    """Channels sampled together, as they were measured.
+
+    Unlike a `Decay` it may hold anything: the blow, several releases, gaps in time, samples that
+    are missing (NaN), several vibrations at once. `romsindy.inspect` says what is in it.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Time in s, increasing; it may have gaps.
+    x : (n,) or (n, m) array
+        What the sensors gave, in SI units; NaN where a sample is missing. Kept as (n, m).
+    names : sequence of str, optional
+        Of the m channels; "1", "2", ... by default.
+    quantity : "displacement", "velocity" or "acceleration"
+        What all channels measured.
+    unit : str, optional
+        SI unit of the displacement q, such as "m" or "rad"; None where it is not known. A velocity
+        is in unit/s, an acceleration in unit/s^2.
+    basis : str
+        What quantity and unit rest on, for the reader: "header 'v [mm/s]'", "--unit m/s".
+    source : str
+        Name of the file, for messages.
+    notes : tuple of str
+        What was done to the record, for the reader.
+
+    Raises
+    ------
+    ValueError
+        For time that is not finite or does not increase, and shapes that do not fit.
+    """
+
+    t: Array
+    x: Array
+    names: Sequence[str] = ()
+    quantity: Quantity = "displacement"
+    unit: str | None = None
+    basis: str = ""
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        t, x = np.asarray(self.t, float), np.asarray(self.x, float)
+        x = x[:, None] if x.ndim == 1 else x
+        if t.ndim != 1 or len(t) < 8:
+            raise ValueError(f"t must be one-dimensional with at least 8 samples, got {t.shape}")
+        if x.ndim != 2 or len(x) != len(t) or x.shape[1] == 0:
+            raise ValueError(f"x must have shape ({len(t)},) or ({len(t)}, m), got {x.shape}")
+        if self.quantity not in QUANTITIES:
+            raise ValueError(f"quantity = {self.quantity!r} must be one of {QUANTITIES}")
+        steps = np.diff(t)
+        bad = np.flatnonzero(~(steps > 0))
+        if len(bad):
+            i = int(bad[0])
+            raise ValueError(
+                f"t must increase, but after sample {i + 1} it goes from {t[i]:.9g} to"
+                f" {t[i + 1]:.9g} s: sort the samples or remove the repeated ones"
+            )
+        names = tuple(self.names) or tuple(str(i + 1) for i in range(x.shape[1]))
+        if len(names) != x.shape[1]:
+            raise ValueError(f"names = {names} are not the names of {x.shape[1]} channels")
+        for name, value in {"t": t, "x": x, "names": names}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def dt(self) -> float:
+        """Usual sampling interval, s."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def signal_unit(self) -> str:
+        """Unit of the samples."""
+        return (self.unit or "[q]") + ("", "/s", "/s^2")[QUANTITIES.index(self.quantity)]
+
+    @cached_property
+    def pieces(self) -> list[slice]:
+        """Samples between gaps in time."""
+        ends = np.flatnonzero(np.diff(self.t) > GAP * self.dt) + 1
+        edges = [0, *ends.tolist(), len(self.t)]
+        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+    def channel(self, *names: str) -> Recording:
+        """These channels alone.
+
+        Raises
+        ------
+        ValueError
+            If there is no channel of that name.
+        """
+        for name in names:
+            if name not in self.names:
+                raise ValueError(
+                    f"{self.source or 'the record'} has no channel {name!r}, but {self.names}"
+                )
+        columns = [list(self.names).index(name) for name in names]
+        return replace(self, x=self.x[:, columns], names=names)
+
+    def between(self, start: float | None = None, end: float | None = None) -> Recording:
+        """The part with start <= t <= end, in s; None leaves an end as it is.
+
+        Raises
+        ------
+        ValueError
+            If fewer than eight samples are left.
+        """
+        low = self.t[0] if start is None else start
+        high = self.t[-1] if end is None else end
+        slack = 1e-6 * self.dt
+        first, last = np.searchsorted(self.t, [low - slack, high + slack])
+        if last - first < 8:
+            raise ValueError(
+                f"start = {start}, end = {end} leave {max(last - first, 0)} samples of the record,"
+                f" which runs from {self.t[0]:.6g} to {self.t[-1]:.6g} s"
+            )
+        return replace(self, t=self.t[first:last], x=self.x[first:last])
+
+    def __repr__(self) -> str:
+        size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
+        channels = f"channels {', '.join(self.names)}"
+        return f"<Recording: {size}, {self.quantity} in {self.signal_unit}, {channels}>"
