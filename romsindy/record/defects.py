@@ -179,9 +179,8 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     x = restored(x, cycle)
     for kind, mark in marks.items():
         found += _told(channel, kind, mark, x)
-    lost = np.isnan(x)
-    x, told = _undisturbed(channel, filled(x), cycle)
-    return np.where(lost, np.nan, x), found + told
+    x, told = _undisturbed(channel, x, cycle)
+    return x, found + told
 
 
 def _coarse(channel: _Channel, x: Array) -> list[Defect]:
@@ -239,7 +238,7 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
     if found:
         x = x - level - slow
     t = channel.t - channel.t[0]
-    for line in steady_lines(x, dt, cycle):
+    for line in steady_lines(x, dt):
         mains = line.mains
         what = f"mains hum at {line.frequency:.5g} Hz" if mains else f"a steady tone at {line.frequency:.5g} Hz"
         what += f", amplitude {channel.number(line.amplitude)}: subtracted"

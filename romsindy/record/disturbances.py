@@ -1,6 +1,6 @@
 """What is added to a vibration and does not fade with it: offset, drift and steady lines.
 
-Arrays are one channel (n,) without missing samples. Nothing here knows what was measured.
+Arrays are one channel (n,) with a uniform rate, NaN where a sample is missing. Nothing here knows what was measured.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
-from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks, periodogram
 
+from romsindy.record.faults import filled
 from romsindy.typing import Array
 
 # Cycles for each value of a drift; a midline that moves faster belongs to the vibration.
@@ -41,24 +42,23 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     asymmetric vibration moves its own midline in proportion to amplitude^2, which is no drift.
     ``cycle`` in samples.
     """
-    n = len(x)
-    width = 2 * round(cycle) + 1
-    power = uniform_filter1d((x - uniform_filter1d(x, width)) ** 2, width)
+    n, known, x = len(x), np.isfinite(x), filled(x)
+    power = _power(x - uniform_filter1d(x, 2 * round(cycle) + 1), cycle)
     loud = power.max()
     # Before the release there may be a hold, whose level is not that of rest.
     begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
-    at = np.arange(begin, n, max(round(cycle / _RATE), 1)).astype(float)
-    here = at.astype(int)
-    weight = 1 / np.maximum(power[here], 1e-4 * loud)
+    here = np.arange(begin, n, max(round(cycle / _RATE), 1))
+    here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
+    at, weight = here.astype(float), 1 / np.maximum(power[here], 1e-4 * loud)
     slow = _slow_part(at, x[here], weight, min(int((n - begin) / (_SLOW * cycle)), _MOST_VALUES))
-    own = uniform_filter1d(power, width)[here] / loud
+    own = _power(np.sqrt(power), cycle)[here] / loud
     powers = np.polynomial.legendre.legvander(2 * (at - begin) / (n - begin) - 1, _DEGREE)
     root = np.sqrt(weight)
     fit = np.linalg.lstsq(np.column_stack([own, powers]) * root[:, None], slow * root)[0]
     choices = [slow, slow - fit[0] * own]
     levels = [float(np.average(choice, weights=weight)) for choice in choices]
     amplitude = np.sqrt(2 * power[here])
-    sizes = [np.abs(choice - at_rest) / amplitude for choice, at_rest in zip(choices, levels, strict=True)]
+    sizes = [np.abs(choice - at_rest) / np.maximum(amplitude, 1e-9 * amplitude.max()) for choice, at_rest in zip(choices, levels, strict=True)]
     least = int(np.argmin([np.median(size) for size in sizes]))
     level = levels[least] if np.mean(abs(levels[least]) > _MATTERS * amplitude) > _OFTEN else 0.0
     if np.mean(sizes[least] > _MATTERS) < _OFTEN:
@@ -66,10 +66,15 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     return level, np.interp(np.arange(n), at, choices[least] - levels[least])
 
 
+def _power(x: Array, cycle: float) -> Array:
+    """Mean square over two cycles."""
+    return np.maximum(uniform_filter1d(x**2, 2 * round(cycle) + 1), 0.0)  # sums are rounded
+
+
 def _slow_part(t: Array, x: Array, weight: Array, values: int) -> Array:
     """Weighted least-squares spline of so many values."""
     degree = int(np.clip(values - 1, 0, 3))
-    inner = np.linspace(t[0], t[-1], max(values - degree, 1) + 1)
+    inner = np.quantile(t, np.linspace(0, 1, max(values - degree, 1) + 1))
     knots = np.concatenate([[t[0]] * degree, inner, [t[-1]] * degree])
     return make_lsq_spline(t, x, knots, k=degree, w=np.sqrt(weight))(t)
 
@@ -95,19 +100,21 @@ class SteadyLine:
         return 0.0
 
 
-def steady_lines(x: Array, dt: float, cycle: float) -> tuple[SteadyLine, ...]:
+def steady_lines(x: Array, dt: float) -> tuple[SteadyLine, ...]:
     """Lines that stay while the vibration decays, strongest first; t = 0 at the first sample.
 
     They are sought in the later half, where the vibration is quieter, and fitted to the whole
-    channel by least squares, each sample weighed by the power round it. ``cycle`` in samples.
+    channel by least squares, each sample weighed by the power round it.
     """
+    known, x = np.isfinite(x), filled(x)
     half = len(x) // 2
     if np.mean(x[half:] ** 2) > 0.5 * np.mean(x[:half] ** 2):
         return ()  # what does not decay is full of steady lines
     t = dt * np.arange(len(x))
-    power = uniform_filter1d(x**2, 2 * round(cycle) + 1)
+    # A smooth weight: one that knows the beat of vibration and line would favour their minima.
+    power = _power(x, len(x) / 20)
     # A taper keeps the vibration out, which is far stronger at the end of the record.
-    weight = np.hanning(len(x)) / np.maximum(power, 1e-12 * np.max(power))
+    weight = known * np.hanning(len(x)) / np.maximum(power, 1e-12 * np.max(power))
     lines: dict[int, SteadyLine] = {}
     frequencies = [f for f in _candidates(x, dt) if _stays(x[half:], dt, f)]
     left = x.copy()

@@ -21,6 +21,8 @@ _FEWEST = 4
 _LONGER = 3.0
 # Order of the autoregressions that predict a sample from its neighbours.
 _ORDER = 24
+# Of the samples, these set the range of usual ones.
+_USUAL = 0.99
 # Samples of a block of residuals, whose median is its scatter.
 _BLOCK = 256
 # Of that scatter: noise reaches as far once in 1e20. Encoders and rounding have no such tails.
@@ -106,6 +108,8 @@ def spikes(x: Array) -> Mask:
 
 def _whitening(x: Array) -> Array:
     """Coefficients [1, a_1, ..., a_p] of the autoregression of the whole channel."""
+    limit = np.quantile(np.abs(x), _USUAL)
+    x = np.clip(x, -limit, limit)  # it must not learn the spikes
     order = min(_ORDER, len(x) // 10)
     spectrum = np.fft.rfft(x, 2 * len(x))
     lags = np.fft.irfft(np.abs(spectrum) ** 2)[: order + 1]
