@@ -107,7 +107,12 @@ class _Channel:
     recording: Recording
 
     def defect(
-        self, kind: str, what: str, where: slice = slice(None), size: float = 0.0, argument: str = ""
+        self,
+        kind: str,
+        what: str,
+        where: slice = slice(None),
+        size: float = 0.0,
+        argument: str = "",
     ) -> Defect:
         start, end = float(self.t[where][0]), float(self.t[where][-1])
         place = f"{self.recording.source or 'record'}, channel {self.name}, {_when(start, end)}"
@@ -206,7 +211,7 @@ def _told(channel: _Channel, kind: str, mark: Mask, mended: Array) -> list[Defec
         own = mark[where]
         count, lost = np.count_nonzero(own), np.count_nonzero(own & np.isnan(mended[where]))
         before = channel.x[where][own]
-        size = count / len(mark)
+        size = float(count / len(mark))
         what = f"{count} samples are missing"
         if kind == "dropout":
             size = float(before[0])
@@ -243,7 +248,11 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
     t = channel.t - channel.t[0]
     for line in steady_lines(x, dt):
         mains = line.mains
-        what = f"mains hum at {line.frequency:.5g} Hz" if mains else f"a steady tone at {line.frequency:.5g} Hz"
+        what = (
+            f"mains hum at {line.frequency:.5g} Hz"
+            if mains
+            else f"a steady tone at {line.frequency:.5g} Hz"
+        )
         what += f", amplitude {channel.number(line.amplitude)}: subtracted"
         found.append(channel.defect("mains" if mains else "line", what, size=line.amplitude))
         x = x - line(t)
