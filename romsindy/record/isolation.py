@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
-from scipy.signal import butter, resample_poly, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
 from romsindy.record.decay import QUANTITIES, SAMPLES_PER_CYCLE, Decay
 from romsindy.record.ridges import Ridge
+from romsindy.record.signals import downsample
 from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array
 
@@ -63,13 +64,16 @@ def isolated(
     alone, q = _with_displacement(alone, own, clock)
     factor = int(1 / (SAMPLES_PER_CYCLE * dt * float(own.frequency.max())))
     if factor > 1:
-        alone, q = (resample_poly(x, 1, factor, window=("kaiser", 8.0)) for x in (alone, q))
-        t = t[::factor][: len(alone)]
+        alone, q = downsample(alone, factor), downsample(q, factor)
+        t = t[::factor]
         notes = (*notes, f"decimated by {factor}: {SAMPLES_PER_CYCLE} samples a cycle are enough")
     signals = {_NAMES[own.derivative]: alone, "q": q}
-    return Decay(
+    found = Decay(
         t, unit=unit, measured=QUANTITIES[own.derivative], notes=notes, stage="free", **signals
     )
+    # What was taken off is least known at the ends.
+    cycle = 1 / own.mean_frequency if others or own.derivative else 0.0
+    return found.between(t[0] + cycle, t[-1] - cycle)
 
 
 def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array]:

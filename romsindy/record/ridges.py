@@ -115,7 +115,7 @@ def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = No
         seed = _seed(levels, [*found, *refused], duration)
         if seed is None or (found and seed[2] < _FAINT * found[0].amplitude.max()):
             break
-        track = _followed(levels, seed[0], seed[1], duration, t[-1])
+        track = _followed(levels, seed[0], seed[1], duration)
         # Three windows apart, or nearly all of a short record: less may be chance.
         long = len(track.t) > 2 * _OVERLAP or track.end - track.start > _NEARLY_ALL * duration
         fitted = _fitted(track, _phase_of(track), rest, t, _KNOTS) if long else None
@@ -127,6 +127,21 @@ def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = No
         if progress is not None:
             progress(f"{fitted.frequency[-1]:.5g} Hz")
     return refined(found, x, dt)
+
+
+def only_ridge(x: Array, dt: float) -> list[Ridge]:
+    """The one tone of a signal of few cycles, by its zero crossings; none where it has no three."""
+    t = dt * np.arange(len(x))
+    try:
+        spline = HarmonicSpline.fit(t, x)
+    except ValueError:
+        return []  # no vibration
+    found = spline.amplitudes
+    z = BSpline(found.t, found.c[:, 1], found.k)
+    turns = (spline.phase(t[-1]) - spline.phase(0.0)) / (2 * np.pi)
+    at = np.linspace(0, t[-1], max(int(turns), 3) + 1)
+    track = (at, spline.phase(at, 1) / (2 * np.pi), np.abs(z(at)))
+    return [Ridge(*track, 0.0, float(t[-1]), spline.phase, z)]
 
 
 def refined(ridges: Sequence[Ridge], x: Array, dt: float, sweeps: int = 2) -> list[Ridge]:
@@ -231,7 +246,7 @@ def _followed(levels: Sequence[_Level], t: float, f: float, duration: float, las
     # Half a window beyond the first and the last; a whole one where the record ends there.
     half = [window_cycles(x, duration) / 2 / x for x in (f[0], f[-1])]
     start = 0.0 if t[0] < 1.5 * half[0] else t[0] - half[0]
-    end = last if last - t[-1] < 1.5 * half[1] else t[-1] + half[1]
+    end = duration if duration - t[-1] < 1.5 * half[1] else t[-1] + half[1]
     return Track(t, f, a, float(start), float(end))
 
 

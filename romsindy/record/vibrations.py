@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import resample_poly, welch
+from scipy.signal import welch
 
-from romsindy.record.ridges import Ridge, find_ridges
+from romsindy.record.ridges import Ridge, find_ridges, only_ridge
+from romsindy.record.signals import downsample
 from romsindy.typing import Array
 
 # Of the energy of the signal: weaker tones are not told.
@@ -27,6 +28,8 @@ _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7
 _RESONANT = 0.02
 # A tone is steady where its amplitude falls by less than this while the vibration falls by more.
 _STEADY, _FALLEN = 0.1, 0.5
+# Where tones make up less than this of a signal, it is looked at as one short vibration.
+_MOST_OF_IT = 0.5
 # Samples a cycle of the highest frequency that stands out of the noise.
 _SAMPLES_PER_CYCLE = 3.0
 _STANDS_OUT = 20.0  # power over the median of the spectrum
@@ -133,12 +136,13 @@ def find_vibrations(
         Empty where nothing stands out of the noise for long enough.
     """
     factor = decimation(x, dt)
-    x = resample_poly(x, 1, factor) if factor > 1 else np.asarray(x, float)
-    dt *= factor
+    x, dt = downsample(np.asarray(x, float), factor), dt * factor
     t, whole = dt * np.arange(len(x)), float(x @ x)
     if not whole > 0:
         return ()
     ridges = find_ridges(x, dt, progress)
+    if sum(float(np.sum(r(t) ** 2)) for r in ridges) < _MOST_OF_IT * whole:
+        ridges = only_ridge(x, dt) or ridges
     share = {id(r): float(np.sum(r(t) ** 2)) / whole for r in ridges}
     ridges = [r for r in ridges if share[id(r)] > _LEAST_SHARE]
     ridges = [r for r in ridges if not any(_is_residue(r, o, share) for o in ridges)]
