@@ -232,7 +232,7 @@ def _picture(
 # -- following ----------------------------------------------------------------------------------
 
 
-def _followed(levels: Sequence[_Level], t: float, f: float, duration: float, last: float) -> Track:
+def _followed(levels: Sequence[_Level], t: float, f: float, duration: float) -> Track:
     first = _look(levels, t, f, duration)
     points = np.array(
         [
