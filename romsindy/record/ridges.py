@@ -122,11 +122,12 @@ def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = No
         if fitted is None:
             refused.append(track)
             continue
-        rest -= fitted(t)
-        found.append(fitted)
+        # What the fits have left of each other would look like further tones.
+        found = refined([*found, fitted], x, dt, 1)
+        rest = x - sum((r(t) for r in found), np.zeros(n))
         if progress is not None:
             progress(f"{fitted.frequency[-1]:.5g} Hz")
-    return refined(found, x, dt)
+    return found
 
 
 def only_ridge(x: Array, dt: float) -> list[Ridge]:
@@ -144,7 +145,7 @@ def only_ridge(x: Array, dt: float) -> list[Ridge]:
     return [Ridge(*track, 0.0, float(t[-1]), spline.phase, z)]
 
 
-def refined(ridges: Sequence[Ridge], x: Array, dt: float, sweeps: int = 2) -> list[Ridge]:
+def refined(ridges: Sequence[Ridge], x: Array, dt: float, sweeps: int = 4) -> list[Ridge]:
     """Ridges fitted anew, each to what the others leave of the signal."""
     t = dt * np.arange(len(x))
     found = list(ridges)

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import welch
 
-from romsindy.record.ridges import Ridge, find_ridges, only_ridge
+from romsindy.record.ridges import Ridge, find_ridges, only_ridge, refined
 from romsindy.record.signals import downsample
 from romsindy.typing import Array
 
@@ -19,7 +19,7 @@ _LEAST_SHARE = 1e-3
 # Of two that move about as much, up to this factor in energy, the lower one is the dominant.
 _AS_MUCH = 3.0
 # What lies this near to a ridge with so many times its energy is what its fit has left.
-_RESIDUE_NEAR, _RESIDUE_WEAKER = 0.25, 30.0
+_RESIDUE_NEAR, _RESIDUE_WEAKER = 0.2, 100.0
 # A harmonic follows n times the frequency: within so much of it, and within so many radians.
 _HARMONICS, _HARMONIC_NEAR, _LOCKED = 9, 0.03, 1.5
 _LOUD = 0.05
@@ -141,11 +141,14 @@ def find_vibrations(
     if not whole > 0:
         return ()
     ridges = find_ridges(x, dt, progress)
-    if sum(float(np.sum(r(t) ** 2)) for r in ridges) < _MOST_OF_IT * whole:
-        ridges = only_ridge(x, dt) or ridges
-    share = {id(r): float(np.sum(r(t) ** 2)) / whole for r in ridges}
+    if sum(_share(r, t, whole) for r in ridges) < _MOST_OF_IT:
+        few_cycles = only_ridge(x, dt)
+        ridges = [r for r in few_cycles if _share(r, t, whole) > _MOST_OF_IT] or ridges
+    share = {id(r): _share(r, t, whole) for r in ridges}
     ridges = [r for r in ridges if share[id(r)] > _LEAST_SHARE]
     ridges = [r for r in ridges if not any(_is_residue(r, o, share) for o in ridges)]
+    ridges = refined(ridges, x, dt)
+    share = {id(r): _share(r, t, whole) for r in ridges}
     moved = {id(r): _energy(r, derivative) for r in ridges}
     found: list[Vibration] = []
     for ridge in sorted(ridges, key=lambda r: -moved[id(r)]):
@@ -192,10 +195,13 @@ def resonances(vibrations: Sequence[Vibration]) -> tuple[Resonance, ...]:
     return tuple(found)
 
 
-def dominant(vibrations: Sequence[Vibration]) -> int:
-    """Number of the vibration that moves most; a steady tone is none."""
-    energy = np.array([0.0 if v.steady else v.energy for v in vibrations])
-    return int(np.argmax(energy >= energy.max() / _AS_MUCH))
+def dominant(energy: Sequence[float]) -> int:
+    """Which of several vibrations moves most, by energy; of two alike the first."""
+    return int(np.argmax(np.asarray(energy) >= max(energy) / _AS_MUCH))
+
+
+def _share(ridge: Ridge, t: Array, whole: float) -> float:
+    return float(np.sum(ridge(t) ** 2)) / whole
 
 
 def _energy(ridge: Ridge, derivative: int) -> float:
