@@ -67,11 +67,12 @@ def test_isolated_vibration_is_the_one_that_was_put_in(derivative):
     decay = isolated(T, x, found, dominant([v.energy for v in found]), "m")
     assert decay.unit == "m" and decay.stage == "free" and decay.derivative == derivative
     truth = [np.interp(decay.t, T, s) for s in own]
-    size = np.exp(-0.003 * 2 * np.pi * 40 * decay.t)
-    # Linear interpolation between samples is off by (w dt)^2 / 8 = 2e-3 where it decimates.
-    signal = (decay.signal - truth[derivative]) / np.abs(own[derivative]).max()
-    assert np.abs(signal / size).max() < 0.01
-    assert np.abs((decay.q - truth[0]) / size).max() < 0.01
+    # Where the others have faded by 60 dB they are no longer followed: a thousandth of the largest
+    # of them, the acceleration at 97 Hz, is 2e-3 of the own one. One with less than 2e-4 of the
+    # energy of the signal, 2 % of the displacement here, is no vibration to be taken off.
+    largest = [np.abs(s).max() for s in own]
+    assert np.abs(decay.signal - truth[derivative]).max() < 0.02 * largest[derivative]
+    assert np.abs(decay.q - truth[0]).max() < (0.02 if derivative == 0 else 0.002) * largest[0]
 
 
 def test_offset_of_an_accelerometer_moves_no_displacement():

@@ -16,6 +16,9 @@ from romsindy.typing import Array
 
 # Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.
 _SLOW = 0.4
+# An end is spoiled where a cycle differs from the smooth vibration by this many times what is
+# usual, and by more than that part of its size. Fewer cycles are too few to say what is usual.
+_SPOILED, _HARMLESS, _FEW_CYCLES = 4.0, 0.005, 30
 _TERMS = 4  # of an integration by parts
 _NAMES = ("q", "q_dot", "q_ddot")
 
@@ -58,32 +61,49 @@ def isolated(
     dt = float(t[1] - t[0])
     clock = t - t[0]
     alone = x - sum((v(clock) for v in others), np.zeros(len(x)))
-    if others:
-        names = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in others)
+    told = [v for v in others if not v.faint]
+    if told:
+        names = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in told)
         notes = (*notes, f"vibration at {own.mean_frequency:.4g} Hz isolated; subtracted: {names}")
-    alone, q = _with_displacement(alone, own, clock)
+    alone, q, smooth = _with_displacement(alone, own, clock)
+    kept = _unspoiled(q - smooth, smooth, dt, own) if others or own.derivative else slice(None)
     factor = int(1 / (SAMPLES_PER_CYCLE * dt * float(own.frequency.max())))
+    t, alone, q = (x[kept] for x in (t, alone, q))
     if factor > 1:
         alone, q = downsample(alone, factor), downsample(q, factor)
         t = t[::factor]
         notes = (*notes, f"decimated by {factor}: {SAMPLES_PER_CYCLE} samples a cycle are enough")
     signals = {_NAMES[own.derivative]: alone, "q": q}
-    found = Decay(
+    return Decay(
         t, unit=unit, measured=QUANTITIES[own.derivative], notes=notes, stage="free", **signals
     )
-    # What was taken off is least known at the ends.
-    cycle = 1 / own.mean_frequency if others or own.derivative else 0.0
-    return found.between(t[0] + cycle, t[-1] - cycle)
 
 
-def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array]:
-    """The measured signal without what is far below its frequency, and the displacement.
+def _unspoiled(rest: Array, smooth: Array, dt: float, own: Vibration) -> slice:
+    """Samples between the ends at which more is left than elsewhere; a cycle at least goes."""
+    cycle = max(round(1 / (own.mean_frequency * dt)), 1)
+    n = len(rest) // cycle
+    if n < _FEW_CYCLES:
+        return slice(None)
+    left, size = (
+        np.sqrt(np.mean(x[: n * cycle].reshape(n, cycle) ** 2, axis=1)) for x in (rest, smooth)
+    )
+    part = left / np.maximum(size, 1e-9 * size.max())
+    bad = part > max(_SPOILED * float(np.median(part)), _HARMLESS)
+    most = n // 10
+    first = 1 + int(np.argmin(bad[1:most])) if most > 1 else 1
+    last = 1 + int(np.argmin(bad[::-1][1:most])) if most > 1 else 1
+    return slice(first * cycle, len(rest) - last * cycle)
+
+
+def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array, Array]:
+    """The measured signal without what is far below it, the displacement, and its smooth part.
 
     The vibration as it was followed is integrated tone by tone, which spoils no end; what it
     leaves of the signal is small, and loses what is slow before every integration.
     """
     if own.derivative == 0:
-        return x, x
+        return x, x, own(t)
     dt = float(t[1] - t[0])
     cutoff = _SLOW * float(own.frequency.min())
     slow = butter(2, cutoff, "highpass", fs=1 / dt, output="sos")
@@ -93,7 +113,7 @@ def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array
     integral = rest
     for _ in range(own.derivative):
         integral = sosfiltfilt(slow, cumulative_trapezoid(integral, dx=dt, initial=0.0))
-    return own(t) + rest, q + integral
+    return own(t) + rest, q + integral, q
 
 
 def _integrated(tone: Ridge, t: Array, times: int) -> Array:

@@ -14,8 +14,8 @@ from romsindy.record.ridges import Ridge, find_ridges, only_ridge, refined
 from romsindy.record.signals import downsample
 from romsindy.typing import Array
 
-# Of the energy of the signal: weaker tones are not told.
-_LEAST_SHARE = 1e-3
+# Of the energy of the signal: weaker tones are noise, and those below the second are not told.
+_LEAST_SHARE, _TOLD = 2e-4, 1e-3
 # Of two that move about as much, up to this factor in energy, the lower one is the dominant.
 _AS_MUCH = 3.0
 # What lies this near to a ridge with so many times its energy is what its fit has left.
@@ -83,6 +83,11 @@ class Vibration:
     def __call__(self, t: Array) -> Array:
         """The vibration with its harmonics at times t from the start of the decay."""
         return self.tone(t) + sum((r(t) for _, r in self.harmonics), np.zeros(len(t)))
+
+    @property
+    def faint(self) -> bool:
+        """Whether it is too weak to be told."""
+        return self.share < _TOLD
 
     @cached_property
     def mean_frequency(self) -> float:
