@@ -72,7 +72,7 @@ def test_isolated_vibration_is_the_one_that_was_put_in(derivative):
     # energy of the signal, 2 % of the displacement here, is no vibration to be taken off.
     largest = [np.abs(s).max() for s in own]
     assert np.abs(decay.signal - truth[derivative]).max() < 0.02 * largest[derivative]
-    assert np.abs(decay.q - truth[0]).max() < (0.02 if derivative == 0 else 0.002) * largest[0]
+    assert np.abs(decay.q - truth[0]).max() < (0.02 if derivative == 0 else 0.005) * largest[0]
 
 
 def test_offset_of_an_accelerometer_moves_no_displacement():

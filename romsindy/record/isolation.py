@@ -18,7 +18,7 @@ from romsindy.typing import Array
 _SLOW = 0.4
 # An end is spoiled where a cycle differs from the smooth vibration by this many times what is
 # usual, and by more than that part of its size. Fewer cycles are too few to say what is usual.
-_SPOILED, _HARMLESS, _FEW_CYCLES = 4.0, 0.005, 30
+_SPOILED, _HARMLESS, _FEW_CYCLES, _MOST_SPOILED = 4.0, 0.005, 30, 5
 _TERMS = 4  # of an integration by parts
 _NAMES = ("q", "q_dot", "q_ddot")
 
@@ -90,7 +90,7 @@ def _unspoiled(rest: Array, smooth: Array, dt: float, own: Vibration) -> slice:
     )
     part = left / np.maximum(size, 1e-9 * size.max())
     bad = part > max(_SPOILED * float(np.median(part)), _HARMLESS)
-    most = n // 10
+    most = min(n // 10, _MOST_SPOILED)
     first = 1 + int(np.argmin(bad[1:most])) if most > 1 else 1
     last = 1 + int(np.argmin(bad[::-1][1:most])) if most > 1 else 1
     return slice(first * cycle, len(rest) - last * cycle)
