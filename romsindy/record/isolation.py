@@ -90,9 +90,8 @@ def _unspoiled(rest: Array, smooth: Array, dt: float, own: Vibration) -> slice:
     )
     part = left / np.maximum(size, 1e-9 * size.max())
     bad = part > max(_SPOILED * float(np.median(part)), _HARMLESS)
-    most = min(n // 10, _MOST_SPOILED)
-    first = 1 + int(np.argmin(bad[1:most])) if most > 1 else 1
-    last = 1 + int(np.argmin(bad[::-1][1:most])) if most > 1 else 1
+    most = max(min(n // 10, _MOST_SPOILED), 1)
+    first, last = (next((i for i in range(1, most) if not b[i]), most) for b in (bad, bad[::-1]))
     return slice(first * cycle, len(rest) - last * cycle)
 
 
