@@ -56,9 +56,7 @@ def inspect(
         part = cleaned.between(release.start, release.end).channel(name)
         found.append(find_vibrations(part.x[:, 0], part.dt, derivative, progress))
     noise = tuple(_noise(cleaned.channel(c)) for c in cleaned.names)
-    return Inspection(
-        recording, cleaned, name, defects, releases, discarded, tuple(found), noise
-    )
+    return Inspection(recording, cleaned, name, defects, releases, discarded, tuple(found), noise)
 
 
 def _recording(record: str | Path | Recording | Decay) -> Recording:

@@ -104,7 +104,12 @@ class _Channel:
     recording: Recording
 
     def defect(
-        self, kind: str, what: str, where: slice = slice(None), size: float = 0.0, argument: str = ""
+        self,
+        kind: str,
+        what: str,
+        where: slice = slice(None),
+        size: float = 0.0,
+        argument: str = "",
     ) -> Defect:
         start, end = float(self.t[where][0]), float(self.t[where][-1])
         place = f"{self.recording.source or 'record'}, channel {self.name}, {_when(start, end)}"
@@ -240,7 +245,11 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
     t = channel.t - channel.t[0]
     for line in steady_lines(x, dt):
         mains = line.mains
-        what = f"mains hum at {line.frequency:.5g} Hz" if mains else f"a steady tone at {line.frequency:.5g} Hz"
+        what = (
+            f"mains hum at {line.frequency:.5g} Hz"
+            if mains
+            else f"a steady tone at {line.frequency:.5g} Hz"
+        )
         what += f", amplitude {channel.number(line.amplitude)}: subtracted"
         found.append(channel.defect("mains" if mains else "line", what, size=line.amplitude))
         x = x - line(t)

@@ -58,7 +58,10 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     choices = [slow, slow - fit[0] * own]
     levels = [float(np.average(choice, weights=weight)) for choice in choices]
     amplitude = np.sqrt(2 * power[here])
-    sizes = [np.abs(choice - at_rest) / np.maximum(amplitude, 1e-9 * amplitude.max()) for choice, at_rest in zip(choices, levels, strict=True)]
+    sizes = [
+        np.abs(choice - at_rest) / np.maximum(amplitude, 1e-9 * amplitude.max())
+        for choice, at_rest in zip(choices, levels, strict=True)
+    ]
     least = int(np.argmin([np.median(size) for size in sizes]))
     level = levels[least] if np.mean(abs(levels[least]) > _MATTERS * amplitude) > _OFTEN else 0.0
     if np.mean(sizes[least] > _MATTERS) < _OFTEN:
