@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
-from romsindy.record.decay import Decay, Quantity
+from romsindy.record.decay import Decay
+from romsindy.record.recording import Quantity
 from romsindy.record.units import TIMES, UNITS, parse_unit
 from romsindy.typing import Array
 

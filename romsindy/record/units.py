@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.record.decay import Quantity
+from romsindy.record.recording import Quantity
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254}
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
