@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from romsindy.inspection.inspection import ChannelNoise, Inspection
-from romsindy.record.decay import QUANTITIES, Decay
+from romsindy.record.decay import Decay
 from romsindy.record.defects import clean
 from romsindy.record.files import load_recording
-from romsindy.record.recording import Recording
+from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.releases import split_releases
 from romsindy.record.signals import noise_std
 from romsindy.record.vibrations import find_vibrations

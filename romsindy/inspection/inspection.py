@@ -87,7 +87,7 @@ class Inspection:
     @cached_property
     def resonances(self) -> tuple[tuple[Mode, Mode, Resonance], ...]:
         """Pairs of modes that come near a ratio of small whole numbers, with where they do."""
-        found = {}
+        found: dict[tuple[int, ...], tuple[Mode, Mode, Resonance]] = {}
         for i, vibrations in enumerate(self.vibrations):
             of = {id(m.parts[i]): m for m in self.modes}
             for r in resonances(vibrations):

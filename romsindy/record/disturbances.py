@@ -55,7 +55,9 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
     # The ends of a vibration, the loud one above all, would bend the spline: the taper.
     inside = np.minimum(here - begin, n - here) / (_TAPER * cycle)
-    weight = np.sin(np.pi / 2 * np.clip(inside, 1e-3, 1)) ** 2 / np.maximum(power[here], 1e-4 * loud)
+    weight = np.sin(np.pi / 2 * np.clip(inside, 1e-3, 1)) ** 2 / np.maximum(
+        power[here], 1e-4 * loud
+    )
     at = here.astype(float)
     slow = _slow_part(at, x[here], weight, min(int((n - begin) / (_SLOW * cycle)), _MOST_VALUES))
     own = _power(np.sqrt(power), cycle)[here] / loud

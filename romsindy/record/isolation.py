@@ -8,8 +8,9 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
-from romsindy.record.decay import QUANTITIES, SAMPLES_PER_CYCLE, Decay
+from romsindy.record.decay import SAMPLES_PER_CYCLE, Decay
 from romsindy.record.noise import HARMONICS
+from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
 from romsindy.record.vibrations import Vibration, decimation
