@@ -160,7 +160,8 @@ def _integrated(tone: Ridge, t: Array, times: int) -> Array:
     """A tone integrated over time, so many times, without a constant.
 
     By parts: the integral of Z exp(i phase) is (Z / i rate) exp(i phase) less that of a function
-    whose amplitude is the slope of Z / i rate, which is smaller by the damping ratio: two terms are off by its square.
+    whose amplitude is the slope of Z / i rate, which is smaller by the damping ratio. Two terms are
+    off by its square.
     """
     inside = tone.inside(t)
     clock, q = t[inside], np.zeros(len(t))
