@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.record.decay import Quantity
+from romsindy.record.recording import Quantity
 
 _LENGTHS = {
     **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from romsindy.record.decay import Quantity
 from romsindy.record.files.columns import Column, Table
+from romsindy.record.recording import Quantity
 from romsindy.record.units import TIMES, UNITS, parse_unit
 from romsindy.typing import Array
 

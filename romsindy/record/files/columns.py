@@ -13,7 +13,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from romsindy.record.decay import Quantity
+from romsindy.record.recording import Quantity
 from romsindy.record.units import TIMES, UNITS, spelled
 from romsindy.typing import Array
 

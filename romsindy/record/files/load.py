@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.record.decay import QUANTITIES, Decay, Quantity
+from romsindy.record.decay import Decay
 from romsindy.record.files import choose, sep005
 from romsindy.record.files.columns import Column, Table
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
-from romsindy.record.recording import Recording
+from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.units import parse_unit
 from romsindy.typing import Array
 

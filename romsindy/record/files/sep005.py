@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.record.decay import Quantity
 from romsindy.record.files.columns import Column, Table, named
+from romsindy.record.recording import Quantity
 from romsindy.typing import Array
 
 _QUANTITIES: dict[str, Quantity] = {"d": "displacement", "v": "velocity", "a": "acceleration"}

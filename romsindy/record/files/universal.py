@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.record.decay import Quantity
 from romsindy.record.files.columns import Column, Table, library, named, refused
+from romsindy.record.recording import Quantity
 from romsindy.record.units import RATES, UNITS, spelled
 from romsindy.typing import Array
 

@@ -1,0 +1,3 @@
+"""An inspection in words: tables and sentences."""
+
+from __future__ import annotations
