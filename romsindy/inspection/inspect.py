@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from romsindy.inspection.inspection import ChannelNoise, Inspection
+from romsindy.inspection.findings import ChannelNoise
+from romsindy.inspection.inspection import Inspection
 from romsindy.record.decay import QUANTITIES, Decay
 from romsindy.record.defects import clean
 from romsindy.record.files import load_recording
@@ -56,9 +57,7 @@ def inspect(
         part = cleaned.between(release.start, release.end).channel(name)
         found.append(find_vibrations(part.x[:, 0], part.dt, derivative, progress))
     noise = tuple(_noise(cleaned.channel(c)) for c in cleaned.names)
-    return Inspection(
-        recording, cleaned, name, defects, releases, discarded, tuple(found), noise
-    )
+    return Inspection(recording, cleaned, name, defects, releases, discarded, tuple(found), noise)
 
 
 def _recording(record: str | Path | Recording | Decay) -> Recording:
