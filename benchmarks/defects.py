@@ -61,8 +61,9 @@ class Known:
 def known_decay(rng: np.random.Generator) -> Known:
     """One of the systems with random damping, nonlinearity, length and sampling rate."""
     system, values = SYSTEMS[rng.integers(3)], rng.uniform(0.3, 1.0, 3)
-    cycles, rate = rng.uniform(50, 120), rng.uniform(20, 120)
-    frequency, start = 10 ** rng.uniform(0, 2), rng.uniform(0.3, 1.0)
+    frequency, start = 10 ** rng.uniform(0.5, 2), rng.uniform(0.3, 1.0)
+    # At least 150 samples a second: slower ones cannot hear the mains.
+    cycles, rate = rng.uniform(50, 120), rng.uniform(1, 6) * max(20, 150 / frequency)
     tau = 2 * np.pi * np.arange(int(cycles * rate)) / rate
     solved = solve_ivp(
         lambda _, y: [y[1], system(y[0], y[1], values)],

@@ -88,12 +88,14 @@ class Findings:
     @cached_property
     def resonances(self) -> tuple[tuple[Mode, Mode, Resonance], ...]:
         """Pairs of modes that come near a ratio of small whole numbers, with where they do."""
-        found = {}
+        found: dict[tuple[int, ...], tuple[Mode, Mode, Resonance]] = {}
         for i, vibrations in enumerate(self.vibrations):
             of = {id(m.parts[i]): m for m in self.modes}
             for r in resonances(vibrations):
-                pair = of[id(vibrations[r.lower])], of[id(vibrations[r.higher])]
-                found.setdefault((pair[0].number, pair[1].number, r.p, r.q), (*pair, r))
+                pair = [of.get(id(vibrations[k])) for k in (r.lower, r.higher)]
+                if pair[0] is None or pair[1] is None:  # too faint for a mode
+                    continue
+                found.setdefault((pair[0].number, pair[1].number, r.p, r.q), (pair[0], pair[1], r))
         return tuple(found.values())
 
     @property

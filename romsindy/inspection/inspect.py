@@ -9,10 +9,10 @@ import numpy as np
 
 from romsindy.inspection.findings import ChannelNoise
 from romsindy.inspection.inspection import Inspection
-from romsindy.record.decay import QUANTITIES, Decay
+from romsindy.record.decay import Decay
 from romsindy.record.defects import clean
 from romsindy.record.files import load_recording
-from romsindy.record.recording import Recording
+from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.releases import split_releases
 from romsindy.record.signals import noise_std
 from romsindy.record.vibrations import find_vibrations

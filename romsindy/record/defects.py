@@ -19,6 +19,7 @@ from romsindy.record.faults import (
     runs,
     spikes,
 )
+from romsindy.record.noise import NoiseLevel
 from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times
 from romsindy.record.smoothing import swing
@@ -30,6 +31,8 @@ _COARSE = 2e-4
 _ONE_BY_ONE = 5
 # Samples of the longest gap in time that is filled, with NaN at first.
 _BRIDGED = 64
+# Of the largest amplitude: coloured noise below it is not told.
+_NOISY = 0.005
 # Samples that a channel must have.
 _FEWEST = 16
 
@@ -104,7 +107,12 @@ class _Channel:
     recording: Recording
 
     def defect(
-        self, kind: str, what: str, where: slice = slice(None), size: float = 0.0, argument: str = ""
+        self,
+        kind: str,
+        what: str,
+        where: slice = slice(None),
+        size: float = 0.0,
+        argument: str = "",
     ) -> Defect:
         start, end = float(self.t[where][0]), float(self.t[where][-1])
         place = f"{self.recording.source or 'record'}, channel {self.name}, {_when(start, end)}"
@@ -240,8 +248,19 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
     t = channel.t - channel.t[0]
     for line in steady_lines(x, dt):
         mains = line.mains
-        what = f"mains hum at {line.frequency:.5g} Hz" if mains else f"a steady tone at {line.frequency:.5g} Hz"
+        what = (
+            f"mains hum at {line.frequency:.5g} Hz"
+            if mains
+            else f"a steady tone at {line.frequency:.5g} Hz"
+        )
         what += f", amplitude {channel.number(line.amplitude)}: subtracted"
         found.append(channel.defect("mains" if mains else "line", what, size=line.amplitude))
         x = x - line(t)
+    noise = NoiseLevel.of(filled(x), dt)
+    if noise.coloured and noise.rms > _NOISY * np.nanmax(np.abs(x)):
+        what = (
+            f"coloured noise of {channel.number(noise.rms)} rms, stronger the slower (power like"
+            f" f^{noise.slope:.2g}): standard errors allow for it"
+        )
+        found.append(channel.defect("coloured noise", what, size=noise.rms))
     return x, found

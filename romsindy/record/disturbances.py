@@ -21,6 +21,10 @@ _SLOW, _MOST_VALUES = 6.0, 16
 _RATE = 16
 # Of the amplitude at the time: where a drift reaches as much, and so often, it matters.
 _MATTERS, _OFTEN = 0.1, 0.1
+# Cycles at either end that count less.
+_TAPER = 4.0
+# Of the amplitude: the vibration's own midline moves no further.
+_OWN = 0.25
 # Degree of the drift beside which the vibration's own midline is sought.
 _DEGREE = 4
 # Power of a line over the median of the spectrum round it, and how far that reaches.
@@ -49,16 +53,26 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
     here = np.arange(begin, n, max(round(cycle / _RATE), 1))
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
-    at, weight = here.astype(float), 1 / np.maximum(power[here], 1e-4 * loud)
+    # The ends of a vibration, the loud one above all, would bend the spline: the taper.
+    inside = np.minimum(here - begin, n - here) / (_TAPER * cycle)
+    weight = np.sin(np.pi / 2 * np.clip(inside, 1e-3, 1)) ** 2 / np.maximum(
+        power[here], 1e-4 * loud
+    )
+    at = here.astype(float)
     slow = _slow_part(at, x[here], weight, min(int((n - begin) / (_SLOW * cycle)), _MOST_VALUES))
     own = _power(np.sqrt(power), cycle)[here] / loud
     powers = np.polynomial.legendre.legvander(2 * (at - begin) / (n - begin) - 1, _DEGREE)
     root = np.sqrt(weight)
     fit = np.linalg.lstsq(np.column_stack([own, powers]) * root[:, None], slow * root)[0]
-    choices = [slow, slow - fit[0] * own]
+    most = _OWN * np.sqrt(2 * loud)
+    share = float(np.clip(fit[0], -most, most))
+    choices = [slow, slow - share * own]
     levels = [float(np.average(choice, weights=weight)) for choice in choices]
     amplitude = np.sqrt(2 * power[here])
-    sizes = [np.abs(choice - at_rest) / np.maximum(amplitude, 1e-9 * amplitude.max()) for choice, at_rest in zip(choices, levels, strict=True)]
+    sizes = [
+        np.abs(choice - at_rest) / np.maximum(amplitude, 1e-9 * amplitude.max())
+        for choice, at_rest in zip(choices, levels, strict=True)
+    ]
     least = int(np.argmin([np.median(size) for size in sizes]))
     level = levels[least] if np.mean(abs(levels[least]) > _MATTERS * amplitude) > _OFTEN else 0.0
     if np.mean(sizes[least] > _MATTERS) < _OFTEN:

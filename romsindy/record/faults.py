@@ -236,7 +236,8 @@ def _groups(found: list[slice], distance: int) -> list[list[slice]]:
 def _known_stretch(unknown: Mask, at: int) -> slice:
     before, after = np.flatnonzero(unknown[:at]), np.flatnonzero(unknown[at:])
     return slice(
-        int(before[-1]) + 1 if len(before) else 0, at + int(after[0]) if len(after) else len(unknown)
+        int(before[-1]) + 1 if len(before) else 0,
+        at + int(after[0]) if len(after) else len(unknown),
     )
 
 

@@ -8,14 +8,22 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
-from romsindy.record.decay import QUANTITIES, SAMPLES_PER_CYCLE, Decay
+from romsindy.record.decay import SAMPLES_PER_CYCLE, Decay
+from romsindy.record.noise import HARMONICS
+from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
-from romsindy.record.vibrations import Vibration
+from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array
 
 # Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.
 _SLOW = 0.4
+# Half of a band round the frequencies of another vibration, and the widest band, as ratios.
+_STOP, _WIDEST = 0.06, 1.4
+_SHARED = (
+    "harmonic {} of it lies where another vibration rings ({:.4g} Hz) and was taken off with it:"
+    " terms that show there, such as asymmetry at harmonic 2, are not to be trusted"
+)
 # An end is spoiled where a cycle differs from the smooth vibration by this many times what is
 # usual, and by more than that part of its size. Fewer cycles are too few to say what is usual.
 _SPOILED, _HARMLESS, _FEW_CYCLES, _MOST_SPOILED = 4.0, 0.005, 30, 5
@@ -58,25 +66,55 @@ def isolated(
     """
     own = vibrations[number]
     others = [v for i, v in enumerate(vibrations) if i != number]
-    dt = float(t[1] - t[0])
-    clock = t - t[0]
-    alone = x - sum((v(clock) for v in others), np.zeros(len(x)))
+    coarse = decimation(x, float(t[1] - t[0]))  # as the vibrations were found
+    x, t = downsample(x, coarse), t[::coarse]
+    dt, clock = float(t[1] - t[0]), t - t[0]
+    alone: Array = x - sum((v(clock) for v in others), np.zeros(len(x)))
     told = [v for v in others if not v.faint]
     if told:
         names = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in told)
         notes = (*notes, f"vibration at {own.mean_frequency:.4g} Hz isolated; subtracted: {names}")
+    alone, shared = _without_bands(alone, own, others, clock)
+    notes = (*notes, *(_SHARED.format(n, f) for n, f in shared))
     alone, q, smooth = _with_displacement(alone, own, clock)
     kept = _unspoiled(q - smooth, smooth, dt, own) if others or own.derivative else slice(None)
-    factor = int(1 / (SAMPLES_PER_CYCLE * dt * float(own.frequency.max())))
+    factor = max(int(1 / (SAMPLES_PER_CYCLE * dt * float(own.frequency.max()))), 1)
     t, alone, q = (x[kept] for x in (t, alone, q))
     if factor > 1:
-        alone, q = downsample(alone, factor), downsample(q, factor)
-        t = t[::factor]
-        notes = (*notes, f"decimated by {factor}: {SAMPLES_PER_CYCLE} samples a cycle are enough")
+        alone, q, t = downsample(alone, factor), downsample(q, factor), t[::factor]
+    if factor * coarse > 1:
+        notes = (*notes, f"decimated by {factor * coarse}: that is fast enough for it")
     signals = {_NAMES[own.derivative]: alone, "q": q}
     return Decay(
         t, unit=unit, measured=QUANTITIES[own.derivative], notes=notes, stage="free", **signals
     )
+
+
+def _without_bands(
+    x: Array, own: Vibration, others: Sequence[Vibration], t: Array
+) -> tuple[Array, list[tuple[int, float]]]:
+    """Without what other vibrations have left near their frequencies.
+
+    Harmonics of the vibration that lie there go too: number and frequency of these.
+    """
+    smooth, dt = own(t), float(t[1] - t[0])
+    rest: Array = x - smooth
+    shared: list[tuple[int, float]] = []
+    for v in others:
+        low, high = (1 - _STOP) * v.frequency.min(), (1 + _STOP) * v.frequency.max()
+        wide = high > _WIDEST * low or high > 0.45 / dt
+        near = low < own.frequency.max() * (1 + _STOP) and high > own.frequency.min() * (1 - _STOP)
+        if v.faint or wide or near:
+            continue
+        rest = _filtered(rest, (low, high), "bandstop", dt)
+        mine = own.mean_frequency * np.arange(2, HARMONICS + 1)
+        shared += [(n, v.mean_frequency) for n, f in enumerate(mine, 2) if low < f < high]
+    return smooth + rest, shared
+
+
+def _filtered(x: Array, band: float | tuple[float, float], kind: str, dt: float) -> Array:
+    """Zero-phase Butterworth filter of the second order; frequencies in Hz."""
+    return np.asarray(sosfiltfilt(butter(2, band, kind, fs=1 / dt, output="sos"), x), float)
 
 
 def _unspoiled(rest: Array, smooth: Array, dt: float, own: Vibration) -> slice:
@@ -103,15 +141,15 @@ def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array
     """
     if own.derivative == 0:
         return x, x, own(t)
-    dt = float(t[1] - t[0])
-    cutoff = _SLOW * float(own.frequency.min())
-    slow = butter(2, cutoff, "highpass", fs=1 / dt, output="sos")
-    rest = sosfiltfilt(slow, x - own(t))
+    dt, slow = float(t[1] - t[0]), _SLOW * float(own.frequency.min())
+    rest = _filtered(x - own(t), slow, "highpass", dt)
     tones = [own.tone, *(tone for _, tone in own.harmonics)]
-    q = sum((_integrated(tone, t, own.derivative) for tone in tones), np.zeros(len(t)))
-    integral = rest
+    q: Array = sum((_integrated(tone, t, own.derivative) for tone in tones), np.zeros(len(t)))
+    integral: Array = rest
     for _ in range(own.derivative):
-        integral = sosfiltfilt(slow, cumulative_trapezoid(integral, dx=dt, initial=0.0))
+        integral = _filtered(
+            cumulative_trapezoid(integral, dx=dt, initial=0.0), slow, "highpass", dt
+        )
     return own(t) + rest, q + integral, q
 
 

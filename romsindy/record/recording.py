@@ -6,11 +6,14 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from romsindy.record.decay import QUANTITIES, Quantity
 from romsindy.typing import Array
+
+Quantity = Literal["displacement", "velocity", "acceleration"]
+QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
 
 # Of the usual step: a longer one is a gap.
 GAP = 1.5

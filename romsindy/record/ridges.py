@@ -242,13 +242,13 @@ def _followed(levels: Sequence[_Level], t: float, f: float, duration: float) -> 
             *_one_way(levels, 1, first, duration),
         ]
     )
-    points = points[np.unique(points[:, 0], return_index=True)[1]]
-    t, f, a = points.T
+    times, frequency, amplitude = points[np.unique(points[:, 0], return_index=True)[1]].T
     # Half a window beyond the first and the last; a whole one where the record ends there.
-    half = [window_cycles(x, duration) / 2 / x for x in (f[0], f[-1])]
-    start = 0.0 if t[0] < 1.5 * half[0] else t[0] - half[0]
-    end = duration if duration - t[-1] < 1.5 * half[1] else t[-1] + half[1]
-    return Track(t, f, a, float(start), float(end))
+    half = [window_cycles(x, duration) / 2 / x for x in (frequency[0], frequency[-1])]
+    start = 0.0 if times[0] < 1.5 * half[0] else float(times[0] - half[0])
+    last = duration - times[-1] < 1.5 * half[1]
+    end = duration if last else float(times[-1] + half[1])
+    return Track(times, frequency, amplitude, start, end)
 
 
 def _one_way(

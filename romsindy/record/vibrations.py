@@ -33,6 +33,7 @@ _MOST_OF_IT = 0.5
 # Samples a cycle of the highest frequency that stands out of the noise.
 _SAMPLES_PER_CYCLE = 3.0
 _STANDS_OUT = 20.0  # power over the median of the spectrum
+_MOST_SAMPLES = 400_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,13 +171,19 @@ def find_vibrations(
     return tuple(sorted(found, key=lambda v: v.mean_frequency))
 
 
-def decimation(x: Array, dt: float, cycles: float = _SAMPLES_PER_CYCLE) -> int:
-    """Factor by which a signal can be decimated and keep all that stands out of its noise."""
+def decimation(x: Array, dt: float) -> int:
+    """Factor by which a signal can be decimated and keep all that stands out of its noise.
+
+    Of a signal with very many samples the strongest tone, and what lies below it, is kept.
+    """
     size = min(len(x), max(len(x) // 50, 4096))
     f, power = welch(x, 1 / dt, nperseg=size)
-    loud = np.flatnonzero(power > max(_STANDS_OUT * np.median(power), 1e-9 * power.max()))
-    highest = f[loud[-1]] if len(loud) else f[-1]
-    return max(1, int(1 / (dt * cycles * max(highest, f[1]))))
+    floor = max(_STANDS_OUT * np.median(power), 1e-9 * power.max())
+    highest = f[np.flatnonzero(power > floor)[-1]] if power.max() > floor else f[-1]
+    strongest = max(f[np.argmax(power)], f[1])
+    most = int(1 / (dt * _SAMPLES_PER_CYCLE * strongest))
+    kept = int(1 / (dt * _SAMPLES_PER_CYCLE * max(highest, f[1])))
+    return max(1, kept, min(most, int(np.ceil(len(x) / _MOST_SAMPLES))))
 
 
 def resonances(vibrations: Sequence[Vibration]) -> tuple[Resonance, ...]:
