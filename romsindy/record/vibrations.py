@@ -27,7 +27,7 @@ _CYCLES, _ROUGHLY = 12, 0.1
 _LOUD = 0.05
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
-_RESONANT = 0.02
+_RESONANT = 0.01
 # A tone is steady where its amplitude falls by less than this while the vibration falls by more.
 _STEADY, _FALLEN = 0.1, 0.5
 # Where tones make up less than this of a signal, it is looked at as one short vibration.
