@@ -2,11 +2,19 @@ import numpy as np
 import pytest
 from oracles import falling_decay, viscous_decay
 
-from romsindy.record.cycles import crossings, free_part, integrate, rest_level
+from romsindy.record.cycles import crossings, integrate, rest_level
+from romsindy.record.decay import Decay
 from romsindy.record.signals import fundamental_frequency, lowpass, noise_std, upsample
 
 DT = 0.01
 T = np.arange(4000) * DT
+
+
+def free_part(x, dt):
+    """Samples [start, end) of the free decay, and the offset that was removed from it."""
+    free = Decay(np.arange(len(x)) * dt, x).free()
+    start, end = round(free.t[0] / dt), round(free.t[-1] / dt) + 1
+    return start, end, float(np.mean(x[start:end] - free.q))
 
 
 def test_fundamental_of_a_decay():

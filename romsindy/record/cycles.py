@@ -11,9 +11,8 @@ import itertools
 
 import numpy as np
 from scipy.interpolate import make_interp_spline, make_lsq_spline
-from scipy.ndimage import uniform_filter1d
 
-from romsindy.record.signals import fundamental_frequency, lowpass, noise_std
+from romsindy.record.signals import fundamental_frequency, lowpass
 from romsindy.typing import Array, Indices
 
 
@@ -108,69 +107,3 @@ def _smooth_curve(t: Array, x: Array, at: Array, spacing: float) -> Array:
     degree = min(3, len(t) - 1)
     knots = np.concatenate([[t[0]] * (degree + 1), inner, [t[-1]] * (degree + 1)])
     return make_lsq_spline(t, x, knots, k=degree)(np.clip(at, t[0], t[-1]))
-
-
-def free_part(x: Array, dt: float) -> tuple[int, int, float]:
-    """Samples [start, end) of the free decay within a record, and the level of rest.
-
-    The start is the first turning point that comes within 10 % of the largest one: a hold before
-    the release, or a blow from rest, is left out. The end is where the amplitude falls for good
-    below three times the noise.
-
-    Raises
-    ------
-    ValueError
-        If fewer than three cycles follow the start, or the amplitude grows.
-    """
-    noise = noise_std(x)
-    size = np.abs(x)
-    high = int(np.argmax(size >= 0.9 * size.max()))
-    change = np.flatnonzero(np.signbit(x[high:]) != np.signbit(x[high]))
-    stroke = size[high : high + int(change[0])] if len(change) else size[high:]
-    # The last of the largest samples: where a hold at the release position ends.
-    slack = max(1e-3 * stroke.max(), 3 * noise)
-    start = high + int(np.flatnonzero(stroke >= stroke.max() - slack)[-1])
-    _refuse_late_start(x, start, dt)
-    # The period comes from the swing alone: a hold before it would drown it in the spectrum.
-    period = round(1 / (fundamental_frequency(x[start:], dt) * dt))
-    rest = rest_level(x[start:], dt)
-    power = uniform_filter1d(np.square(x - rest), min(period, len(x)))
-    amplitude = np.sqrt(2 * np.clip(power - noise**2, 0, None))
-    loud = np.flatnonzero(amplitude >= 3 * noise)
-    end = int(loud[-1]) + 1 if len(loud) else 0
-    # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
-    start = start if start > period / 4 else 0
-    end = end if len(x) - end > period else len(x)
-    if end - start < 3 * period:
-        raise ValueError(
-            f"only {max(end - start, 0) / period:.1f} cycles after the release (at {start * dt:.4g}"
-            " s of the record) stand out of the noise, fewer than three cycles: record longer, or"
-            " filter the record first"
-        )
-    _refuse_growth(amplitude[start:end], period)
-    return start, end, rest
-
-
-def _refuse_late_start(x: Array, start: int, dt: float) -> None:
-    """Many large strokes before the largest one, and fewer after it, are no free decay."""
-    large = np.flatnonzero(np.abs(x) > 0.3 * np.abs(x).max())
-    reversals = large[1:][np.diff(np.sign(x[large])) != 0]
-    before = int(np.searchsorted(reversals, start))
-    if before >= 6 and before > len(reversals) - before:
-        raise ValueError(
-            f"{before // 2} cycles come before the largest amplitude (at {start * dt:.4g} s of"
-            f" the record), {(len(reversals) - before) // 2} after it: the record grows, so it is"
-            " forced or not a free decay; cut it with start= and end="
-        )
-
-
-def _refuse_growth(amplitude: Array, period: int) -> None:
-    ends = slice(period, -period) if len(amplitude) > 4 * period else slice(None)
-    floor = 1e-6 * amplitude.max()  # where noise was taken off, nothing may be left
-    size = np.log(np.maximum(amplitude[ends], floor))
-    growth = np.polyfit(np.linspace(0, 1, len(size)), size, 1)[0]
-    if growth > 0.05:
-        raise ValueError(
-            f"the amplitude grows by {np.expm1(growth):.0%} over the record: it is forced or not a"
-            " free decay; cut it with start= and end="
-        )

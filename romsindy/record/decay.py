@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.cycles import crossings, free_part, integrate
+from romsindy.record.cycles import crossings, integrate, rest_level
 from romsindy.record.filters import Butterworth, Filter
+from romsindy.record.recording import QUANTITIES, Quantity, Recording
+from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import uniform_times
-from romsindy.record.signals import fundamental_frequency, noise_std, upsample
+from romsindy.record.signals import fundamental_frequency, upsample
 from romsindy.typing import Array, Indices
 
-Quantity = Literal["displacement", "velocity", "acceleration"]
 Stage = Literal["raw", "free", "conditioned"]
-QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
 STAGES: tuple[Stage, ...] = ("raw", "free", "conditioned")
 
 _NAMES = ("q", "q_dot", "q_ddot")
@@ -233,25 +233,45 @@ class Decay:
         record = self if start is None and end is None else self.between(start, end)
         if self.stage != "raw":
             return record
-        first, last, rest = free_part(record._strongest(), record.dt)
-        first = 0 if start is not None else first
-        last = len(record.t) if end is not None else last
-        notes = []
-        if first > 0:
-            notes.append(f"free decay starts at {record.t[first]:.6g} s (found)")
-        if last < len(record.t):
-            noise = noise_std(record._strongest())
-            notes.append(
-                f"tail after {record.t[last - 1]:.6g} s cut: amplitude below three times the"
-                f" noise (rms {noise:.2g} of the measured {self.measured})"
-            )
-        inside = slice(first, last)
-        free = record._mapped(lambda x: x[inside], record.t[inside], tuple(notes), "free")
-        offset = rest if self.measured == "displacement" and self.n_channels == 1 else 0.0
-        if not offset:
+        release, notes = record._release(start, end)
+        first = release.start if start is None else record.t[0]
+        last = release.end if end is None else record.t[-1]
+        part = record.between(first, last)
+        free = replace(part, notes=(*part.notes, *notes), stage="free")
+        if self.measured != "displacement" or self.n_channels > 1:
             return free
-        note = f"offset of {offset:.4g} {self.unit or '[q]'} removed: where the vibration rests"
-        return replace(free, q=free.q - offset, notes=(*free.notes, note))
+        rest = rest_level(free.q, free.dt)
+        if not rest:
+            return free
+        note = f"offset of {rest:.4g} {self.unit or '[q]'} removed: where the vibration rests"
+        return replace(free, q=free.q - rest, notes=(*free.notes, note))
+
+    def _release(self, start: float | None, end: float | None) -> tuple[Release, list[str]]:
+        """The largest release, or that at an end that is given, and what is to be said of it."""
+        recording = Recording(self.t, self.signal, quantity=self.measured, unit=self.unit)
+        releases, discarded = split_releases(recording)
+        if not releases:
+            longest = max(discarded, key=lambda part: part.end - part.start)
+            raise ValueError(
+                f"no free decay between {self.t[0]:.4g} and {self.t[-1]:.4g} s: {longest.reason};"
+                " cut the record with start= and end=, filter it, or record longer"
+            )
+        largest = max(releases, key=lambda release: release.peak)
+        release = releases[0] if start is not None else releases[-1] if end is not None else largest
+        notes = []
+        if start is None and release.start > self.t[0]:
+            notes.append(f"free decay starts at {release.start:.6g} s (found): {release.why_start}")
+        if end is None and release.end < self.t[-1]:
+            notes.append(f"tail after {release.end:.6g} s cut: {release.why_end}")
+        others = [f"{r.start:.6g} to {r.end:.6g} s" for r in releases if r is not release]
+        if others:
+            note = (
+                f"the record holds {len(releases)} releases; that from {release.start:.6g} to"
+                f" {release.end:.6g} s is used, others with start= and end=: {', '.join(others)}"
+            )
+            warnings.warn(note, stacklevel=4)
+            notes.append(note)
+        return release, notes
 
     def upsampled(self, samples_per_cycle: int = SAMPLES_PER_CYCLE) -> Decay:
         """At least this many samples a cycle, by band-limited interpolation."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from romsindy.record.decay import QUANTITIES, Quantity
 from romsindy.typing import Array
+
+Quantity = Literal["displacement", "velocity", "acceleration"]
+QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
 
 # Of the usual step: a longer one is a gap.
 GAP = 1.5
@@ -95,7 +99,7 @@ class Recording:
         """Samples between gaps in time."""
         ends = np.flatnonzero(np.diff(self.t) > GAP * self.dt) + 1
         edges = [0, *ends.tolist(), len(self.t)]
-        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
     def channel(self, *names: str) -> Recording:
         """These channels alone.

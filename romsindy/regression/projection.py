@@ -18,7 +18,8 @@ from sklearn.base import BaseEstimator
 
 from romsindy.physics.term import Term, WeakForm
 from romsindy.record.cycles import crossings
-from romsindy.record.decay import Decay, Quantity
+from romsindy.record.decay import Decay
+from romsindy.record.recording import Quantity
 from romsindy.typing import Array, Indices
 
 # From the sensor's signal to the acceleration.

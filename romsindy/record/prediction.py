@@ -1,0 +1,158 @@
+"""Where a record is no free vibration: neither what came before nor what comes after predicts it.
+
+A free decay, of however many modes, is predicted by its own past, and backwards in time by its own
+future. A blow, the end of a hold, a hand or a splice is predicted by neither. Linear predictors
+of the samples ahead are fitted by least squares to a few cycles and tried on the half cycle that
+follows, forwards and backwards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.signal import detrend, resample_poly
+
+from romsindy.typing import Array
+
+# Samples a cycle, and cycles that a predictor of so many samples is fitted to; what it predicts.
+_PER_CYCLE, _CYCLES, _ORDER, _AHEAD = 16, 5, 20, 0.5
+_RIDGE = 1e-4  # of the mean square: vibrations of 1 % and noise alike do not make a predictor wild
+# What is no free vibration differs from both predictions by this part of its size (blows on top of
+# an older decay: 0.3 to 1; free decays, nonlinear ones too: below 0.2) and by this many times what
+# is usual in the record.
+_PART, _USUAL = 0.3, 3.5
+_ALONE = 0.5  # the part where only one of the predictions is there, near the ends
+# A jump between two samples exceeds those of the half cycles before and after by this factor.
+_JUMP = 3.0
+JUMP_KNOWN = 3  # samples, to which its instant is known
+# Bands of a third of an octave; the lowest with this part of the energy of the greatest counts.
+_BANDS, _LOWEST = 3, 0.2
+
+
+def slowest_frequency(x: Array, dt: float, derivative: int) -> float | None:
+    """Frequency of the slowest vibration that matters in one channel, in Hz; None without any.
+
+    Unlike the highest line of the spectrum it survives holds, jumps and several releases:
+    energies of whole bands are compared, as those of a velocity, above white noise. ``derivative``
+    is 0, 1, 2 for a displacement, a velocity and an acceleration.
+    """
+    power = np.abs(np.fft.rfft(detrend(x))[3:]) ** 2  # lines of three cycles and more
+    if len(power) < 3 or not power.max() > 0:
+        return None
+    lines = np.arange(3, 3 + len(power))
+    band = np.floor(_BANDS * np.log2(lines / 3)).astype(int)
+    count = np.bincount(band)
+    noise = np.median(power) / np.log(2)
+    energy = np.bincount(band, power) - noise * (count + 5 * np.sqrt(count))
+    energy = energy * 2.0 ** (np.arange(len(count)) * 2 * (1 - derivative) / _BANDS / 2)
+    if not energy.max() > 0:
+        return None
+    lowest = int(np.flatnonzero(energy > _LOWEST * energy.max())[0])
+    near = np.abs(band - lowest) <= 1
+    return float(lines[near][np.argmax(power[near])] / (len(x) * dt))
+
+
+def departures(x: Array, period: float, noise: Array) -> list[tuple[int, int]]:
+    """Stretches [first, last) of samples (n, m) that are no free vibration.
+
+    ``period`` is that of the slowest vibration, in samples, ``noise`` the standard deviation of the
+    noise of every channel, (m,). Of a sudden event the true instant is
+    inside the stretch, which is about a half cycle long.
+    """
+    moving = x.std(axis=0) > 0
+    if not moving.any():
+        return []
+    x, noise = (x - x.mean(axis=0))[:, moving], noise[moving]
+    step = max(int(period / _PER_CYCLE), 1)
+    y = resample_poly(x / x.std(axis=0), 1, step, axis=0, padtype="line")
+    ahead = max(int(_AHEAD * period / step), 4)
+    hop = ahead // 2
+    rows = max(int(_CYCLES * period / step), 3 * _ORDER) // hop * hop
+    window = rows + _ORDER + ahead - 1
+    if len(y) < window + 2 * ahead:
+        return []
+    forward = _prediction_error(y, rows, ahead, hop)
+    backward = _prediction_error(y[::-1], rows, ahead, hop)
+    at = np.arange(0, len(y) - ahead + 1, hop)
+    past = np.interp(at, window + hop * np.arange(len(forward)), forward, left=np.inf)
+    last = len(y) - window - ahead
+    ahead_of = (last - hop * np.arange(len(backward)))[::-1]
+    future = np.interp(at, ahead_of, backward[::-1], right=np.inf)
+    error = np.minimum(past, future)
+    # At the very ends the resampling filter has nothing to work on.
+    known = np.isfinite(error) & (at >= ahead) & (at <= len(y) - 2 * ahead)
+    part = np.where(np.isfinite(past) & np.isfinite(future), _PART, _ALONE)
+    size = _rms(y, at - hop, at + ahead + hop)
+    # Resampling averages white noise over so many samples.
+    heard = np.sqrt(np.sum((noise / x.std(axis=0)) ** 2) / step)
+    usual = max(float(np.median(error[known])), heard)
+    odd = known & (error > part * size) & (error > _USUAL * usual) & (error > 1e-6 * size.max())
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], odd, [0]])))
+    runs: list[tuple[int, int]] = []
+    # The last interval that is hard to predict begins before the end of the event.
+    for a, b in zip(at[edges[::2]], at[edges[1::2] - 1] + 3 * hop // 2, strict=True):
+        if runs and a <= runs[-1][1] + ahead:
+            runs[-1] = (runs[-1][0], int(b))
+        else:
+            runs.append((int(a), int(b)))
+    return [(a * step, min(b * step, len(x))) for a, b in runs]
+
+
+def jumps(x: Array, period: float) -> list[int]:
+    """First samples of (n, m) after a jump: two records were joined, or zeros put between.
+
+    Medians of three samples are compared, which do not see a spike.
+    """
+    smooth = median_filter(x, (3, 1), mode="nearest")
+    step = np.zeros_like(x)
+    step[2:-2] = np.abs(smooth[3:-1] - smooth[:-4])  # over three intervals, round the second
+    half = max(int(period / 2), 4)
+    # The largest steps of the half cycles that end four samples before and start four after.
+    usual = maximum_filter1d(step, half, axis=0, mode="constant", origin=0)
+    before, after = np.zeros_like(x), np.zeros_like(x)
+    shift = 4 + half // 2
+    before[shift:], after[:-shift] = usual[:-shift], usual[shift:]
+    least = np.maximum(1e-3 * np.ptp(x, axis=0), np.finfo(float).tiny)
+    excess = np.max(step / np.maximum(np.maximum(before, after), least), axis=1)
+    found = np.flatnonzero(excess > _JUMP)
+    groups = np.split(found, np.flatnonzero(np.diff(found) > 4) + 1) if len(found) else []
+    return [int(g[np.argmax(excess[g])]) + 1 for g in groups]
+
+
+def _prediction_error(y: Array, rows: int, ahead: int, hop: int) -> Array:
+    """Rms over the channels and the samples ahead of every window of y (n, m), ``hop`` apart.
+
+    A window is fitted through so many rows; its prediction starts where it ends.
+    """
+    n = len(y) - ahead + 1
+    count = len(y) - (rows + _ORDER + 2 * ahead - 1) + 1
+    n_windows = (count - 1) // hop + 1
+
+    def products(i: int, j: int) -> Array:
+        """Sums over the rows of windows of y[t + i] y[t + j]."""
+        product = np.sum(y[_ORDER + i : n + i] * y[_ORDER + j : n + j], axis=1)
+        # Sums of sums: differences of a running sum would lose the quiet end of a decay.
+        blocks = product[: len(product) // hop * hop].reshape(-1, hop).sum(axis=1)
+        return sliding_window_view(blocks, rows // hop)[:n_windows].sum(axis=1)
+
+    normal = np.empty((n_windows, _ORDER, _ORDER))
+    right = np.empty((n_windows, _ORDER, ahead))
+    for i in range(_ORDER):
+        for j in range(i + 1):
+            normal[:, i, j] = normal[:, j, i] = products(-1 - i, -1 - j)
+        for k in range(ahead):
+            right[:, i, k] = products(-1 - i, k)
+    mean = np.trace(normal, axis1=1, axis2=2) / _ORDER
+    ridge = _RIDGE * mean + np.finfo(float).tiny
+    predictor = np.linalg.solve(normal + ridge[:, None, None] * np.eye(_ORDER), right)
+    end = rows + _ORDER + ahead - 1 + hop * np.arange(n_windows)
+    known = np.stack([y[end - 1 - i] for i in range(_ORDER)], axis=2)
+    truth = np.stack([y[end + k] for k in range(ahead)], axis=2)
+    return np.sqrt(np.mean(np.sum((known @ predictor - truth) ** 2, axis=1), axis=1))
+
+
+def _rms(y: Array, first: Array, last: Array) -> Array:
+    total = np.concatenate([[0.0], np.cumsum(np.sum(y**2, axis=1))])
+    first, last = np.clip(first, 0, len(y)), np.clip(last, 0, len(y))
+    return np.sqrt(np.clip(total[last] - total[first], 0, None) / (last - first))

@@ -1,0 +1,351 @@
+"""Releases: the free decays within a recording, and why the rest is left out."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency
+from romsindy.record.recording import QUANTITIES, Recording
+from romsindy.record.signals import noise_std
+from romsindy.typing import Array
+
+# Fewer cycles are no decay to analyse.
+CYCLES_AT_LEAST = 3
+# The amplitude that stands out of the noise, in its standard deviations.
+_LOUD = 3.0
+# A swing counts as large from this part of the largest on; a rest or a hold is below that.
+_LARGE, _SILENT = 0.9, 0.05
+# Of the size of a record: less is nothing. A blow exceeds the next cycle by this factor.
+_NOTHING, _BLOW = 1e-6, 3.0
+# A free decay that swings higher again, by this factor, rises as slowly as it fell before: it
+# beats. Where it rises in this part of that time it was pushed.
+_AGAIN, _FASTER = 1.5, 0.4
+_SMOOTH = 4  # cycles, of which the largest amplitude is taken: fast beats do not show
+
+
+@dataclass(frozen=True)
+class Release:
+    """One free decay within a recording.
+
+    Attributes
+    ----------
+    start, end : float
+        First and last sample, s of the recording's clock.
+    peak : float
+        Largest deflection of the liveliest channel from rest, unit of the recording.
+    cycles : float
+        How many cycles of the slowest vibration it holds, about.
+    why_start, why_end : str
+        What happens there: "after the blow at 0.0102 s", "amplitude below three times the noise".
+    """
+
+    start: float
+    end: float
+    peak: float
+    cycles: float
+    why_start: str
+    why_end: str
+
+
+@dataclass(frozen=True)
+class Discarded:
+    """A part of a recording that is no free decay.
+
+    Attributes
+    ----------
+    start, end : float
+        First and last sample, s of the recording's clock.
+    reason : str
+        Why it is left out.
+    """
+
+    start: float
+    end: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Samples [first, last) between two events, and which these are."""
+
+    first: int
+    last: int
+    before: str = "record"
+    after: str = "record"
+    whole_from: int = 0  # neither a gap nor a jump between there and the first sample
+
+
+_STARTS = {
+    "record": "start of the record",
+    "gap": "start after missing samples",
+    "jump": "after the jump at {:.5g} s, where another record was joined",
+    "event": "after the event at {:.5g} s",
+    "push": "after the push that began at {:.5g} s",
+}
+_ENDS = {
+    "record": "end of the record",
+    "gap": "samples are missing after {:.5g} s",
+    "jump": "jump at {:.5g} s, where another record was joined",
+    "event": "something acts on it at {:.5g} s",
+    "push": "grows from {:.5g} s on: pushed again",
+}
+
+
+def find_releases(recording: Recording) -> tuple[Release, ...]:
+    """The free decays of a recording, in the order of time; see `split_releases`."""
+    return split_releases(recording)[0]
+
+
+def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Discarded, ...]]:
+    """Split a recording into free decays and what is none, in the order of time.
+
+    A release begins at the start of the record, after a gap, or after an event that neither the
+    samples before nor those after predict: a blow, the end of a hold, a splice. It ends at the
+    next of these, or where the amplitude falls for good below three times the noise. All channels
+    together tell the events, the liveliest one the amplitude.
+
+    Parameters
+    ----------
+    recording : Recording
+        NaN splits it like a gap in time.
+
+    Returns
+    -------
+    releases : tuple of Release
+    discarded : tuple of Discarded
+    """
+    pieces = list(_finite_pieces(recording))
+    liveliest = int(np.argmax(np.nanstd(recording.x, axis=0)))
+    channel = recording.x[:, liveliest]
+    energy = [np.var(channel[p.first : p.last]) * (p.last - p.first) for p in pieces]
+    frequency = None
+    if pieces:
+        main = pieces[int(np.argmax(energy))]
+        derivative = QUANTITIES.index(recording.quantity)
+        frequency = slowest_frequency(channel[main.first : main.last], recording.dt, derivative)
+    if frequency is None:
+        reason = "fewer than three cycles of any vibration stand out of noise and drift"
+        return (), (Discarded(float(recording.t[0]), float(recording.t[-1]), reason),)
+    period = 1 / (frequency * recording.dt)
+    parts: list[Release | Discarded] = []
+    for piece in pieces:
+        noise = np.array([noise_std(x[piece.first : piece.last]) for x in recording.x.T])
+        for part in _between_events(recording, piece, period, noise):
+            if isinstance(part, Discarded):
+                parts.append(part)
+            else:
+                parts += _decays(recording, channel, part, period, float(noise[liveliest]))
+    releases = [part for part in parts if isinstance(part, Release)]
+    return tuple(_until_the_next(releases)), tuple(p for p in parts if isinstance(p, Discarded))
+
+
+def _finite_pieces(recording: Recording) -> Iterator[_Stretch]:
+    """Runs of samples without gaps and NaN, eight at least."""
+    finite = np.isfinite(recording.x).all(axis=1)
+    for piece in recording.pieces:
+        inside = finite[piece].astype(int)
+        edges = piece.start + np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]])))
+        for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            if last - first >= 8:
+                ends = (
+                    "record" if first == 0 else "gap",
+                    "record" if last == len(finite) else "gap",
+                )
+                yield _Stretch(first, last, *ends, first)
+
+
+def _between_events(
+    recording: Recording, piece: _Stretch, period: float, noise: Array
+) -> Iterator[_Stretch | Discarded]:
+    """The stretches of a piece between jumps, blows and the like; these are discarded."""
+    t, x = recording.t, recording.x
+    start, before = piece.first, piece.before
+    found = [piece.first + at for at in jumps(x[piece.first : piece.last], period)]
+    for end in [*found, piece.last]:
+        joined = end < piece.last
+        last, after = (end - JUMP_KNOWN, "jump") if joined else (end, piece.after)
+        first = start
+        for a, b in departures(x[start:last], period, noise):
+            yield _Stretch(first, start + a, before, "event", start)
+            first, before = start + a, "event"
+            if _still(x[start : start + a], x[start + a : last], period):
+                continue  # the first large swing tells the beginning better
+            reason = "predicted neither by what is before nor by what is after: something acts"
+            yield Discarded(float(t[start + a]), float(t[start + b - 1]), reason)
+            first = start + b
+        if first < last:
+            yield _Stretch(first, last, before, after, start)
+        start, before = end, "jump"
+
+
+def _still(before: Array, after: Array, period: float) -> bool:
+    """Whether nothing vibrates before, (n, m), compared with what comes after."""
+    cycle = round(period)
+    if len(before) < cycle / 8:
+        return False
+    moves = [np.ptp(part, axis=0) for part in (before[-cycle:], after[: 2 * cycle])]
+    return bool(np.all(moves[0] < _SILENT * moves[1]))
+
+
+def _until_the_next(releases: list[Release]) -> Iterator[Release]:
+    for release, following in itertools.zip_longest(releases, releases[1:]):
+        cycle = (release.end - release.start) / release.cycles
+        acted = release.why_end.startswith("something")
+        if acted and following is not None and following.start - release.end < 2 * cycle:
+            yield replace(release, why_end=f"next release at {following.start:.5g} s")
+        else:
+            yield release
+
+
+def _decays(
+    recording: Recording, channel: Array, stretch: _Stretch, period: float, noise: float
+) -> Iterator[Release | Discarded]:
+    """The free decays of a stretch, and what lies before, between and after them."""
+    t, x = recording.t[stretch.first : stretch.last], channel[stretch.first : stretch.last]
+    amplitude = _amplitude(x, period, noise)
+    quiet = f"amplitude below three times the noise (rms {noise:.2g} {recording.signal_unit})"
+    loud = np.flatnonzero(amplitude >= max(_LOUD * noise, _NOTHING * float(np.nanstd(channel))))
+    if not len(loud):
+        yield Discarded(float(t[0]), float(t[-1]), quiet)
+        return
+    if len(x) < CYCLES_AT_LEAST * period:
+        reason = f"only {len(x) / period:.1f} cycles, fewer than three cycles"
+        yield Discarded(float(t[0]), float(t[-1]), reason)
+        return
+    stop, why_end = int(loud[-1]) + 1, quiet
+    # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
+    if len(x) - stop <= period:
+        stop, why_end = len(x), _ENDS[stretch.after].format(t[-1])
+    rest = _rest(x[:stop])
+    swing = x[:stop] - rest
+    derivative = QUANTITIES.index(recording.quantity)
+    start = _first_swing(
+        swing, period, noise, derivative, 0.0 if stretch.before == "event" else 0.25
+    )
+    pushed = _pushed(amplitude[start:stop], period, noise)
+    if pushed:
+        at = stretch.first + start + pushed
+        halves = replace(stretch, last=at, after="push"), replace(stretch, first=at, before="push")
+        for half in halves:
+            yield from _decays(recording, channel, half, period, noise)
+        return
+    refused = _refused(swing, amplitude[:stop], start, period)
+    if refused:
+        yield Discarded(float(t[0]), float(t[-1]), refused.format(t[start]))
+        return
+    peak, cycles = float(np.abs(swing[start:]).max()), (stop - start) / period
+    if start > 0:
+        yield Discarded(float(t[0]), float(t[start - 1]), "before the release")
+    since = slice(stretch.whole_from, stretch.first + start + 1)
+    why_start = _onset(
+        recording.t[since], channel[since] - rest, peak, noise, period, displaced=derivative == 0
+    )
+    why_start = why_start or _STARTS[stretch.before].format(t[0])
+    yield Release(float(t[start]), float(t[stop - 1]), peak, cycles, why_start, why_end)
+    if stop < len(x):
+        yield Discarded(float(t[stop]), float(t[-1]), why_end)
+
+
+def _amplitude(x: Array, period: float, noise: float) -> Array:
+    """Amplitude of the vibration over the cycle round each sample, without the noise."""
+    cycle = min(max(round(period), 1), len(x))
+    x = x - x.mean()
+    power = uniform_filter1d(x**2, cycle) - uniform_filter1d(x, cycle) ** 2
+    return np.sqrt(2 * np.clip(power - noise**2, 0, None))
+
+
+def _rest(x: Array) -> float:
+    """About where a vibration comes to rest: the mean of its later half, tapered."""
+    later = x[len(x) // 2 :]
+    return float(np.average(later, weights=np.hanning(len(later) + 2)[1:-1]))
+
+
+def _first_swing(swing: Array, period: float, noise: float, derivative: int, least: float) -> int:
+    """First turning point that comes within 10 % of the largest: holds and blows are before it.
+
+    A start of ``least`` cycles is not worth a cut.
+    """
+    size = np.abs(swing)
+    high = int(np.argmax(size >= _LARGE * size.max()))
+    change = np.flatnonzero(np.signbit(swing[high:]) != np.signbit(swing[high]))
+    stroke = size[high : high + int(change[0])] if len(change) else size[high:]
+    # The last of the largest samples: where a hold at the release position ends.
+    slack = max(1e-3 * stroke.max(), 3 * noise)
+    start = high + int(np.flatnonzero(stroke >= stroke.max() - slack)[-1])
+    start = start if start > least * period else 0
+    if derivative == 0:
+        return start
+    # A sensor of velocity or acceleration shows the blow itself: no swing falls so much at once.
+    cycle = int(period)
+    following = size[start + cycle : start + 2 * cycle]
+    if not len(following):
+        return start
+    blow = np.flatnonzero(size[start : start + cycle] > _BLOW * following.max())
+    return start + int(blow[-1]) + 1 if len(blow) else start
+
+
+def _pushed(amplitude: Array, period: float, noise: float) -> int | None:
+    """Sample where a decay begins to grow faster than beating does; None where it does not."""
+    step = max(int(_SMOOTH * period), 1)
+    size = np.maximum.reduceat(amplitude, np.arange(0, len(amplitude), step))
+    later = np.maximum.accumulate(size[::-1])[::-1]
+    floor = max(noise, _NOTHING * float(size.max()), np.finfo(float).tiny)
+    low = int(np.argmax(later / np.maximum(size, floor)))
+    high = low + int(np.argmax(size[low:]))
+    higher_before = np.flatnonzero(size[:low] >= size[high])
+    if size[high] < max(_AGAIN * size[low], 2 * _LOUD * noise) or not len(higher_before):
+        return None
+    fall, rise = low - int(higher_before[-1]), high - low
+    return low * step if rise < _FASTER * fall else None
+
+
+def _refused(swing: Array, amplitude: Array, start: int, period: float) -> str | None:
+    """Why this is no free decay, with a place for the time of its largest swing."""
+    # Many large strokes before the largest one, and fewer after it, are no free decay.
+    large = np.flatnonzero(np.abs(swing) > 0.3 * np.abs(swing).max())
+    reversals = large[1:][np.diff(np.sign(swing[large])) != 0]
+    before = int(np.searchsorted(reversals, start))
+    late = start > CYCLES_AT_LEAST * period
+    if late and before >= 6 and before > len(reversals) - before:
+        return (
+            f"{before // 2} cycles come before the largest amplitude (at {{:.4g}} s),"
+            f" {(len(reversals) - before) // 2} after it: the record grows, so it is forced or not"
+            " a free decay"
+        )
+    cycles = (len(swing) - start) / period
+    if cycles < CYCLES_AT_LEAST:
+        return (
+            f"only {cycles:.1f} cycles after the release (at {{:.4g}} s) stand out of the noise,"
+            " fewer than three cycles"
+        )
+    cycle = round(period)
+    size = amplitude[start:]
+    size = size[cycle:-cycle] if len(size) > 4 * cycle else size
+    size = np.log(np.maximum(size, _NOTHING * size.max()))  # where noise was taken off is nothing
+    growth = np.polyfit(np.linspace(0, 1, len(size)), size, 1)[0]
+    if growth > 0.05:
+        return f"the amplitude grows by {np.expm1(growth):.0%}: it is forced or not a free decay"
+    return None
+
+
+def _onset(
+    t: Array, swing: Array, peak: float, noise: float, period: float, *, displaced: bool
+) -> str | None:
+    """What set off the vibration that is free from the last sample on; None if all was moving."""
+    before = swing[max(len(swing) - round(2 * period), 0) :]
+    still = before[: max(round(period / 8), 4)]
+    moved = max(_SILENT * peak, 4 * noise)
+    if len(before) <= len(still) or np.ptp(still) > 2 * moved:
+        return None
+    level = float(still.mean())
+    if abs(level) > peak / 2:
+        return f"held until {t[-1]:.5g} s"
+    first = len(swing) - len(before) + int(np.argmax(np.abs(before - level) > moved))
+    if len(swing) - first < period / 3 or not displaced:
+        return f"after the blow at {t[first]:.5g} s"
+    return f"at rest until {t[first]:.5g} s, moved until {t[-1]:.5g} s"
