@@ -14,6 +14,8 @@ from romsindy.fit.functions.identification import Identification as Identificati
 from romsindy.fit.functions.identify import identify as identify
 from romsindy.fit.refine import Fit as Fit
 from romsindy.fit.refine import refine as refine
+from romsindy.inspection.inspect import inspect as inspect
+from romsindy.inspection.inspection import Inspection as Inspection
 from romsindy.orbits.continuation import Branch as Branch
 from romsindy.orbits.continuation import ContinuationError as ContinuationError
 from romsindy.orbits.continuation import Steps as Steps
@@ -31,9 +33,11 @@ from romsindy.record.backbone import Backbone as Backbone
 from romsindy.record.backbone import extract_backbone as extract_backbone
 from romsindy.record.decay import Decay as Decay
 from romsindy.record.files import load_decay as load_decay
+from romsindy.record.files import load_recording as load_recording
 from romsindy.record.files import save_decay as save_decay
 from romsindy.record.filters import Butterworth as Butterworth
 from romsindy.record.filters import SavitzkyGolay as SavitzkyGolay
+from romsindy.record.recording import Recording as Recording
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
 from romsindy.regression.estimator import ScaledOptimizer as ScaledOptimizer
 from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary

@@ -47,6 +47,35 @@ def test_noise_of_35_db(seed):
         assert 0.6 < np.sqrt(np.median(pull**2) / 0.455) < 1.7, name
 
 
+@pytest.mark.parametrize("colour", [0, 1, 2])
+def test_standard_errors_hold_in_coloured_noise(colour):
+    """Of power 1/f^colour at 30 dB, on a linear decay, whose frequency and damping are known.
+
+    About 95 % of the cycles should lie within two standard errors. Cycles are correlated, so that
+    a few records are worth some dozens of cycles: 0.85 is four standard errors less.
+    """
+    rng, omega, zeta = np.random.default_rng(6), 2 * np.pi * 5, 0.004
+    t = np.arange(6000) * 0.003
+    pure = viscous_decay(t, omega, zeta)
+    inside, wider = [], []
+    for _ in range(6):
+        spectrum = np.fft.rfft(rng.standard_normal(len(t)))
+        noise = np.fft.irfft(spectrum / np.maximum(np.arange(len(spectrum)), 1) ** (colour / 2))
+        noise *= 10 ** (-30 / 20) * pure.std() / noise.std()
+        b = extract_backbone(Decay(t, pure + noise, unit="m"))
+        inside.append(
+            [
+                np.abs(b.frequency - omega * np.sqrt(1 - zeta**2)) < 2 * b.frequency_std,
+                np.abs(b.damping_ratio - zeta) < 2 * b.damping_ratio_std,
+            ]
+        )
+        wider.append(np.median(b.damping_ratio_std))
+    share = np.concatenate(inside, axis=1).mean(axis=1)
+    assert np.all(share > 0.85), share
+    if colour == 0:  # those of the local fits alone, which know white noise
+        assert np.median(wider) < 1.1 * 1.56e-4
+
+
 def test_asymmetric_peaks():
     """A quadratic term shifts the motion: the peaks are the turning points of equal potential."""
     model = ReducedModel.from_coefficients({"omega^2": 4.0, "gamma_2": 2.0, "c_linear": 0.01})

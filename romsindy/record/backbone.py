@@ -38,7 +38,8 @@ class Backbone:
     positive_peak, negative_peak : (n,) arrays
         Largest and smallest q, at the middle of the cycle; they differ for asymmetric systems.
     amplitude_std, frequency_std, damping_ratio_std : (n,) arrays
-        Standard errors from the scatter of the samples about the local fits. Neighbouring
+        Standard errors from the scatter of the samples about the local fits, or that of the
+        cycles about their neighbours where it is larger, as in coloured noise. Neighbouring
         cycles share samples, so their errors are correlated.
     unit : str or None
         Unit of q.
@@ -262,11 +263,29 @@ def _along(
     number = first + np.arange(len(x))
     width = min(cycles, len(x))
     degree = min(degree, width - 1, max(1, width - 2))
-    result = np.empty((2, len(at)))
+    result, misfits = np.empty((2, len(at))), np.empty(len(at))
     for i, centre in enumerate(at):
         low = int(np.clip(np.round(centre - first - (width - 1) / 2), 0, len(x) - width))
         inside = slice(low, low + width)
         powers = np.vander((number[inside] - centre) / width, degree + 1, increasing=True)
-        weights = np.linalg.pinv(powers)[derivative] / width**derivative
+        inverse = np.linalg.pinv(powers)
+        weights = inverse[derivative] / width**derivative
         result[:, i] = weights @ x[inside], np.sqrt(np.sum((weights * std[inside]) ** 2))
+        misfit = x[inside] - powers @ (inverse @ x[inside])
+        misfits[i] = np.mean((misfit / np.maximum(std[inside], np.finfo(float).tiny)) ** 2)
+    spare = width - degree - 1
+    if spare > 0:
+        result[1] *= _excess(misfits * width / spare, len(x) / width * spare)
     return result[0], result[1]
+
+
+def _excess(variance: Array, freedom: float) -> float:
+    """How much larger than expected events scatter about the local polynomials; 1 at least.
+
+    The expected standard errors know the noise within a fraction of a cycle alone. That of
+    coloured noise is larger from one cycle to the next. ``variance`` of the windows is relative,
+    with so many degrees of freedom in all.
+    """
+    pooled = float(np.median(variance))
+    chance = 4 * np.sqrt(2 / freedom)
+    return float(np.sqrt(pooled)) if pooled > 1 + chance else 1.0

@@ -17,14 +17,13 @@ from romsindy.record.filters import Butterworth, Filter
 from romsindy.record.integration import displacement
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
+from romsindy.record.sampling import uniform_times
 from romsindy.record.signals import fundamental_frequency, upsample
 from romsindy.typing import Array, Indices
 
 Stage = Literal["raw", "free", "conditioned"]
 STAGES: tuple[Stage, ...] = ("raw", "free", "conditioned")
 
-# Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
-_ROUNDING = 1e-4
 _NAMES = ("q", "q_dot", "q_ddot")
 # Fewer samples a cycle than this are interpolated before cycles are analysed.
 SAMPLES_PER_CYCLE = 40
@@ -81,16 +80,10 @@ class Decay:
         if any(x.shape != signals["q"].shape for x in signals.values()):
             shapes = {name: x.shape for name, x in signals.items()}
             raise ValueError(f"q, q_dot and q_ddot must have the same shape, got {shapes}")
-        uniform = np.linspace(t[0], t[-1], len(t))
-        jitter = (t - uniform) / (uniform[1] - uniform[0])
+        uniform, note = uniform_times(t)
         notes = tuple(self.notes)
-        worst, rms = np.abs(jitter).max(), np.sqrt(np.mean(jitter**2))
-        if worst > _ROUNDING:
+        if note:
             signals = {n: make_interp_spline(t, x, k=3)(uniform) for n, x in signals.items()}
-            note = (
-                f"t is not uniform: it jitters by {rms:.2g} of the sampling interval in the rms,"
-                f" at most {worst:.2g}; resampled uniformly"
-            )
             warnings.warn(note, stacklevel=3)
             notes = (*notes, note)
         for name, value in {"t": uniform, **signals}.items():

@@ -7,12 +7,14 @@ lines (mains hum, a second mode), which are listed beside it.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import median_filter
-from scipy.signal import lfilter
+from scipy.signal import lfilter, periodogram
+from scipy.stats import theilslopes
 
 from romsindy.typing import Array
 
@@ -28,6 +30,8 @@ _LOW_MAY_DIFFER, _MANY_LINES = 2.0, 50
 # Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
 # much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
 _LINE, _NEAR = 30.0, 40
+# Bands of a spectrum for its slope, from this line on: what is slower may be drift.
+_BANDS, _FIRST = 30, 4
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,53 @@ class Noise:
             phase = 2 * np.pi * (line.frequency * dt * np.arange(n) + rng.random())
             x += np.sqrt(2) * line.rms * np.cos(phase)
         return x
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Noise of one channel in two numbers, whatever vibrates in it.
+
+    Attributes
+    ----------
+    rms : float
+        Without the vibration and lines, unit of the channel.
+    slope : float
+        Power of the frequency that the spectrum of the noise follows: 0 white, -1 pink.
+    slope_std : float
+        Its standard error.
+    ratio : float
+        Signal-to-noise ratio at the loudest, dB.
+    """
+
+    rms: float
+    slope: float
+    slope_std: float
+    ratio: float
+
+    @property
+    def coloured(self) -> bool:
+        """Whether slow noise is clearly the stronger."""
+        return self.slope + 2 * self.slope_std < -0.5
+
+    @classmethod
+    def of(cls, x: Array, dt: float) -> NoiseLevel:
+        """From medians of the spectrum of the later, quieter half of a channel (n,).
+
+        Vibrations and lines fill few lines of the spectrum, and the slope that suits most pairs of
+        medians (Theil and Sen) does not see those that they do fill.
+        """
+        frequency, power = periodogram(x[len(x) // 2 :], 1 / dt, window="hann")
+        edges = np.geomspace(_FIRST * frequency[1], 0.4 / dt, _BANDS + 1)
+        places = np.searchsorted(frequency, edges)
+        bands = [slice(a, b) for a, b in itertools.pairwise(places) if b - a >= 3]
+        middle = np.array([np.sqrt(frequency[b.start] * frequency[b.stop - 1]) for b in bands])
+        density = np.array([np.median(power[b]) for b in bands]) / np.log(2)
+        density = np.maximum(density, np.finfo(float).tiny)
+        slope, _, low, high = theilslopes(np.log(density), np.log(middle), 0.95)
+        width = frequency[1] * np.array([b.stop - b.start for b in bands])
+        rms = float(np.sqrt(np.sum(median_filter(density, 3) * width)))
+        ratio = 20 * np.log10(np.abs(x).max() / np.sqrt(2) / max(rms, np.finfo(float).tiny))
+        return cls(rms, float(slope), float(high - low) / 4, float(ratio))
 
 
 def _between_harmonics(x: Array, cycle: float) -> tuple[Array, Array]:

@@ -109,12 +109,25 @@ def upsample(x: Array, factor: int) -> Array:
 
     Of the factor (n - 1) + 1 samples that are returned every ``factor``-th is a sample of x.
     """
-    # Odd reflection continues value and slope beyond the ends, which would ring otherwise.
     margin = min(len(x) - 1, 20)
-    widths = [(margin, margin)] + [(0, 0)] * (x.ndim - 1)
-    padded = np.pad(x, widths, mode="reflect", reflect_type="odd")
-    fine = resample_poly(padded, factor, 1, axis=0, window=("kaiser", 8.0))
+    fine = resample_poly(_continued(x, margin), factor, 1, axis=0, window=("kaiser", 8.0))
     return fine[factor * margin : factor * (margin + len(x) - 1) + 1]
+
+
+def downsample(x: Array, factor: int) -> Array:
+    """Every ``factor``-th sample of (n,) or (n, n_channels) arrays, low-passed before."""
+    if factor == 1:
+        return x
+    margin = min((len(x) - 1) // factor, 20)
+    coarse = resample_poly(_continued(x, margin * factor), 1, factor, window=("kaiser", 8.0))
+    return coarse[margin : margin + (len(x) - 1) // factor + 1]
+
+
+def _continued(x: Array, margin: int) -> Array:
+    """With a margin beyond its ends, where a filter would ring otherwise."""
+    # Odd reflection continues value and slope.
+    widths = [(margin, margin)] + [(0, 0)] * (x.ndim - 1)
+    return np.pad(x, widths, mode="reflect", reflect_type="odd")
 
 
 def clipped(x: Array) -> NDArray[np.bool_]:

@@ -1,0 +1,57 @@
+"""An inspection for its reader: text, numbers, figures, one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from romsindy.inspection import tables
+from romsindy.inspection.content import content_of
+from romsindy.inspection.findings import Findings
+from romsindy.physics.serial import json_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Inspection(Findings):
+    """What `romsindy.inspect` found in a recording.
+
+    ``print`` shows it as text. See `Findings` for its numbers: `modes`, `releases`, `noise`,
+    `defects`, `warnings`, `discarded`, `resonances`, and the `decays` to be identified.
+    """
+
+    def __str__(self) -> str:
+        return tables.report(self)
+
+    def __repr__(self) -> str:
+        frequencies = ", ".join(f"{m.mean_frequency:.5g}" for m in self.modes) or "none"
+        size = f"{len(self.releases)} releases, {len(self.modes)} modes ({frequencies} Hz)"
+        return f"<Inspection: {size}, {len(self.defects)} defects>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers by name, times in s, frequencies in Hz, the rest in SI units."""
+        return content_of(self)
+
+    def to_json(self) -> str:
+        """The same as JSON text; what is not finite is a string, see `romsindy.physics.serial`."""
+        return json_text(self.to_dict())
+
+    def plot(self) -> Figure:
+        """Time signal, spectrogram with the ridges that were followed, and spectrum."""
+        from romsindy.inspection.page import picture  # draws: only where a figure is asked for
+
+        return picture(self).figure()
+
+    def to_html(self, path: str | Path, command: str = "") -> None:
+        """Write one self-contained page with figures.
+
+        Parameters
+        ----------
+        path : str or Path
+        command : str
+            A command line that identifies the record, for the steps that come next.
+        """
+        from romsindy.inspection.page import write
+
+        write(self, path, command)

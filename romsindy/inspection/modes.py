@@ -1,0 +1,111 @@
+"""Modes: the same vibration in all releases of a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.record.vibrations import Vibration
+from romsindy.typing import Array
+
+# Frequencies of one mode in two releases overlap when each range is widened by this part.
+_SAME = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One vibration of a structure, in every release in which it rings.
+
+    Attributes
+    ----------
+    number : int
+        From 1, by frequency.
+    parts : tuple of Vibration or None
+        One for each release; None where it does not stand out.
+    """
+
+    number: int
+    parts: tuple[Vibration | None, ...]
+
+    @property
+    def rings(self) -> list[Vibration]:
+        """The vibrations, of the releases in which it stands out."""
+        return [v for v in self.parts if v is not None]
+
+    @property
+    def mean_frequency(self) -> float:
+        """Hz, weighted by the energy in the releases."""
+        weights = [v.energy for v in self.rings]
+        return float(np.average([v.mean_frequency for v in self.rings], weights=weights))
+
+    @property
+    def energy(self) -> float:
+        """Integral of the displacement^2 over all releases."""
+        return float(sum(v.energy for v in self.rings))
+
+    @property
+    def share(self) -> float:
+        """Largest share of the energy of the signal of a release, between 0 and 1."""
+        return float(max(v.share for v in self.rings))
+
+    @property
+    def steady(self) -> bool:
+        """Whether it does not decay while others do: mains hum, a motor, no mode."""
+        return all(v.steady for v in self.rings)
+
+    @property
+    def harmonics(self) -> tuple[int, ...]:
+        """Numbers of the harmonics that stand out."""
+        return tuple(sorted({n for v in self.rings for n, _ in v.harmonics}))
+
+    @property
+    def loudest(self) -> Vibration:
+        """Its vibration in the release with the largest amplitude."""
+        return max(self.rings, key=lambda v: float(v.displacement.max()))
+
+    @property
+    def amplitude(self) -> tuple[float, float]:
+        """Largest and least amplitude of the displacement that was followed, unit of q."""
+        sizes = np.concatenate([v.displacement for v in self.rings])
+        return float(sizes.max()), float(sizes.min())
+
+    @property
+    def frequency(self) -> tuple[float, float]:
+        """Hz at the largest and at the least amplitude."""
+        sizes = np.concatenate([v.displacement for v in self.rings])
+        all_of_them: Array = np.concatenate([v.frequency for v in self.rings])
+        return float(all_of_them[np.argmax(sizes)]), float(all_of_them[np.argmin(sizes)])
+
+    @property
+    def damping_ratio(self) -> tuple[float, float]:
+        """Of the loudest and of the quietest part of the decay with the largest amplitude."""
+        return self.loudest.damping_ratio
+
+
+def modes_of(releases: Sequence[Sequence[Vibration]]) -> tuple[Mode, ...]:
+    """The modes of the vibrations of several releases, by frequency."""
+    found: list[list[Vibration | None]] = []
+    for i, vibrations in enumerate(releases):
+        free = [m for m in found if m[i] is None]
+        for v in vibrations:
+            same = [m for m in free if m[i] is None and any(_same(v, o) for o in m if o)]
+            if not same:
+                same = [[None] * len(releases)]
+                found += same
+            # Of several that overlap, that whose frequency is nearest.
+            nearest = min(same, key=lambda m: _apart(v, m))
+            nearest[i] = v
+    found = [m for m in found if not all(v.faint for v in m if v)]
+    ordered = sorted(found, key=lambda m: float(np.mean([v.mean_frequency for v in m if v])))
+    return tuple(Mode(n, tuple(parts)) for n, parts in enumerate(ordered, 1))
+
+
+def _same(one: Vibration, other: Vibration) -> bool:
+    low = max(one.frequency.min(), other.frequency.min()) * (1 - _SAME)
+    return bool(low < min(one.frequency.max(), other.frequency.max()) * (1 + _SAME))
+
+
+def _apart(vibration: Vibration, parts: Sequence[Vibration | None]) -> float:
+    return min((abs(vibration.mean_frequency - v.mean_frequency) for v in parts if v), default=0.0)

@@ -1,0 +1,199 @@
+"""What is added to a vibration and does not fade with it: offset, drift and steady lines.
+
+Arrays are one channel (n,) with a uniform rate, NaN where a sample is missing. Nothing here knows what was measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_lsq_spline
+from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
+from scipy.signal import find_peaks, periodogram
+
+from romsindy.record.faults import filled
+from romsindy.typing import Array
+
+# Cycles for each value of a drift; a midline that moves faster belongs to the vibration.
+_SLOW, _MOST_VALUES = 6.0, 16
+# Samples of a cycle that a drift is fitted to.
+_RATE = 16
+# Of the amplitude at the time: where a drift reaches as much, and so often, it matters.
+_MATTERS, _OFTEN = 0.1, 0.1
+# Cycles at either end that count less.
+_TAPER = 4.0
+# Of the amplitude: the vibration's own midline moves no further.
+_OWN = 0.25
+# Degree of the drift beside which the vibration's own midline is sought.
+_DEGREE = 4
+# Power of a line over the median of the spectrum round it, and how far that reaches.
+_LINE, _NEAR = 30.0, 40
+# Pieces of the quieter half over which a line must keep its size, and how well.
+_PIECES, _STEADY = 4, 0.05
+# Most lines that are looked for in one channel.
+_MOST = 24
+# Of the rms of the later half: a line below does nothing.
+_FAINT = 1e-3
+# Fundamental frequencies of mains and how far they stray, Hz; and harmonics that are looked for.
+_MAINS, _STRAY, _HARMONICS = (50.0, 60.0), 0.2, 12
+
+
+def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
+    """Level of rest, and the slow drift about it; each 0 where it matters nowhere.
+
+    Both are read off the slow part of the channel, to which quiet samples count most. An
+    asymmetric vibration moves its own midline in proportion to amplitude^2, which is no drift.
+    ``cycle`` in samples.
+    """
+    n, known, x = len(x), np.isfinite(x), filled(x)
+    power = _power(x - uniform_filter1d(x, 2 * round(cycle) + 1), cycle)
+    loud = power.max()
+    # Before the release there may be a hold, whose level is not that of rest.
+    begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
+    here = np.arange(begin, n, max(round(cycle / _RATE), 1))
+    here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
+    # The ends of a vibration, the loud one above all, would bend the spline: the taper.
+    inside = np.minimum(here - begin, n - here) / (_TAPER * cycle)
+    weight = np.sin(np.pi / 2 * np.clip(inside, 1e-3, 1)) ** 2 / np.maximum(
+        power[here], 1e-4 * loud
+    )
+    at = here.astype(float)
+    slow = _slow_part(at, x[here], weight, min(int((n - begin) / (_SLOW * cycle)), _MOST_VALUES))
+    own = _power(np.sqrt(power), cycle)[here] / loud
+    powers = np.polynomial.legendre.legvander(2 * (at - begin) / (n - begin) - 1, _DEGREE)
+    root = np.sqrt(weight)
+    fit = np.linalg.lstsq(np.column_stack([own, powers]) * root[:, None], slow * root)[0]
+    most = _OWN * np.sqrt(2 * loud)
+    share = float(np.clip(fit[0], -most, most))
+    choices = [slow, slow - share * own]
+    levels = [float(np.average(choice, weights=weight)) for choice in choices]
+    amplitude = np.sqrt(2 * power[here])
+    sizes = [
+        np.abs(choice - at_rest) / np.maximum(amplitude, 1e-9 * amplitude.max())
+        for choice, at_rest in zip(choices, levels, strict=True)
+    ]
+    least = int(np.argmin([np.median(size) for size in sizes]))
+    level = levels[least] if np.mean(abs(levels[least]) > _MATTERS * amplitude) > _OFTEN else 0.0
+    if np.mean(sizes[least] > _MATTERS) < _OFTEN:
+        return level, np.zeros(n)
+    return level, np.interp(np.arange(n), at, choices[least] - levels[least])
+
+
+def _power(x: Array, cycle: float) -> Array:
+    """Mean square over two cycles."""
+    return np.maximum(uniform_filter1d(x**2, 2 * round(cycle) + 1), 0.0)  # sums are rounded
+
+
+def _slow_part(t: Array, x: Array, weight: Array, values: int) -> Array:
+    """Weighted least-squares spline of so many values."""
+    degree = int(np.clip(values - 1, 0, 3))
+    inner = np.quantile(t, np.linspace(0, 1, max(values - degree, 1) + 1))
+    knots = np.concatenate([[t[0]] * degree, inner, [t[-1]] * degree])
+    return make_lsq_spline(t, x, knots, k=degree, w=np.sqrt(weight))(t)
+
+
+@dataclass(frozen=True)
+class SteadyLine:
+    """A tone that keeps frequency (Hz), amplitude (unit of x) and phase (rad at t = 0)."""
+
+    frequency: float
+    amplitude: float
+    phase: float
+
+    def __call__(self, t: Array) -> Array:
+        return self.amplitude * np.cos(2 * np.pi * self.frequency * t + self.phase)
+
+    @property
+    def mains(self) -> float:
+        """Fundamental frequency of the mains that it belongs to, 0 if none."""
+        for f in _MAINS:
+            order = round(self.frequency / f)
+            if 0 < order <= _HARMONICS and abs(self.frequency - order * f) < _STRAY * order:
+                return f
+        return 0.0
+
+
+def steady_lines(x: Array, dt: float) -> tuple[SteadyLine, ...]:
+    """Lines that stay while the vibration decays, strongest first; t = 0 at the first sample.
+
+    They are sought in the later half, where the vibration is quieter, and fitted to the whole
+    channel by least squares, each sample weighed by the power round it.
+    """
+    known, x = np.isfinite(x), filled(x)
+    half = len(x) // 2
+    if np.mean(x[half:] ** 2) > 0.5 * np.mean(x[:half] ** 2):
+        return ()  # what does not decay is full of steady lines
+    t = dt * np.arange(len(x))
+    # A smooth weight: one that knows the beat of vibration and line would favour their minima.
+    power = _power(x, len(x) / 20)
+    # A taper keeps the vibration out, which is far stronger at the end of the record.
+    weight = known * np.hanning(len(x)) / np.maximum(power, 1e-12 * np.max(power))
+    lines: dict[int, SteadyLine] = {}
+    frequencies = [f for f in _candidates(x, dt) if _stays(x[half:], dt, f)]
+    left = x.copy()
+    for _ in range(2):  # strong lines disturb the fits of weak ones
+        for i, f in enumerate(frequencies):
+            if i in lines:
+                left += lines[i](t)
+            lines[i] = _fitted(left, t, weight, lines[i].frequency if i in lines else f)
+            left -= lines[i](t)
+    heard = [line for line in lines.values() if line.amplitude > _FAINT * np.std(x[half:])]
+    return tuple(sorted(heard, key=lambda line: -line.amplitude))
+
+
+def _candidates(x: Array, dt: float) -> list[float]:
+    """Frequencies of lines in the later half; not that of the vibration itself, strongest first."""
+    half = len(x) // 2
+    frequency, power = periodogram(x[half:], 1 / dt, window="hann")
+    own = periodogram(x[:half], 1 / dt, window="hann")
+    floor = np.maximum(median_filter(power, 2 * _NEAR + 1, mode="nearest"), 1e-12 * power.max())
+    peaks = find_peaks(power / floor, height=_LINE, distance=3)[0]
+    peaks = peaks[np.argsort(-power[peaks])][:_MOST]
+    peaks = peaks[frequency[peaks] < 0.45 / dt]  # where a window mirrors no line into itself
+    peaks = peaks[np.abs(frequency[peaks] - own[0][np.argmax(own[1])]) > 4 * frequency[1]]
+    return [_refined(np.log(power[p - 1 : p + 2]), frequency[p], frequency[1]) for p in peaks]
+
+
+def _refined(three: Array, middle: float, step: float) -> float:
+    """Top of a parabola through three values a step apart."""
+    bend = three[0] - 2 * three[1] + three[2]
+    return float(middle + step * (three[0] - three[2]) / (2 * bend))
+
+
+def _stays(x: Array, dt: float, f: float) -> bool:
+    """Whether a line keeps its size, as well as noise lets see; mains are known beforehand."""
+    size, scatter = [], []
+    for piece in np.array_split(x, _PIECES):
+        window = np.hanning(len(piece))
+        turn = np.exp(-2j * np.pi * dt * np.arange(len(piece)) * f)
+        # Frequencies a few lines away show what the noise does to this one.
+        near = np.array([-8, -6, -4, 0, 4, 6, 8]) / (len(piece) * dt)
+        waves = np.exp(-2j * np.pi * dt * np.outer(near, np.arange(len(piece))))
+        values = 2 * np.abs(waves @ (window * turn * piece)) / window.sum()
+        size.append(values[3])
+        scatter.append(np.median(np.delete(values, 3)) / values[3])
+    change = np.abs(np.ptp(np.log(size)))
+    error = float(np.sqrt(np.mean(np.square(scatter))))
+    known = SteadyLine(f, 0.0, 0.0).mains > 0
+    return bool(change < max(_STEADY, 3 * error) and (error < _STEADY or known))
+
+
+def _fitted(x: Array, t: Array, weight: Array, f: float) -> SteadyLine:
+    """Weighted least squares for frequency, amplitude and phase (Gauss-Newton)."""
+    late = t - t.mean()
+    for _ in range(3):
+        a, b, c, d = _weighted(np.concatenate([waves := _waves(t, f), late * waves]), weight, x)
+        # A cos((w + dw) t + p) changes by -A dw t sin(w t + p).
+        f += (c * b - d * a) / (a**2 + b**2) / (2 * np.pi)
+    a, b = _weighted(_waves(t, f), weight, x)
+    return SteadyLine(float(f), float(np.hypot(a, b)), float(np.arctan2(-b, a)))
+
+
+def _waves(t: Array, f: float) -> Array:
+    return np.stack([np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t)])
+
+
+def _weighted(rows: Array, weight: Array, x: Array) -> Array:
+    weighted = rows * weight
+    return np.linalg.solve(weighted @ rows.T, weighted @ x)

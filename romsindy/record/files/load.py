@@ -1,0 +1,243 @@
+"""Recordings and decays from files of any kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from romsindy.record.decay import Decay
+from romsindy.record.files import choose, sep005
+from romsindy.record.files.columns import Column, Table
+from romsindy.record.files.kinds import reader_of
+from romsindy.record.files.save import saved
+from romsindy.record.recording import QUANTITIES, Quantity, Recording
+from romsindy.record.units import parse_unit
+from romsindy.typing import Array
+
+Source = str | PathLike[str] | Mapping[str, Any] | Sequence[Mapping[str, Any]]
+_RATES = ("q_dot", "q_ddot")
+
+
+def load_recording(
+    path: Source,
+    unit: str | None = None,
+    quantity: Quantity | None = None,
+    *,
+    column: str | Sequence[str] | None = None,
+    time: str | None = None,
+    rate: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+) -> Recording:
+    """Read what sensors gave from a file of any common kind, converted to SI units.
+
+    Text (CSV in any dress), NPY, NPZ, MATLAB, HDF5, WAV, universal files (UFF 55 and 58), TDMS,
+    LVM, XLSX; some need ``pip install "romsindy[formats]"``. Or SEP005 dictionaries that another
+    package has read.
+
+    Parameters
+    ----------
+    path : path, SEP005 dictionary or list of them
+        Where the recording is.
+    unit : str, optional
+        Unit of the measured columns in the file, such as "mm", "m/s", "g", "deg"; it overrides
+        the header. Without any, q stays in its own unit, which is then unknown.
+    quantity : "displacement", "velocity" or "acceleration", optional
+        What was measured; by default what unit, header or name of the column say, and displacement
+        otherwise. `Recording.basis` tells.
+    column : str or list of str, optional
+        Names of the measured columns (``"2"`` is the second of a file without header). By default
+        all that measure the same quantity in the same unit, and of several quantities the one with
+        the most columns; `Recording.notes` lists what is left out.
+    time : str, optional
+        Name of the time column; found by its name, or else the first.
+    rate : float, optional
+        Samples per second, for files without times, or with times that are too coarse.
+    start, end : float, optional
+        Part of the recording to keep, in s.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file cannot be understood; the message names the line or the column, and the remedy.
+    """
+    source, table = _table(path, (unit, quantity, column, time, rate))
+    if isinstance(table, Decay):
+        return _of_decay(table, source).between(start, end)
+    with _named(source):
+        choice = _choice(table, unit, quantity, column, time, rate)
+        return _recording(choice, source, unit, quantity).between(start, end)
+
+
+def load_decay(
+    path: Source,
+    unit: str | None = None,
+    quantity: Quantity | None = None,
+    *,
+    column: str | Sequence[str] | None = None,
+    time: str | None = None,
+    rate: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+) -> Decay:
+    """Read a decay, as `load_recording` with the same arguments reads a recording.
+
+    A velocity or an acceleration is integrated; the free decay is found by the analysis.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file cannot be understood, if more than one column could be meant, if samples are
+        missing, or as by `Decay`; the message names the line or the column, and the remedy.
+    """
+    source, table = _table(path, (unit, quantity, column, time, rate))
+    if isinstance(table, Decay):
+        return table.between(start, end)
+    with _named(source):
+        choice = _choice(table, unit, quantity, column, time, rate)
+        names = [c.name for c in choice.columns]
+        if column is None and len(names) > 1:
+            raise ValueError(
+                f"{len(names)} columns could be the measured one, {names}: choose with column="
+            )
+        whole = _recording(choice, source, unit, quantity)
+        part = whole.between(start, end)
+        _refuse_missing(part, whole)
+        decay = _decay(part, _derivatives(table, part, whole, unit))
+    return replace(decay, notes=(*part.notes, *decay.notes)) if part.notes else decay
+
+
+def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]:
+    """Name of the source and its columns; or the decay that `save_decay` wrote there."""
+    if isinstance(path, Mapping | Sequence) and not isinstance(path, str | bytes):
+        return "SEP005", sep005.read(path)
+    if not isinstance(path, str | PathLike):
+        raise ValueError(f"path = {path!r} must be the name of a file, or SEP005 dictionaries")
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    read = reader_of(path)
+    decay = saved(path) if all(s is None for s in settings) else None
+    return str(path), read(path) if decay is None else decay
+
+
+class _Choice(NamedTuple):
+    """Times in s, and the columns that were measured at them."""
+
+    t: Array
+    columns: list[Column]
+    quantity: Quantity
+    notes: tuple[str, ...]
+
+
+def _choice(
+    table: Table,
+    unit: str | None,
+    quantity: Quantity | None,
+    column: str | Sequence[str] | None,
+    time: str | None,
+    rate: float | None,
+) -> _Choice:
+    if quantity not in (None, *QUANTITIES):
+        raise ValueError(f"quantity = {quantity!r} must be displacement, velocity or acceleration")
+    wanted = quantity or (parse_unit(unit).quantity if unit else None)
+    names = None if column is None else list(map(str, np.atleast_1d(column)))
+    table = replace(table, columns=choose.unique(table.columns))
+    signals = choose.signals_of(table, names)
+    t, chosen, note = choose.times_of(table, signals, time, rate)
+    if names is None:
+        chosen = choose.measured(chosen, wanted)
+    elif lost := [c.name for c in signals if c not in chosen]:
+        raise ValueError(f"columns {lost} have other times than {names}: choose with column=")
+    if not chosen:
+        raise ValueError("no measured column beside the time")
+    left = [c.name for c in signals if c not in chosen]
+    notes = (*table.notes, note, f"left out: {', '.join(left)}" if left else "")
+    wanted = wanted or chosen[0].quantity or "displacement"
+    return _Choice(t, chosen, wanted, tuple(filter(None, notes)))
+
+
+def _recording(
+    choice: _Choice, source: str, unit: str | None, quantity: Quantity | None
+) -> Recording:
+    columns = choice.columns
+    names = [c.name for c in columns]
+    units = [choose.conversion(c, unit, choice.quantity) for c in columns]
+    if len({base for base, _ in units}) > 1:
+        raise ValueError(f"columns {names} are not in one unit: choose some of them with column=")
+    choose.checked_times(choice.t)
+    x = np.empty((len(choice.t), len(columns)))
+    for k, (c, (_, factor)) in enumerate(zip(columns, units, strict=True)):
+        np.multiply(c.values, factor, out=x[:, k])
+    x[~np.isfinite(x)] = np.nan
+    basis = _basis(columns[0], unit, quantity)
+    base = units[0][0]
+    return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
+
+
+def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
+    if unit:
+        return f"unit={unit}" + (f" in place of {column.basis}" if column.unit else "")
+    strange = "" if column.is_motion else ", a unit that is not known: numbers as in the file"
+    return (f"quantity={quantity}" if quantity else column.basis) + strange
+
+
+def _of_decay(decay: Decay, source: str) -> Recording:
+    basis = "saved by romsindy"
+    return Recording(
+        decay.t, decay.signal, (), decay.measured, decay.unit, basis, source, decay.notes
+    )
+
+
+def _derivatives(
+    table: Table, part: Recording, whole: Recording, unit: str | None
+) -> tuple[Array | None, Array | None]:
+    """q_dot and q_ddot beside a q that is consistent with them; its factor holds for all."""
+    found = {c.name: c.values for c in table.columns}
+    if part.names != ("q",) or part.quantity != "displacement" or not {*_RATES} <= {*found}:
+        return None, None
+    first = int(np.searchsorted(whole.t, part.t[0]))
+    q = next(c for c in table.columns if c.name == "q")
+    factor = choose.conversion(q, unit, "displacement")[1]
+    velocity, acceleration = (found[n][first : first + len(part.t)] * factor for n in _RATES)
+    return velocity, acceleration
+
+
+def _decay(record: Recording, derivatives: tuple[Array | None, Array | None]) -> Decay:
+    x = record.x[:, 0] if len(record.names) == 1 else record.x
+    if record.quantity == "velocity":
+        return Decay.from_velocity(record.t, x, record.unit)
+    if record.quantity == "acceleration":
+        return Decay.from_acceleration(record.t, x, record.unit)
+    return Decay(record.t, x, *derivatives, unit=record.unit)
+
+
+def _refuse_missing(part: Recording, whole: Recording) -> None:
+    for name, values in zip(part.names, part.x.T, strict=True):
+        bad = np.flatnonzero(np.isnan(values))
+        if len(bad):
+            row = int(np.searchsorted(whole.t, part.t[bad[0]])) + 1
+            raise ValueError(
+                f"column {name!r} has {len(bad)} values that are NaN or infinite, the first at"
+                f" {part.t[bad[0]]:.6g} s in row {row} of the data: cut the record with start="
+                " and end=, or interpolate over them"
+            )
+
+
+@contextmanager
+def _named(source: str) -> Iterator[None]:
+    """Messages begin with the name of the source."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from error

@@ -1,0 +1,125 @@
+"""LVM, the text files of LabVIEW: a header, then segments with headers of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import takewhile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.record.files.columns import Column, Table, named, refused
+from romsindy.record.files.stamps import reader
+from romsindy.typing import Array
+
+_Keys = dict[str, list[str]]  # of a header: what it says of every channel
+
+
+class _Part(NamedTuple):
+    """One channel in one segment; it began at a time of day."""
+
+    name: str
+    unit: str
+    t: Array
+    values: Array
+    begin: str
+
+
+def read(path: Path) -> Table:
+    """Channels of an LVM file; segments follow each other in time.
+
+    Raises
+    ------
+    ValueError
+        If it is broken or cut off, or its segments have different channels or no order in time.
+    """
+    with refused(path, "LVM"), path.open(encoding="utf-8-sig", errors="replace") as lines:
+        start = list(takewhile(_is_header, lines))
+        separator = next((line[9] for line in start if line.startswith("Separator")), "\t")
+        segments = list(_segments(lines, _keys(start, separator), separator))
+        if len({tuple(part.name for part in parts) for parts in segments}) != 1:
+            raise ValueError(f"{len(segments)} segments, not of the same channels: split the file")
+        return Table([_joined(parts) for parts in zip(*segments, strict=True)])
+
+
+def _is_header(line: str) -> bool:
+    return not line.startswith("***End_of_Header***")
+
+
+def _keys(header: Sequence[str], separator: str) -> _Keys:
+    rows = [line.rstrip("\r\n").split(separator) for line in header]
+    return {cells[0].strip(): cells[1:] for cells in rows if len(cells) > 1}
+
+
+class _Rows:
+    """Rows of one segment; ``after`` is the first line of the next header."""
+
+    def __init__(self, lines: Iterator[str], decimal: str) -> None:
+        self.lines, self.decimal, self.after = lines, decimal, ""
+
+    def __iter__(self) -> Iterator[str]:
+        for line in self.lines:
+            if line.startswith("Channels"):
+                self.after = line
+                return
+            if line.strip():
+                yield line.replace(self.decimal, ".")
+
+
+def _segments(lines: Iterator[str], file: _Keys, separator: str) -> Iterator[list[_Part]]:
+    decimal = file.get("Decimal_Separator", ["."])[0] or "."
+    kind = file.get("X_Columns", ["One"])[0]
+    head = next((line for line in lines if line.startswith("Channels")), "")
+    while head:
+        header = [head, *takewhile(_is_header, lines)]
+        keys = _keys(header, separator)
+        keys |= {k: [v.replace(decimal, ".") for v in keys[k]] for k in ("X0", "Delta_X")}
+        names = next(lines).rstrip("\r\n").split(separator)
+        rows, n = _Rows(lines, decimal), int(keys["Channels"][0])
+        used = range(1, n + 1) if kind == "No" else range(2 * n if kind == "Multi" else n + 1)
+        values = np.loadtxt(
+            iter(rows),
+            delimiter=separator,
+            usecols=used,
+            converters=_number_or_nothing,
+            comments=None,
+            ndmin=2,
+        )
+        table = dict(zip(used, values.T, strict=True))
+        pairs = [(2 * k, 2 * k + 1) if kind == "Multi" else (0, k + 1) for k in range(n)]
+        yield [_part(k, names[y], keys, table.get(x), table[y]) for k, (x, y) in enumerate(pairs)]
+        head = rows.after
+
+
+def _number_or_nothing(cell: str) -> float:
+    return float(cell) if cell.strip() else np.nan
+
+
+def _part(k: int, name: str, keys: _Keys, x: Array | None, values: Array) -> _Part:
+    said = {key: cells[k].strip() for key, cells in keys.items() if k < len(cells)}
+    values = values[: np.flatnonzero(np.isfinite(values)).max(initial=-1) + 1]
+    samples = int(said.get("Samples") or 0)  # of a packet; several may follow one header
+    if samples and len(values) % samples:
+        raise ValueError(f"damaged: {len(values)} samples in packets of {samples}")
+    step = float(said["Delta_X"])
+    t = float(said["X0"]) + step * np.arange(len(values))
+    if x is not None and not (step > 0 and np.allclose(x[: len(t)], t, rtol=0, atol=step / 2)):
+        t = x[: len(t)]  # else those are the same times, rounded
+    begin = f"{said.get('Date', '')} {said.get('Time', '')}".strip()
+    return _Part(name, said.get("Y_Unit_Label", ""), t, values, begin)
+
+
+def _joined(parts: Sequence[_Part]) -> Column:
+    """One channel over all segments, whose times may begin at zero again."""
+    t = [parts[0].t]
+    for part in parts[1:]:
+        later = 0.0
+        if part.t[0] <= t[-1][-1] and part.begin:
+            clock = reader(parts[0].begin)
+            later = clock(part.begin) - clock(parts[0].begin)
+        if part.t[0] + later <= t[-1][-1]:
+            raise ValueError("a segment begins before the end of the one above: split the file")
+        t.append(part.t + later)
+    values = np.concatenate([part.values for part in parts])
+    return named(parts[0].name, values, parts[0].unit, t=np.concatenate(t))

@@ -1,0 +1,78 @@
+"""Date and time stamps of text files, as seconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from datetime import date
+from functools import lru_cache
+
+_DATE = r"(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4})"
+_CLOCK = (
+    r"(?P<clock>\d{1,2}:\d{2}(?::\d{2})?(?:[.,]\d*)?) ?(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
+)
+_STAMP = re.compile(rf"(?:{_DATE}[T ]*)?(?:{_CLOCK})?")
+
+
+def is_stamp(cell: str) -> bool:
+    """Whether a cell is a date, a time of day, or both.
+
+    >>> [is_stamp(c) for c in ("2024-05-01T12:00:00.5", "1.5.2024", "12:00:00,5", "1.5", "")]
+    [True, True, True, False, False]
+    """
+    return bool(cell.strip()) and _STAMP.fullmatch(cell.strip()) is not None
+
+
+def reader(first: str) -> Callable[[str], float]:
+    """A function from stamps to seconds since midnight of the first one's day.
+
+    Seconds since year 1 would keep no microseconds in a float.
+
+    Raises
+    ------
+    ValueError
+        By that function, if a cell is no stamp, or its day cannot be told from the first one's.
+
+    >>> read = reader("31.12.2023 23:59:59")
+    >>> read("01.01.2024 00:00:00,25"), read("31.12.2023 11:59:59 PM"), read("00:01.5")
+    (86400.25, 86399.0, 1.5)
+    """
+    start = _match(first)["date"]
+
+    def seconds(cell: str) -> float:
+        found = _match(cell)
+        days = _days(start, found["date"]) if found["date"] else 0
+        return 86400.0 * days + _of_day(found["clock"] or "0:00", (found["half"] or "").lower())
+
+    return seconds
+
+
+def _match(cell: str) -> re.Match[str]:
+    found = _STAMP.fullmatch(cell.strip())
+    if found is None or not cell.strip():
+        raise ValueError(f"{cell.strip()!r} is no date or time of day")
+    return found
+
+
+def _of_day(clock: str, half: str) -> float:
+    parts = [float(part) for part in clock.replace(",", ".").split(":")]
+    if len(parts) == 2:  # minutes and seconds if there is a fraction, else hours and minutes
+        parts = [0.0, *parts] if "." in clock or "," in clock else [*parts, 0.0]
+    hours = parts[0] % 12 + 12 * (half == "pm") if half else parts[0]
+    return 3600 * hours + 60 * parts[1] + parts[2]
+
+
+@lru_cache
+def _days(start: str | None, day: str) -> int:
+    if start is None:
+        raise ValueError(f"{day!r} has a date, and the first row has none")
+    return 0 if start == day else _ordinal(day) - _ordinal(start)
+
+
+def _ordinal(day: str) -> int:
+    numbers = [int(part) for part in re.split(r"[-/.]", day)]
+    if numbers[0] > 31:
+        return date(*numbers).toordinal()
+    if "/" in day:
+        raise ValueError(f"{day!r}: the day changes, and this may be day/month or month/day")
+    return date(*numbers[::-1]).toordinal()

@@ -1,0 +1,268 @@
+"""CSV and other text in its many dresses: separators, decimal commas, headers, time stamps."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from romsindy.record.files.columns import Column, Table
+from romsindy.record.files.header import COMMENTS, columns_of, rate_in, split
+from romsindy.record.files.stamps import is_stamp, reader
+
+_HEAD = 500  # lines that are looked at to find the layout
+_LONGEST = 100_000  # characters of a line; no table of text has more
+_NUMBER = re.compile(r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)", re.IGNORECASE)
+# Separator and decimal sign, the better one first where both fit.
+_DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the numbers of a text file are laid out.
+
+    Parameters
+    ----------
+    delimiter : str or None
+        Between the cells; None for spaces.
+    decimal : str
+        "." or ",".
+    first : int
+        Lines before the first row of numbers.
+    example : tuple of str
+        Cells of that row.
+    empty : tuple of int
+        Columns without anything: an unused channel, a separator at the end of every row.
+    rows : int
+        Rows that fit, among the first lines of the file.
+    halves : bool
+        Whether the separator parts numbers too: commas are decimal signs as well.
+    """
+
+    delimiter: str | None
+    decimal: str
+    first: int
+    example: tuple[str, ...]
+    empty: tuple[int, ...]
+    rows: int
+    halves: bool
+
+    @property
+    def stamps(self) -> list[int]:
+        """Columns of dates and times of day."""
+        return [i for i, cell in enumerate(self.example) if is_stamp(cell)]
+
+    def plain(self, line: str) -> str:
+        """A row with decimal points."""
+        if self.decimal == ",":
+            if "." in line and not self.stamps:
+                raise ValueError("decimal commas and decimal points")
+            line = line.replace(",", ".")
+        return line
+
+
+def read(path: Path) -> Table:
+    """Columns of a text file.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be understood; the message names line, column and remedy.
+    """
+    with path.open(encoding=_encoding(path), errors="replace") as stream:
+        table = parse(path, stream)
+    return _without_cut_row(path, table)
+
+
+def parse(source: Path, stream: TextIO) -> Table:
+    """Columns of a stream of text that can be rewound.
+
+    Raises
+    ------
+    ValueError
+        As `read`.
+    """
+    head = _head(source, stream)
+    layouts = [found for dialect in _DIALECTS if (found := _layout(head, *dialect))]
+    if not layouts:
+        raise ValueError(f"{source}: no line starts with a number")
+    most = max(layout.rows for layout in layouts)
+    layouts = [layout for layout in layouts if layout.rows == most]
+    # A single cell may be two numbers that another separator would part.
+    layouts.sort(key=lambda layout: (layout.halves, len(layout.example) == 1))
+    refusals = []
+    for layout in layouts:
+        try:
+            return _table(layout, head[: layout.first], stream)
+        except ValueError as refusal:
+            refusals.append(refusal)
+    raise ValueError(f"{source}, {refusals[0]}") from refusals[0]
+
+
+# -- layout -------------------------------------------------------------------------------------
+
+
+def _encoding(path: Path) -> str:
+    with path.open("rb") as file:
+        start = file.read(1 << 16)
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if start.startswith(b"\xef\xbb\xbf"):
+        return "utf-8-sig"
+    zeros = [start[k::2].count(0) > 0.3 * len(start) / 2 for k in (0, 1)]
+    if any(zeros) and not all(zeros):
+        return "utf-16-be" if zeros[0] else "utf-16-le"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(start)
+    except UnicodeDecodeError:
+        return "cp1252"  # Latin-1 as Windows writes it
+    return "utf-8"
+
+
+def _head(source: Path, stream: TextIO) -> list[str]:
+    head: list[str] = []
+    while len(head) < _HEAD and (line := stream.readline(_LONGEST)):
+        if len(line) == _LONGEST or "\0" in line:
+            raise ValueError(f"{source}: the content is no table of text")
+        head.append(line)
+    if not any(map(_is_content, head)):
+        raise ValueError(f"{source}: the file has no lines of data")
+    return head
+
+
+def _is_content(line: str) -> bool:
+    start = line.lstrip()
+    return start != "" and not start.startswith(COMMENTS)
+
+
+def _layout(head: list[str], delimiter: str | None, decimal: str) -> Layout | None:
+    """The layout by which most lines are rows of numbers, if any are."""
+    rows = {}
+    for i, line in enumerate(head):
+        cells = split(line, delimiter) if _is_content(line) else []
+        if any(cells) and all(not c or _is_value(c, decimal) for c in cells):
+            rows[i] = cells
+    if not rows:
+        return None
+    width = Counter(map(len, rows.values())).most_common(1)[0][0]
+    rows = {i: cells for i, cells in rows.items() if len(cells) == width}
+    halves = (delimiter, decimal) == (",", ".") and _are_halves(rows.values())
+    first = min(rows)
+    empty = tuple(i for i in range(width) if not any(cells[i] for cells in rows.values()))
+    return Layout(delimiter, decimal, first, tuple(rows[first]), empty, len(rows), halves)
+
+
+def _is_value(cell: str, decimal: str) -> bool:
+    if is_stamp(cell):
+        return True
+    if decimal == ",":
+        cell = "." if "." in cell else cell.replace(",", ".")
+    return _NUMBER.fullmatch(cell) is not None
+
+
+def _are_halves(rows: Collection[list[str]]) -> bool:
+    """Whether a comma parts a number, as in 0,05: no whole number starts with a zero."""
+    cells = [cell for row in rows for cell in row]
+    after = [cell for row in rows for cell in row[1:]]
+    return all(c.lstrip("-").isdigit() for c in cells) and any(
+        len(c) > 1 and c.startswith("0") for c in after
+    )
+
+
+# -- numbers ------------------------------------------------------------------------------------
+
+
+class _Rows:
+    """Rows of numbers of a stream, which remember where they are."""
+
+    def __init__(self, stream: TextIO, layout: Layout) -> None:
+        self.stream, self.layout = stream, layout
+        self.number, self.line = layout.first, ""
+
+    def __iter__(self) -> Iterator[str]:
+        first, plain = self.layout.first, self.layout.plain
+        for self.number, self.line in enumerate(islice(self.stream, first, None), first + 1):  # noqa: B020
+            if _is_content(self.line):
+                yield plain(self.line)
+
+
+def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
+    if layout.halves:
+        raise ValueError(
+            f"line {layout.first + 1}: commas part the cells and the numbers within them: save with"
+            " decimal points, or with semicolons between the cells"
+        )
+    columns = columns_of(above, layout.delimiter, len(layout.example), layout.empty)
+    converters: dict[int | str, Callable[[str], float]] = {}
+    converters |= {i: reader(layout.example[i]) for i in layout.stamps}
+    converters |= dict.fromkeys(layout.empty, _number_or_nothing)
+    stream.seek(0)
+    rows = _Rows(stream, layout)
+    try:
+        values = np.loadtxt(
+            iter(rows),
+            delimiter=layout.delimiter,
+            converters=converters or None,
+            ndmin=2,
+            comments=None,
+            quotechar='"',
+        )
+    except ValueError as error:
+        raise _refusal(rows, columns) or error from None
+    columns = [replace(c, values=v) for c, v in zip(columns, values.T, strict=True)]
+    rate = rate_in(above)
+    unused = {i for i in layout.empty if np.isnan(values[:, i]).all()}
+    if not layout.stamps:
+        return Table([c for i, c in enumerate(columns) if i not in unused], rate)
+    t = values[:, layout.stamps].sum(axis=1)
+    clock = Column(columns[layout.stamps[0]].name, t - t[0], "s")
+    others = [c for i, c in enumerate(columns) if i not in {*layout.stamps, *unused}]
+    first = " ".join(layout.example[i] for i in layout.stamps)
+    return Table([clock, *others], rate, (f"time counted from {first}",))
+
+
+def _number_or_nothing(cell: str) -> float:
+    return float(cell) if cell.strip() else np.nan
+
+
+def _refusal(rows: _Rows, columns: list[Column]) -> ValueError | None:
+    """What is wrong with the line at which reading stopped."""
+    layout, line = rows.layout, f"line {rows.number}"
+    try:
+        cells = split(layout.plain(rows.line), layout.delimiter)
+    except ValueError as error:
+        return ValueError(f"{line}: {error}; mend the line")
+    if len(cells) != len(columns):
+        return ValueError(f"{line}: {len(cells)} columns where {len(columns)} are usual")
+    for i, (cell, column) in enumerate(zip(cells, columns, strict=True)):
+        wanted = "a time stamp like those above" if i in layout.stamps else "a number"
+        fits = is_stamp if i in layout.stamps else _NUMBER.fullmatch
+        if not fits(cell) and not (i in layout.empty and not cell):
+            what = f"{cell!r} is not {wanted}" if cell else "the cell is empty"
+            name = repr(column.name) if not column.name.isdigit() else column.name
+            return ValueError(f"{line}, column {name}: {what}; mend the cell or remove the line")
+    return None
+
+
+def _without_cut_row(path: Path, table: Table) -> Table:
+    """The table without its last row, if the file ends in the midst of that row's last number."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 4000))
+        end = file.read().decode("latin-1")
+    lines = end.splitlines()[-6:]
+    if end.endswith(("\n", "\r", "\0")) or len(lines) < 6:
+        return table
+    digits = [re.search(r"[.,](\d+)(?:[eE][-+]?(\d+))?\s*$", line) for line in lines]
+    sizes = [tuple(len(part or "") for part in d.groups()) if d else (0, 0) for d in digits]
+    if len({*sizes[:-1]}) > 1 or not (sizes[-1] < sizes[0] or sizes[-1][1] < sizes[0][1]):
+        return table
+    columns = [replace(column, values=column.values[:-1]) for column in table.columns]
+    note = f"the last line, {lines[-1].strip()[-40:]!r}, is cut off in its last number: left out"
+    return replace(table, columns=columns, notes=(*table.notes, note))

@@ -1,0 +1,177 @@
+"""One vibration of a free decay by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import butter, sosfiltfilt
+
+from romsindy.record.decay import Decay
+from romsindy.record.noise import HARMONICS
+from romsindy.record.recording import QUANTITIES
+from romsindy.record.ridges import Ridge
+from romsindy.record.signals import downsample
+from romsindy.record.vibrations import Vibration, decimation
+from romsindy.typing import Array
+
+# Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.
+_SLOW = 0.7
+# Half of a band round the frequencies of another vibration, and the widest band, as ratios.
+_STOP, _WIDEST = 0.06, 1.4
+_SHARED = (
+    "harmonic {} of it lies where another vibration rings ({:.4g} Hz) and was taken off with it:"
+    " terms that show there, such as asymmetry at harmonic 2, are not to be trusted"
+)
+# An end is spoiled where a cycle differs from the smooth vibration by this many times what is
+# usual, and by more than that part of its size. Fewer cycles are too few to say what is usual.
+_SPOILED, _HARMLESS, _FEW_CYCLES, _MOST_SPOILED = 4.0, 0.005, 30, 5
+# Samples a cycle of what is returned: six harmonics, and noise beyond them.
+_SAMPLES_PER_CYCLE = 20
+_TERMS = 2  # of an integration by parts
+_NAMES = ("q", "q_dot", "q_ddot")
+
+
+def isolated(
+    t: Array,
+    x: Array,
+    vibrations: Sequence[Vibration],
+    number: int,
+    unit: str | None = None,
+    notes: tuple[str, ...] = (),
+) -> Decay:
+    """The free decay of one of several vibrations, with its harmonics.
+
+    The others are subtracted as they were followed, so that neither the ends nor the harmonics of
+    the one suffer, and the noise stays what it was. A record of many samples a cycle is decimated.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Uniform times of the decay, s.
+    x : (n,) array
+        What was measured, free of offset and drift.
+    vibrations : sequence of Vibration
+        As `find_vibrations` found them in x.
+    number : int
+        Which of them, from 0.
+    unit : str, optional
+        SI unit of the displacement.
+    notes : tuple of str
+        What was done to the record before.
+
+    Returns
+    -------
+    Decay
+        Free, in the quantity that was measured.
+    """
+    own = vibrations[number]
+    others = [v for i, v in enumerate(vibrations) if i != number]
+    enough = 1 / (_SAMPLES_PER_CYCLE * float(t[1] - t[0]) * float(own.frequency.max()))
+    coarse = max(min(decimation(x, float(t[1] - t[0])), int(enough)), 1)
+    x, t = downsample(x, coarse), t[::coarse]
+    dt, clock = float(t[1] - t[0]), t - t[0]
+    alone: Array = x - sum((v(clock) for v in others), np.zeros(len(x)))
+    told = [v for v in others if not v.faint]
+    if told:
+        names = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in told)
+        notes = (*notes, f"vibration at {own.mean_frequency:.4g} Hz isolated; subtracted: {names}")
+    alone, shared = _without_bands(alone, own, others, clock)
+    notes = (*notes, *(_SHARED.format(n, f) for n, f in shared))
+    alone, q, smooth = _with_displacement(alone, own, clock)
+    kept = _unspoiled(q - smooth, smooth, dt, own) if others or own.derivative else slice(None)
+    factor = max(int(enough / coarse), 1)
+    t, alone, q = (x[kept] for x in (t, alone, q))
+    if factor > 1:
+        alone, q, t = downsample(alone, factor), downsample(q, factor), t[::factor]
+    if factor * coarse > 1:
+        notes = (*notes, f"decimated by {factor * coarse}: that is fast enough for it")
+    signals = {_NAMES[own.derivative]: alone, "q": q}
+    return Decay(
+        t, unit=unit, measured=QUANTITIES[own.derivative], notes=notes, stage="free", **signals
+    )
+
+
+def _without_bands(
+    x: Array, own: Vibration, others: Sequence[Vibration], t: Array
+) -> tuple[Array, list[tuple[int, float]]]:
+    """Without what other vibrations have left near their frequencies.
+
+    Harmonics of the vibration that lie there go too: number and frequency of these.
+    """
+    smooth, dt = own(t), float(t[1] - t[0])
+    rest: Array = x - smooth
+    shared: list[tuple[int, float]] = []
+    for v in others:
+        low, high = (1 - _STOP) * v.frequency.min(), (1 + _STOP) * v.frequency.max()
+        wide = high > _WIDEST * low or high > 0.45 / dt
+        near = low < own.frequency.max() * (1 + _STOP) and high > own.frequency.min() * (1 - _STOP)
+        if v.faint or wide or near:
+            continue
+        rest = _filtered(rest, (low, high), "bandstop", dt)
+        mine = own.mean_frequency * np.arange(2, HARMONICS + 1)
+        shared += [(n, v.mean_frequency) for n, f in enumerate(mine, 2) if low < f < high]
+    return smooth + rest, shared
+
+
+def _filtered(x: Array, band: float | tuple[float, float], kind: str, dt: float) -> Array:
+    """Zero-phase Butterworth filter of the third order; frequencies in Hz."""
+    return np.asarray(sosfiltfilt(butter(3, band, kind, fs=1 / dt, output="sos"), x), float)
+
+
+def _unspoiled(rest: Array, smooth: Array, dt: float, own: Vibration) -> slice:
+    """Samples between the ends at which more is left than elsewhere; a cycle at least goes."""
+    cycle = max(round(1 / (own.mean_frequency * dt)), 1)
+    n = len(rest) // cycle
+    if n < _FEW_CYCLES:
+        return slice(None)
+    left, size = (
+        np.sqrt(np.mean(x[: n * cycle].reshape(n, cycle) ** 2, axis=1)) for x in (rest, smooth)
+    )
+    part = left / np.maximum(size, 1e-9 * size.max())
+    bad = part > max(_SPOILED * float(np.median(part)), _HARMLESS)
+    most = max(min(n // 10, _MOST_SPOILED), 1)
+    first, last = (next((i for i in range(1, most) if not b[i]), most) for b in (bad, bad[::-1]))
+    return slice(first * cycle, len(rest) - last * cycle)
+
+
+def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array, Array]:
+    """The measured signal without what is far below it, the displacement, and its smooth part.
+
+    The vibration as it was followed is integrated tone by tone, which spoils no end; what it
+    leaves of the signal is small, and loses what is slow before every integration.
+    """
+    if own.derivative == 0:
+        return x, x, own(t)
+    dt, slow = float(t[1] - t[0]), _SLOW * float(own.frequency.min())
+    rest = _filtered(x - own(t), slow, "highpass", dt)
+    tones = [own.tone, *(tone for _, tone in own.harmonics)]
+    q: Array = sum((_integrated(tone, t, own.derivative) for tone in tones), np.zeros(len(t)))
+    integral: Array = rest
+    for _ in range(own.derivative):
+        integral = _filtered(
+            cumulative_trapezoid(integral, dx=dt, initial=0.0), slow, "highpass", dt
+        )
+    return own(t) + rest, q + integral, q
+
+
+def _integrated(tone: Ridge, t: Array, times: int) -> Array:
+    """A tone integrated over time, so many times, without a constant.
+
+    By parts: the integral of Z exp(i phase) is (Z / i rate) exp(i phase) less that of a function
+    whose amplitude is the slope of Z / i rate, which is smaller by the damping ratio. Two terms are
+    off by its square.
+    """
+    inside = tone.inside(t)
+    clock, q = t[inside], np.zeros(len(t))
+    phase, z = tone.phase(clock), tone.z(clock)
+    rate = np.maximum(tone.phase(clock, 1), np.pi * tone.frequency.min())  # never near none
+    for _ in range(times):
+        part, z = z, np.zeros_like(z)
+        for _term in range(_TERMS):
+            part = part / (1j * rate)
+            z = z + part
+            part = -np.gradient(part, clock, edge_order=2)
+    q[inside] = np.real(z * np.exp(1j * phase))
+    return q

@@ -1,0 +1,272 @@
+"""The vibrations that ring in a free decay: modes, their harmonics, and steady tones."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import welch
+
+from romsindy.record.ridges import Ridge, find_ridges, only_ridge, refined
+from romsindy.record.signals import downsample
+from romsindy.typing import Array
+
+# Of the energy of the signal: weaker tones are noise, and those below the second are not told.
+_LEAST_SHARE, _TOLD = 2e-4, 1e-3
+# Of two that move about as much, up to this factor in energy, the lower one is the dominant.
+_AS_MUCH = 3.0
+# What lies this near to a ridge with so many times its energy is what its fit has left.
+_RESIDUE_NEAR, _RESIDUE_WEAKER = 0.2, 100.0
+# A harmonic follows n times the frequency: within so much of it, and within so many radians over
+# so many cycles at least. Over fewer nothing but the ratio can tell, and that roughly.
+_HARMONICS, _HARMONIC_NEAR, _LOCKED = 6, 0.03, 1.5
+_CYCLES, _ROUGHLY = 12, 0.1
+_LOUD = 0.05
+# Ratios of frequencies that are near p : q.
+_RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
+_RESONANT = 0.01
+# A tone is steady where its amplitude falls by less than this while the vibration falls by more.
+_STEADY, _FALLEN = 0.1, 0.5
+# Where tones make up less than this of a signal, it is looked at as one short vibration.
+_MOST_OF_IT = 0.5
+# Samples a cycle of the highest frequency that stands out of the noise.
+_SAMPLES_PER_CYCLE = 3.0
+_STANDS_OUT = 20.0  # power over the median of the spectrum
+_MOST_SAMPLES = 400_000
+
+
+@dataclass(frozen=True, eq=False)
+class Vibration:
+    """One vibration of a free decay: a tone whose frequency may move, and its harmonics.
+
+    Attributes
+    ----------
+    tone : Ridge
+        The fundamental; times from the start of the decay.
+    harmonics : tuple of (int, Ridge)
+        Number and tone of the harmonics that stand out.
+    energy : float
+        Integral of the displacement^2 over time: how much it moves, and how long.
+    share : float
+        Of the signal's energy, between 0 and 1, harmonics included.
+    derivative : int
+        0, 1, 2 for a displacement, velocity or acceleration.
+    steady : bool
+        Whether it does not decay while others do: mains hum, a motor, no mode.
+    """
+
+    tone: Ridge
+    harmonics: tuple[tuple[int, Ridge], ...]
+    energy: float
+    share: float
+    derivative: int
+    steady: bool = False
+
+    @property
+    def frequency(self) -> Array:
+        """Frequencies in Hz where it was followed, (n,)."""
+        return self.tone.frequency
+
+    @property
+    def displacement(self) -> Array:
+        """Amplitudes of the displacement there, (n,)."""
+        return self.tone.amplitude / (2 * np.pi * self.tone.frequency) ** self.derivative
+
+    @property
+    def damping_ratio(self) -> tuple[float, float]:
+        """Mean of the loudest and of the quietest third of the amplitudes, in decibels."""
+        log = np.log(self.tone.amplitude)
+        thirds = np.linspace(log.max(), log.min(), 4)
+        parts = [(log >= low) & (log <= high) for high, low in itertools.pairwise(thirds)]
+        return _damping(self.tone, parts[0]), _damping(self.tone, parts[2])
+
+    def __call__(self, t: Array) -> Array:
+        """The vibration with its harmonics at times t from the start of the decay."""
+        return self.tone(t) + sum((r(t) for _, r in self.harmonics), np.zeros(len(t)))
+
+    @property
+    def faint(self) -> bool:
+        """Whether it is too weak to be told."""
+        return self.share < _TOLD
+
+    @cached_property
+    def mean_frequency(self) -> float:
+        """Hz, weighted by the energy of the signal."""
+        weight = self.tone.amplitude**2
+        return float(np.sum(weight * self.tone.frequency) / np.sum(weight))
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """Two vibrations whose frequencies are near p : q somewhere.
+
+    Attributes
+    ----------
+    lower, higher : int
+        Numbers of the vibrations, from 0.
+    p, q : int
+    ratio : float
+        Higher over lower frequency where it is nearest to q / p.
+    amplitude : float
+        Of the displacement of the lower one there.
+    """
+
+    lower: int
+    higher: int
+    p: int
+    q: int
+    ratio: float
+    amplitude: float
+
+
+def find_vibrations(
+    x: Array, dt: float, derivative: int = 0, progress: Callable[[str], None] | None = None
+) -> tuple[Vibration, ...]:
+    """The vibrations of one free decay, by frequency.
+
+    Parameters
+    ----------
+    x : (n,) array
+        One channel from the release on, free of offset and drift.
+    dt : float
+        Sampling interval, s.
+    derivative : int
+        0, 1, 2 for a displacement, velocity or acceleration.
+    progress : callable, optional
+        Called with a line of text for every tone that was followed.
+
+    Returns
+    -------
+    tuple of Vibration
+        Empty where nothing stands out of the noise for long enough.
+    """
+    factor = decimation(x, dt)
+    x, dt = downsample(np.asarray(x, float), factor), dt * factor
+    t, whole = dt * np.arange(len(x)), float(x @ x)
+    if not whole > 0:
+        return ()
+    ridges = find_ridges(x, dt, progress)
+    if sum(_share(r, t, whole) for r in ridges) < _MOST_OF_IT:
+        few_cycles = only_ridge(x, dt)
+        ridges = [r for r in few_cycles if _share(r, t, whole) > _MOST_OF_IT] or ridges
+    share = {id(r): _share(r, t, whole) for r in ridges}
+    ridges = [r for r in ridges if share[id(r)] > _LEAST_SHARE]
+    ridges = [r for r in ridges if not any(_is_residue(r, o, share) for o in ridges)]
+    ridges = refined(ridges, x, dt)
+    share = {id(r): _share(r, t, whole) for r in ridges}
+    moved = {id(r): _energy(r, derivative) for r in ridges}
+    found: list[Vibration] = []
+    for ridge in sorted(ridges, key=lambda r: -moved[id(r)]):
+        orders = [_harmonic_order(ridge, v.tone) for v in found]
+        own = next((i for i, order in enumerate(orders) if order), None)
+        if own is None:
+            found.append(Vibration(ridge, (), moved[id(ridge)], share[id(ridge)], derivative))
+            continue
+        of = found[own]
+        harmonics = (*of.harmonics, (orders[own], ridge))
+        found[own] = replace(of, harmonics=harmonics, share=of.share + share[id(ridge)])
+    falls = any(_fall(v.tone) < _FALLEN for v in found)
+    found = [replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY) for v in found]
+    return tuple(sorted(found, key=lambda v: v.mean_frequency))
+
+
+def decimation(x: Array, dt: float) -> int:
+    """Factor by which a signal can be decimated and keep all that stands out of its noise.
+
+    Of a signal with very many samples the strongest tone, and what lies below it, is kept.
+    """
+    size = min(len(x), max(len(x) // 50, 4096))
+    f, power = welch(x, 1 / dt, nperseg=size)
+    floor = max(_STANDS_OUT * np.median(power), 1e-9 * power.max())
+    highest = f[np.flatnonzero(power > floor)[-1]] if power.max() > floor else f[-1]
+    strongest = max(f[np.argmax(power)], f[1])
+    most = int(1 / (dt * _SAMPLES_PER_CYCLE * strongest))
+    kept = int(1 / (dt * _SAMPLES_PER_CYCLE * max(highest, f[1])))
+    return max(1, kept, min(most, int(np.ceil(len(x) / _MOST_SAMPLES))))
+
+
+def resonances(vibrations: Sequence[Vibration]) -> tuple[Resonance, ...]:
+    """Pairs whose frequencies come near a ratio of small whole numbers along their decay."""
+    found = []
+    for i, low in enumerate(vibrations):
+        for j, high in enumerate(vibrations[i + 1 :], i + 1):
+            t = low.tone.t
+            t = t[(t >= high.tone.t[0]) & (t <= high.tone.t[-1])]
+            if not len(t) or low.steady or high.steady:
+                continue
+            below = np.interp(t, low.tone.t, low.frequency)
+            ratio = np.interp(t, high.tone.t, high.frequency) / below
+            for p, q in _RATIOS:
+                off = np.abs(ratio * p / q - 1)
+                k = int(np.argmin(off))
+                if off[k] < _RESONANT:
+                    size = float(np.interp(t[k], low.tone.t, low.displacement))
+                    found.append(Resonance(i, j, p, q, float(ratio[k]), size))
+                    break
+    return tuple(found)
+
+
+def dominant(energy: Sequence[float]) -> int:
+    """Which of several vibrations moves most, by energy; of two alike the first."""
+    return int(np.argmax(np.asarray(energy) >= max(energy) / _AS_MUCH))
+
+
+def _share(ridge: Ridge, t: Array, whole: float) -> float:
+    return float(np.sum(ridge(t) ** 2)) / whole
+
+
+def _energy(ridge: Ridge, derivative: int) -> float:
+    """Integral of the displacement^2 over time."""
+    t = np.linspace(ridge.start, ridge.end, 8 * len(ridge.t) + 1)
+    _, frequency, size = ridge.along(t)
+    slow = np.median(ridge.frequency) / 2  # where the tone fades its own frequency may be nothing
+    rate = 2 * np.pi * np.maximum(frequency, slow)
+    return float(np.trapezoid((size / rate**derivative) ** 2, t) / 2)
+
+
+def _is_residue(ridge: Ridge, other: Ridge, share: dict[int, float]) -> bool:
+    """Whether it is no more than what the fit of a strong neighbour has left."""
+    if _RESIDUE_WEAKER * share[id(ridge)] > share[id(other)]:
+        return False
+    near = np.interp(ridge.t, other.t, other.frequency)
+    return bool(np.median(np.abs(ridge.frequency / near - 1)) < _RESIDUE_NEAR)
+
+
+def _harmonic_order(ridge: Ridge, of: Ridge) -> int:
+    """n where a tone goes with n times the phase of another, or else 0."""
+    low, high = max(ridge.t[0], of.t[0]), min(ridge.t[-1], of.t[-1])
+    t = np.linspace(low, high, 200)
+    if high <= low or ridge.t[-1] - ridge.t[0] > 1.2 * (of.end - of.start):
+        return 0
+    (phase, frequency, size), (base, slow, _) = ridge.along(t), of.along(t)
+    ratio = frequency / slow
+    order = round(float(np.median(ratio)))
+    if not 2 <= order <= _HARMONICS:
+        return 0
+    off = float(np.median(np.abs(ratio / order - 1)))
+    if (base[-1] - base[0]) / (2 * np.pi) < _CYCLES:
+        short = of.phase(of.end) - of.phase(of.start) < 2 * _CYCLES * 2 * np.pi
+        return order if short and off < _ROUGHLY else 0
+    # Where it is loud: at its end noise turns the phase.
+    turned = np.ptp((phase - order * base)[size > _LOUD * size.max()])
+    return order if off < _HARMONIC_NEAR and turned < _LOCKED else 0
+
+
+def _fall(ridge: Ridge) -> float:
+    """Amplitude at the end over that at the start."""
+    n = max(len(ridge.t) // 10, 1)
+    return float(np.mean(ridge.amplitude[-n:]) / np.mean(ridge.amplitude[:n]))
+
+
+def _damping(ridge: Ridge, part: Array) -> float:
+    """Damping ratio from the decay of the amplitudes in a part."""
+    t, a, f = (x[part] for x in (ridge.t, ridge.amplitude, ridge.frequency))
+    if len(t) < 2:
+        t, a, f = ridge.t, ridge.amplitude, ridge.frequency
+    if len(t) < 2:
+        return float("nan")
+    rate = -np.polyfit(t - t[0], np.log(a), 1)[0]
+    return float(rate / np.hypot(rate, 2 * np.pi * np.mean(f)))

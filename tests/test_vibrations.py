@@ -1,0 +1,111 @@
+"""Vibrations in a free decay: signals that are known in closed form."""
+
+import numpy as np
+import pytest
+
+from romsindy.record.isolation import isolated
+from romsindy.record.ridges import find_ridges
+from romsindy.record.signals import downsample
+from romsindy.record.vibrations import dominant, find_vibrations, resonances
+
+RATE = 2000.0
+T = np.arange(0, 6.0, 1 / RATE)
+
+
+def tone(frequency, zeta, size=1.0, phase=0.3, t=T):
+    """A damped cosine: displacement, velocity and acceleration in closed form."""
+    w = 2 * np.pi * frequency
+    z = size * np.exp((-zeta + 1j) * w * t + 1j * phase)
+    return [np.real(z * ((-zeta + 1j) * w) ** k) for k in range(3)]
+
+
+def softening(size=1.0, order=1, t=T):
+    """40 Hz at rest, 44 Hz at the largest amplitude; of a harmonic, order times the phase."""
+    a = np.exp(-1.2 * t)
+    phase = 2 * np.pi * (40 * t + 4 * (1 - a**2) / 2.4)
+    return size * a**order * np.cos(order * phase + 0.2), 40 + 4 * a**2
+
+
+def noise(level, seed=0):
+    return level * np.random.default_rng(seed).standard_normal(len(T))
+
+
+def test_tones_are_followed_to_their_frequencies():
+    x = tone(40.0, 0.003)[0] + tone(97.0, 0.004, 0.5)[0] + tone(310.0, 0.002, 0.3)[0] + noise(1e-3)
+    found = find_vibrations(x, 1 / RATE)
+    assert len(found) == 3
+    for v, (f, zeta) in zip(found, [(40.0, 0.003), (97.0, 0.004), (310.0, 0.002)], strict=True):
+        assert v.mean_frequency == pytest.approx(f, rel=2e-4)
+        assert v.damping_ratio[0] == pytest.approx(zeta, rel=0.02)  # of a window, not of an instant
+
+
+def test_frequency_that_moves_is_followed():
+    x, frequency = softening()
+    (ridge,) = find_ridges(x + noise(1e-3), 1 / RATE)
+    inside = (T > 0.1) & (T < 4.0)  # later it is noise, to a part in a hundred
+    _, found, size = ridge.along(T[inside])
+    assert np.abs(found / frequency[inside] - 1).max() < 2e-3
+    assert np.abs(size / np.exp(-1.2 * T[inside]) - 1).max() < 0.03
+
+
+def test_harmonic_belongs_to_its_vibration_and_a_mode_near_it_does_not():
+    main, _ = softening()
+    harmonic, _ = softening(0.1, 2)
+    with_harmonic = find_vibrations(main + harmonic + noise(1e-4), 1 / RATE)
+    assert [[n for n, _ in v.harmonics] for v in with_harmonic] == [[2]]
+    other = find_vibrations(main + tone(80.6, 0.003, 0.1)[0] + noise(1e-4), 1 / RATE)
+    assert [v.harmonics for v in other] == [(), ()]
+    (resonance,) = resonances(other)
+    assert (resonance.p, resonance.q) == (1, 2)
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_isolated_vibration_is_the_one_that_was_put_in(derivative):
+    own, others = tone(40.0, 0.003), [tone(97.0, 0.004, 0.3), tone(310.0, 0.002, 0.02)]
+    x = own[derivative] + sum(o[derivative] for o in others)
+    found = find_vibrations(x, 1 / RATE, derivative)
+    decay = isolated(T, x, found, dominant([v.energy for v in found]), "m")
+    assert decay.unit == "m" and decay.stage == "free" and decay.derivative == derivative
+    truth = [np.interp(decay.t, T, s) for s in own]
+    # Where the others have faded by 60 dB they are no longer followed: a thousandth of the largest
+    # of them, the acceleration at 97 Hz, is 2e-3 of the own one. One with less than 2e-4 of the
+    # energy of the signal, 2 % of the displacement here, is no vibration to be taken off.
+    largest = [np.abs(s).max() for s in own]
+    assert np.abs(decay.signal - truth[derivative]).max() < 0.02 * largest[derivative]
+    assert np.abs(decay.q - truth[0]).max() < (0.02 if derivative == 0 else 0.005) * largest[0]
+
+
+def test_offset_of_an_accelerometer_moves_no_displacement():
+    """0.1 m/s^2 over six seconds would be 1.8 m."""
+    x = tone(40.0, 0.003, 1e-3)[2] + 0.1 + 0.02 * T
+    found = find_vibrations(x - x.mean(), 1 / RATE, 2)
+    decay = isolated(T, x - x.mean(), found, dominant([v.energy for v in found]), "m")
+    assert np.abs(decay.q - np.interp(decay.t, T, tone(40.0, 0.003, 1e-3)[0])).max() < 2e-5
+
+
+def test_hum_is_steady_and_never_dominant():
+    x = tone(40.0, 0.003, 0.5)[0] + np.cos(2 * np.pi * 50 * T) + noise(1e-3)
+    found = find_vibrations(x, 1 / RATE)
+    assert [v.steady for v in found] == [False, True]
+    assert dominant([v.energy * (not v.steady) for v in found]) == 0
+
+
+def test_noise_rings_nowhere():
+    for seed in range(5):
+        assert find_vibrations(noise(1.0, seed), 1 / RATE) == ()
+
+
+def test_seven_cycles_are_enough():
+    t = np.arange(0, 4.0, 0.001)
+    (found,) = find_vibrations(tone(1.75, 0.04, t=t)[0], 0.001)
+    assert found.mean_frequency == pytest.approx(1.75, rel=0.01)
+
+
+def test_downsampled_signal_is_the_slow_signal():
+    """To the ends: a decimation that pads with zeros loses the last cycle."""
+    slow = tone(5.0, 0.001)[0]
+    coarse = downsample(slow, 20)
+    assert len(coarse) == len(T[::20])
+    # Odd reflection has a kink where the slope of the signal changes: 1e-3 at the very ends.
+    assert np.abs(coarse - slow[::20]).max() < 3e-3
+    assert np.abs(coarse - slow[::20])[20:-20].max() < 2e-4
