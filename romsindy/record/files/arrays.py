@@ -23,7 +23,10 @@ _UNIT_NAMES = {"unit", "units"}
 def read_npy(path: Path) -> Table:
     """The columns of an array, which is mapped into memory and not copied."""
     with refused(path, "NPY"):
-        return table_of(leaves("", np.load(path, mmap_mode="r", allow_pickle=False)))
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        if array.offset + array.nbytes != path.stat().st_size:
+            raise ValueError(f"{array.nbytes} bytes of numbers do not fill the file")
+        return table_of(leaves("", array))
 
 
 def read_npz(path: Path) -> Table:
@@ -35,17 +38,19 @@ def read_npz(path: Path) -> Table:
 def read_mat(path: Path) -> Table:
     """The columns of a MATLAB v5 file; those in structs and cells are named by their path."""
     with refused(path, "MATLAB v5"):
-        return table_of(leaves("", loadmat(path, simplify_cells=True)))
+        return table_of(leaves("", loadmat(path, squeeze_me=True, struct_as_record=False)))
 
 
 def leaves(path: str, value: Any) -> Iterator[tuple[str, NDArray]]:
-    """Names and arrays in nested structs (mappings, fields) and cells (lists, objects)."""
+    """Names and arrays in nested structs (mappings, fields) and cells (objects)."""
+    if hasattr(value, "_fieldnames"):  # a struct, as loadmat has it
+        value = {name: getattr(value, name) for name in value._fieldnames}
     if isinstance(value, Mapping):
         for key in value:
             if not str(key).startswith("__"):
                 yield from leaves(f"{path}.{key}" if path else str(key), value[key])
-    elif isinstance(value, list) or getattr(value, "dtype", np.dtype(int)).kind == "O":
-        for i, inner in enumerate(value):
+    elif getattr(value, "dtype", np.dtype(int)).kind == "O":
+        for i, inner in enumerate(np.ravel(value)):
             yield from leaves(f"{path}[{i}]", inner)
     elif names := getattr(getattr(value, "dtype", None), "names", None):
         for name in names:

@@ -60,8 +60,7 @@ class Column:
         """Whether name or unit say that it holds times."""
         if self.unit is not None:
             return self.unit in TIMES
-        name = self.name.lower()
-        return name == "t" or any(word in _TIME_WORDS for word in _words(name))
+        return _last(self.name).lower() == "t" or any(w in _TIME_WORDS for w in _words(self.name))
 
     @property
     def is_motion(self) -> bool:
@@ -106,12 +105,17 @@ class Table:
     notes: tuple[str, ...] = ()
 
 
+def _last(name: str) -> str:
+    """Of the path to an array in a struct or a group."""
+    return re.split(r"\.(?=\w)", name)[-1]
+
+
 def _words(name: str) -> list[str]:
     return re.findall(r"[^\W\d_]+", name.lower())
 
 
 def _quantity_of_name(name: str) -> Quantity | None:
-    words = _words(name.replace("_dot", "dot").replace("_ddot", "ddot"))
+    words = _words(_last(name).replace("_dot", "dot").replace("_ddot", "ddot"))
     if words and words[0] in _LETTERS and len(words) == 1:
         return _LETTERS[words[0]]
     return next((_WORDS[word] for word in words if word in _WORDS), None)

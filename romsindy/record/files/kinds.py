@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from romsindy.record.files import arrays, hdf, lvm, tdms, text, universal, wav, xlsx
-from romsindy.record.files.columns import Table
+from romsindy.record.files.columns import Table, refused
 
 Reader = Callable[[Path], Table]
 
@@ -83,9 +83,7 @@ def reader_of(path: Path) -> Reader:
 
 
 def _of_archive(path: Path) -> Reader:
-    if not zipfile.is_zipfile(path):
-        raise ValueError(f"{path}: a ZIP archive (so are .npz and .xlsx) that is cut off or broken")
-    with zipfile.ZipFile(path) as archive:
+    with refused(path, "ZIP archive (so are .npz and .xlsx)"), zipfile.ZipFile(path) as archive:
         names = archive.namelist()
     if any(name.startswith("xl/") for name in names):
         return xlsx.read

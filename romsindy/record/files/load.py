@@ -119,7 +119,7 @@ def load_decay(
 
 def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]:
     """Name of the source and its columns; or the decay that `save_decay` wrote there."""
-    if isinstance(path, Mapping | Sequence) and not isinstance(path, str):
+    if isinstance(path, Mapping | Sequence) and not isinstance(path, str | bytes):
         return "SEP005", sep005.read(path)
     if not isinstance(path, str | PathLike):
         raise ValueError(f"path = {path!r} must be the name of a file, or SEP005 dictionaries")

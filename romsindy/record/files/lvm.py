@@ -99,8 +99,9 @@ def _number_or_nothing(cell: str) -> float:
 def _part(k: int, name: str, keys: _Keys, x: Array | None, values: Array) -> _Part:
     said = {key: cells[k].strip() for key, cells in keys.items() if k < len(cells)}
     values = values[: np.flatnonzero(np.isfinite(values)).max(initial=-1) + 1]
-    if len(values) < int(said.get("Samples") or 0):
-        raise ValueError(f"cut off, {len(values)} of {said['Samples']} samples are there")
+    samples = int(said.get("Samples") or 0)  # of a packet; several may follow one header
+    if samples and len(values) % samples:
+        raise ValueError(f"damaged: {len(values)} samples in packets of {samples}")
     step = float(said["Delta_X"])
     t = float(said["X0"]) + step * np.arange(len(values))
     if x is not None and not (step > 0 and np.allclose(x[: len(t)], t, rtol=0, atol=step / 2)):

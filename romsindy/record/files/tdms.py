@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,12 @@ def read(path: Path) -> Table:
         If it is broken, or nptdms is not installed.
     """
     nptdms = library("nptdms", path)
+    library("nptdms.log", path).log_manager.set_level(logging.ERROR)  # we say it ourselves
     with refused(path, "TDMS"):
-        groups = [group for group in nptdms.TdmsFile.read(path).groups() if group.channels()]
+        file = nptdms.TdmsFile.read(path)
+        if file.file_status.incomplete_final_segment:
+            raise ValueError("its last segment is cut off")
+        groups = [group for group in file.groups() if group.channels()]
         several = len(groups) > 1
         columns = [
             _column(f"{group.name}/" * several + channel.name, channel)

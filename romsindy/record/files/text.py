@@ -42,6 +42,8 @@ class Layout:
         Columns without anything: an unused channel, a separator at the end of every row.
     rows : int
         Rows that fit, among the first lines of the file.
+    halves : bool
+        Whether the separator parts numbers too: commas are decimal signs as well.
     """
 
     delimiter: str | None
@@ -50,6 +52,7 @@ class Layout:
     example: tuple[str, ...]
     empty: tuple[int, ...]
     rows: int
+    halves: bool
 
     @property
     def stamps(self) -> list[int]:
@@ -93,7 +96,7 @@ def parse(source: Path, stream: TextIO) -> Table:
     most = max(layout.rows for layout in layouts)
     layouts = [layout for layout in layouts if layout.rows == most]
     # A single cell may be two numbers that another separator would part.
-    layouts.sort(key=lambda layout: len(layout.example) == 1)
+    layouts.sort(key=lambda layout: (layout.halves, len(layout.example) == 1))
     refusals = []
     for layout in layouts:
         try:
@@ -150,11 +153,10 @@ def _layout(head: list[str], delimiter: str | None, decimal: str) -> Layout | No
         return None
     width = Counter(map(len, rows.values())).most_common(1)[0][0]
     rows = {i: cells for i, cells in rows.items() if len(cells) == width}
-    if (delimiter, decimal) == (",", ".") and _are_halves(rows.values()):
-        return None
+    halves = (delimiter, decimal) == (",", ".") and _are_halves(rows.values())
     first = min(rows)
     empty = tuple(i for i in range(width) if not any(cells[i] for cells in rows.values()))
-    return Layout(delimiter, decimal, first, tuple(rows[first]), empty, len(rows))
+    return Layout(delimiter, decimal, first, tuple(rows[first]), empty, len(rows), halves)
 
 
 def _is_value(cell: str, decimal: str) -> bool:
@@ -192,6 +194,11 @@ class _Rows:
 
 
 def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
+    if layout.halves:
+        raise ValueError(
+            f"line {layout.first + 1}: commas part the cells and the numbers within them: save with"
+            " decimal points, or with semicolons between the cells"
+        )
     columns = columns_of(above, layout.delimiter, len(layout.example), layout.empty)
     converters: dict[int | str, Callable[[str], float]] = {}
     converters |= {i: reader(layout.example[i]) for i in layout.stamps}

@@ -22,9 +22,10 @@ def read(path: Path) -> Table:
         start = file.read(8)
     size = path.stat().st_size
     promised = 8 + int.from_bytes(start[4:8], "big" if start.startswith(b"RIFX") else "little")
-    # 0 and 2^32 - 1 stand for "not known" in files that were streamed.
-    if start.startswith(b"RIF") and size < promised < 0xFFFFFFFF:
-        raise ValueError(f"{path}: cut off, {size} of {promised} bytes are there: copy it again")
+    # 0 and 2^32 - 1 stand for "not known" in files that were streamed; one byte may fill up.
+    known = start.startswith(b"RIF") and 8 < promised < 0xFFFFFFFF
+    if known and not promised <= size <= promised + 1:
+        raise ValueError(f"{path}: damaged, {size} bytes in place of {promised}: copy it again")
     with refused(path, "WAV"):
         rate, samples = wavfile.read(path)
     if not rate > 0:
