@@ -14,6 +14,8 @@ from romsindy.fit.functions.identification import Identification as Identificati
 from romsindy.fit.functions.identify import identify as identify
 from romsindy.fit.refine import Fit as Fit
 from romsindy.fit.refine import refine as refine
+from romsindy.inspection.inspect import inspect as inspect
+from romsindy.inspection.inspection import Inspection as Inspection
 from romsindy.orbits.continuation import Branch as Branch
 from romsindy.orbits.continuation import ContinuationError as ContinuationError
 from romsindy.orbits.continuation import Steps as Steps

@@ -25,15 +25,15 @@ MODULES = sorted(
 
 # The rooms in the order of the data flow: each imports from those before it, never from those
 # after it. `beam` is beside `fit` and `regression`: neither knows the other. `show` draws arrays,
-# models and fits; a diagnosis and the study have pages of their own drawn by it.
+# models and fits; a diagnosis, an inspection and the study have pages of their own drawn by it.
 ROOMS = [
-    {"typing"},
+    {"text", "typing"},
     {"record"},
     {"physics"},
     {"effects", "orbits", "regression"},
     {"beam", "fit"},
     {"show"},
-    {"diagnosis", "study"},
+    {"diagnosis", "inspection", "study"},
     {"commands"},
 ]
 MOST_PACKAGES, MOST_MODULES, LONGEST_CHAIN = 12, 4, 10

@@ -21,6 +21,7 @@ from romsindy.fit.record import Record
 from romsindy.fit.verdict import EXPLAINED, PREDICTED
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
+from romsindy.text import TextTable
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -277,8 +278,6 @@ class DiagnosisReport:
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        from romsindy.show.page import TextTable
-
         parts = self.best.solution.parts
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if e.name not in terms)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from romsindy.inspection.inspection import ChannelNoise, Inspection
+from romsindy.inspection.findings import ChannelNoise
+from romsindy.inspection.inspection import Inspection
 from romsindy.record.decay import Decay
 from romsindy.record.defects import clean
 from romsindy.record.files import load_recording

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
-from romsindy.record.decay import SAMPLES_PER_CYCLE, Decay
+from romsindy.record.decay import Decay
 from romsindy.record.noise import HARMONICS
 from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
@@ -17,7 +17,7 @@ from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array
 
 # Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.
-_SLOW = 0.4
+_SLOW = 0.7
 # Half of a band round the frequencies of another vibration, and the widest band, as ratios.
 _STOP, _WIDEST = 0.06, 1.4
 _SHARED = (
@@ -27,7 +27,9 @@ _SHARED = (
 # An end is spoiled where a cycle differs from the smooth vibration by this many times what is
 # usual, and by more than that part of its size. Fewer cycles are too few to say what is usual.
 _SPOILED, _HARMLESS, _FEW_CYCLES, _MOST_SPOILED = 4.0, 0.005, 30, 5
-_TERMS = 4  # of an integration by parts
+# Samples a cycle of what is returned: six harmonics, and noise beyond them.
+_SAMPLES_PER_CYCLE = 20
+_TERMS = 2  # of an integration by parts
 _NAMES = ("q", "q_dot", "q_ddot")
 
 
@@ -66,7 +68,8 @@ def isolated(
     """
     own = vibrations[number]
     others = [v for i, v in enumerate(vibrations) if i != number]
-    coarse = decimation(x, float(t[1] - t[0]))  # as the vibrations were found
+    enough = 1 / (_SAMPLES_PER_CYCLE * float(t[1] - t[0]) * float(own.frequency.max()))
+    coarse = max(min(decimation(x, float(t[1] - t[0])), int(enough)), 1)
     x, t = downsample(x, coarse), t[::coarse]
     dt, clock = float(t[1] - t[0]), t - t[0]
     alone: Array = x - sum((v(clock) for v in others), np.zeros(len(x)))
@@ -78,7 +81,7 @@ def isolated(
     notes = (*notes, *(_SHARED.format(n, f) for n, f in shared))
     alone, q, smooth = _with_displacement(alone, own, clock)
     kept = _unspoiled(q - smooth, smooth, dt, own) if others or own.derivative else slice(None)
-    factor = max(int(1 / (SAMPLES_PER_CYCLE * dt * float(own.frequency.max()))), 1)
+    factor = max(int(enough / coarse), 1)
     t, alone, q = (x[kept] for x in (t, alone, q))
     if factor > 1:
         alone, q, t = downsample(alone, factor), downsample(q, factor), t[::factor]
@@ -113,8 +116,8 @@ def _without_bands(
 
 
 def _filtered(x: Array, band: float | tuple[float, float], kind: str, dt: float) -> Array:
-    """Zero-phase Butterworth filter of the second order; frequencies in Hz."""
-    return np.asarray(sosfiltfilt(butter(2, band, kind, fs=1 / dt, output="sos"), x), float)
+    """Zero-phase Butterworth filter of the third order; frequencies in Hz."""
+    return np.asarray(sosfiltfilt(butter(3, band, kind, fs=1 / dt, output="sos"), x), float)
 
 
 def _unspoiled(rest: Array, smooth: Array, dt: float, own: Vibration) -> slice:
@@ -157,7 +160,8 @@ def _integrated(tone: Ridge, t: Array, times: int) -> Array:
     """A tone integrated over time, so many times, without a constant.
 
     By parts: the integral of Z exp(i phase) is (Z / i rate) exp(i phase) less that of a function
-    whose amplitude is the slope of Z / i rate, which is smaller by the damping ratio; four terms.
+    whose amplitude is the slope of Z / i rate, which is smaller by the damping ratio. Two terms are
+    off by its square.
     """
     inside = tone.inside(t)
     clock, q = t[inside], np.zeros(len(t))

@@ -14,7 +14,8 @@ from romsindy.record.backbone import CERTAIN, Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.comparison import Candidate, Judged, coefficient_table, negative_inertia
 from romsindy.show import function_plots, plots
-from romsindy.show.page import Picture, TextTable, write_page
+from romsindy.show.page import Picture, write_page
+from romsindy.text import TextTable
 
 _CURVE = 60  # points of a band against amplitude
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 from matplotlib.figure import Figure
 
 from romsindy import __version__
+from romsindy.text import columns_of_numbers
 
 _DPI = 130
 
@@ -49,14 +50,6 @@ class Picture:
         self.figure().savefig(path, format=format, dpi=_DPI)
 
 
-class TextTable(NamedTuple):
-    """Rows of text, the first of them the header, under a title and above a note."""
-
-    title: str
-    rows: Sequence[Sequence[str]]
-    note: str = ""
-
-
 def write_page(
     path: str | Path, template: str, *, pictures: Iterable[Picture] = (), **content: Any
 ) -> None:
@@ -66,7 +59,7 @@ def write_page(
     ----------
     path : str or Path
     template : str
-        "report" for an identification or a diagnosis, "study".
+        "report" for an inspection, an identification or a diagnosis; "study".
     pictures : iterable of Picture
         Drawn one after the other, the template's ``figures``.
     **content
@@ -75,6 +68,7 @@ def write_page(
     environment = Environment(
         loader=PackageLoader("romsindy.show"), autoescape=select_autoescape(["j2"])
     )
+    environment.filters["columns_of_numbers"] = columns_of_numbers
     figures = [{"title": p.title, "caption": p.caption, "png": _png(p)} for p in pictures]
     text = environment.get_template(f"{template}.html.j2").render(
         version=__version__, figures=figures, **content

@@ -19,6 +19,7 @@ from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect, Verdict
 from romsindy.fit.part import Part
 from romsindy.physics.serial import json_text
+from romsindy.text import TextTable
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -158,7 +159,7 @@ class BeamReport:
 
     def to_html(self, path: str | Path) -> None:
         """Write one self-contained page with figures."""
-        from romsindy.show.page import TextTable, write_page
+        from romsindy.show.page import write_page
 
         page = self.reduced.page()
         gap, explanations = page["tables"]

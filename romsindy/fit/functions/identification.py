@@ -17,6 +17,7 @@ from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
+from romsindy.text import aligned, with_band, with_error
 from romsindy.typing import Array
 
 _BAND_DRAWS = 100
@@ -165,10 +166,10 @@ class Identification(Estimate):
             f"    (q in {unit}, t in s)",
             self._others(),
             "Functions with their 95 % bands at each q, for an equation of one coordinate:",
-            _aligned(self._functions_table()),
+            aligned(self._functions_table(), "  "),
             "Undamped frequency, and damping ratio (energy lost in a cycle / 2 pi a dE/da), +- one"
             " standard error:",
-            _aligned(self._amplitude_table()),
+            aligned(self._amplitude_table(), "  "),
             "Taylor coefficients of the functions at q = 0, +- one standard error:",
             self._coefficients(),
             str(self.verdict),
@@ -189,7 +190,7 @@ class Identification(Estimate):
         h, k = self.inertia(q), self.stiffness(q)
         rows = [["q", "h(q)", "95 %", "K(q)/q [1/s^2]", "95 %"]]
         for i, x in enumerate(q):
-            cells = [_with_band(c.value[i], c.low[i], c.high[i]) for c in (h, k)]
+            cells = [with_band(c.value[i], c.low[i], c.high[i]) for c in (h, k)]
             rows.append([f"{x:.4g}", *cells[0], *cells[1]])
         return rows
 
@@ -205,7 +206,7 @@ class Identification(Estimate):
             100 * band.damping_ratio_std,
             strict=True,
         ):
-            rows.append([f"{x:.4g}", *_with_error(f, df), *_with_error(z, dz)])
+            rows.append([f"{x:.4g}", *with_error(f, df), *with_error(z, dz)])
         return rows
 
     def _coefficients(self) -> str:
@@ -216,10 +217,10 @@ class Identification(Estimate):
             if abs(value) < 2 * error or term.dimension[0] > _ORDER:
                 left += 1
                 continue
-            number = _with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
+            number = with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
             rows.append([term.key, *number, term.unit(self.model.unit)])
         more = f"\n  {left} more are not told from 0 or of higher order: read the functions."
-        return _aligned(rows) + (more if left else "")
+        return aligned(rows, "  ") + (more if left else "")
 
     # -- JSON ---------------------------------------------------------------------------------
 
@@ -285,28 +286,3 @@ def _shortest(values: Array) -> tuple[Array, Array]:
     widths = ordered[kept - 1 :] - ordered[: len(values) - kept + 1]
     first, column = np.argmin(widths, axis=0), np.arange(values.shape[1])
     return ordered[first, column], ordered[first + kept - 1, column]
-
-
-def _digits(error: float, value: float) -> int:
-    """Decimals that show two digits of an error, but no more than nine of the value."""
-    most = 8 - np.floor(np.log10(abs(value))) if value else 6
-    wanted = 1 - np.floor(np.log10(error)) if error > 0 else most
-    return int(np.clip(min(wanted, most), 0, 12))
-
-
-def _with_error(value: float, error: float) -> list[str]:
-    if not 1e-4 <= abs(value) < 1e7:
-        return [f"{value:.4g}", f"{error:.2g}"]
-    return [f"{value:.{_digits(error, value)}f}", f"{error:.2g}"]
-
-
-def _with_band(value: float, low: float, high: float) -> list[str]:
-    n = _digits((high - low) / 4, value)
-    return [f"{value:.{n}f}", f"{low:.{n}f} to {high:.{n}f}"]
-
-
-def _aligned(rows: list[list[str]]) -> str:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        "  " + "  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows
-    )

@@ -1,0 +1,197 @@
+"""What is in a record: releases, modes, noise, defects, and the decays that an analysis needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from romsindy.inspection.modes import Mode, modes_of
+from romsindy.record.decay import Decay
+from romsindy.record.defects import Defect
+from romsindy.record.isolation import isolated
+from romsindy.record.recording import Recording
+from romsindy.record.releases import Discarded, Release
+from romsindy.record.vibrations import Resonance, Vibration, dominant, resonances
+from romsindy.text import listed
+from romsindy.typing import Array
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Noise of one channel, beside everything that rings.
+
+    Attributes
+    ----------
+    channel : str
+    rms : float
+        Unit of the samples.
+    ratio : float
+        Rms of the loudest release over it, in dB.
+    """
+
+    channel: str
+    rms: float
+    ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What is in a recording, in numbers.
+
+    Attributes
+    ----------
+    recording, cleaned : Recording
+        As it was read, and with its defects mended.
+    channel : str
+        Name of the channel in which modes were looked for.
+    defects : tuple of Defect
+        What is wrong with samples, and what was done about it.
+    releases : tuple of Release
+    discarded : tuple of Discarded
+        What of the record is no free decay, and why.
+    vibrations : tuple of tuples of Vibration
+        Of each release, by frequency.
+    noise : tuple of ChannelNoise
+    """
+
+    recording: Recording
+    cleaned: Recording
+    channel: str
+    defects: tuple[Defect, ...]
+    releases: tuple[Release, ...]
+    discarded: tuple[Discarded, ...]
+    vibrations: tuple[tuple[Vibration, ...], ...]
+    noise: tuple[ChannelNoise, ...]
+
+    @cached_property
+    def modes(self) -> tuple[Mode, ...]:
+        """The vibrations that ring, numbered from 1 by frequency."""
+        return modes_of(self.vibrations)
+
+    @property
+    def dominant(self) -> Mode:
+        """The mode that moves most; of two that move about as much the lower one.
+
+        Raises
+        ------
+        ValueError
+            If nothing rings.
+        """
+        ringing = [m for m in self.modes if not m.steady]
+        if not ringing:
+            raise ValueError(
+                f"{self.recording.source or 'the record'}: no vibration that decays stands out of"
+                " the noise: choose another channel, or cut the record with start= and end="
+            )
+        return ringing[dominant([m.energy for m in ringing])]
+
+    @cached_property
+    def resonances(self) -> tuple[tuple[Mode, Mode, Resonance], ...]:
+        """Pairs of modes that come near a ratio of small whole numbers, with where they do."""
+        found: dict[tuple[int, ...], tuple[Mode, Mode, Resonance]] = {}
+        for i, vibrations in enumerate(self.vibrations):
+            of = {id(m.parts[i]): m for m in self.modes}
+            for r in resonances(vibrations):
+                pair = [of.get(id(vibrations[k])) for k in (r.lower, r.higher)]
+                if pair[0] is None or pair[1] is None:  # too faint for a mode
+                    continue
+                found.setdefault((pair[0].number, pair[1].number, r.p, r.q), (pair[0], pair[1], r))
+        return tuple(found.values())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the record, a sentence each."""
+        return tuple(str(d) for d in self.defects)
+
+    def decays(
+        self,
+        mode: int | None = None,
+        band: tuple[float, float] | None = None,
+        release: int | None = None,
+    ) -> tuple[Decay, ...]:
+        """The free decays of one mode by itself, ready to be analysed.
+
+        Parameters
+        ----------
+        mode : int, optional
+            Its number in `modes`; the dominant one by default.
+        band : (float, float), optional
+            Hz; the dominant mode with its mean frequency in there.
+        release : int, optional
+            Number of the release, from 1; all in which the mode rings by default.
+
+        Returns
+        -------
+        tuple of Decay
+
+        Raises
+        ------
+        ValueError
+            If there is no such mode or release, or the mode does not ring in it.
+        """
+        chosen = self.mode(mode, band)
+        return tuple(self._isolated(i, chosen) for i in self.rings_in(chosen, release))
+
+    def mode(self, mode: int | None = None, band: tuple[float, float] | None = None) -> Mode:
+        """One of the modes by number or band, the dominant one by default.
+
+        Raises
+        ------
+        ValueError
+            If there is none, or both are given.
+        """
+        listed = ", ".join(f"{m.number} at {m.mean_frequency:.4g} Hz" for m in self.modes)
+        if mode is not None and band is not None:
+            raise ValueError(f"mode = {mode} and band = {band} are two choices: give one")
+        if mode is not None:
+            if mode not in [m.number for m in self.modes]:
+                raise ValueError(f"mode = {mode} is none of the modes: {listed or 'nothing rings'}")
+            return self.modes[mode - 1]
+        if band is None:
+            return self.dominant
+        low, high = band
+        inside = [m for m in self.modes if low <= m.mean_frequency <= high and not m.steady]
+        if not inside:
+            raise ValueError(
+                f"band = {low:g} to {high:g} Hz holds no mode: {listed or 'nothing rings'}"
+            )
+        return inside[dominant([m.energy for m in inside])]
+
+    def rings_in(self, mode: Mode, release: int | None = None) -> list[int]:
+        """Numbers, from 0, of the releases in which a mode rings; or of that one alone, from 1.
+
+        Raises
+        ------
+        ValueError
+            If there is no such release, or the mode does not ring in it.
+        """
+        rings = [i for i, part in enumerate(mode.parts) if part is not None]
+        if release is None:
+            return rings
+        if release - 1 not in rings:
+            raise ValueError(
+                f"release = {release}: mode {mode.number} ({mode.mean_frequency:.4g} Hz) rings in"
+                f" release {listed([i + 1 for i in rings])} of {len(self.releases)}: choose there"
+            )
+        return [release - 1]
+
+    def release_signal(self, number: int) -> tuple[Array, Array]:
+        """Times in s and cleaned samples of release ``number``, from 0, in the channel."""
+        part = self.releases[number]
+        inside = self.cleaned.between(part.start, part.end).channel(self.channel)
+        return inside.t, inside.x[:, 0]
+
+    def _isolated(self, i: int, mode: Mode) -> Decay:
+        t, x = self.release_signal(i)
+        vibrations = self.vibrations[i]
+        number = next(k for k, v in enumerate(vibrations) if v is mode.parts[i])
+        notes = list(self.recording.notes)
+        part = self.releases[i]
+        if len(self.releases) > 1 or part.start > self.recording.t[0]:
+            notes.append(
+                f"release {i + 1} of {len(self.releases)}: from {part.start:.6g} s"
+                f" ({part.why_start}) to {part.end:.6g} s ({part.why_end})"
+            )
+        inside = [d for d in self.defects if d.start <= part.end and d.end >= part.start]
+        notes += [str(d) for d in inside if d.channel in ("", self.channel)]
+        return isolated(t, x, vibrations, number, self.recording.unit, tuple(notes))

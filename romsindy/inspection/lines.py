@@ -1,3 +1,0 @@
-"""An inspection in words: tables and sentences."""
-
-from __future__ import annotations

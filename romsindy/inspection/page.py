@@ -1,0 +1,69 @@
+"""The page of an inspection."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from romsindy.inspection import tables
+from romsindy.inspection.findings import Findings
+from romsindy.show import inspection_plots as show
+from romsindy.show.inspection_plots import Tone
+from romsindy.show.page import Picture, write_page
+
+_CAPTION = (
+    "Top: the samples; what is used is blue, what is left out grey. Middle: level against time and"
+    " frequency, with the ridges of the modes (harmonics dotted). Bottom: spectrum of release {},"
+    " with the numbers of the modes; pale: as it was recorded."
+)
+_NO_RELEASE = (
+    "Top: the samples. Middle: level against time and frequency. Bottom: spectrum; pale: as it was"
+    " recorded."
+)
+
+
+def write(found: Findings, path: str | Path, command: str = "") -> None:
+    """Write one self-contained page with figures."""
+    steps = list(tables.next_steps(found, command))
+    write_page(
+        path,
+        "report",
+        title=f"What is in {found.recording.source or 'the record'}",
+        sentence=tables.summary(found),
+        equation_title="What comes next",
+        equation="\n".join(steps),
+        tables=tables.tables(found),
+        pictures=[picture(found)],
+    )
+
+
+def picture(found: Findings) -> Picture:
+    """Time signal, spectrogram and spectrum, one above the other."""
+    caption = _CAPTION.format(_loudest(found) + 1) if found.releases else _NO_RELEASE
+    return Picture("record", "The record", caption, lambda f: _draw(found, f), (10, 11))
+
+
+def _draw(found: Findings, figure: Figure) -> None:
+    time, ridges, spectrum = figure.subplots(3, height_ratios=(2, 3, 2))
+    ridges.sharex(time)
+    recording, cleaned = (r.channel(found.channel) for r in (found.recording, found.cleaned))
+    tones = [
+        Tone(mode.number, found.releases[i].start, vibration)
+        for mode in found.modes
+        for i, vibration in enumerate(mode.parts)
+        if vibration is not None
+    ]
+    show.plot_record(recording, found.releases, found.discarded, ax=time)
+    show.plot_ridges(cleaned, tones, ax=ridges)
+    ridges.set(xlabel="time (s)")
+    if found.releases:
+        part = found.releases[_loudest(found)]
+        tones = [t for t in tones if t.start == part.start]
+        recording, cleaned = (r.between(part.start, part.end) for r in (recording, cleaned))
+    show.plot_spectrum(recording, cleaned, tones, ax=spectrum)
+
+
+def _loudest(found: Findings) -> int:
+    """Number, from 0, of the release with the largest deflection."""
+    return max(range(len(found.releases)), key=lambda i: found.releases[i].peak)

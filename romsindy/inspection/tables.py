@@ -1,0 +1,162 @@
+"""An inspection in words: tables, and the commands that come next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from romsindy.inspection.findings import Findings
+from romsindy.inspection.modes import Mode
+from romsindy.text import TextTable, aligned, listed, quantity
+
+_MOST_STEPS = 6  # commands that are offered
+_SAME = 5e-4  # of a value: less is not told from none
+
+
+def report(found: Findings, command: str = "") -> str:
+    """All tables, what would be used, and what comes next, as plain text."""
+    blocks = []
+    for table in tables(found):
+        note = f"  {table.note}\n" if table.note else ""
+        blocks.append(f"{table.title}\n{aligned(table.rows, '  ')}\n{note}")
+    steps = "\n".join(f"  {step}" for step in next_steps(found, command))
+    return "\n".join([*blocks, summary(found), *(["Next:", steps] if steps else [])])
+
+
+def tables(found: Findings) -> list[TextTable]:
+    """What is in the record: those tables that are not empty."""
+    steady = "steady: it does not decay; mains, a motor, no mode"
+    near = " ".join(
+        f"Mode {high.number} is {r.ratio:.4g} times mode {low.number} at an amplitude of"
+        f" {quantity(r.amplitude, _unit(found))}: near {r.p}:{r.q}."
+        for low, high, r in found.resonances
+    )
+    channels = ["channel", "noise (rms)", "signal over noise [dB]", ""]
+    releases = ["release", "from [s]", "to [s]", "cycles", "largest", "begins", "ends"]
+    modes = ["mode", "frequency [Hz]", "damping ratio [%]", "amplitude", "of the energy [%]"]
+    all_of_them = [
+        TextTable("Record", list(_record(found))),
+        TextTable("Channels", [channels, *_channels(found)]),
+        TextTable("Releases", [releases, *_releases(found)]),
+        TextTable(
+            "Left out",
+            [["from [s]", "to [s]", "why"], *_discarded(found)],
+        ),
+        TextTable("Defects", [["in the samples"], *([str(d)] for d in found.defects)]),
+        TextTable(
+            f"Modes, from loud to quiet, in channel {found.channel}",
+            [[*modes, "harmonics", ""], *(_mode(found, m, steady) for m in found.modes)],
+            near,
+        ),
+    ]
+    return [table for table in all_of_them if len(table.rows) > 1]
+
+
+def summary(found: Findings) -> str:
+    """What `identify` would use of the record, and what not, in one or two sentences."""
+    try:
+        mode = found.mode()
+    except ValueError as error:
+        return f"Nothing can be identified: {error}."
+    return picked(found, mode, found.rings_in(mode))
+
+
+def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
+    """Which mode and releases (from 0) are used, and which are left out."""
+    names = [str(i + 1) for i in releases]
+    used = f"Used: mode {mode.number} at {mode.mean_frequency:.5g} Hz"
+    used += ", which moves most," if mode is found.mode() and len(found.modes) > 1 else ""
+    used += f" in channel {found.channel}, release{'s' * (len(names) > 1)} {listed(names)}."
+    left = [m for m in found.modes if m is not mode]
+    rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
+    out = [f"mode {m.number} at {m.mean_frequency:.5g} Hz" for m in left]
+    out += [f"release {listed(rest)}"] if rest else []
+    out += [f"channel {name}" for name in found.recording.names if name != found.channel]
+    return f"{used} Left out: {', '.join(out)}." if out else used
+
+
+def next_steps(found: Findings, command: str = "") -> Iterator[str]:
+    """What to do next, with the choices that the record offers.
+
+    Parameters
+    ----------
+    found : Findings
+    command : str
+        A command line that identifies the record; calls in Python without.
+    """
+    ringing = [m for m in found.modes if not m.steady]
+    if not ringing:
+        return
+    main = found.dominant
+    choices: list[tuple[str, object]] = [("mode", m.number) for m in ringing if m is not main]
+    if len(found.rings_in(main)) > 1:
+        choices.append(("release", found.rings_in(main)[0] + 1))
+    yield command or "romsindy.identify(found.decays())"
+    for name, value in choices[: _MOST_STEPS - 1]:
+        if command:
+            yield f"{command} --{name} {value}"
+        else:
+            yield f"romsindy.identify(found.decays({name}={value}))"
+
+
+# -- rows ---------------------------------------------------------------------------------------
+
+
+def _record(found: Findings) -> Iterator[list[str]]:
+    r = found.recording
+    yield ["file", r.source or "(none)"]
+    yield ["samples", f"{len(r.t)} at {1 / r.dt:.6g} Hz, from {r.t[0]:.6g} to {r.t[-1]:.6g} s"]
+    basis = f" ({r.basis})" if r.basis else ""
+    unit = r.signal_unit if r.unit else "a unit that is not known: give it by unit="
+    yield ["quantity", f"{r.quantity} in {unit}{basis}"]
+    for note in r.notes:
+        yield ["note", note]
+
+
+def _channels(found: Findings) -> Iterator[list[str]]:
+    for noise in found.noise:
+        looked_at = noise.channel == found.channel and len(found.noise) > 1
+        level = quantity(noise.rms, found.recording.signal_unit)
+        known = np.isfinite(noise.rms)
+        ratio = f"{noise.ratio:.1f}" if known else "-"
+        words = "modes are looked for here" if looked_at else ""
+        yield [noise.channel, level if known else "-", ratio, words]
+
+
+def _releases(found: Findings) -> Iterator[list[str]]:
+    for i, r in enumerate(found.releases, 1):
+        peak = quantity(r.peak, found.recording.signal_unit)
+        times = [f"{r.start:.6g}", f"{r.end:.6g}"]
+        yield [str(i), *times, f"{r.cycles:.0f}", peak, r.why_start, r.why_end]
+
+
+def _discarded(found: Findings) -> Iterator[list[str]]:
+    for part in found.discarded:
+        yield [f"{part.start:.6g}", f"{part.end:.6g}", part.reason]
+
+
+def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:
+    damping = [100 * z for z in mode.damping_ratio]
+    words = [steady] if mode.steady else []
+    rings = [str(i + 1) for i in found.rings_in(mode)]
+    if len(rings) < len(found.releases):
+        words.append(f"in release {listed(rings)} alone")
+    return [
+        str(mode.number),
+        _span(*mode.frequency, 5),
+        "-" if mode.steady else _span(*damping, 2),
+        " to ".join(quantity(a, _unit(found)) for a in mode.amplitude),
+        f"{100 * mode.share:.3g}",
+        ", ".join(map(str, mode.harmonics)) or "-",
+        "; ".join(words),
+    ]
+
+
+def _span(loud: float, quiet: float, digits: int) -> str:
+    ends = [f"{x:#.{digits}g}".rstrip(".") for x in (loud, quiet)]
+    return ends[0] if abs(loud / quiet - 1) < _SAME else " to ".join(ends)
+
+
+def _unit(found: Findings) -> str:
+    return found.recording.unit or "[q]"

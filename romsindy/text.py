@@ -1,0 +1,80 @@
+"""Tables and numbers as text, alike on the command line, in pages and in what prints itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+_PREFIXES = {-1: "m", -2: "u", -3: "n", -4: "p"}
+
+
+class TextTable(NamedTuple):
+    """Rows of text, the first of them the header, under a title and above a note."""
+
+    title: str
+    rows: Sequence[Sequence[str]]
+    note: str = ""
+
+
+def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> str:
+    """A table as text, numbers to the right and words to the left; the first row is the header."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    numbers = columns_of_numbers(rows)
+    lines = []
+    for row in rows:
+        cells = [
+            cell.rjust(width) if number else cell.ljust(width)
+            for cell, width, number in zip(row, widths, numbers, strict=True)
+        ]
+        lines.append((indent + "  ".join(cells)).rstrip())
+    return "\n".join(lines)
+
+
+def columns_of_numbers(rows: Sequence[Sequence[str]]) -> list[bool]:
+    """Which columns hold a number below the header: "0.1", "0.1 to 0.2", "36 (fixed)"."""
+    return [any(map(_starts_with_a_number, column[1:])) for column in zip(*rows, strict=True)]
+
+
+def _starts_with_a_number(cell: str) -> bool:
+    try:
+        float(cell.split(maxsplit=1)[0])
+    except (IndexError, ValueError):
+        return False
+    return True
+
+
+def with_error(value: float, error: float) -> list[str]:
+    """A value to the digits that its error leaves, and the error with two digits."""
+    if not 1e-4 <= abs(value) < 1e7:
+        return [f"{value:.4g}", f"{error:.2g}"]
+    return [f"{value:.{_decimals(error, value)}f}", f"{error:.2g}"]
+
+
+def with_band(value: float, low: float, high: float) -> list[str]:
+    """A value and its 95 % interval, to the digits that this leaves."""
+    n = _decimals((high - low) / 4, value)
+    return [f"{value:.{n}f}", f"{low:.{n}f} to {high:.{n}f}"]
+
+
+def _decimals(error: float, value: float) -> int:
+    """Decimals that show two digits of an error, but no more than nine of the value."""
+    most = 8 - np.floor(np.log10(abs(value))) if value else 6
+    wanted = 1 - np.floor(np.log10(error)) if error > 0 else most
+    return int(np.clip(min(wanted, most), 0, 12))
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with its SI unit to three digits: "0.33 mm"; plain where the unit is not known."""
+    size = abs(value)
+    if not unit.startswith(("m", "rad")) or not 1e-12 <= size < 1:
+        return f"{value:.3g} {unit}"
+    step = int(np.floor(np.log10(size) / 3 + 1e-9))
+    return f"{value / 1000.0**step:.3g} {_PREFIXES[step]}{unit}"
+
+
+def listed(words: Sequence[object]) -> str:
+    """Words as in a sentence: "1, 2 and 3"."""
+    *most, last = map(str, words)
+    return f"{', '.join(most)} and {last}" if most else last
