@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from romsindy import load_decay, load_recording
+from romsindy.record.units import UNITS
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import files as benchmark
@@ -203,3 +204,73 @@ def test_a_header_that_does_not_fit_is_refused(tmp_path):
     path = write(tmp_path / "e.csv", "t;q\n" + rows(form="{0:.4f};{1:.4f};{1:.4f}"))
     with pytest.raises(ValueError, match=r"line 1: names 2 columns, but the rows below have 3"):
         load_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda line: line[:-4], r"line 301: '0.299000,.*' has other digits than the lines around"),
+        (lambda line: line[:5] + line[7:], r"line 301: .* has other digits"),
+        (lambda line: line.replace(",", ";"), r"line 301: 1 columns where 2 are usual"),
+        (lambda line: line.replace(".", "o", 1), r"line 301, column 'time': '0o299000' is not a n"),
+        (lambda line: line.replace("0.29", "0.19"), r"t must increase, but it decreases at samp"),
+    ],
+)
+def test_a_row_that_lost_digits_is_refused(tmp_path, change, message):
+    lines = ("time [s],a [g]\n" + rows()).splitlines()
+    lines[300] = change(lines[300])
+    with pytest.raises(ValueError, match=message):
+        load_recording(write(tmp_path / "d.csv", "\n".join(lines) + "\n"))
+
+
+def test_a_last_row_that_is_cut_off_is_left_out(tmp_path):
+    text = rows()[:-4]
+    recording = load_recording(write(tmp_path / "d.csv", text))
+    assert len(recording.t) == len(T) - 1 and "is cut off: left out" in recording.notes[0]
+    # Whole without a line break at its end, and with digits that vary: nothing is cut off.
+    for form in ("{:.6f},{:.9f}", "{:.6f},{!r}"):
+        text = rows(x=X.tolist(), form=form).rstrip()
+        assert len(load_recording(write(tmp_path / "w.csv", text)).t) == len(T)
+
+
+@pytest.mark.parametrize(
+    ("above", "unit"),
+    [
+        ("Elapsed time [s]; Tip acceleration [mm/s²]", "mm/s^2"),
+        ("Time;Acceleration\n[s];[m/s²]", "m/s^2"),
+        ("Time;Acceleration\nsec;G", "g"),
+        ("Test 5\nChannel 1;Channel 2\n\nt;acc\ns;m s^-2\n", "m/s^2"),
+    ],
+)
+def test_headers(tmp_path, above, unit):
+    text = above + "\n" + rows(form="{:.6f};{:.9f}")
+    recording = load_recording(write(tmp_path / "d.csv", text))
+    np.testing.assert_allclose(recording.x[:, 0], X * UNITS[unit].factor, atol=1e-8)
+    assert recording.quantity == "acceleration" and recording.dt == pytest.approx(1 / RATE)
+
+
+@pytest.mark.parametrize("above", ["acc [m/s^2]\n", "t [s];a [m/s^2];b [m/s^2]\n"])
+def test_units_of_another_number_of_columns_are_not_forgotten(tmp_path, above):
+    """Without them an acceleration would pass for a displacement."""
+    with pytest.raises(ValueError, match=r"line 1: names . columns, but the rows below have 2"):
+        load_recording(write(tmp_path / "d.csv", above + rows(form="{:.6f};{:.9f}")))
+
+
+def test_days_that_are_ambiguous_are_refused(tmp_path):
+    stamps = [f"04/05/2024 23:59:59.{i:03d}" for i in range(1000)][-300:]
+    text = "\n".join(f"{s},{x:.6f}" for s, x in zip(stamps, X, strict=False))
+    assert load_recording(write(tmp_path / "d.csv", "time,a [g]\n" + text)).dt == pytest.approx(
+        1e-3
+    )
+    text += "\n05/05/2024 00:00:00.000,0.500000\n"
+    with pytest.raises(ValueError, match=r"line 302: .*day/month or month/day"):
+        load_recording(write(tmp_path / "d.csv", "time,a [g]\n" + text))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("min", 60.0), ("ms", 1e-3), ("h", 3600.0)])
+def test_times_in_other_units(tmp_path, unit, factor):
+    text = f"time [{unit}],q [m]\n" + rows(t=T / factor, form="{:.12f},{:.9f}")
+    recording = load_recording(write(tmp_path / "d.csv", text))
+    np.testing.assert_allclose(recording.t, T, atol=1e-8)
+    with pytest.raises(ValueError, match=r"column 'time' is in 'weeks', which is no unit of time"):
+        load_recording(write(tmp_path / "w.csv", text.replace(f"[{unit}]", "[weeks]")))

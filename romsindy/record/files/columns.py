@@ -58,7 +58,7 @@ class Column:
     @property
     def is_time(self) -> bool:
         """Whether name or unit say that it holds times."""
-        if self.unit is not None:
+        if self.unit in TIMES or self.unit in UNITS:
             return self.unit in TIMES
         return _last(self.name).lower() == "t" or any(w in _TIME_WORDS for w in _words(self.name))
 
@@ -98,11 +98,14 @@ class Table:
         Samples per second, where the file names them outside of its columns.
     notes : tuple of str
         What was done to read it.
+    doubt : str
+        Why its numbers may be wrong, which is said unless the times already show it.
     """
 
     columns: list[Column]
     rate: float | None = None
     notes: tuple[str, ...] = ()
+    doubt: str = ""
 
 
 def _last(name: str) -> str:

@@ -37,7 +37,11 @@ def split(line: str, delimiter: str | None) -> list[str]:
 
 
 def columns_of(
-    above: Sequence[str], delimiter: str | None, width: int, empty: Sequence[int] = ()
+    above: Sequence[str],
+    delimiter: str | None,
+    width: int,
+    empty: Sequence[int] = (),
+    stamps: Sequence[int] = (),
 ) -> list[Column]:
     """Columns without values, named by the lines above the numbers.
 
@@ -54,18 +58,25 @@ def columns_of(
         Number of columns.
     empty : sequence of int
         Columns without numbers; those at the end need no names.
+    stamps : sequence of int
+        Columns of dates and times of day, which may have one name together.
 
     Raises
     ------
     ValueError
-        If a line names a time and has another number of cells: values and names may not belong
-        together; or if something that looks like numbers is between names and numbers.
+        If the line above the numbers has names or units, but of another number of columns; or if
+        something that looks like numbers is between names and numbers.
     """
-    named_width = 1 + max(set(range(width)) - set(empty), default=width - 1)
+    used = 1 + max(set(range(width)) - set(empty), default=width - 1)
+
+    def fitted(cells: list[str]) -> list[str] | None:
+        if len(cells) < used and len(cells) + len(stamps) - 1 == width:
+            cells = cells[: stamps[0] + 1] + [""] * (len(stamps) - 1) + cells[stamps[0] + 1 :]
+        return cells + [""] * (width - len(cells)) if used <= len(cells) <= width else None
+
     rows = []  # of names and units: number of the line, cells
     for i, line in enumerate(above):
-        cells = next((c for c in _splits(line, delimiter) if named_width <= len(c) <= width), None)
-        cells = cells and cells + [""] * (width - len(cells))
+        cells = next(filter(None, map(fitted, _splits(line, delimiter))), None)
         if cells and (not _is_comment(line) or any(_says_something(c) for c in cells)):
             rows.append((i, cells))
     _refuse_other_width(above, rows, delimiter, width)
@@ -80,7 +91,7 @@ def columns_of(
     for i in range(rows[at + bool(units)][0] + 1, len(above)):
         _refuse_broken_row(i, above[i])
     return [
-        named(name, _NONE, unit.strip("[]()"))
+        named(name, _NONE, unit)
         for name, unit in zip(rows[at][1], units or [""] * width, strict=True)
     ]
 
@@ -109,10 +120,11 @@ def _number(text: str) -> float:
 def _splits(line: str, delimiter: str | None) -> Iterator[list[str]]:
     """Ways to cut a header, which need not be the way of the numbers."""
     text = re.sub(rf"^\s*({'|'.join(COMMENTS)})+", "", line).strip(" \r\n")
-    yield split(text, delimiter)
-    if delimiter is None or text != line.strip(" \r\n"):
-        yield [cell.strip() for cell in re.split(r"\s{2,}|\t|[,;]", text)]
+    if delimiter is not None:
+        yield split(text, delimiter)
+    if delimiter is None or _is_comment(line):
         yield re.findall(r"\S+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?", text)
+        yield [cell.strip() for cell in re.split(r"\s{2,}|\t|[,;]", text)]
 
 
 def _has_time(cells: Sequence[str]) -> bool:
@@ -139,8 +151,9 @@ def _refuse_other_width(
     last = max((i for i, line in enumerate(above) if line.strip()), default=-1)
     if last < 0 or _is_comment(above[last]) or any(i == last for i, _ in rows):
         return
-    cells = split(above[last], delimiter)
-    if len(cells) > 1 and any(named(c, _NONE).is_time for c in cells):
+    cells = next(_splits(above[last], delimiter))
+    several = len(cells) > 1 and any(map(_says_something, cells))
+    if several or any(named(c, _NONE).unit in UNITS for c in cells):
         raise ValueError(
             f"line {last + 1}: names {len(cells)} columns, but the rows below have {width} cells:"
             " mend this line, or the separators and decimal commas of the rows"

@@ -138,6 +138,7 @@ class _Choice(NamedTuple):
     columns: list[Column]
     quantity: Quantity
     notes: tuple[str, ...]
+    doubt: str
 
 
 def _choice(
@@ -164,7 +165,7 @@ def _choice(
     left = [c.name for c in signals if c not in chosen]
     notes = (*table.notes, note, f"left out: {', '.join(left)}" if left else "")
     wanted = wanted or chosen[0].quantity or "displacement"
-    return _Choice(t, chosen, wanted, tuple(filter(None, notes)))
+    return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt)
 
 
 def _recording(
@@ -176,6 +177,8 @@ def _recording(
     if len({base for base, _ in units}) > 1:
         raise ValueError(f"columns {names} are not in one unit: choose some of them with column=")
     choose.checked_times(choice.t)
+    if choice.doubt:
+        raise ValueError(choice.doubt)
     x = np.empty((len(choice.t), len(columns)))
     for k, (c, (_, factor)) in enumerate(zip(columns, units, strict=True)):
         np.multiply(c.values, factor, out=x[:, k])

@@ -14,8 +14,10 @@ from typing import TextIO
 import numpy as np
 
 from romsindy.record.files.columns import Column, Table
+from romsindy.record.files.digits import FEW, pattern_of
 from romsindy.record.files.header import COMMENTS, columns_of, rate_in, split
 from romsindy.record.files.stamps import is_stamp, reader
+from romsindy.typing import Array
 
 _HEAD = 500  # lines that are looked at to find the layout
 _LONGEST = 100_000  # characters of a line; no table of text has more
@@ -44,6 +46,8 @@ class Layout:
         Rows that fit, among the first lines of the file.
     halves : bool
         Whether the separator parts numbers too: commas are decimal signs as well.
+    pattern : re.Pattern, optional
+        What every row looks like, where all have the same digits.
     """
 
     delimiter: str | None
@@ -53,6 +57,7 @@ class Layout:
     empty: tuple[int, ...]
     rows: int
     halves: bool
+    pattern: re.Pattern[str] | None
 
     @property
     def stamps(self) -> list[int]:
@@ -77,8 +82,7 @@ def read(path: Path) -> Table:
         If it cannot be understood; the message names line, column and remedy.
     """
     with path.open(encoding=_encoding(path), errors="replace") as stream:
-        table = parse(path, stream)
-    return _without_cut_row(path, table)
+        return parse(path, stream)
 
 
 def parse(source: Path, stream: TextIO) -> Table:
@@ -156,7 +160,8 @@ def _layout(head: list[str], delimiter: str | None, decimal: str) -> Layout | No
     halves = (delimiter, decimal) == (",", ".") and _are_halves(rows.values())
     first = min(rows)
     empty = tuple(i for i in range(width) if not any(cells[i] for cells in rows.values()))
-    return Layout(delimiter, decimal, first, tuple(rows[first]), empty, len(rows), halves)
+    pattern = pattern_of([head[i] for i in rows], decimal)
+    return Layout(delimiter, decimal, first, tuple(rows[first]), empty, len(rows), halves, pattern)
 
 
 def _is_value(cell: str, decimal: str) -> bool:
@@ -185,11 +190,17 @@ class _Rows:
     def __init__(self, stream: TextIO, layout: Layout) -> None:
         self.stream, self.layout = stream, layout
         self.number, self.line = layout.first, ""
+        self.odd: list[tuple[int, str]] = []  # rows of other digits than the rest
 
     def __iter__(self) -> Iterator[str]:
-        first, plain = self.layout.first, self.layout.plain
+        first, plain, pattern = self.layout.first, self.layout.plain, self.layout.pattern
         for self.number, self.line in enumerate(islice(self.stream, first, None), first + 1):  # noqa: B020
-            if _is_content(self.line):
+            if pattern and pattern.fullmatch(self.line.strip()):
+                yield plain(self.line)
+            elif _is_content(self.line):
+                if pattern and "nan" not in self.line.lower():
+                    self.odd.append((self.number, self.line))
+                    pattern = pattern if len(self.odd) <= FEW else None
                 yield plain(self.line)
 
 
@@ -199,40 +210,60 @@ def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
             f"line {layout.first + 1}: commas part the cells and the numbers within them: save with"
             " decimal points, or with semicolons between the cells"
         )
-    columns = columns_of(above, layout.delimiter, len(layout.example), layout.empty)
-    converters: dict[int | str, Callable[[str], float]] = {}
-    converters |= {i: reader(layout.example[i]) for i in layout.stamps}
-    converters |= dict.fromkeys(layout.empty, _number_or_nothing)
+    width = len(layout.example)
+    columns = columns_of(above, layout.delimiter, width, layout.empty, layout.stamps)
     stream.seek(0)
     rows = _Rows(stream, layout)
     try:
-        values = np.loadtxt(
-            iter(rows),
-            delimiter=layout.delimiter,
-            converters=converters or None,
-            ndmin=2,
-            comments=None,
-            quotechar='"',
-        )
+        values = _values(rows)
     except ValueError as error:
-        raise _refusal(rows, columns) or error from None
+        raise _refusal(rows, columns, error) from None
+    notes = []
+    if rows.odd[-1:] == [(rows.number, rows.line.rstrip("\r\n"))]:  # without a line break
+        values = values[:-1]
+        notes = [f"the last line, {rows.odd.pop()[1][-60:]!r}, is cut off: left out"]
     columns = [replace(c, values=v) for c, v in zip(columns, values.T, strict=True)]
-    rate = rate_in(above)
     unused = {i for i in layout.empty if np.isnan(values[:, i]).all()}
-    if not layout.stamps:
-        return Table([c for i, c in enumerate(columns) if i not in unused], rate)
-    t = values[:, layout.stamps].sum(axis=1)
-    clock = Column(columns[layout.stamps[0]].name, t - t[0], "s")
     others = [c for i, c in enumerate(columns) if i not in {*layout.stamps, *unused}]
-    first = " ".join(layout.example[i] for i in layout.stamps)
-    return Table([clock, *others], rate, (f"time counted from {first}",))
+    if layout.stamps:
+        t = values[:, layout.stamps].sum(axis=1)
+        others = [Column(columns[layout.stamps[0]].name, t - t[0], "s"), *others]
+        first = " ".join(layout.example[i] for i in layout.stamps)
+        notes = [*notes, f"time counted from {first}"]
+    return Table(others, rate_in(above), tuple(notes), _doubt(rows))
+
+
+def _values(rows: _Rows) -> Array:
+    layout = rows.layout
+    converters: dict[int | str, Callable[[str], float]] = {}
+    converters |= {i: reader(layout.example[i]) for i in layout.stamps}
+    converters |= dict.fromkeys(layout.empty, _number_or_nothing)
+    return np.loadtxt(
+        iter(rows),
+        delimiter=layout.delimiter,
+        converters=converters or None,
+        ndmin=2,
+        comments=None,
+        quotechar='"',
+    )
+
+
+def _doubt(rows: _Rows) -> str:
+    """What is odd about a row that has other digits than nearly all."""
+    if not 0 < len(rows.odd) <= FEW:  # none, or the format changes with the numbers
+        return ""
+    number, line = rows.odd[0]
+    return (
+        f"line {number}: {line.strip()[-60:]!r} has other digits than the lines around it, as if"
+        " some of them were lost; mend or remove the line"
+    )
 
 
 def _number_or_nothing(cell: str) -> float:
     return float(cell) if cell.strip() else np.nan
 
 
-def _refusal(rows: _Rows, columns: list[Column]) -> ValueError | None:
+def _refusal(rows: _Rows, columns: list[Column], found: ValueError) -> ValueError:
     """What is wrong with the line at which reading stopped."""
     layout, line = rows.layout, f"line {rows.number}"
     try:
@@ -248,21 +279,9 @@ def _refusal(rows: _Rows, columns: list[Column]) -> ValueError | None:
             what = f"{cell!r} is not {wanted}" if cell else "the cell is empty"
             name = repr(column.name) if not column.name.isdigit() else column.name
             return ValueError(f"{line}, column {name}: {what}; mend the cell or remove the line")
-    return None
-
-
-def _without_cut_row(path: Path, table: Table) -> Table:
-    """The table without its last row, if the file ends in the midst of that row's last number."""
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 4000))
-        end = file.read().decode("latin-1")
-    lines = end.splitlines()[-6:]
-    if end.endswith(("\n", "\r", "\0")) or len(lines) < 6:
-        return table
-    digits = [re.search(r"[.,](\d+)(?:[eE][-+]?(\d+))?\s*$", line) for line in lines]
-    sizes = [tuple(len(part or "") for part in d.groups()) if d else (0, 0) for d in digits]
-    if len({*sizes[:-1]}) > 1 or not (sizes[-1] < sizes[0] or sizes[-1][1] < sizes[0][1]):
-        return table
-    columns = [replace(column, values=column.values[:-1]) for column in table.columns]
-    note = f"the last line, {lines[-1].strip()[-40:]!r}, is cut off in its last number: left out"
-    return replace(table, columns=columns, notes=(*table.notes, note))
+    for i in layout.stamps:
+        try:
+            reader(layout.example[i])(cells[i])
+        except ValueError as error:
+            return ValueError(f"{line}: {error}")
+    return ValueError(f"{line}: {found}")
