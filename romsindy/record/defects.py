@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -170,20 +169,17 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     x = np.where(np.isfinite(channel.x), channel.x, np.nan)
     if np.count_nonzero(np.isfinite(x)) < _FEWEST:
         return x, [channel.defect("missing", "hardly any sample is a number", argument="column=")]
+    marks = {"missing": np.isnan(x), "spikes": spikes(filled(x))}
+    x = np.where(marks["spikes"], np.nan, x)
     try:
         cycle = swing(filled(x) - np.nanmedian(x))[1]
     except ValueError as error:
-        return x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
+        return channel.x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
+    marks["dropout"] = dropouts(x, cycle)
+    x = np.where(marks["dropout"], np.nan, x)
+    marks["clipping"] = clipped(x)
+    x = np.where(marks["clipping"], np.nan, x)
     found = _coarse(channel, x)
-    marks = {}
-    for kind, faulty in (
-        ("missing", lambda x: np.isnan(x)),
-        ("dropout", partial(dropouts, cycle=cycle)),
-        ("spikes", lambda x: spikes(filled(x))),
-        ("clipping", clipped),
-    ):
-        marks[kind] = faulty(x)
-        x = np.where(marks[kind], np.nan, x)
     x = restored(x, cycle)
     for kind, mark in marks.items():
         found += _told(channel, kind, mark, x)
@@ -256,7 +252,8 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
         what += f", amplitude {channel.number(line.amplitude)}: subtracted"
         found.append(channel.defect("mains" if mains else "line", what, size=line.amplitude))
         x = x - line(t)
-    noise = NoiseLevel.of(filled(x), dt)
+    stretch = max(runs(np.isfinite(x)), key=lambda run: run.stop - run.start)
+    noise = NoiseLevel.of(x[stretch], dt)
     if noise.coloured and noise.rms > _NOISY * np.nanmax(np.abs(x)):
         what = (
             f"coloured noise of {channel.number(noise.rms)} rms, stronger the slower (power like"
