@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.disturbances import level_and_drift, steady_lines
+from romsindy.record.disturbances import hidden_mains, level_and_drift, steady_lines
 from romsindy.record.faults import (
     Mask,
     clipped,
@@ -242,7 +242,8 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
     if found:
         x = x - level - slow
     t = channel.t - channel.t[0]
-    for line in steady_lines(x, dt):
+    lines = steady_lines(x, dt)
+    for line in lines:
         mains = line.mains
         what = (
             f"mains hum at {line.frequency:.5g} Hz"
@@ -252,6 +253,12 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
         what += f", amplitude {channel.number(line.amplitude)}: subtracted"
         found.append(channel.defect("mains" if mains else "line", what, size=line.amplitude))
         x = x - line(t)
+    if hidden := hidden_mains(lines):
+        what = (
+            f"the hum at {hidden:.5g} Hz itself is too near to the vibration to be told from it: it"
+            " stays, and bends the backbone where it is not far smaller"
+        )
+        found.append(channel.defect("mains", what))
     stretch = max(runs(np.isfinite(x)), key=lambda run: run.stop - run.start)
     noise = NoiseLevel.of(x[stretch], dt)
     if noise.coloured and noise.rms > _NOISY * np.nanmax(np.abs(x)):
