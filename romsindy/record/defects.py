@@ -30,8 +30,8 @@ _COARSE = 2e-4
 _ONE_BY_ONE = 5
 # Samples of the longest gap in time that is filled, with NaN at first.
 _BRIDGED = 64
-# Of the largest amplitude: coloured noise below it is not told.
-_NOISY = 0.005
+# Of the largest amplitude: coloured noise below it is not told; and samples that tell a colour.
+_NOISY, _TELLING = 0.005, 256
 # Samples that a channel must have.
 _FEWEST = 16
 
@@ -169,12 +169,13 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     x = np.where(np.isfinite(channel.x), channel.x, np.nan)
     if np.count_nonzero(np.isfinite(x)) < _FEWEST:
         return x, [channel.defect("missing", "hardly any sample is a number", argument="column=")]
-    marks = {"missing": np.isnan(x), "spikes": spikes(filled(x))}
+    missing = np.isnan(x)
+    marks = {"missing": missing, "spikes": spikes(filled(x)) & ~missing}
     x = np.where(marks["spikes"], np.nan, x)
     try:
         cycle = swing(filled(x) - np.nanmedian(x))[1]
     except ValueError as error:
-        return channel.x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
+        return x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
     marks["dropout"] = dropouts(x, cycle)
     x = np.where(marks["dropout"], np.nan, x)
     marks["clipping"] = clipped(x)
@@ -260,6 +261,8 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
         )
         found.append(channel.defect("mains", what))
     stretch = max(runs(np.isfinite(x)), key=lambda run: run.stop - run.start)
+    if stretch.stop - stretch.start < _TELLING or not np.any(x[stretch]):
+        return x, found
     noise = NoiseLevel.of(x[stretch], dt)
     if noise.coloured and noise.rms > _NOISY * np.nanmax(np.abs(x)):
         what = (
