@@ -176,16 +176,15 @@ def checked_times(t: Array) -> None:
         return
     i = int(np.argmax(steps <= 0))
     repeats = np.count_nonzero(steps == 0)
+    remedy = "sort the samples, remove the repeated ones, or give the samples per second with rate="
     if steps.min() == 0 and repeats > _COARSE * len(steps):
-        raise ValueError(
-            f"{repeats} of {len(t)} times repeat the one before, the first in row {i + 2} of the"
-            " data: the stamps are coarser than the sampling; give the samples per second with"
-            f" rate=, which may be {len(steps) / max(t[-1] - t[0], 1e-300):.6g}"
+        remedy = (
+            f"{repeats} of {len(t)} times do, for they are coarser than the sampling; give the"
+            f" samples per second with rate=, about {len(steps) / max(t[-1] - t[0], 1e-300):.4g}"
         )
     raise ValueError(
         f"t must increase, but it {'repeats' if steps[i] == 0 else 'decreases'} at sample"
-        f" {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s): sort the samples, remove the repeated ones,"
-        " or give the samples per second with rate="
+        f" {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s): {remedy}"
     )
 
 
