@@ -9,7 +9,7 @@ without noise and defect.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -182,7 +182,6 @@ class Trial:
     others: tuple[str, ...]
     inside: dict[str, float]  # share of cycles within two standard errors
     wider: dict[str, float]  # median of the standard errors over those of the clean record
-    pull: float # rms of error over standard error of the frequency
     cycles: float  # number of cycles over that of the clean record
     refusal: str = ""
 
@@ -200,7 +199,7 @@ def trial(seed: int, name: str) -> Trial:
     try:
         backbone = rs.extract_backbone(longest(recording))
     except ValueError as error:
-        return Trial(named, others, {}, {}, np.nan, 0.0, str(error))
+        return Trial(named, others, {}, {}, 0.0, str(error))
     truth = rs.extract_backbone(rs.Decay(known.t, known.q))
     inside, wider = {}, {}
     for what in NAMES:
@@ -210,9 +209,7 @@ def trial(seed: int, name: str) -> Trial:
         inside[what] = float(np.mean(np.abs(error) <= 2))
         usual = np.interp(backbone.t, reference.t, getattr(reference, f"{what}_std"))
         wider[what] = float(np.median(std / usual))
-        if what == "frequency":
-            pull = float(np.sqrt(np.mean(error**2)))
-    return Trial(named, others, inside, wider, pull, len(backbone) / len(reference))
+    return Trial(named, others, inside, wider, len(backbone) / len(reference))
 
 
 def _is(defect: Defect, kind: str, start: float, end: float, known: Known) -> bool:
@@ -229,37 +226,33 @@ def longest(recording: Recording) -> rs.Decay:
     return rs.Decay(recording.t[start:end], recording.x[start:end, 0])
 
 
+def row(name: str, trials: list[Trial]) -> str:
+    """What the trials of one defect add up to."""
+    held = [t for t in trials if not t.refusal]
+    others = Counter(kind for t in trials for kind in t.others)
+    inside = " ".join(f"{np.mean([t.inside[n] for t in held]):5.2f}" for n in NAMES)
+    wider = " ".join(f"{np.median([t.wider[n] for t in held]):6.2f}" for n in NAMES)
+    named = f"{sum(t.named for t in trials)}/{len(trials)}"
+    told = ", ".join(f"{kind} {count}" for kind, count in others.items())
+    cycles = np.mean([t.cycles for t in held])
+    return (
+        f"{name:31s}{named:>6s}{len(trials) - len(held):9d}  {inside}  {wider}{cycles:8.2f}  {told}"
+    )
+
+
 @click.command()
 @click.option("--first", default=0, help="First seed.")
 @click.option("--count", default=20, help="Number of decays.")
 @click.option("--only", default="", help="Part of the name of a defect.")
-@click.option("--each", is_flag=True, help="A line for every trial.")
-def main(first: int, count: int, only: str, each: bool) -> None:
+def main(first: int, count: int, only: str) -> None:
+    click.echo(f"{'':52s}share within 2 std   std / clean")
     click.echo(
-        f"{'defect':32s} named  other kinds named        refused  within 2 std: f, A, zeta"
-        "     std / clean: f, A, zeta   cycles"
+        f"{'defect':31s} named  refused  {'f':>5s} {'A':>5s} {'zeta':>5s}"
+        f"  {'f':>6s} {'A':>6s} {'zeta':>6s}  cycles  other kinds"
     )
     for name in DEFECTS:
-        if only not in name:
-            continue
-        trials = [trial(seed, name) for seed in range(first, first + count)]
-        held = [t for t in trials if not t.refusal]
-        others: dict[str, int] = defaultdict(int)
-        for t in trials:
-            for kind in t.others:
-                others[kind] += 1
-        inside = [np.mean([t.inside[n] for t in held]) if held else np.nan for n in NAMES]
-        wider = [np.median([t.wider[n] for t in held]) if held else np.nan for n in NAMES]
-        told = ", ".join(f"{k} {v}" for k, v in others.items())
-        click.echo(
-            f"{name:32s} {sum(t.named for t in trials):3d}/{count:<3d} {told:24s} {len(trials) - len(held):4d}"
-            f"     {inside[0]:6.2f} {inside[1]:6.2f} {inside[2]:6.2f}      "
-            f" {wider[0]:6.2f} {wider[1]:6.2f} {wider[2]:6.2f}"
-            f"     {np.mean([t.cycles for t in held]) if held else np.nan:6.2f}"
-        )
-        if each:
-            for seed, t in enumerate(trials, first):
-                click.echo(f"    {seed}: {t.named} {t.others} in {[round(v, 2) for v in t.inside.values()]} wider {[round(v, 2) for v in t.wider.values()]} pull {t.pull:.2f} {t.cycles:.2f} {t.refusal[:90]}")
+        if only in name:
+            click.echo(row(name, [trial(seed, name) for seed in range(first, first + count)]))
 
 
 if __name__ == "__main__":

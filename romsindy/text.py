@@ -33,8 +33,9 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> str:
 
 
 def columns_of_numbers(rows: Sequence[Sequence[str]]) -> list[bool]:
-    """Which columns hold a number below the header: "0.1", "0.1 to 0.2", "36 (fixed)"."""
-    return [any(map(_starts_with_a_number, column[1:])) for column in zip(*rows, strict=True)]
+    """Which columns hold mostly numbers below the header: "0.1", "0.1 to 0.2", "36 (fixed)"."""
+    columns = [[c for c in column[1:] if c not in ("", "-")] for column in zip(*rows, strict=True)]
+    return [2 * sum(map(_starts_with_a_number, cells)) > len(cells) for cells in columns]
 
 
 def _starts_with_a_number(cell: str) -> bool:

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from oracles import falling_decay, viscous_decay
 
-from romsindy.record.cycles import crossings, integrate, rest_level
+from romsindy.record.cycles import crossings, rest_level
 from romsindy.record.decay import Decay
+from romsindy.record.integration import integrate
 from romsindy.record.signals import fundamental_frequency, lowpass, noise_std, upsample
 
 DT = 0.01
@@ -88,8 +89,8 @@ def test_integral_of_a_noisy_biased_velocity_has_no_drift():
     damped = omega * np.sqrt(1 - zeta**2)
     v = -(omega**2) / damped * np.exp(-zeta * omega * T) * np.sin(damped * T)
     # Three turning points leave (decrement/2)^2/4 of the amplitude, 2.5e-4.
-    np.testing.assert_allclose(integrate(v, DT)[100:-100], q[100:-100], atol=5e-4)
-    noisy = integrate(v + 0.3 + rng.normal(0, 0.05, len(T)), DT)
+    np.testing.assert_allclose(integrate(v, DT, 2.0)[100:-100], q[100:-100], atol=5e-4)
+    noisy = integrate(v + 0.3 + rng.normal(0, 0.05, len(T)), DT, 2.0)
     # A random walk of 0.05 sqrt(dt) over a couple of cycles is about 0.005.
     assert np.sqrt(np.mean((noisy - q)[100:-100] ** 2)) < 0.01
 

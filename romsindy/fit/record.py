@@ -14,8 +14,9 @@ from romsindy.effects.base import Scales
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
+from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
-from romsindy.record.signals import clipped, noise_std
+from romsindy.record.signals import noise_std
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.typing import Array, Indices
 

@@ -26,8 +26,8 @@ class Inspection(Findings):
 
     def __repr__(self) -> str:
         frequencies = ", ".join(f"{m.mean_frequency:.5g}" for m in self.modes) or "none"
-        size = f"{len(self.releases)} releases, {len(self.modes)} modes ({frequencies} Hz)"
-        return f"<Inspection: {size}, {len(self.defects)} defects>"
+        counts = f"releases: {len(self.releases)}, defects: {len(self.defects)}"
+        return f"<Inspection: modes at {frequencies} Hz, {counts}>"
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers by name, times in s, frequencies in Hz, the rest in SI units."""

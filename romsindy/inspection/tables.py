@@ -137,7 +137,7 @@ def _discarded(found: Findings) -> Iterator[list[str]]:
 
 
 def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:
-    damping = [100 * z for z in mode.damping_ratio]
+    loud, quiet = mode.damping_ratio
     words = [steady] if mode.steady else []
     rings = [str(i + 1) for i in found.rings_in(mode)]
     if len(rings) < len(found.releases):
@@ -145,7 +145,7 @@ def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:
     return [
         str(mode.number),
         _span(*mode.frequency, 5),
-        "-" if mode.steady else _span(*damping, 2),
+        "-" if mode.steady else _span(100 * loud, 100 * quiet, 2),
         " to ".join(quantity(a, _unit(found)) for a in mode.amplitude),
         f"{100 * mode.share:.3g}",
         ", ".join(map(str, mode.harmonics)) or "-",

@@ -1,6 +1,6 @@
 """The one split of a record into cycles, and what follows from it.
 
-Midline and rest level, integration without drift, and the free part of a decay. Arrays have time
+Crossings, midline and level of rest. Arrays have time
 on axis 0; unless another shape is named, ``x`` is one channel (n,), sampled every ``dt`` seconds.
 Nothing here knows what was measured.
 """
@@ -40,21 +40,6 @@ def crossings(x: Array, dt: float) -> tuple[Indices, Indices]:
             " fewer than three full cycles: record longer, or remove the offset of the signal"
         )
     return up, down[: len(up)]
-
-
-def integrate(x: Array, dt: float) -> Array:
-    """Integrate one channel over time and remove the drift.
-
-    The integration constant, an offset and slow noise of the sensor leave a wandering midline.
-    The midline between the turning points is drawn through the record and subtracted: at the
-    ends this is far better than a high-pass filter. The cost: the mean of an asymmetric
-    vibration, which a velocity cannot show, is set to zero too.
-    """
-    t = dt * np.arange(len(x))
-    q = make_interp_spline(t, x, k=5).antiderivative()
-    cycle = 1 / fundamental_frequency(x, dt)
-    turning, midline, _ = _midline(q(t), dt, cycle)
-    return q(t) - _smooth_curve(turning, midline, t, 2 * cycle)
 
 
 def rest_level(x: Array, dt: float) -> float:

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.cycles import crossings, integrate, rest_level
+from romsindy.record.cycles import crossings, rest_level
 from romsindy.record.filters import Butterworth, Filter
+from romsindy.record.integration import displacement
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import uniform_times
@@ -103,6 +104,9 @@ class Decay:
     def from_velocity(cls, t: ArrayLike, v: ArrayLike, unit: str | None = None) -> Decay:
         """Make a decay from a measured velocity, integrated once without drift.
 
+        Of several releases the largest is taken, from after the blow on, without what the removal
+        of drift spoils at either end.
+
         Parameters
         ----------
         t : (n,) array
@@ -111,11 +115,14 @@ class Decay:
             Unit of q per second.
         unit : str, optional
             Unit of q: "m" for a velocity in m/s.
+
+        Raises
+        ------
+        ValueError
+            If there is no free decay in it.
         """
-        rate = cls(np.asarray(t), np.asarray(v))  # checks and resamples
-        q = _integrated(rate.q, rate.dt)
-        notes = (*rate.notes, "displacement integrated from velocity, drift removed")
-        return cls(rate.t, q, rate.q, unit=unit, measured="velocity", notes=notes)
+        t, v, q, notes = _integrated(cls(np.asarray(t), np.asarray(v)), "velocity", unit)
+        return cls(t, q, v, None, unit, "velocity", notes, "free")
 
     @classmethod
     def from_acceleration(cls, t: ArrayLike, a: ArrayLike, unit: str | None = None) -> Decay:
@@ -123,10 +130,8 @@ class Decay:
 
         Arguments as those of `from_velocity`; a in units of q per second squared.
         """
-        rate = cls(np.asarray(t), np.asarray(a))
-        q = _integrated(_integrated(rate.q, rate.dt), rate.dt)
-        notes = (*rate.notes, "displacement integrated twice from acceleration, drift removed")
-        return cls(rate.t, q, None, rate.q, unit=unit, measured="acceleration", notes=notes)
+        t, a, q, notes = _integrated(cls(np.asarray(t), np.asarray(a)), "acceleration", unit)
+        return cls(t, q, None, a, unit, "acceleration", notes, "free")
 
     # -- what it is ---------------------------------------------------------------------------
 
@@ -233,7 +238,8 @@ class Decay:
         record = self if start is None and end is None else self.between(start, end)
         if self.stage != "raw":
             return record
-        release, notes = record._release(start, end)
+        recording = Recording(record.t, record.signal, quantity=self.measured, unit=self.unit)
+        release, notes = _release(recording, start, end)
         first = release.start if start is None else record.t[0]
         last = release.end if end is None else record.t[-1]
         part = record.between(first, last)
@@ -245,33 +251,6 @@ class Decay:
             return free
         note = f"offset of {rest:.4g} {self.unit or '[q]'} removed: where the vibration rests"
         return replace(free, q=free.q - rest, notes=(*free.notes, note))
-
-    def _release(self, start: float | None, end: float | None) -> tuple[Release, list[str]]:
-        """The largest release, or that at an end that is given, and what is to be said of it."""
-        recording = Recording(self.t, self.signal, quantity=self.measured, unit=self.unit)
-        releases, discarded = split_releases(recording)
-        if not releases:
-            longest = max(discarded, key=lambda part: part.end - part.start)
-            raise ValueError(
-                f"no free decay between {self.t[0]:.4g} and {self.t[-1]:.4g} s: {longest.reason};"
-                " cut the record with start= and end=, filter it, or record longer"
-            )
-        largest = max(releases, key=lambda release: release.peak)
-        release = releases[0] if start is not None else releases[-1] if end is not None else largest
-        notes = []
-        if start is None and release.start > self.t[0]:
-            notes.append(f"free decay starts at {release.start:.6g} s (found): {release.why_start}")
-        if end is None and release.end < self.t[-1]:
-            notes.append(f"tail after {release.end:.6g} s cut: {release.why_end}")
-        others = [f"{r.start:.6g} to {r.end:.6g} s" for r in releases if r is not release]
-        if others:
-            note = (
-                f"the record holds {len(releases)} releases; that from {release.start:.6g} to"
-                f" {release.end:.6g} s is used, others with start= and end=: {', '.join(others)}"
-            )
-            warnings.warn(note, stacklevel=4)
-            notes.append(note)
-        return release, notes
 
     def upsampled(self, samples_per_cycle: int = SAMPLES_PER_CYCLE) -> Decay:
         """At least this many samples a cycle, by band-limited interpolation."""
@@ -378,6 +357,50 @@ def _refuse_nan(name: str, x: Array) -> None:
         )
 
 
-def _integrated(x: Array, dt: float) -> Array:
-    columns = x.reshape(len(x), -1).T
-    return np.stack([integrate(c, dt) for c in columns], axis=1).reshape(x.shape)
+def _release(
+    recording: Recording, start: float | None = None, end: float | None = None
+) -> tuple[Release, tuple[str, ...]]:
+    """The largest release, or that at an end that is given, and what is to be said of it."""
+    releases, discarded = split_releases(recording)
+    first, last = recording.t[0], recording.t[-1]
+    if not releases:
+        longest = max(discarded, key=lambda part: part.end - part.start)
+        raise ValueError(
+            f"no free decay between {first:.4g} and {last:.4g} s: {longest.reason}; cut the record"
+            " with start= and end=, filter it, or record longer"
+        )
+    largest = max(releases, key=lambda release: release.peak)
+    release = releases[0] if start is not None else releases[-1] if end is not None else largest
+    notes = []
+    if start is None and release.start > first:
+        notes.append(f"free decay starts at {release.start:.6g} s (found): {release.why_start}")
+    if end is None and release.end < last:
+        notes.append(f"tail after {release.end:.6g} s cut: {release.why_end}")
+    others = [f"{r.start:.6g} to {r.end:.6g} s" for r in releases if r is not release]
+    if others:
+        note = (
+            f"the record holds {len(releases)} releases; that from {release.start:.6g} to"
+            f" {release.end:.6g} s is used, others with start= and end=: {', '.join(others)}"
+        )
+        warnings.warn(note, stacklevel=4)
+        notes.append(note)
+    return release, tuple(notes)
+
+
+def _integrated(
+    rate: Decay, quantity: Quantity, unit: str | None
+) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """Times, rate and displacement of the largest release, and what was done."""
+    release, notes = _release(Recording(rate.t, rate.q, quantity=quantity, unit=unit))
+    part = rate.between(release.start, release.end)
+    times = QUANTITIES.index(quantity)
+    columns = part.q.reshape(len(part.t), -1).T
+    found = [displacement(x, part.dt, release.frequency, times) for x in columns]
+    q = np.stack([x for x, _ in found], axis=1).reshape(part.q.shape)
+    sound = slice(max(s.start for _, s in found), min(s.stop for _, s in found))
+    how = "from velocity" if times == 1 else "twice from acceleration"
+    done = [f"displacement integrated {how}, drift removed"]
+    if len(part.t[sound]) < len(part.t):
+        before, after = sound.start * part.dt, (len(part.t) - sound.stop) * part.dt
+        done.append(f"{before:.3g} s at the start and {after:.3g} s at the end cut: drift unclear")
+    return part.t[sound], part.q[sound], q[sound], (*rate.notes, *notes, *done)

@@ -211,7 +211,7 @@ def _told(channel: _Channel, kind: str, mark: Mask, mended: Array) -> list[Defec
         own = mark[where]
         count, lost = np.count_nonzero(own), np.count_nonzero(own & np.isnan(mended[where]))
         before = channel.x[where][own]
-        size = count / len(mark)
+        size = float(count / len(mark))
         what = f"{count} samples are missing"
         if kind == "dropout":
             size = float(before[0])

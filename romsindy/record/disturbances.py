@@ -1,6 +1,7 @@
 """What is added to a vibration and does not fade with it: offset, drift and steady lines.
 
-Arrays are one channel (n,) with a uniform rate, NaN where a sample is missing. Nothing here knows what was measured.
+Arrays are one channel (n,) with a uniform rate, NaN where a sample is missing.
+Nothing here knows what was measured.
 """
 
 from __future__ import annotations
@@ -13,24 +14,27 @@ from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks, periodogram
 
 from romsindy.record.faults import filled
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 # Cycles for each value of a drift; a midline that moves faster belongs to the vibration.
 _SLOW, _MOST_VALUES = 6.0, 16
 # Samples of a cycle that a drift is fitted to.
 _RATE = 16
 # Of the amplitude at the time: where a drift reaches as much, and so often, it matters.
-_MATTERS, _OFTEN = 0.1, 0.1
+_MATTERS, _OFTEN = 0.05, 0.1
 # Cycles at either end that count less.
 _TAPER = 4.0
 # Of the amplitude: the vibration's own midline moves no further.
 _OWN = 0.25
+# Of what a level or a polynomial leaves: less is left where the slow motion is the vibration's.
+_EXPLAINED = 0.3
 # Degree of the drift beside which the vibration's own midline is sought.
 _DEGREE = 4
 # Power of a line over the median of the spectrum round it, and how far that reaches.
 _LINE, _NEAR = 30.0, 40
-# Pieces of the quieter half over which a line must keep its size, and how well.
-_PIECES, _STEADY = 4, 0.05
+# Pieces of the quieter half over which a line must keep its size, and the most that it may change,
+# relative: mains are known beforehand, and may be as faint as the noise.
+_PIECES, _STEADY, _MAINS_STEADY = 4, 0.05, 0.5
 # Most lines that are looked for in one channel.
 _MOST = 24
 # Of the rms of the later half: a line below does nothing.
@@ -51,33 +55,36 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     loud = power.max()
     # Before the release there may be a hold, whose level is not that of rest.
     begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
-    here = np.arange(begin, n, max(round(cycle / _RATE), 1))
+    step = max(round(cycle / _RATE), 1)
+    here = np.arange(begin, n, step)
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
     # The ends of a vibration, the loud one above all, would bend the spline: the taper.
-    inside = np.minimum(here - begin, n - here) / (_TAPER * cycle)
-    weight = np.sin(np.pi / 2 * np.clip(inside, 1e-3, 1)) ** 2 / np.maximum(
-        power[here], 1e-4 * loud
-    )
-    at = here.astype(float)
-    slow = _slow_part(at, x[here], weight, min(int((n - begin) / (_SLOW * cycle)), _MOST_VALUES))
-    own = _power(np.sqrt(power), cycle)[here] / loud
-    powers = np.polynomial.legendre.legvander(2 * (at - begin) / (n - begin) - 1, _DEGREE)
-    root = np.sqrt(weight)
-    fit = np.linalg.lstsq(np.column_stack([own, powers]) * root[:, None], slow * root)[0]
-    most = _OWN * np.sqrt(2 * loud)
-    share = float(np.clip(fit[0], -most, most))
-    choices = [slow, slow - share * own]
-    levels = [float(np.average(choice, weights=weight)) for choice in choices]
-    amplitude = np.sqrt(2 * power[here])
-    sizes = [
-        np.abs(choice - at_rest) / np.maximum(amplitude, 1e-9 * amplitude.max())
-        for choice, at_rest in zip(choices, levels, strict=True)
-    ]
-    least = int(np.argmin([np.median(size) for size in sizes]))
-    level = levels[least] if np.mean(abs(levels[least]) > _MATTERS * amplitude) > _OFTEN else 0.0
-    if np.mean(sizes[least] > _MATTERS) < _OFTEN:
-        return level, np.zeros(n)
-    return level, np.interp(np.arange(n), at, choices[least] - levels[least])
+    ends = np.clip(np.minimum(here - begin, n - here) / (_TAPER * cycle), 1e-3, 1)
+    weight = np.sin(np.pi / 2 * ends) ** 2 / np.maximum(power[here], 1e-4 * loud)
+    smooth = uniform_filter1d(uniform_filter1d(x, 2 * step - 1), 2 * step - 1)
+    values = min(int((n - begin) / (_SLOW * cycle)), _MOST_VALUES)
+    slow = _slow_part(here.astype(float), smooth[here], weight, values)
+    slow = slow - _own_midline(here, slow, power[here], weight)
+    level = float(np.average(slow, weights=weight))
+    amplitude = _MATTERS * np.sqrt(2 * power[here])
+    matters = np.mean(np.abs(slow - level) > amplitude) > _OFTEN
+    drift = np.interp(np.arange(n), here, slow - level) if matters else np.zeros(n)
+    return (level if np.mean(abs(level) > amplitude) > _OFTEN else 0.0), drift
+
+
+def _own_midline(at: Indices, slow: Array, power: Array, weight: Array) -> Array:
+    """The part of a slow motion that goes with amplitude^2; zeros where that explains little."""
+    powers = np.polynomial.legendre.legvander(2 * (at - at[0]) / (at[-1] - at[0]) - 1, _DEGREE)
+    root, own = np.sqrt(weight), power / power.max()
+    most = _OWN * np.sqrt(2 * power.max())
+    for drift in (powers[:, :1], powers):  # no drift at all, or one beside it
+        left = []
+        for columns in (drift, np.column_stack([drift, own])):
+            fit = np.linalg.lstsq(columns * root[:, None], slow * root)[0]
+            left.append(np.linalg.norm((slow - columns @ fit) * root))
+        if left[1] < _EXPLAINED * left[0]:
+            return float(np.clip(fit[-1], -most, most)) * own
+    return np.zeros(len(at))
 
 
 def _power(x: Array, cycle: float) -> Array:
@@ -150,7 +157,7 @@ def _candidates(x: Array, dt: float) -> list[float]:
     floor = np.maximum(median_filter(power, 2 * _NEAR + 1, mode="nearest"), 1e-12 * power.max())
     peaks = find_peaks(power / floor, height=_LINE, distance=3)[0]
     peaks = peaks[np.argsort(-power[peaks])][:_MOST]
-    peaks = peaks[frequency[peaks] < 0.45 / dt]  # where a window mirrors no line into itself
+    peaks = peaks[peaks < len(power) - 4]  # a window mirrors the last lines into themselves
     peaks = peaks[np.abs(frequency[peaks] - own[0][np.argmax(own[1])]) > 4 * frequency[1]]
     return [_refined(np.log(power[p - 1 : p + 2]), frequency[p], frequency[1]) for p in peaks]
 
@@ -173,10 +180,11 @@ def _stays(x: Array, dt: float, f: float) -> bool:
         values = 2 * np.abs(waves @ (window * turn * piece)) / window.sum()
         size.append(values[3])
         scatter.append(np.median(np.delete(values, 3)) / values[3])
-    change = np.abs(np.ptp(np.log(size)))
+    change = abs(np.polyfit(np.arange(_PIECES), np.log(size), 1)[0]) * (_PIECES - 1)
+    if SteadyLine(f, 0.0, 0.0).mains:
+        return bool(change < _MAINS_STEADY)
     error = float(np.sqrt(np.mean(np.square(scatter))))
-    known = SteadyLine(f, 0.0, 0.0).mains > 0
-    return bool(change < max(_STEADY, 3 * error) and (error < _STEADY or known))
+    return bool(change < max(_STEADY, 3 * error) and error < _STEADY)
 
 
 def _fitted(x: Array, t: Array, weight: Array, f: float) -> SteadyLine:

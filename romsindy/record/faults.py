@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 from scipy.linalg import lstsq, solve_toeplitz
 from scipy.signal import lfilter
 
@@ -25,14 +26,20 @@ _ORDER = 24
 _USUAL = 0.99
 # Samples of a block of residuals, whose median is its scatter.
 _BLOCK = 256
+# Of the resolution: rounding flattens a turning point by less.
+_FLAT = 8.0
 # Of that scatter: noise reaches as far once in 1e20. Encoders and rounding have no such tails.
 _SPIKE = 10.0
 # Samples of the longest spike: what is longer is a blow, or motion.
 _LONGEST = 5
-# Of the residual, what is left once the samples are interpolated: a blow leaves nearly all.
-_LEFT = 0.3
+# Of the scatter, what may be left once the samples are interpolated: a blow leaves far more.
+_LEFT = 3.0
 # Samples a cycle of the autoregression that bridges missing ones, and cycles that it is fitted to.
 _RATE, _CYCLES = 16, 6
+# Of the samples that it reaches: more holes leave too little to go by.
+_HOLES = 0.2
+# Times that autoregression and missing samples are found in turn.
+_ROUNDS = 4
 
 
 def runs(mask: Mask) -> list[slice]:
@@ -91,13 +98,13 @@ def spikes(x: Array) -> Mask:
     A blow is none: the motion after it is not that before it.
     """
     marked = np.zeros(len(x), bool)
-    clean = x - np.median(x)
+    clean: Array = x - np.median(x)
     for _ in range(5):  # large spikes hide smaller ones
         a = _whitening(clean)
         new = np.zeros(len(x), bool)
         suspects, scatter = _unforetold(clean, a)
-        for run in runs(suspects):
-            if run.stop - run.start <= _LONGEST and _bridged(clean, run, a, scatter):
+        for run in suspects:
+            if _bridged(clean, run, a, scatter):
                 new[run] = True
         if not np.any(new):
             break
@@ -117,26 +124,23 @@ def _whitening(x: Array) -> Array:
     return np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
 
 
-def _unforetold(x: Array, a: Array) -> tuple[Mask, Array]:
-    """Samples that neither the ones before nor the ones after foretell, and the usual error."""
-    forward, backward = lfilter(a, [1.0], x), lfilter(a, [1.0], x[::-1])[::-1]
-    error = np.minimum(np.abs(forward), np.abs(backward))
+def _unforetold(x: Array, a: Array) -> tuple[list[slice], Array]:
+    """Short runs that begin as no sample before foretells and end as none after; usual errors."""
     order, n = len(a) - 1, len(x)
-    error[:order] = error[n - order :] = 0.0
-    blocks = [np.median(np.abs(b)) for b in np.array_split(forward, max(n // _BLOCK, 1))]
-    loud = np.array([max(blocks[max(i - 1, 0) : i + 2]) for i in range(len(blocks))])
-    lengths = [len(b) for b in np.array_split(forward, len(blocks))]
-    scatter = np.repeat(loud / 0.6745, lengths)
-    least = 1e-3 * np.sqrt(np.mean(x**2))
-    high = error > np.maximum(_SPIKE * scatter, least)
-    return _closed(high), scatter
-
-
-def _closed(mask: Mask) -> Mask:
-    """A single sample between two marked ones is marked too."""
-    closed = mask.copy()
-    closed[1:-1] |= mask[:-2] & mask[2:]
-    return closed
+    forward, backward = lfilter(a, [1.0], x), lfilter(a, [1.0], x[::-1])[::-1]
+    blocks = np.array_split(np.abs(forward), max(n // _BLOCK, 1))
+    usual = np.pad([np.median(block) for block in blocks], 1, mode="edge")
+    loudest = np.max([usual[:-2], usual[1:-1], usual[2:]], axis=0) / 0.6745
+    scatter = np.repeat(loudest, [len(block) for block in blocks])
+    limit = np.maximum(_SPIKE * scatter, 1e-3 * np.sqrt(np.mean(x**2)))
+    limit[:order] = limit[n - order :] = np.inf  # the first and the last have no such neighbours
+    begins, ends = np.flatnonzero(np.abs(forward) > limit), np.abs(backward) > limit
+    found = []
+    for begin in begins:
+        last = np.flatnonzero(ends[begin : begin + _LONGEST])
+        if len(last):
+            found.append(slice(int(begin), int(begin + last[-1]) + 1))
+    return found, scatter
 
 
 def _bridged(x: Array, run: slice, a: Array, scatter: Array) -> bool:
@@ -146,10 +150,8 @@ def _bridged(x: Array, run: slice, a: Array, scatter: Array) -> bool:
     segment = x[first : run.stop + order]
     missing = np.zeros(len(segment), bool)
     missing[run.start - first : run.stop - first] = True
-    before = np.linalg.norm(np.convolve(segment, a, "valid"))
-    after = np.linalg.norm(np.convolve(_interpolated(segment, missing, a), a, "valid"))
-    level = np.sqrt(order) * scatter[run.start]
-    return bool(after < max(_LEFT * before, 2 * level))
+    left = np.convolve(_interpolated(segment, missing, a), a, "valid")
+    return bool(np.sqrt(np.mean(left**2)) < _LEFT * scatter[run.start])
 
 
 def _interpolated(x: Array, missing: Mask, a: Array) -> Array:
@@ -169,14 +171,12 @@ def clipped(x: Array) -> Mask:
     rounding makes flat, and a hold before a release, have none.
     """
     marked, step = np.zeros(len(x), bool), resolution(x)
-    for sign in (1, -1):
-        y = sign * x
+    for y in (x, -x):
         top = np.nanmax(y)
         flat = top - y <= 1e-9 * np.nanmax(np.abs(np.diff(y[np.isfinite(y)])))
-        tops = [r for r in runs(flat) if r.stop - r.start >= _FEWEST - 1]
-        high = [r for r in tops if _rises(y, r) > 2 * step]
-        for run in high:
-            marked[run] = True
+        for run in runs(flat):
+            if run.stop - run.start > 1 and _rises(y, run) > _FLAT * step:
+                marked[run] = True
     return marked
 
 
@@ -184,10 +184,20 @@ def _rises(y: Array, run: slice) -> float:
     """Height over a run of a parabola with the slopes before and behind it; 0 for a hold."""
     width = run.stop - run.start
     reach = max(width // 2, 2)
-    before, after = y[run.start - reach : run.start + 1], y[run.stop - 1 : run.stop + reach]
-    if len(before) <= reach or len(after) <= reach:
+    before, after = y[: run.start + 1][-reach - 1 :], y[run.stop - 1 :][: reach + 1]
+    if len(after) <= reach:
         return 0.0
-    return float(min(before[-1] - before[0], after[0] - after[-1])) / reach * width / 4
+    drops = [after[0] - after[-1]]
+    if len(before) > reach:
+        drops.append(before[-1] - before[0])
+    elif run.start > 0 or _from_rest(y[run.stop - 1 :], min(max(width // 4, 2), 4)):
+        return 0.0
+    return float(min(drops)) / reach * width / 4
+
+
+def _from_rest(y: Array, step: int) -> bool:
+    """What is let go from rest drops by 1, then by 3; what comes back into the range by 1 and 1."""
+    return len(y) <= 2 * step or bool(y[step] - y[2 * step] > 2 * (y[0] - y[step]))
 
 
 def restored(x: Array, cycle: float) -> Array:
@@ -197,30 +207,46 @@ def restored(x: Array, cycle: float) -> Array:
     a cycle apart, which noise disturbs far less than neighbours.
     """
     result, missing = x.copy(), ~np.isfinite(x)
-    short = [r for r in runs(missing) if r.stop - r.start <= max(cycle / 4, _LONGEST)]
+    longest = max(cycle / 4, _LONGEST)
+    short = [
+        r for r in runs(missing) if r.stop - r.start <= longest and 0 < r.start and r.stop < len(x)
+    ]
+    brief = np.zeros(len(x), bool)
+    for run in short:
+        brief[run] = True
     stride = max(1, round(cycle / _RATE))
     reach = max(round(_CYCLES * cycle / 2), 3 * _ORDER * stride)
     for group in _groups(short, reach // 3):
-        around = slice(max(group[0].start - reach, 0), min(group[-1].stop + reach, len(x)))
-        segment = x[around]
-        # Beyond a long gap nothing is known.
-        gap = np.zeros(len(segment), bool)
-        for run in group:
-            gap[run.start - around.start : run.stop - around.start] = True
-        live = _known_stretch(~np.isfinite(segment) & ~gap, int(np.flatnonzero(gap)[0]))
-        if live.stop - live.start < 2 * _ORDER * stride + np.count_nonzero(gap[live]):
+        first = max(group[0].start - reach, 0)
+        around = slice(first, group[-1].stop + reach)
+        segment, gap = result[around], brief[around] & ~np.isfinite(result[around])
+        live = _known_stretch(~np.isfinite(segment) & ~gap, group[0].start - first)
+        if np.count_nonzero(~gap[live]) < 3 * cycle:
             continue
-        segment, gap = segment[live], gap[live]
-        mean = np.nanmean(segment)
-        segment = segment - mean
-        a = _fitted(segment, stride)
+        gap, start, stop = gap[live], first + live.start, first + live.stop
+        mean = np.nanmean(segment[live])
+        whole = _bridged_over(segment[live] - mean, gap, stride) + mean
+        # Where the ends of the known stretch are full of holes, these are guesses for the others.
+        for end in (gap[: _ORDER * stride], gap[::-1][: _ORDER * stride]):
+            if np.mean(end) > _HOLES:
+                end[:] = False
+        gap[group[-1].stop - start :] = False  # the next group is in the middle of its own
+        result[start:stop][gap] = whole[gap]
+    return result
+
+
+def _bridged_over(x: Array, gap: Mask, stride: int) -> Array:
+    """Autoregression and missing samples in turn, a first guess for these by a spline."""
+    at = np.arange(len(x))
+    guess = make_interp_spline(at[~gap], x[~gap], k=3)(at)
+    x = np.where(gap, guess, x)
+    for _ in range(_ROUNDS):
+        a = _fitted(x, stride)
         for phase in range(stride):  # samples of one phase know nothing of the others
             every = slice(phase, None, stride)
             if np.any(gap[every]):
-                segment[every] = _interpolated(segment[every], gap[every], a)
-        start = around.start + live.start
-        result[start : start + len(segment)][gap] = segment[gap] + mean
-    return result
+                x[every] = _interpolated(x[every], gap[every], a)
+    return x
 
 
 def _groups(found: list[slice], distance: int) -> list[list[slice]]:
@@ -242,10 +268,9 @@ def _known_stretch(unknown: Mask, at: int) -> slice:
 
 
 def _fitted(x: Array, stride: int) -> Array:
-    """Autoregression over lags of so many samples, from the rows without a missing sample."""
+    """Autoregression over lags of so many samples."""
     order = min(_ORDER, (len(x) // stride - 1) // 3)
     rows = np.stack(
         [x[(order - k) * stride : len(x) - k * stride] for k in range(order + 1)], axis=1
     )
-    rows = rows[np.all(np.isfinite(rows), axis=1)]
     return np.concatenate([[1.0], -lstsq(rows[:, 1:], rows[:, 0], cond=1e-6)[0]])

@@ -151,7 +151,7 @@ class NoiseLevel:
         medians (Theil and Sen) does not see those that they do fill.
         """
         frequency, power = periodogram(x[len(x) // 2 :], 1 / dt, window="hann")
-        edges = np.geomspace(_FIRST * frequency[1], 0.4 / dt, _BANDS + 1)
+        edges = np.geomspace(_FIRST * frequency[1], 0.5 / dt, _BANDS + 1)
         places = np.searchsorted(frequency, edges)
         bands = [slice(a, b) for a, b in itertools.pairwise(places) if b - a >= 3]
         middle = np.array([np.sqrt(frequency[b.start] * frequency[b.stop - 1]) for b in bands])

@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.signal import detrend, resample_poly
 
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 # Samples a cycle, and cycles that a predictor of so many samples is fitted to; what it predicts.
 _PER_CYCLE, _CYCLES, _ORDER, _AHEAD = 16, 5, 20, 0.5
@@ -49,7 +49,7 @@ def slowest_frequency(x: Array, dt: float, derivative: int) -> float | None:
     if not energy.max() > 0:
         return None
     lowest = int(np.flatnonzero(energy > _LOWEST * energy.max())[0])
-    near = np.abs(band - lowest) <= 1
+    near = band == lowest
     return float(lines[near][np.argmax(power[near])] / (len(x) * dt))
 
 
@@ -152,7 +152,7 @@ def _prediction_error(y: Array, rows: int, ahead: int, hop: int) -> Array:
     return np.sqrt(np.mean(np.sum((known @ predictor - truth) ** 2, axis=1), axis=1))
 
 
-def _rms(y: Array, first: Array, last: Array) -> Array:
+def _rms(y: Array, first: Indices, last: Indices) -> Array:
     total = np.concatenate([[0.0], np.cumsum(np.sum(y**2, axis=1))])
     first, last = np.clip(first, 0, len(y)), np.clip(last, 0, len(y))
     return np.sqrt(np.clip(total[last] - total[first], 0, None) / (last - first))

@@ -18,6 +18,8 @@ from romsindy.typing import Array
 CYCLES_AT_LEAST = 3
 # The amplitude that stands out of the noise, in its standard deviations.
 _LOUD = 3.0
+# A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go.
+_WORTH = 0.3
 # A swing counts as large from this part of the largest on; a rest or a hold is below that.
 _LARGE, _SILENT = 0.9, 0.05
 # Of the size of a record: less is nothing. A blow exceeds the next cycle by this factor.
@@ -38,8 +40,10 @@ class Release:
         First and last sample, s of the recording's clock.
     peak : float
         Largest deflection of the liveliest channel from rest, unit of the recording.
+    frequency : float
+        Of the slowest vibration of the recording, Hz, about.
     cycles : float
-        How many cycles of the slowest vibration it holds, about.
+        How many of these cycles it holds.
     why_start, why_end : str
         What happens there: "after the blow at 0.0102 s", "amplitude below three times the noise".
     """
@@ -47,6 +51,7 @@ class Release:
     start: float
     end: float
     peak: float
+    frequency: float
     cycles: float
     why_start: str
     why_end: str
@@ -146,7 +151,7 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
 
 def _finite_pieces(recording: Recording) -> Iterator[_Stretch]:
     """Runs of samples without gaps and NaN, eight at least."""
-    finite = np.isfinite(recording.x).all(axis=1)
+    finite = np.asarray(np.isfinite(recording.x).all(axis=1))
     for piece in recording.pieces:
         inside = finite[piece].astype(int)
         edges = piece.start + np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]])))
@@ -194,9 +199,12 @@ def _still(before: Array, after: Array, period: float) -> bool:
 
 def _until_the_next(releases: list[Release]) -> Iterator[Release]:
     for release, following in itertools.zip_longest(releases, releases[1:]):
-        cycle = (release.end - release.start) / release.cycles
         acted = release.why_end.startswith("something")
-        if acted and following is not None and following.start - release.end < 2 * cycle:
+        if (
+            acted
+            and following is not None
+            and following.start - release.end < 2 / release.frequency
+        ):
             yield replace(release, why_end=f"next release at {following.start:.5g} s")
         else:
             yield release
@@ -225,7 +233,7 @@ def _decays(
     swing = x[:stop] - rest
     derivative = QUANTITIES.index(recording.quantity)
     start = _first_swing(
-        swing, period, noise, derivative, 0.0 if stretch.before == "event" else 0.25
+        swing, period, noise, derivative, 0.0 if stretch.before == "event" else _WORTH
     )
     pushed = _pushed(amplitude[start:stop], period, noise)
     if pushed:
@@ -246,7 +254,8 @@ def _decays(
         recording.t[since], channel[since] - rest, peak, noise, period, displaced=derivative == 0
     )
     why_start = why_start or _STARTS[stretch.before].format(t[0])
-    yield Release(float(t[start]), float(t[stop - 1]), peak, cycles, why_start, why_end)
+    span = float(t[start]), float(t[stop - 1])
+    yield Release(*span, peak, 1 / (period * recording.dt), cycles, why_start, why_end)
     if stop < len(x):
         yield Discarded(float(t[stop]), float(t[-1]), why_end)
 

@@ -7,13 +7,10 @@ Arrays have time on axis 0; unless another shape is named, ``x`` is one channel 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt, welch
 
 from romsindy.typing import Array
 
-# Equal samples in a row at the very extreme: fewer may be chance, or steps of an encoder.
-_CLIPPED_RUN = 4
 # Lines of a spectrum below this one hold fewer cycles.
 _CYCLES_AT_LEAST = 3
 # Of the power of the first half of a record: less in the second is the quiet after a decay.
@@ -128,21 +125,3 @@ def _continued(x: Array, margin: int) -> Array:
     # Odd reflection continues value and slope.
     widths = [(margin, margin)] + [(0, 0)] * (x.ndim - 1)
     return np.pad(x, widths, mode="reflect", reflect_type="odd")
-
-
-def clipped(x: Array) -> NDArray[np.bool_]:
-    """Samples that stick to the end of a sensor's range.
-
-    A sensor that clips shows the very same extreme value for several samples in several cycles,
-    while the turning points of a decay differ. No sample is marked unless two cycles do so.
-    """
-    marked = np.zeros(len(x), bool)
-    for extreme in (x.max(), x.min()):
-        flat = np.abs(x - extreme) <= 1e-9 * np.ptp(x)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.astype(int), [0]])))
-        starts, ends = edges[::2], edges[1::2]
-        runs = [(a, b) for a, b in zip(starts, ends, strict=True) if b - a >= _CLIPPED_RUN]
-        # One run may be a hold before the release; later ones come after a reversal.
-        if len(runs) > 1 and np.any(np.signbit(x[runs[0][1] : runs[-1][0]]) != np.signbit(extreme)):
-            marked |= flat
-    return marked

@@ -42,10 +42,13 @@ class HarmonicSpline:
     amplitudes: BSpline  # complex, (H + 1) columns
 
     @classmethod
-    def fit(cls, t: Array, x: Array, cycles: float = _CYCLES) -> HarmonicSpline:
-        """Fit to samples (n,) at uniform times t (s)."""
+    def fit(
+        cls, t: Array, x: Array, cycles: float = _CYCLES, centred: Array | None = None
+    ) -> HarmonicSpline:
+        """Fit to samples (n,) at uniform times t (s); the phase is that of ``centred``, or x."""
         dt = t[1] - t[0]
-        centred = swing(x)[0]  # an offset may hide crossings
+        if centred is None:
+            centred = swing(x)[0]  # an offset may hide crossings
         up = crossings(centred, dt)[0]
         rise = centred[up + 1] - centred[up]  # so may noise, between two samples
         at = t[up] + dt * np.clip(-centred[up] / np.where(rise > 0, rise, np.inf), 0, 1)
@@ -71,6 +74,10 @@ class HarmonicSpline:
         second = z2 + bend * z + rate * z1 + rate * first
         q, q_dot, q_ddot = (np.sum(x * carrier, axis=1).real for x in (z, first, second))
         return q, q_dot, q_ddot
+
+    def midline(self, t: Array) -> Array:
+        """Its slow part at times t."""
+        return self.amplitudes(t)[:, 0].real
 
     @property
     def n_values(self) -> int:

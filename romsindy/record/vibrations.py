@@ -19,12 +19,11 @@ _LEAST_SHARE, _TOLD = 2e-4, 1e-3
 # Of two that move about as much, up to this factor in energy, the lower one is the dominant.
 _AS_MUCH = 3.0
 # What lies this near to a ridge with so many times its energy is what its fit has left.
-_RESIDUE_NEAR, _RESIDUE_WEAKER = 0.2, 100.0
-# A harmonic follows n times the frequency: within so much of it, and within so many radians over
-# so many cycles at least. Over fewer nothing but the ratio can tell, and that roughly.
-_HARMONICS, _HARMONIC_NEAR, _LOCKED = 6, 0.03, 1.5
-_CYCLES, _ROUGHLY = 12, 0.1
-_LOUD = 0.05
+_RESIDUE_NEAR, _RESIDUE_WEAKER = 0.2, 50.0
+# A harmonic follows n times the phase: within so many radians in the rms, and so much of its
+# frequency, over so many cycles at least. Over fewer nothing but the ratio can tell, and roughly.
+_HARMONICS, _HARMONIC_NEAR, _LOCKED = 6, 0.03, 0.5
+_CYCLES, _ROUGHLY, _SHORT = 5, 0.1, 24
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
 _RESONANT = 0.01
@@ -242,17 +241,18 @@ def _harmonic_order(ridge: Ridge, of: Ridge) -> int:
     if high <= low or ridge.t[-1] - ridge.t[0] > 1.2 * (of.end - of.start):
         return 0
     (phase, frequency, size), (base, slow, _) = ridge.along(t), of.along(t)
-    ratio = frequency / slow
-    order = round(float(np.median(ratio)))
+    weight = size**2 / np.sum(size**2)  # where it is loud: at its end noise turns the phase
+    order = round(float(weight @ (frequency / slow)))
     if not 2 <= order <= _HARMONICS:
         return 0
-    off = float(np.median(np.abs(ratio / order - 1)))
-    if (base[-1] - base[0]) / (2 * np.pi) < _CYCLES:
-        short = of.phase(of.end) - of.phase(of.start) < 2 * _CYCLES * 2 * np.pi
+    off = float(weight @ np.abs(frequency / (order * slow) - 1))
+    cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
+    if cycles < _CYCLES:
+        short = of.phase(of.end) - of.phase(of.start) < _SHORT * 2 * np.pi
         return order if short and off < _ROUGHLY else 0
-    # Where it is loud: at its end noise turns the phase.
-    turned = np.ptp((phase - order * base)[size > _LOUD * size.max()])
-    return order if off < _HARMONIC_NEAR and turned < _LOCKED else 0
+    turned = phase - order * base
+    turned = turned - weight @ turned
+    return order if off < _HARMONIC_NEAR and weight @ turned**2 < _LOCKED**2 else 0
 
 
 def _fall(ridge: Ridge) -> float:

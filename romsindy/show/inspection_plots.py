@@ -13,17 +13,22 @@ from scipy.signal.windows import hann
 
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
+from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
 from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array
 
-_POINTS = 2000  # across a figure
-_COLUMNS, _LINES = 400, 400  # of a spectrogram
+_POINTS, _LINES = 2000, 20_000  # across a figure: of a signal, and of a spectrum
+_COLUMNS, _ROWS = 400, 600  # of a spectrogram
 _CYCLES, _PARTS = 16.0, 8  # of the lowest tone in a window; windows in a record, at least
 _DYNAMICS = 90.0  # dB that are shown
-_ABOVE = 1.3  # of the highest tone: frequencies beyond are not shown
-_WIDE = 30.0  # highest over lowest tone: more needs a logarithmic axis
-_DISCARDED, _PALE = "0.65", "0.8"
+_RISE = 0.02  # of a release: the window of its spectrum opens within, and closes over the rest
+_ABOVE, _LEAST = (
+    1.3,
+    4.0,
+)  # of the highest and lowest tone: frequencies that are shown
+_WIDE = 30.0  # highest over lowest frequency: more needs a logarithmic axis
+_LEFT_OUT, _PALE = "0.65", "0.8"
 
 
 class Tone(NamedTuple):
@@ -32,6 +37,11 @@ class Tone(NamedTuple):
     number: int
     start: float
     vibration: Vibration
+
+    @property
+    def ridges(self) -> list[tuple[int, Ridge]]:
+        """The fundamental as 1, and the harmonics."""
+        return [(1, self.vibration.tone), *self.vibration.harmonics]
 
     @property
     def color(self) -> str:
@@ -47,16 +57,16 @@ def plot_record(
     ax: Axes,
 ) -> Axes:
     """One channel over time: releases shaded and numbered, what is left out grey."""
-    ax.plot(*_thinned(recording.t, recording.x[:, 0]), color=_DISCARDED, lw=0.6)
+    ax.plot(*_thinned(recording.t, recording.x[:, 0]), color=_LEFT_OUT, lw=0.6)
     for i, part in enumerate(releases, 1):
         inside = (recording.t >= part.start) & (recording.t <= part.end)
         ax.plot(*_thinned(recording.t[inside], recording.x[inside, 0]), color="C0", lw=0.6)
         ax.axvspan(part.start, part.end, color="C0", alpha=0.08, lw=0)
-        place = {"xy": (part.start, 1), "xycoords": ("data", "axes fraction"), "va": "top"}
-        ax.annotate(f" release {i}", **place)
+        corner = ("data", "axes fraction")
+        ax.annotate(f" release {i}", (part.start, 1), xycoords=corner, va="bottom")
     for i, gone in enumerate(discarded):
-        look = {"color": _DISCARDED, "alpha": 0.2, "lw": 0}
-        ax.axvspan(gone.start, gone.end, **look, label=None if i else "left out")
+        words = None if i else "left out"
+        ax.axvspan(gone.start, gone.end, color=_LEFT_OUT, alpha=0.2, lw=0, label=words)
     ax.set(ylabel=f"{recording.quantity} ({recording.signal_unit})")
     ax.margins(x=0)
     if discarded:
@@ -69,21 +79,18 @@ def plot_ridges(recording: Recording, tones: Sequence[Tone], *, ax: Axes) -> Axe
     low, high = _range(recording, tones)
     pictures = list(_spectrograms(recording, low, high))
     top = max((float(level.max()) for _, _, level in pictures), default=0.0)
-    look = {"vmin": top - _DYNAMICS, "vmax": top, "cmap": "Greys", "rasterized": True}
     for t, f, level in pictures:
-        mesh = ax.pcolormesh(t, f, level, **look)
+        mesh = ax.pcolormesh(
+            t, f, level, vmin=top - _DYNAMICS, vmax=top, cmap="Greys", rasterized=True
+        )
     if pictures:
         ax.figure.colorbar(mesh, ax=ax, pad=0.01, label=f"dB re 1 {recording.signal_unit}")
     around = [withStroke(linewidth=2.5, foreground="white")]
     for tone in tones:
-        for order, ridge in [(1, tone.vibration.tone), *tone.vibration.harmonics]:
+        for order, ridge in tone.ridges:
             t, dashes = tone.start + ridge.t, "-" if order == 1 else ":"
-            look = {"color": tone.color, "ls": dashes, "lw": 1.2, "path_effects": around}
-            ax.plot(t, ridge.frequency, **look)
-    if high > _WIDE * low:
-        ax.set_yscale("log")
-        ax.yaxis.set_major_formatter("{x:g}")
-    ax.set(ylim=(low if high > _WIDE * low else 0, high), ylabel="frequency (Hz)")
+            ax.plot(t, ridge.frequency, color=tone.color, ls=dashes, lw=1.2, path_effects=around)
+    _frequencies(ax, "y", low, high)
     return ax
 
 
@@ -100,38 +107,45 @@ def plot_spectrum(
         The vibrations of the release.
     """
     low, high = _range(cleaned, tones)
-    for of, look in ((recording, {"color": _PALE}), (cleaned, {"color": "0.25"})):
+    for of, color in ((recording, _PALE), (cleaned, "0.25")):
         f, size = _spectrum(of)
-        inside = (f <= high) & (f >= low / 2)
-        ax.plot(*_thinned(f[inside], size[inside]), lw=0.8, **look)
-    ax.set(xlim=(low if high > _WIDE * low else 0, high))
+        inside = (f > 0) & (f <= high)
+        ax.plot(*_thinned(f[inside], size[inside], _LINES), lw=0.8, color=color)
     for tone in tones:
-        of_tone = tone.vibration
-        words = f"{tone.number}{' steady' if of_tone.steady else ''}"
-        ax.axvline(of_tone.mean_frequency, color=tone.color, lw=1, ls="--", zorder=0)
-        place = {"xy": (of_tone.mean_frequency, 1), "xycoords": ("data", "axes fraction")}
-        ax.annotate(words, **place, ha="center", va="bottom", color=tone.color)
-        for order, ridge in of_tone.harmonics:
-            at = float(np.median(ridge.frequency))
-            ax.axvline(at, color=tone.color, lw=1, ls=":", zorder=0)
-            place = {"xy": (at, 1), "xycoords": ("data", "axes fraction"), "fontsize": "small"}
-            ax.annotate(f"{order}x", **place, ha="center", va="bottom", color=tone.color)
+        for order, ridge in tone.ridges:
+            at = tone.vibration.mean_frequency if order == 1 else float(np.median(ridge.frequency))
+            ax.axvline(at, color=tone.color, lw=1, ls="--" if order == 1 else ":", zorder=0)
+            ax.annotate(
+                f"{tone.number}" if order == 1 else f"{order}x",
+                (at, 1),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                va="bottom",
+                color=tone.color,
+            )
     ax.set_yscale("log")
-    if high > _WIDE * low:
-        ax.set_xscale("log")
-        ax.xaxis.set_major_formatter("{x:g}")
-    ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({recording.signal_unit})")
+    _frequencies(ax, "x", low, high)
+    ax.set(ylabel=f"amplitude ({recording.signal_unit})")
     return ax
+
+
+def _frequencies(ax: Axes, name: str, low: float, high: float) -> None:
+    """An axis of frequencies, logarithmic where they are far apart."""
+    wide = high > _WIDE * low
+    if wide:
+        getattr(ax, f"set_{name}scale")("log")
+        getattr(ax, f"{name}axis").set_major_formatter("{x:g}")
+    ax.set(**{f"{name}lim": (low if wide else 0, high), f"{name}label": "frequency (Hz)"})
 
 
 def _range(recording: Recording, tones: Sequence[Tone]) -> tuple[float, float]:
     """Lowest and highest frequency worth showing, Hz."""
-    ridges = [r for _, _, v in tones for r in (v.tone, *(h for _, h in v.harmonics))]
+    found = [r.frequency for tone in tones for _, r in tone.ridges]
     nyquist = 0.5 / recording.dt
-    if not ridges:
+    if not found:
         return nyquist / _WIDE, nyquist
-    lowest = min(float(r.frequency.min()) for r in ridges)
-    return lowest / 2, min(_ABOVE * max(float(r.frequency.max()) for r in ridges), nyquist)
+    lowest, highest = min(float(f.min()) for f in found), max(float(f.max()) for f in found)
+    return lowest / 2, min(max(_ABOVE * highest, _LEAST * lowest), nyquist)
 
 
 def _spectrograms(
@@ -145,31 +159,35 @@ def _spectrograms(
         window = int(min(_CYCLES / (2 * low * dt), len(x) / _PARTS))
         if window < 8:
             continue
-        fine = 2 ** int(np.ceil(np.log2(max(2 * window, _LINES))))
+        fine = 2 ** int(np.ceil(np.log2(max(2 * window, 2 * _ROWS))))
         hop = max(len(x) // _COLUMNS, 1)
         transform = ShortTimeFFT(hann(window), hop, 1 / dt, mfft=fine, scale_to="magnitude")
-        inside = transform.f <= high
-        size = np.abs(transform.stft(x - x.mean())[inside])
-        t = recording.t[piece][0] + transform.t(len(x))
-        shown = (t >= recording.t[piece][0]) & (t <= recording.t[piece][-1])
-        step = max(np.count_nonzero(inside) // _LINES, 1)
-        level = 20 * np.log10(np.maximum(2 * size[::step, shown], np.finfo(float).tiny))
-        yield t[shown], transform.f[inside][::step], level
+        t = transform.t(len(x))
+        inside = (t >= 0) & (t <= (len(x) - 1) * dt)
+        size = 2 * np.abs(transform.stft(x - x.mean(), padding="even"))[:, inside]
+        # Rows as the axis has them, each the largest of the lines that share it.
+        ends = np.geomspace(low, high, _ROWS) if high > _WIDE * low else np.linspace(0, high, _ROWS)
+        lines = np.unique(np.searchsorted(transform.f, ends).clip(max=len(transform.f) - 1))
+        level = 20 * np.log10(np.maximum(np.maximum.reduceat(size, lines), np.finfo(float).tiny))
+        yield recording.t[piece][0] + t[inside], transform.f[lines], level
 
 
 def _spectrum(recording: Recording) -> tuple[Array, Array]:
     """Frequencies in Hz, and amplitude of the spectrum."""
     x = np.nan_to_num(recording.x[:, 0] - np.nanmean(recording.x[:, 0]))
-    window = np.hanning(len(x) + 2)[1:-1]
-    return np.fft.rfftfreq(len(x), recording.dt), 2 * np.abs(np.fft.rfft(x * window)) / window.sum()
+    rise = max(int(_RISE * len(x)), 1)
+    fall = len(x) - rise
+    window = np.concatenate([hann(2 * rise)[:rise], hann(2 * fall)[fall:]])
+    size = 2 * np.abs(np.fft.rfft(x * window)) / window.sum()
+    return np.fft.rfftfreq(len(x), recording.dt), size
 
 
-def _thinned(t: Array, x: Array) -> tuple[Array, Array]:
+def _thinned(t: Array, x: Array, points: int = _POINTS) -> tuple[Array, Array]:
     """Least and largest of the samples that share a point of the figure."""
-    step = len(t) // _POINTS
+    step = len(t) // points
     if step < 2:
         return t, x
     n = len(t) // step
-    parts = np.nan_to_num(x[: n * step], nan=0.0).reshape(n, step)
+    parts = np.nan_to_num(x[: n * step]).reshape(n, step)
     ends = np.stack([parts.min(axis=1), parts.max(axis=1)], axis=1).ravel()
     return np.repeat(t[: n * step : step], 2), ends
