@@ -153,7 +153,10 @@ def _roots(decay: Decay, guess: Array, period: Array, repeats: float) -> _Points
             for t, T in zip(at, period, strict=True)
         ]
         at = np.array([fit.root(fit.coefficients) for fit in fits])
-    std = np.array([fit.std(t) / abs(fit.slope(t)) for fit, t in zip(fits, at, strict=True)])
+    slopes = np.array([fit.slope(t) for fit, t in zip(fits, at, strict=True)])
+    errors = np.array([fit.std(t) for fit, t in zip(fits, at, strict=True)])
+    # No crossing is off by more than its cycle, however flat the noise makes a fit.
+    std = errors / np.maximum(np.abs(slopes), errors / period)
     return _Points(at, np.zeros_like(at), std * np.sqrt(repeats))
 
 
