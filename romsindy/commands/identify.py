@@ -188,19 +188,19 @@ def _identified(
 ) -> Result:
     """Identify one file, or the example, and write its page."""
     title = f"Free decay {file.name}" if file else "Example: synthetic decay, 35 dB"
+    with bar(None, "inspecting") as steps:
+        record = _chosen(file, options) if file else example_decay(35.0, settings.seed)
+        found = inspect(record, progress=steps.set_postfix_str)
     try:
-        with bar(None, "inspecting") as steps:
-            record = _chosen(file, options) if file else example_decay(35.0, settings.seed)
-            found = inspect(record, progress=steps.set_postfix_str)
         mode = found.mode(*choice[:2])
         releases = found.rings_in(mode, choice[2])
         decays = found.decays(mode.number, release=choice[2])
         report = analysed(title, decays, settings, picked(found, mode, releases))
-    except ValueError as error:
-        known = file is None or str(error).startswith(str(file))
-        raise ValueError(error if known else f"{file}: {error}") from error
+    except ValueError as error:  # names neither the file nor what is wrong with its samples
+        named = str(error).removeprefix(f"{file}: ")
+        raise ValueError("; ".join([f"{file or 'example'}: {named}", *found.warnings])) from error
     figures = pictures(report)
-    if len(found.modes) > 1 or found.discarded:
+    if len(found.modes) > 1 or len(found.releases) > 1:
         figures.append(picture(found))
     write_identification(report, page, bar(figures, "drawing"))
     numbers = tuple(i + 1 for i in releases)
