@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -83,6 +84,13 @@ class Backbone:
             f"<Backbone: {len(a)} cycles, amplitude {a.max():.4g} to {a.min():.4g}"
             f" {self.unit or '[q]'}, frequency {f[np.argmax(a)]:.5g} to {f[np.argmin(a)]:.5g} Hz>"
         )
+
+
+def joined(backbones: Sequence[Backbone]) -> Backbone:
+    """The cycles of several decays of one structure as one backbone, in the order given."""
+    names = [f.name for f in fields(Backbone) if f.name != "unit"]
+    values = {n: np.concatenate([getattr(b, n) for b in backbones]) for n in names}
+    return Backbone(**values, unit=backbones[0].unit)
 
 
 def extract_backbone(decay: Decay, *, cycles: int = 12) -> Backbone:
