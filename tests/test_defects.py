@@ -5,8 +5,10 @@ import pytest
 from oracles import falling_decay, viscous_decay
 
 from romsindy.record.defects import clean
-from romsindy.record.faults import dropouts, restored, spikes
+from romsindy.record.faults import dropouts
+from romsindy.record.gaps import restored
 from romsindy.record.noise import NoiseLevel
+from romsindy.record.outliers import spikes
 from romsindy.record.recording import Recording
 
 T = np.arange(8000) * 0.004  # 32 s at 250 Hz
@@ -114,6 +116,18 @@ def test_a_drift_that_fades_with_the_vibration_is_its_own():
     own = np.exp(-2 * ZETA * 2 * np.pi * F * T)
     assert not cleaned(X + 0.2 * own)[1]
     assert "drift" in cleaned(X + 0.6 * own)[1]
+
+
+@pytest.mark.parametrize("size", [0.1, -1.0])
+def test_steps_of_the_level(size):
+    """The noise of 24 samples is left of the size, and the level before or after it is removed."""
+    x = X.copy()
+    x[3333:] += size
+    recording, found = cleaned(x)
+    assert {"step"} <= {*found} <= {"step", "offset", "drift"}
+    assert found["step"].start == T[3333]
+    assert found["step"].size == pytest.approx(size, abs=0.02)
+    assert np.abs(recording.x[:, 0] - X).max() < 0.03
 
 
 def test_offset_of_a_thousand():
