@@ -236,9 +236,9 @@ def _follow(
     period, period_std = (rising[0] + falling[0]) / 2, np.hypot(rising[1], falling[1]) / 2
     high = _peaks_along(top.value, top.std, 0.25, middle, cycles)
     low = _peaks_along(-bottom.value, bottom.std, 0.75, middle, cycles)
-    swing = np.maximum(top.value - bottom.value, np.finfo(float).tiny)
-    swing_std = np.hypot(top.std, bottom.std) / swing
-    log_decay = _along(np.log(swing), swing_std, 0.5, middle, cycles, slope, _SIZE_DEGREE)
+    swing_std = np.maximum(np.hypot(top.std, bottom.std), np.finfo(float).tiny)
+    swing = np.maximum(top.value - bottom.value, swing_std)
+    log_decay = _along(np.log(swing), swing_std / swing, 0.5, middle, cycles, slope, _SIZE_DEGREE)
     decrement, decrement_std = -log_decay[0], log_decay[1]
     frequency = 2 * np.pi / period
     return Backbone(

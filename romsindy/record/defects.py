@@ -25,6 +25,8 @@ _ONE_BY_ONE = 5
 _BRIDGED = 64
 # Of the largest amplitude: coloured noise below it is not told; and samples that tell a colour.
 _NOISY, _TELLING = 0.005, 256
+# Equal samples beside a step: it is no step of the level.
+_STILL = 4
 # Samples that a channel must have.
 _FEWEST = 16
 
@@ -167,6 +169,8 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     x = np.where(marks["spikes"], np.nan, x)
     found = _coarse(channel, x)
     for at, size in steps(filled(x)):
+        if np.ptp(x[at : at + _STILL]) == 0 or np.ptp(x[max(at - _STILL, 0) : at]) == 0:
+            continue  # the end of a dropout
         x[at:] -= size
         what = f"the level steps by {channel.number(size)}: taken back"
         found.append(channel.defect("step", what, slice(at, at + 1), size))
