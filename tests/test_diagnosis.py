@@ -229,7 +229,8 @@ def test_before_by_record_is_the_simulation_as_it_was():
 def test_drag_is_in_phase_with_the_velocity_whatever_was_measured(quantity):
     clean = decay(1.0, HIDDEN["quadratic_drag"][0]["force"], snr_db=80)
     if quantity == "velocity":
-        clean = rs.Decay.from_velocity(clean.t, CubicSpline(clean.t, clean.q)(clean.t, 1))
+        whole = rs.Decay.from_velocity(clean.t, CubicSpline(clean.t, clean.q)(clean.t, 1))
+        clean = whole.between(0.2)  # in the first cycle the mean is largest
     missing = MissingForce.of(MODEL, (), Record.loud(clean, 1e-4))
     with_q, with_v = np.abs(missing.harmonics())
     # The mean of an asymmetric vibration, which velocity has lost, looks like stiffness.

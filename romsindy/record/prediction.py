@@ -49,8 +49,8 @@ def slowest_frequency(x: Array, dt: float, derivative: int) -> float | None:
     if not energy.max() > 0:
         return None
     lowest = int(np.flatnonzero(energy > _LOWEST * energy.max())[0])
-    near = band == lowest
-    return float(lines[near][np.argmax(power[near])] / (len(x) * dt))
+    near = (band == lowest) | (band == lowest + 1)  # a line may lie at the edge of a band
+    return float(np.average(lines[near], weights=power[near]) / (len(x) * dt))
 
 
 def departures(x: Array, period: float, noise: Array) -> list[tuple[int, int]]:

@@ -21,13 +21,13 @@ _LOUD = 3.0
 # A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go.
 _WORTH = 0.3
 # A swing counts as large from this part of the largest on; a rest or a hold is below that.
-_LARGE, _SILENT = 0.9, 0.05
+_LARGE, _SILENT = 0.7, 0.1
 # Of the size of a record: less is nothing. A blow exceeds the next cycle by this factor.
 _NOTHING, _BLOW = 1e-6, 3.0
 # A free decay that swings higher again, by this factor, rises as slowly as it fell before: it
 # beats. Where it rises in this part of that time it was pushed.
-_AGAIN, _FASTER = 1.5, 0.4
-_SMOOTH = 4  # cycles, of which the largest amplitude is taken: fast beats do not show
+_AGAIN, _FASTER = 1.5, 0.75
+_SMOOTH = 3  # cycles, of which the largest amplitude is taken: fast beats do not show
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ def _rest(x: Array) -> float:
 
 
 def _first_swing(swing: Array, period: float, noise: float, derivative: int, least: float) -> int:
-    """First turning point that comes within 10 % of the largest: holds and blows are before it.
+    """First turning point that comes near the largest: holds and blows are before it.
 
     A start of ``least`` cycles is not worth a cut.
     """
@@ -346,15 +346,15 @@ def _onset(
     t: Array, swing: Array, peak: float, noise: float, period: float, *, displaced: bool
 ) -> str | None:
     """What set off the vibration that is free from the last sample on; None if all was moving."""
-    before = swing[max(len(swing) - round(2 * period), 0) :]
-    still = before[: max(round(period / 8), 4)]
-    moved = max(_SILENT * peak, 4 * noise)
-    if len(before) <= len(still) or np.ptp(still) > 2 * moved:
+    before = swing[max(len(swing) - round(2.5 * period), 0) :]
+    still = before[: max(len(before) - round(1.5 * period), round(period / 8), 4)]
+    if len(before) <= len(still):
         return None
     level = float(still.mean())
+    if np.sqrt(2 * max(still.var() - 1.2 * noise**2, 0.0)) > _SILENT * peak:
+        return None
     if abs(level) > peak / 2:
         return f"held until {t[-1]:.5g} s"
-    first = len(swing) - len(before) + int(np.argmax(np.abs(before - level) > moved))
-    if len(swing) - first < period / 3 or not displaced:
-        return f"after the blow at {t[first]:.5g} s"
-    return f"at rest until {t[first]:.5g} s, moved until {t[-1]:.5g} s"
+    moving = np.abs(before - level) > max(_SILENT * peak, 5 * noise)
+    first = len(swing) - len(before) + int(np.argmax(moving))
+    return f"{'at rest until' if displaced else 'after the blow at'} {t[first]:.5g} s"
