@@ -18,7 +18,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.record.defects import Defect, clean
+from romsindy.record.defects import Defect
 from romsindy.record.recording import Recording
 
 SNR_DB = 40.0
@@ -189,41 +189,37 @@ class Trial:
 def trial(seed: int, name: str) -> Trial:
     rng = np.random.default_rng(seed)
     known = known_decay(rng)
-    noise = 10 ** (-SNR_DB / 20) * np.std(known.q) * rng.standard_normal(len(known.t))
+    healthy = known.q + 10 ** (-SNR_DB / 20) * np.std(known.q) * rng.standard_normal(len(known.t))
     kind, spoil = DEFECTS[name]
-    spoiled, start, end = spoil(known, known.q + noise, rng)
-    recording, found = clean(Recording(known.t, spoiled, source="trial"))
-    named = not kind or any(_is(d, kind, start, end, known) for d in found)
-    others = tuple(sorted({d.kind for d in found} - {kind}))
-    reference = rs.extract_backbone(rs.Decay(known.t, known.q + noise))
+    spoiled, start, end = spoil(known, healthy, rng)
+    inspection = rs.inspect(Recording(known.t, spoiled, source="trial"))
+    named = not kind or any(_is(d, kind, start, end, known) for d in inspection.defects)
+    others = tuple(sorted({d.kind for d in inspection.defects} - {kind}))
+    reference = backbone(rs.inspect(Recording(known.t, healthy)))
     try:
-        backbone = rs.extract_backbone(longest(recording))
+        found = backbone(inspection)
     except ValueError as error:
         return Trial(named, others, {}, {}, 0.0, str(error))
     truth = rs.extract_backbone(rs.Decay(known.t, known.q))
     inside, wider = {}, {}
     for what in NAMES:
-        std = getattr(backbone, f"{what}_std")
-        exact = np.interp(backbone.t, truth.t, getattr(truth, what))
-        error = (getattr(backbone, what) - exact) / std
-        inside[what] = float(np.mean(np.abs(error) <= 2))
-        usual = np.interp(backbone.t, reference.t, getattr(reference, f"{what}_std"))
+        std = getattr(found, f"{what}_std")
+        error = getattr(found, what) - np.interp(found.t, truth.t, getattr(truth, what))
+        inside[what] = float(np.mean(np.abs(error) <= 2 * std))
+        usual = np.interp(found.t, reference.t, getattr(reference, f"{what}_std"))
         wider[what] = float(np.median(std / usual))
-    return Trial(named, others, inside, wider, len(backbone) / len(reference))
+    return Trial(named, others, inside, wider, len(found) / len(reference))
+
+
+def backbone(inspection: rs.Inspection) -> rs.Backbone:
+    """Of the longest free decay of the dominant mode."""
+    return rs.extract_backbone(max(inspection.decays(), key=lambda decay: decay.t[-1] - decay.t[0]))
 
 
 def _is(defect: Defect, kind: str, start: float, end: float, known: Known) -> bool:
     """Whether a defect is of that kind and overlaps that time, give or take a cycle."""
     slack = 1 / known.frequency
     return defect.kind == kind and defect.start < end + slack and defect.end > start - slack
-
-
-def longest(recording: Recording) -> rs.Decay:
-    """The longest stretch without a gap."""
-    known = np.isfinite(recording.x[:, 0])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(int), [0]])))
-    start, end = max(edges.reshape(-1, 2), key=lambda edge: edge[1] - edge[0])
-    return rs.Decay(recording.t[start:end], recording.x[start:end, 0])
 
 
 def row(name: str, trials: list[Trial]) -> str:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
+# Arguments of Python that are options of commands, and the names of those that differ.
+_ARGUMENTS = "start end unit quantity column channel time rate mode band release fixed amplitude"
+_OPTIONS = {"channel": "column", "fixed": "fix"}
+_ARGUMENT = re.compile(
+    rf"""(?<![\w.=-])({_ARGUMENTS.replace(" ", "|")})=(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""
+)
 _PREFIXES = {-1: "m", -2: "u", -3: "n", -4: "p"}
 
 
@@ -61,9 +67,9 @@ def with_band(value: float, low: float, high: float) -> list[str]:
 
 def _decimals(error: float, value: float) -> int:
     """Decimals that show two digits of an error, but no more than nine of the value."""
-    most = 8 - np.floor(np.log10(abs(value))) if value else 6
-    wanted = 1 - np.floor(np.log10(error)) if error > 0 else most
-    return int(np.clip(min(wanted, most), 0, 12))
+    most = 8 - math.floor(math.log10(abs(value))) if value else 6
+    wanted = 1 - math.floor(math.log10(error)) if 0 < error < math.inf else most
+    return max(min(wanted, most, 12), 0)
 
 
 def quantity(value: float, unit: str) -> str:
@@ -71,7 +77,7 @@ def quantity(value: float, unit: str) -> str:
     size = abs(value)
     if not unit.startswith(("m", "rad")) or not 1e-12 <= size < 1:
         return f"{value:.3g} {unit}"
-    step = int(np.floor(np.log10(size) / 3 + 1e-9))
+    step = math.floor(math.log10(size) / 3 + 1e-9)
     return f"{value / 1000.0**step:.3g} {_PREFIXES[step]}{unit}"
 
 
@@ -79,3 +85,15 @@ def listed(words: Sequence[object]) -> str:
     """Words as in a sentence: "1, 2 and 3"."""
     *most, last = map(str, words)
     return f"{', '.join(most)} and {last}" if most else last
+
+
+def as_options(sentence: str) -> str:
+    """Arguments of Python as options: "cut it with start=1.25" becomes "with --start 1.25"."""
+
+    def option(found: re.Match[str]) -> str:
+        name, quoted, plain = found.groups()
+        value = quoted if quoted is not None else plain
+        words = f"'{value}'" if value and " " in value else value
+        return f"--{_OPTIONS.get(name, name)}" + (f" {words}" if words else "")
+
+    return _ARGUMENT.sub(option, sentence)

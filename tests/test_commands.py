@@ -19,6 +19,7 @@ from romsindy import (
     extract_backbone,
     save_decay,
 )
+from romsindy.commands import analysis as analysis_module
 from romsindy.commands import identify as identify_module
 from romsindy.commands.main import main
 
@@ -112,11 +113,11 @@ def test_options_reach_the_identification(run, tmp_path, monkeypatch):
     """Known coefficients, the seed of the draws, and the cycles of the amplitudes asked for."""
     seen = []
 
-    def refuse(decay, **options):
-        seen.append((decay, options))
+    def refuse(decays, **options):
+        seen.append((*decays, options))
         raise ValueError("seen")
 
-    monkeypatch.setattr(identify_module, "fit", refuse)
+    monkeypatch.setattr(analysis_module, "fit", refuse)
     save_decay(example_decay(40.0, 1), tmp_path / "decay.npz")
     result = run("identify", "decay.npz", "--fix", "omega^2=36", "--seed", 7, "--order", 3,
                  "--amplitude", 0.5, 1.5)  # fmt: skip

@@ -119,7 +119,7 @@ def test_samples_that_are_missing_stay_missing(tmp_path):
 def test_times_that_are_too_coarse_are_refused_with_the_rate(tmp_path):
     path = write(tmp_path / "d.csv", "t [s],a [g]\n" + rows(t=np.floor(T * 100) / 100))
     with pytest.raises(
-        ValueError, match=r"540 of 600 times repeat .* row 2 .* with rate=, .* 1015"
+        ValueError, match=r"repeats at sample 1 .* 540 of 600 times do, .* with rate=, about 1015"
     ):
         load_recording(path)
     recording = load_recording(path, rate=RATE)
@@ -274,3 +274,41 @@ def test_times_in_other_units(tmp_path, unit, factor):
     np.testing.assert_allclose(recording.t, T, atol=1e-8)
     with pytest.raises(ValueError, match=r"column 'time' is in 'weeks', which is no unit of time"):
         load_recording(write(tmp_path / "w.csv", text.replace(f"[{unit}]", "[weeks]")))
+
+
+def test_records_side_by_side_in_one_file(tmp_path):
+    """Each signal with the times whose name begins as its own does."""
+    np.savez(tmp_path / "d.npz", run1_t=T, run1_v=X, run2_t=2 * T + 1, run2_v=2 * X)
+    recording = load_recording(tmp_path / "d.npz", column="run2_v")
+    np.testing.assert_array_equal(recording.t, 2 * T + 1)
+    np.testing.assert_array_equal(recording.x[:, 0], 2 * X)
+    with pytest.raises(ValueError, match=r"more than one time column among \['run1_t', 'run2_t'\]"):
+        load_recording(tmp_path / "d.npz")
+
+
+def test_what_counts_samples_is_no_time(tmp_path):
+    counted = "\n".join(f"{i},{x:.6f}" for i, x in enumerate(X))
+    with pytest.raises(ValueError, match=r"no time column among \['1', '2'\]; .* give rate="):
+        load_recording(write(tmp_path / "d.csv", counted))
+    recording = load_recording(tmp_path / "d.csv", rate=RATE)
+    assert recording.names == ("2",) and recording.dt == pytest.approx(1 / RATE)
+    # As pandas writes its index.
+    indexed = ",time,acc\n" + "\n".join(
+        f"{i},{t:.4f},{x:.6f}" for i, (t, x) in enumerate(zip(T, X, strict=True))
+    )
+    assert load_recording(write(tmp_path / "p.csv", indexed)).names == ("acc",)
+
+
+def test_exponents_of_fortran(tmp_path):
+    text = rows(form="  {:.9E}  {:.9E}").replace("E", "D")
+    recording = load_recording(write(tmp_path / "d.dat", text))
+    np.testing.assert_allclose(recording.x[:, 0], X, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "above",
+    ["millis,a", "time_ms,a", "t [ms],a", "Zeit (ms),a", "time,a\nms,g", "time,a\n(ms),(g)"],
+)
+def test_times_in_milliseconds(tmp_path, above):
+    recording = load_recording(write(tmp_path / "d.csv", f"{above}\n" + rows(t=1000 * T)))
+    np.testing.assert_allclose(recording.t, T, atol=1e-12)

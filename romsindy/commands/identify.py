@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import sys
-from copy import deepcopy
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from tqdm import tqdm
 
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.functions.identification import Identification
-from romsindy.fit.functions.identify import identify as fit
+from romsindy.commands.analysis import Settings, analysed
+from romsindy.commands.main import INTERRUPTED, REFUSED
+from romsindy.commands.options import FILE, Output, bar, read, reading_options, write_text
+from romsindy.commands.results import Refusal, Result, table
+from romsindy.inspection.inspect import inspect
+from romsindy.inspection.page import picture
+from romsindy.inspection.tables import picked
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.example import example_decay
-from romsindy.record.backbone import Backbone, extract_backbone
-from romsindy.record.decay import Decay
-from romsindy.record.files import load_decay
-from romsindy.record.filters import Butterworth
-from romsindy.regression.comparison import (
-    PAPER,
-    WEIGHTED,
-    Candidate,
-    Judged,
-    compare_models,
-    judge,
-)
-from romsindy.show.identification_page import (
-    IdentificationReport,
-    pictures,
-    write_identification,
-)
+from romsindy.physics.serial import json_text
+from romsindy.record.recording import Recording
+from romsindy.show.identification_page import pictures, write_identification
+from romsindy.show.overview import write_overview
+from romsindy.text import aligned, as_options
 
 
 def _coefficients(
@@ -66,7 +57,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
 
 
 @click.command()
-@click.argument("file", required=False, type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, type=FILE)
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
 @click.option(
     "--seed",
@@ -74,17 +65,10 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     show_default=True,
     help="Seed of the draws behind the bands, and of the example's noise.",
 )
-@click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...')
-@click.option(
-    "--quantity",
-    type=click.Choice(["displacement", "velocity", "acceleration"]),
-    help="What was measured.  [default: what unit or header say]",
-)
-@click.option("--column", help="Name of the measured column.")
-@click.option("--time", help="Name of the time column.")
-@click.option("--rate", type=float, help="Samples per second, for files without times.")
-@click.option("--start", type=float, help="Use the record from this time on, s.")
-@click.option("--end", type=float, help="Use the record up to this time, s.")
+@reading_options
+@click.option("--mode", type=int, help="Number of the mode, see inspect.  [default: moves most]")
+@click.option("--band", nargs=2, type=float, help="Lowest and highest frequency of the mode, Hz.")
+@click.option("--release", type=int, help="Number of the release, see inspect.  [default: all]")
 @click.option(
     "--order",
     default=5,
@@ -134,131 +118,160 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     is_flag=True,
     help="As --plain, with rows weighted by the noise expected in them.",
 )
-@click.option("--report", type=click.Path(path_type=Path), help="Name of the HTML report.")
-@click.option("--model", type=click.Path(path_type=Path), help="Write the equation as JSON.")
+@click.option("--report", type=Output(), help="Name of the HTML report, or of the overview.")
+@click.option("--json", "json_file", type=Output(allow_dash=True), help="Write a list of results.")
+@click.option("--model", type=Output(), help="Write the equation as JSON.")
 @click.option(
-    "--save",
-    type=click.Path(path_type=Path),
-    help="Write all that was identified, bands included, as JSON.",
+    "--save", type=Output(), help="Write all that was identified, bands included, as JSON."
 )
-@click.option(
-    "--figure", type=click.Path(path_type=Path), help="Write the backbone figure to this file."
-)
+@click.option("--figure", type=Output(), help="Write the backbone figure to this file.")
 def identify(
-    file: Path | None,
+    files: tuple[Path, ...],
     example: bool,
-    seed: int,
-    order: int,
-    damping: tuple[str, ...],
-    fix: dict[str, float],
-    harmonics: tuple[int, ...] | None,
-    amplitude: tuple[float, float] | None,
-    cutoff: float | None,
-    plain: bool,
-    weighted: bool,
+    mode: int | None,
+    band: tuple[float, float] | None,
+    release: int | None,
     report: Path | None,
+    json_file: Path | None,
     model: Path | None,
     save: Path | None,
     figure: Path | None,
-    **reading: Any,
+    **options: Any,
 ) -> None:
-    """Identify an equation of motion from the free decay in FILE.
+    """Identify equations of motion from the free decays in FILES.
 
-    Prints its functions with 95 % bands, its coefficients beside those of plain regressions, and
-    writes one HTML page.
+    Of each file the mode that moves most is isolated, in all releases in which it rings. Prints its
+    functions with 95 % bands, its coefficients beside those of plain regressions, and writes one
+    HTML page; of many files a table, one page for all, and one for each. An interruption (Ctrl-C)
+    keeps what is done.
     """
-    if example == (file is not None):
+    settings = Settings(**{f.name: options.pop(f.name) for f in fields(Settings)})
+    files = tuple(dict.fromkeys(files))
+    many = len(files) > 1
+    if example == bool(files):
         raise click.UsageError("name one FILE, or ask for --example")
-    if plain and weighted:
+    if settings.plain and settings.weighted:
         raise click.UsageError("--plain and --weighted are two regressions: ask for one")
-    if save is not None and (plain or weighted):
+    if save is not None and (settings.plain or settings.weighted):
         raise click.UsageError("--save needs the bands, which no regression has: use --model")
-    for option, path in (("report", report), ("model", model), ("save", save), ("figure", figure)):
-        if path is not None and not path.parent.is_dir():
-            raise click.UsageError(f"--{option} {path}: there is no folder {path.parent}")
-    if file is not None:
-        record = load_decay(file, **reading)
-        title, report = f"Free decay {file.name}", report or Path(f"{file.stem}_report.html")
+    if many and (model or save or figure):
+        raise click.UsageError("--model, --save and --figure hold one result: name one FILE")
+    identified = partial(
+        _identified, options=options, choice=(mode, band, release), settings=settings
+    )
+    # With JSON on the standard output, words go to the other one.
+    say = partial(click.echo, err=str(json_file) == "-")
+    if many:
+        overview = report or Output.of("identify_overview.html")
+        pages = [Output.of(name) for name in _page_names(files)]
+        jobs = {str(f): partial(identified, f, page) for f, page in zip(files, pages, strict=True)}
+        results, interrupted = _all_of(jobs)
+        _tell_all(results, overview, say)
     else:
-        record = example_decay(35.0, seed)
-        title, report = "Example: synthetic decay, 35 dB", report or Path("example_report.html")
-    free, backbone = _used(record, amplitude)
-    decay = free.conditioned(Butterworth(cutoff))
-    recipe = deepcopy(WEIGHTED if weighted else PAPER)
-    if harmonics is not None:
-        recipe.set_params(projection__harmonics=harmonics)
-    four = {c.name: c for c in compare_models(decay, backbone, order, damping, fix, recipe)}
-    found, trouble = None, ""
-    main: Judged = four["IC-ROM"]
-    columns: list[Judged] = list(four.values())
-    if not (plain or weighted):
-        found, trouble = _functions(free, fix, seed)
-        if found is not None:
-            main = judge("identified", found.model, backbone, fix, found.standard_errors)
-            columns = [main, *_beside(four, "omega^2" in fix)]
-        elif save is not None:
-            raise click.ClickException(trouble)
-    result = IdentificationReport(title, record, decay, backbone, columns, main, found, trouble)
-    click.echo(f"\n{decay!r}\n{backbone!r}\n\n{result.equation}\n")
-    click.echo(f"{_aligned(result.table())}\n\n{result.errors()}\n{result.note()}")
-    figures = pictures(result)
-    write_identification(result, report, _bar(figures, "drawing"))
-    click.echo(f"Report: {report}")
-    if model is not None:
-        model.write_text(result.main.model.to_json() + "\n", encoding="utf-8")
-        click.echo(f"Model: {model}")
-    if found is not None and save is not None:
-        found.save(save)
-        click.echo(f"Saved: {save}")
-    if figure is not None:
-        next(p for p in figures if p.name == "backbone").write(figure)
-        click.echo(f"Figure: {figure}")
+        file = files[0] if files else None
+        page = report or Output.of(f"{file.stem if file else 'example'}_report.html")
+        result = identified(file, page)
+        results, interrupted = [result], result.report.interrupted
+        _tell_one(result, say, model, save, figure)
+    if json_file is not None:
+        write_text(json_file, json_text([r.content() for r in results]))
+    if interrupted or any(isinstance(r, Refusal) for r in results):
+        raise click.exceptions.Exit(INTERRUPTED if interrupted else REFUSED)
 
 
-def _functions(
-    free: Decay, fixed: dict[str, float], seed: int
-) -> tuple[Identification | None, str]:
-    """The identification, or why there is none: regressions are left then."""
-    with _bar(None, "identifying") as bar:
-        try:
-            return fit(free, fixed=fixed, seed=seed, progress=bar.set_postfix_str), ""
-        except TrajectoryError as error:
-            return None, f"Regressions alone, without functions and bands: {error}."
+def _identified(
+    file: Path | None,
+    page: Path,
+    options: Mapping[str, Any],
+    choice: tuple[int | None, tuple[float, float] | None, int | None],
+    settings: Settings,
+) -> Result:
+    """Identify one file, or the example, and write its page."""
+    title = f"Free decay {file.name}" if file else "Example: synthetic decay, 35 dB"
+    with bar(None, "inspecting") as steps:
+        record = _chosen(file, options) if file else example_decay(35.0, settings.seed)
+        found = inspect(record, progress=steps.set_postfix_str)
+    try:
+        mode = found.mode(*choice[:2])
+        releases = found.rings_in(mode, choice[2])
+        decays = found.decays(mode.number, release=choice[2])
+        report = analysed(title, decays, settings, picked(found, mode, releases))
+    except ValueError as error:  # names neither the file nor what is wrong with its samples
+        named = str(error).removeprefix(f"{file}: ")
+        raise ValueError("; ".join([f"{file or 'example'}: {named}", *found.warnings])) from error
+    figures = pictures(report)
+    if len(found.modes) > 1 or len(found.releases) > 1:
+        figures.append(picture(found))
+    write_identification(report, page, bar(figures, "drawing"))
+    numbers = tuple(i + 1 for i in releases)
+    return Result(str(file or "example"), report, found, mode, numbers, page)
 
 
-def _beside(four: dict[str, Candidate], fixed: bool) -> list[Candidate]:
-    """Regressions to be held against an identification."""
-    suffix = ", omega fixed" if fixed else ""
-    names = ("IC-ROM", "stiffness")
-    return [replace(four[name + suffix], name=f"plain {name}") for name in names]
-
-
-def _used(record: Decay, amplitude: tuple[float, float] | None) -> tuple[Decay, Backbone]:
-    """The free part of a record, or its cycles with these amplitudes, and their backbone."""
-    free = record.single().free()
-    backbone = extract_backbone(free)
-    if amplitude is None:
-        return free, backbone
-    inside = (backbone.amplitude >= amplitude[0]) & (backbone.amplitude <= amplitude[1])
-    if not np.any(inside):
-        low, high = backbone.amplitude.min(), backbone.amplitude.max()
+def _chosen(file: Path, options: Mapping[str, Any]) -> Recording:
+    """What is in a file, where it is clear which column is meant."""
+    recording = read(file, options)
+    names = list(recording.names)
+    if len(names) > 1 and not options["column"]:
         raise ValueError(
-            f"amplitude = {amplitude} holds no cycle: those of the decay have amplitudes from"
-            f" {low:.3g} to {high:.3g} {free.unit or '[q]'}"
+            f"{file}: {len(names)} columns could be the measured one, {names}: choose with column="
         )
-    free = free.between(float(backbone.t[inside][0]), float(backbone.t[inside][-1]))
-    return free, extract_backbone(free)
+    return recording
 
 
-def _bar(steps: Any, what: str, total: int | None = None) -> Any:
-    return tqdm(steps, desc=what, total=total, leave=False, disable=not sys.stderr.isatty())
+def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Refusal], bool]:
+    """Results of all files, and whether they were interrupted: what is done is kept."""
+    results: list[Result | Refusal] = []
+    for file, job in bar(jobs.items(), "files"):
+        try:
+            result = job()
+        except (ValueError, OSError, RuntimeError) as error:
+            results.append(Refusal(file, as_options(str(error))))
+        except KeyboardInterrupt:
+            return results, True
+        else:
+            results.append(result)
+            if result.report.interrupted:
+                return results, True
+    return results, False
 
 
-def _aligned(rows: list[list[str]]) -> str:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for row in rows:
-        left = [cell.ljust(w) for cell, w in zip(row[:2], widths[:2], strict=True)]
-        right = [cell.rjust(w) for cell, w in zip(row[2:], widths[2:], strict=True)]
-        lines.append("  ".join(left + right).rstrip())
-    return "\n".join(lines)
+def _tell_one(
+    result: Result, say: Callable, model: Path | None, save: Path | None, figure: Path | None
+) -> None:
+    """Print a result, and write what was asked for beside its page."""
+    report = result.report
+    say(f"{report.picked}\n")
+    for decay, backbone in zip(report.decays, report.backbones, strict=True):
+        say(f"{decay!r}\n{backbone!r}\n")
+    say(f"{report.equation}\n")
+    say(f"{aligned(report.table())}\n\n{report.errors()}\n{report.note()}")
+    say(f"Report: {result.page}")
+    if model is not None:
+        write_text(model, report.main.model.to_json())
+        say(f"Model: {model}")
+    if save is not None:
+        if report.found is None:
+            raise click.ClickException(report.trouble)
+        report.found.save(save)
+        say(f"Saved: {save}")
+    if figure is not None:
+        next(p for p in pictures(report) if p.name == "backbone").write(figure)
+        say(f"Figure: {figure}")
+
+
+def _tell_all(results: Sequence[Result | Refusal], overview: Path, say: Callable) -> None:
+    """Print the table, and write the page of all files."""
+    done = [r for r in results if isinstance(r, Result)]
+    refused = [r.sentence for r in results if isinstance(r, Refusal)]
+    explained = sum(r.explained for r in done)
+    sentence = f"Identified: {len(done)} files, {explained} of them explained to the noise."
+    rows = table(results)
+    write_overview(overview, sentence, rows, {r.file: r.report.backbone for r in done}, refused)
+    say("\n".join([aligned(rows), "", *refused, sentence, f"Overview: {overview}"]))
+
+
+def _page_names(files: Sequence[Path]) -> list[str]:
+    """Names of the reports: the folder is a part of those that would be the same otherwise."""
+    stems = Counter(f.stem for f in files)
+    names = [f.stem if stems[f.stem] == 1 else "_".join(f.parts[-2:]) for f in files]
+    return [f"{name}_report.html" for name in names]

@@ -11,21 +11,23 @@ from typing import Any
 import click
 
 from romsindy import __version__
+from romsindy.text import as_options
 
 _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured free decays.",
-    "identify": "Identify an equation of motion from the free decay in FILE.",
+    "identify": "Identify equations of motion from the free decays in FILES.",
+    "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
     "study": "Run the study of the method's paper on the default beam.",
 }
-_REFUSED = 2
-_INTERRUPTED = 130  # as a shell reports Ctrl-C
+REFUSED = 2
+INTERRUPTED = 130  # as a shell reports Ctrl-C
 
 
 class _Refusal(click.ClickException):
     """One line on the error stream."""
 
-    exit_code = _REFUSED
+    exit_code = REFUSED
 
 
 @contextmanager
@@ -41,11 +43,11 @@ def _refusals() -> Iterator[None]:
     except (ValueError, OSError, RuntimeError) as error:
         raise _Refusal(_one_line(str(error))) from error
     except KeyboardInterrupt:
-        raise click.exceptions.Exit(_INTERRUPTED) from None
+        raise click.exceptions.Exit(INTERRUPTED) from None
 
 
 def _one_line(message: str) -> str:
-    return " ".join(message.split())
+    return as_options(" ".join(message.split()))
 
 
 class _Commands(click.Group):
@@ -76,7 +78,7 @@ class _Commands(click.Group):
 
 
 def _show_warning(message: Warning | str, *_: Any) -> None:
-    click.echo(f"Note: {message}", err=True)
+    click.echo(as_options(f"Note: {message}"), err=True)
 
 
 @click.group(

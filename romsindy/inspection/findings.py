@@ -80,8 +80,8 @@ class Findings:
         ringing = [m for m in self.modes if not m.steady]
         if not ringing:
             raise ValueError(
-                f"{self.recording.source or 'the record'}: no vibration that decays stands out of"
-                " the noise: choose another channel, or cut the record with start= and end="
+                f"{self.recording.source or 'the record'}: {self._why_nothing()}: choose another"
+                " channel, cut the record with start= and end=, or record longer"
             )
         return ringing[dominant([m.energy for m in ringing])]
 
@@ -174,6 +174,15 @@ class Findings:
                 f" release {listed([i + 1 for i in rings])} of {len(self.releases)}: choose there"
             )
         return [release - 1]
+
+    def _why_nothing(self) -> str:
+        """Why no mode rings: in the words of what was left out, where that is all."""
+        if self.releases:
+            return f"in channel {self.channel} no vibration that decays stands out of the noise"
+        longest = max(self.discarded, key=lambda part: part.end - part.start)
+        return (
+            f"no free decay between {longest.start:.6g} and {longest.end:.6g} s: {longest.reason}"
+        )
 
     def release_signal(self, number: int) -> tuple[Array, Array]:
         """Times in s and cleaned samples of release ``number``, from 0, in the channel."""

@@ -11,6 +11,7 @@ from romsindy.inspection.findings import Findings
 from romsindy.show import inspection_plots as show
 from romsindy.show.inspection_plots import Tone
 from romsindy.show.page import Picture, write_page
+from romsindy.text import TextTable, as_options
 
 _CAPTION = (
     "Top: the samples; what is used is blue, what is left out grey. Middle: level against time and"
@@ -25,15 +26,20 @@ _NO_RELEASE = (
 
 def write(found: Findings, path: str | Path, command: str = "") -> None:
     """Write one self-contained page with figures."""
-    steps = list(tables.next_steps(found, command))
+    steps = tables.next_steps(found, command)
+    say = as_options if command else str
+    in_words = [
+        TextTable(t.title, [[say(cell) for cell in row] for row in t.rows], say(t.note))
+        for t in tables.tables(found)
+    ]
     write_page(
         path,
         "report",
         title=f"What is in {found.recording.source or 'the record'}",
-        sentence=tables.summary(found),
+        sentence=say(tables.summary(found)),
         equation_title="What comes next",
         equation="\n".join(steps),
-        tables=tables.tables(found),
+        tables=in_words,
         pictures=[picture(found)],
     )
 
@@ -56,7 +62,7 @@ def _draw(found: Findings, figure: Figure) -> None:
     ]
     show.plot_record(recording, found.releases, found.discarded, ax=time)
     show.plot_ridges(cleaned, tones, ax=ridges)
-    ridges.set(xlabel="time (s)")
+    ridges.set(xlabel="time (s)", xlim=(recording.t[0], recording.t[-1]))
     if found.releases:
         part = found.releases[_loudest(found)]
         tones = [t for t in tones if t.start == part.start]

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from romsindy.inspection.findings import Findings
 from romsindy.inspection.modes import Mode
-from romsindy.text import TextTable, aligned, listed, quantity
+from romsindy.text import TextTable, aligned, as_options, listed, quantity
 
-_MOST_STEPS = 6  # commands that are offered
+_MOST_STEPS = 5  # of a kind that are offered
 _SAME = 5e-4  # of a value: less is not told from none
 
 
 def report(found: Findings, command: str = "") -> str:
-    """All tables, what would be used, and what comes next, as plain text."""
+    """All tables, what would be used, and what comes next, as plain text.
+
+    Remedies are options where ``command`` is a command line, and arguments of Python without.
+    """
     blocks = []
     for table in tables(found):
         note = f"  {table.note}\n" if table.note else ""
         blocks.append(f"{table.title}\n{aligned(table.rows, '  ')}\n{note}")
     steps = "\n".join(f"  {step}" for step in next_steps(found, command))
-    return "\n".join([*blocks, summary(found), *(["Next:", steps] if steps else [])])
+    text = "\n".join([*blocks, summary(found), *(["Next:", steps] if steps else [])])
+    return as_options(text) if command else text
 
 
 def tables(found: Findings) -> list[TextTable]:
@@ -88,16 +93,20 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     ringing = [m for m in found.modes if not m.steady]
     if not ringing:
         return
-    main = found.dominant
+    main, channels = found.dominant, found.recording.names
     choices: list[tuple[str, object]] = [("mode", m.number) for m in ringing if m is not main]
     if len(found.rings_in(main)) > 1:
         choices.append(("release", found.rings_in(main)[0] + 1))
-    yield command or "romsindy.identify(found.decays())"
-    for name, value in choices[: _MOST_STEPS - 1]:
-        if command:
-            yield f"{command} --{name} {value}"
-        else:
-            yield f"romsindy.identify(found.decays({name}={value}))"
+    if command:
+        start = f"{command} --column {shlex.quote(found.channel)}" if channels[1:] else command
+        yield start
+        yield from (f"{start} --{name} {value}" for name, value in choices[:_MOST_STEPS])
+        others = [shlex.quote(name) for name in channels if name != found.channel]
+        yield from (f"{command} --column {name}" for name in others[:_MOST_STEPS])
+    else:
+        yield "romsindy.identify(found.decays())"
+        calls = (f"romsindy.identify(found.decays({n}={v}))" for n, v in choices[:_MOST_STEPS])
+        yield from calls
 
 
 # -- rows ---------------------------------------------------------------------------------------

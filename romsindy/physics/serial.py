@@ -11,7 +11,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -46,7 +46,7 @@ def term_from_key(key: str) -> Term:
     )
 
 
-def json_text(content: Mapping[str, Any]) -> str:
+def json_text(content: Mapping[str, Any] | Sequence[Any]) -> str:
     """Content of laws, arrays and numbers as JSON that every reader accepts."""
     return json.dumps(_plain(content), indent=2, allow_nan=False)
 

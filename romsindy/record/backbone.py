@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -85,6 +86,13 @@ class Backbone:
         )
 
 
+def joined(backbones: Sequence[Backbone]) -> Backbone:
+    """The cycles of several decays of one structure as one backbone, in the order given."""
+    names = [f.name for f in fields(Backbone) if f.name != "unit"]
+    values = {n: np.concatenate([getattr(b, n) for b in backbones]) for n in names}
+    return Backbone(**values, unit=backbones[0].unit)
+
+
 def extract_backbone(decay: Decay, *, cycles: int = 12) -> Backbone:
     """Read amplitude, frequency and damping ratio of every cycle off a decay.
 
@@ -153,7 +161,10 @@ def _roots(decay: Decay, guess: Array, period: Array, repeats: float) -> _Points
             for t, T in zip(at, period, strict=True)
         ]
         at = np.array([fit.root(fit.coefficients) for fit in fits])
-    std = np.array([fit.std(t) / abs(fit.slope(t)) for fit, t in zip(fits, at, strict=True)])
+    slopes = np.array([fit.slope(t) for fit, t in zip(fits, at, strict=True)])
+    errors = np.array([fit.std(t) for fit, t in zip(fits, at, strict=True)])
+    # No crossing is off by more than its cycle, however flat the noise makes a fit.
+    std = errors / np.maximum(np.abs(slopes), errors / period)
     return _Points(at, np.zeros_like(at), std * np.sqrt(repeats))
 
 

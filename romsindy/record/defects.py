@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.disturbances import level_and_drift, steady_lines
+from romsindy.record.disturbances import hidden_mains, level_and_drift, steady_lines
 from romsindy.record.faults import (
     Mask,
     clipped,
@@ -170,20 +169,17 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     x = np.where(np.isfinite(channel.x), channel.x, np.nan)
     if np.count_nonzero(np.isfinite(x)) < _FEWEST:
         return x, [channel.defect("missing", "hardly any sample is a number", argument="column=")]
+    marks = {"missing": np.isnan(x), "spikes": spikes(filled(x))}
+    x = np.where(marks["spikes"], np.nan, x)
     try:
         cycle = swing(filled(x) - np.nanmedian(x))[1]
     except ValueError as error:
-        return x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
+        return channel.x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
+    marks["dropout"] = dropouts(x, cycle)
+    x = np.where(marks["dropout"], np.nan, x)
+    marks["clipping"] = clipped(x)
+    x = np.where(marks["clipping"], np.nan, x)
     found = _coarse(channel, x)
-    marks = {}
-    for kind, faulty in (
-        ("missing", lambda x: np.isnan(x)),
-        ("dropout", partial(dropouts, cycle=cycle)),
-        ("spikes", lambda x: spikes(filled(x))),
-        ("clipping", clipped),
-    ):
-        marks[kind] = faulty(x)
-        x = np.where(marks[kind], np.nan, x)
     x = restored(x, cycle)
     for kind, mark in marks.items():
         found += _told(channel, kind, mark, x)
@@ -246,7 +242,8 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
     if found:
         x = x - level - slow
     t = channel.t - channel.t[0]
-    for line in steady_lines(x, dt):
+    lines = steady_lines(x, dt)
+    for line in lines:
         mains = line.mains
         what = (
             f"mains hum at {line.frequency:.5g} Hz"
@@ -256,7 +253,14 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
         what += f", amplitude {channel.number(line.amplitude)}: subtracted"
         found.append(channel.defect("mains" if mains else "line", what, size=line.amplitude))
         x = x - line(t)
-    noise = NoiseLevel.of(filled(x), dt)
+    if hidden := hidden_mains(lines):
+        what = (
+            f"the hum at {hidden:.5g} Hz itself is too near to the vibration to be told from it: it"
+            " stays, and bends the backbone where it is not far smaller"
+        )
+        found.append(channel.defect("mains", what))
+    stretch = max(runs(np.isfinite(x)), key=lambda run: run.stop - run.start)
+    noise = NoiseLevel.of(x[stretch], dt)
     if noise.coloured and noise.rms > _NOISY * np.nanmax(np.abs(x)):
         what = (
             f"coloured noise of {channel.number(noise.rms)} rms, stronger the slower (power like"

@@ -6,6 +6,7 @@ Nothing here knows what was measured.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,6 +150,15 @@ def steady_lines(x: Array, dt: float) -> tuple[SteadyLine, ...]:
     return tuple(sorted(heard, key=lambda line: -line.amplitude))
 
 
+def hidden_mains(lines: Sequence[SteadyLine]) -> float:
+    """Fundamental, Hz, of mains whose harmonics are heard without it; 0 where there is none."""
+    for f in _MAINS:
+        orders = {round(line.frequency / f): line.frequency for line in lines if line.mains == f}
+        if len(orders) > 1 and 1 not in orders:
+            return float(np.mean([frequency / order for order, frequency in orders.items()]))
+    return 0.0
+
+
 def _candidates(x: Array, dt: float) -> list[float]:
     """Frequencies of lines in the later half; not that of the vibration itself, strongest first."""
     half = len(x) // 2
@@ -189,19 +199,24 @@ def _stays(x: Array, dt: float, f: float) -> bool:
 
 def _fitted(x: Array, t: Array, weight: Array, f: float) -> SteadyLine:
     """Weighted least squares for frequency, amplitude and phase (Gauss-Newton)."""
-    late = t - t.mean()
+    late, root = t - t.mean(), np.sqrt(weight)
     for _ in range(3):
-        a, b, c, d = _weighted(np.concatenate([waves := _waves(t, f), late * waves]), weight, x)
+        rows = np.empty((4, len(t)))
+        rows[:2] = _waves(t, f)
+        rows[2:] = late * rows[:2]
+        a, b, c, d = _weighted(rows, root, x)
         # A cos((w + dw) t + p) changes by -A dw t sin(w t + p).
         f += (c * b - d * a) / (a**2 + b**2) / (2 * np.pi)
-    a, b = _weighted(_waves(t, f), weight, x)
+    a, b = _weighted(_waves(t, f), root, x)
     return SteadyLine(float(f), float(np.hypot(a, b)), float(np.arctan2(-b, a)))
 
 
 def _waves(t: Array, f: float) -> Array:
-    return np.stack([np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t)])
+    angle = 2 * np.pi * f * t
+    return np.stack([np.cos(angle), np.sin(angle)])
 
 
-def _weighted(rows: Array, weight: Array, x: Array) -> Array:
-    weighted = rows * weight
-    return np.linalg.solve(weighted @ rows.T, weighted @ x)
+def _weighted(rows: Array, root: Array, x: Array) -> Array:
+    """Weighted least squares; the rows are scaled in place, since they may be long."""
+    rows *= root
+    return np.linalg.solve(rows @ rows.T, rows @ (root * x))

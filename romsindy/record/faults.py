@@ -120,6 +120,8 @@ def _whitening(x: Array) -> Array:
     order = min(_ORDER, len(x) // 10)
     spectrum = np.fft.rfft(x, 2 * len(x))
     lags = np.fft.irfft(np.abs(spectrum) ** 2)[: order + 1]
+    if not lags[0] > 0:
+        return np.ones(1)
     lags[0] *= 1 + 1e-8  # a clean signal needs fewer values than there are
     return np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
 

@@ -122,7 +122,9 @@ def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = No
         if fitted is None:
             refused.append(track)
             continue
-        # What the fits have left of each other would look like further tones.
+        fitted = _fitted(fitted, _settled(fitted, t, _KNOTS), rest, t, _KNOTS) or fitted
+        # What the fits have left of each other would look like further tones. Phases stay: where
+        # a tone is faint, two of them could come to follow the same one.
         found = refined([*found, fitted], x, dt, 1)
         rest = x - sum((r(t) for r in found), np.zeros(n))
         if progress is not None:
@@ -308,22 +310,23 @@ def _vertex(peak: Array) -> float:
 
 
 def _fitted(track: Track, phase: BSpline, x: Array, t: Array, cycles: float) -> Ridge | None:
-    """A ridge with phase and amplitude fitted to a signal; None if it has too few samples."""
+    """A ridge with its amplitude fitted to a signal; None if it has too few samples."""
     inside = track.inside(t)
-    t, x = t[inside], x[inside]
-    first = HarmonicSpline.along(phase, t, x, cycles, 1)
-    if first.amplitudes.c.shape[1] < 2:
+    found = HarmonicSpline.along(phase, t[inside], x[inside], cycles, 1).amplitudes
+    if found.c.shape[1] < 2:
         return None
-    z = first.amplitudes(t)[:, 1]
-    # What turns the amplitude belongs to the phase: then the amplitude is smooth.
-    total = phase(t) + np.unwrap(np.angle(z))
+    z = BSpline(found.t, found.c[:, 1], found.k)
+    return Ridge(track.t, track.frequency, track.amplitude, track.start, track.end, phase, z)
+
+
+def _settled(ridge: Ridge, t: Array, cycles: float) -> BSpline:
+    """Its phase with what turns the amplitude: then the amplitude is smooth."""
+    t = t[ridge.inside(t)]
+    total, _, size = ridge.along(t)
     n_knots = max(2, int((total[-1] - total[0]) / (2 * np.pi) / cycles / 2))
     inner = np.linspace(t[0], t[-1], n_knots + 1)[1:-1]
     knots = np.concatenate([[t[0]] * 4, inner, [t[-1]] * 4])
-    phase = make_lsq_spline(t, total, knots, k=3, w=np.abs(z) / np.abs(z).max() + 1e-6)
-    found = HarmonicSpline.along(phase, t, x, cycles, 1).amplitudes
-    z = BSpline(found.t, found.c[:, 1], found.k)
-    return Ridge(track.t, track.frequency, track.amplitude, track.start, track.end, phase, z)
+    return make_lsq_spline(t, total, knots, k=3, w=size / size.max() + 1e-6)
 
 
 def _phase_of(track: Track) -> BSpline:

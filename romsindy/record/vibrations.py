@@ -20,9 +20,12 @@ _LEAST_SHARE, _TOLD = 2e-4, 1e-3
 _AS_MUCH = 3.0
 # What lies this near to a ridge with so many times its energy is what its fit has left.
 _RESIDUE_NEAR, _RESIDUE_WEAKER = 0.2, 50.0
+# Cycles that a tone rings, of an exponential 1 / (2 pi zeta): fewer are a
+# transient. The strongest tone may be as short.
+_FLEETING = 4.0
 # A harmonic follows n times the phase: within so many radians in the rms, and so much of its
 # frequency, over so many cycles at least. Over fewer nothing but the ratio can tell, and roughly.
-_HARMONICS, _HARMONIC_NEAR, _LOCKED = 6, 0.03, 0.5
+_HARMONICS, _HARMONIC_NEAR, _LOCKED = 6, 0.03, 0.7
 _CYCLES, _ROUGHLY, _SHORT = 5, 0.1, 24
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
@@ -153,7 +156,13 @@ def find_vibrations(
         ridges = [r for r in few_cycles if _share(r, t, whole) > _MOST_OF_IT] or ridges
     share = {id(r): _share(r, t, whole) for r in ridges}
     ridges = [r for r in ridges if share[id(r)] > _LEAST_SHARE]
-    ridges = [r for r in ridges if not any(_is_residue(r, o, share) for o in ridges)]
+    loudest = max(share, key=lambda k: share[k], default=0)
+    ridges = [
+        r
+        for r in ridges
+        if id(r) == loudest
+        or (_cycles(r) > _FLEETING and not any(_is_residue(r, o, share) for o in ridges))
+    ]
     ridges = refined(ridges, x, dt)
     share = {id(r): _share(r, t, whole) for r in ridges}
     moved = {id(r): _energy(r, derivative) for r in ridges}
@@ -224,6 +233,14 @@ def _energy(ridge: Ridge, derivative: int) -> float:
     slow = np.median(ridge.frequency) / 2  # where the tone fades its own frequency may be nothing
     rate = 2 * np.pi * np.maximum(frequency, slow)
     return float(np.trapezoid((size / rate**derivative) ** 2, t) / 2)
+
+
+def _cycles(ridge: Ridge) -> float:
+    """Cycles that a tone rings, as its energy is spread over them."""
+    t = np.linspace(ridge.start, ridge.end, 8 * len(ridge.t) + 1)
+    power = ridge.along(t)[2] ** 2
+    seconds = np.trapezoid(power, t) ** 2 / np.trapezoid(power**2, t)
+    return float(np.median(ridge.frequency) * seconds)
 
 
 def _is_residue(ridge: Ridge, other: Ridge, share: dict[int, float]) -> bool:

@@ -29,6 +29,7 @@ PAPER = HarmonicSINDy(
 WEIGHTED = HarmonicSINDy(projection=HarmonicProjection())
 
 _NEGATIVE = 1e-9  # what rounding leaves of h = 0
+_TOLD = 2.0  # standard errors from 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ def judge(
 def regress(
     name: str,
     library: Any,
-    decay: Decay,
+    decay: Decay | Sequence[Decay],
     backbone: Backbone,
     recipe: HarmonicSINDy = PAPER,
     fixed: Mapping[str, float] | None = None,
@@ -107,7 +108,7 @@ def regress(
     name : str
     library : feature library
         Terms of the model.
-    decay : Decay
+    decay : Decay or sequence of Decay
         With derivatives.
     backbone : Backbone
     recipe : HarmonicSINDy
@@ -126,7 +127,7 @@ def regress(
 
 
 def compare_models(
-    decay: Decay,
+    decay: Decay | Sequence[Decay],
     backbone: Backbone,
     order: int = 5,
     damping: Sequence[str] = ("linear",),
@@ -137,10 +138,10 @@ def compare_models(
 
     Parameters
     ----------
-    decay : Decay
+    decay : Decay or sequence of Decay
         With derivatives, so that all models see the same signals.
     backbone : Backbone
-        Read off the same decay.
+        Read off the same decays.
     order : int
         Highest order of stiffness and inertia, at least 3.
     damping : sequence of str
@@ -186,6 +187,17 @@ def negative_inertia(model: ReducedModel, low: float, high: float) -> float | No
     q = np.linspace(low, high, 2001)
     negative = np.abs(q[model.inertia(q) - 1 < -_NEGATIVE])
     return float(negative.min()) if len(negative) else None
+
+
+def negative_damping(judged: Judged) -> list[str]:
+    """Names of damping coefficients below 0, such as "c_linear": forces that would supply energy.
+
+    With errors, those that are not told from 0 are left out.
+    """
+    errors = judged.standard_errors
+    values = judged.model.coefficients
+    damping = {k: v for k, v in values.items() if k.startswith("c_")}
+    return [k for k, v in damping.items() if v < -_TOLD * errors.get(k, 0.0) and v < 0]
 
 
 def coefficient_table(

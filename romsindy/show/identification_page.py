@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from romsindy.fit.functions.identification import Identification
-from romsindy.record.backbone import CERTAIN, Backbone
+from romsindy.record.backbone import CERTAIN, Backbone, joined
 from romsindy.record.decay import Decay
-from romsindy.regression.comparison import Candidate, Judged, coefficient_table, negative_inertia
+from romsindy.regression.comparison import (
+    Candidate,
+    Judged,
+    coefficient_table,
+    negative_damping,
+    negative_inertia,
+)
 from romsindy.show import function_plots, plots
 from romsindy.show.page import Picture, write_page
-from romsindy.text import TextTable
+from romsindy.text import TextTable, listed
 
 _CURVE = 60  # points of a band against amplitude
 
@@ -27,9 +34,10 @@ class IdentificationReport:
     Attributes
     ----------
     title : str
-    record, decay : Decay
-        As it was read, and its free part with derivatives.
-    backbone : Backbone
+    decays : sequence of Decay
+        What was analysed, with derivatives.
+    backbones : sequence of Backbone
+        One for each.
     candidates : sequence of Judged
         Columns of the table; the identified equation first, where there is one.
     main : Judged
@@ -38,16 +46,26 @@ class IdentificationReport:
         None where regressions alone were asked for, or nothing else was possible.
     trouble : str
         Why nothing else was possible.
+    picked : str
+        What was used of the record, and what was left out.
+    interrupted : bool
+        Whether the trouble is that the user wished to stop.
     """
 
     title: str
-    record: Decay
-    decay: Decay
-    backbone: Backbone
+    decays: Sequence[Decay]
+    backbones: Sequence[Backbone]
     candidates: Sequence[Judged]
     main: Judged
     found: Identification | None = None
     trouble: str = ""
+    picked: str = ""
+    interrupted: bool = False
+
+    @cached_property
+    def backbone(self) -> Backbone:
+        """The cycles of all decays."""
+        return joined(self.backbones)
 
     @property
     def shown(self) -> list[Judged]:
@@ -90,14 +108,28 @@ class IdentificationReport:
             )
         return " ".join([text, *self._impossible()])
 
+    def notes(self) -> list[str]:
+        """What was measured, and what was done to it."""
+        lines: list[str] = []
+        for decay in self.decays:
+            lines += [repr(decay).splitlines()[0].strip("<>"), *decay.notes]
+        return list(dict.fromkeys(lines))  # what holds for several decays once
+
     def _impossible(self) -> list[str]:
         sentences = []
+        low, high = min(d.q.min() for d in self.decays), max(d.q.max() for d in self.decays)
         for c in self.candidates:
-            first = negative_inertia(c.model, self.decay.q.min(), self.decay.q.max())
+            first = negative_inertia(c.model, low, high)
             if first is not None:
                 sentences.append(
                     f"{c.name}: its inertia h(q) is negative within the data, first at |q| ="
                     f" {first:.3g} {c.model.unit or '[q]'}: no motion of a structure does that."
+                )
+            negative = negative_damping(c)
+            if negative:
+                sentences.append(
+                    f"{c.name}: its {listed(negative)} is negative: a force that would supply"
+                    " energy, which no damping does."
                 )
         return sentences
 
@@ -124,7 +156,7 @@ def pictures(report: IdentificationReport) -> list[Picture]:
             "decay",
             "Decay",
             "The free decay that was analysed, with the peaks of its cycles.",
-            partial(plots.plot_decay, report.decay, b, record=report.record),
+            partial(_plot_decays, report),
         ),
         _picture(
             "backbone",
@@ -141,6 +173,14 @@ def pictures(report: IdentificationReport) -> list[Picture]:
         ),
         *inner,
     ]
+
+
+def _plot_decays(report: IdentificationReport, ax: Axes) -> None:
+    for decay, backbone in zip(report.decays, report.backbones, strict=True):
+        plots.plot_decay(decay, backbone, ax=ax)
+        # One legend for all of them.
+        handles, labels = ax.get_legend_handles_labels()
+        ax.legend(handles[:2], labels[:2], loc="upper right", frameon=False)
 
 
 def _of_functions(found: Identification, others: dict) -> list[Picture]:
@@ -205,7 +245,7 @@ def write_identification(
     path: str | Path,
     figures: Iterable[Picture],
 ) -> None:
-    """Write the page with figures, those of `pictures`."""
+    """Write the page with figures, those of `pictures` and others."""
     write_page(
         path,
         "report",
@@ -215,5 +255,5 @@ def write_identification(
         equation=report.equation,
         tables=[TextTable("Coefficients and backbone errors", report.table(), report.note())],
         pictures=figures,
-        notes=[repr(report.decay).splitlines()[0].strip("<>"), *report.decay.notes],
+        notes=[report.picked, *report.notes()] if report.picked else report.notes(),
     )

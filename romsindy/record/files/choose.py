@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -13,7 +15,6 @@ from romsindy.record.recording import Quantity
 from romsindy.record.units import TIMES, UNITS, parse_unit
 from romsindy.typing import Array
 
-_COUNTERS = {"index", "sample", "samples", "n", "no", "nr", "number", "#", "point", "row"}
 # Times beyond this are those of a calendar; a float of them keeps no microseconds.
 _CALENDAR = 1e8  # s
 _DATES = {"ns": 1e17, "us": 1e14, "ms": 1e11}
@@ -115,30 +116,34 @@ def _own(columns: Sequence[Column]) -> tuple[Array, list[Column]]:
 def _is_clock(column: Column, table: Table) -> bool:
     if column.is_time:
         return True
-    # What has no name is known by its place and by never falling, which no vibration does.
-    first, values = column is table.columns[0], column.values
+    # A name such as "run1_t", or a first column without a name, is that of times if it never
+    # falls, which no vibration does; but 0, 1, 2, ... count samples.
+    first = column is table.columns[0] and len(table.columns) > 1
     nameless = column.name.isdigit() or column.name.endswith("[0]")
-    several = len(table.columns) > 1
-    return bool(
-        first
-        and nameless
-        and several
-        and np.all(values[1:] >= values[:-1])
-        and values[-1] > values[0]
-    )
+    if not (first and nameless) and not re.search(r"[_.]t$", column.name):
+        return False
+    steps = np.diff(column.values)
+    return bool(np.all(steps >= 0) and np.any(steps > 0) and not np.all(steps == 1))
 
 
 def _clock(table: Table, signals: Sequence[Column]) -> Column | None:
     lengths = {len(c.values) for c in signals if not c.is_time}
     clocks = [c for c in table.columns if len(c.values) in lengths and _is_clock(c, table)]
-    if len(clocks) > 1 and all(np.array_equal(c.values, clocks[0].values) for c in clocks):
-        clocks = clocks[:1]
-    if len(clocks) > 1:
-        raise ValueError(
-            f"more than one time column among {[c.name for c in clocks]};"
-            " name it with time=, or give rate="
-        )
-    return clocks[0] if clocks else None
+    if all(np.array_equal(c.values, clocks[0].values) for c in clocks[1:]):
+        return clocks[0] if clocks else None
+    # Of several, the one whose name begins as those of all signals do: run1_t and run1_x.
+    alike = [min(_alike(clock.name, signal.name) for signal in signals) for clock in clocks]
+    if alike.count(max(alike)) == 1:
+        return clocks[int(np.argmax(alike))]
+    raise ValueError(
+        f"more than one time column among {[c.name for c in clocks]};"
+        " choose one column with column=, name it with time=, or give rate="
+    )
+
+
+def _alike(one: str, other: str) -> int:
+    """Characters with which both names begin."""
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))
 
 
 def _seconds(clock: Column) -> Array:
@@ -176,29 +181,28 @@ def checked_times(t: Array) -> None:
         return
     i = int(np.argmax(steps <= 0))
     repeats = np.count_nonzero(steps == 0)
+    remedy = "sort the samples, remove the repeated ones, or give the samples per second with rate="
     if steps.min() == 0 and repeats > _COARSE * len(steps):
-        raise ValueError(
-            f"{repeats} of {len(t)} times repeat the one before, the first in row {i + 2} of the"
-            " data: the stamps are coarser than the sampling; give the samples per second with"
-            f" rate=, which may be {len(steps) / max(t[-1] - t[0], 1e-300):.6g}"
+        remedy = (
+            f"{repeats} of {len(t)} times do, for they are coarser than the sampling; give the"
+            f" samples per second with rate=, about {len(steps) / max(t[-1] - t[0], 1e-300):.4g}"
         )
     raise ValueError(
         f"t must increase, but it {'repeats' if steps[i] == 0 else 'decreases'} at sample"
-        f" {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s): sort the samples, remove the repeated ones,"
-        " or give the samples per second with rate="
+        f" {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s): {remedy}"
     )
 
 
 def measured(signals: Sequence[Column], quantity: Quantity | None) -> list[Column]:
     """Columns that measure one quantity in one unit: the one that most of them do.
 
-    A column that is constant, a counter, or in a unit of something else than motion comes last.
+    A column that never falls, as a counter or a dead channel, or in a unit of something else than
+    motion comes last.
     """
     left = list(signals)
     for fits in (
         lambda c: c.is_motion,
-        lambda c: c.name.lower() not in _COUNTERS,
-        lambda c: len(c.values) and np.any(c.values != c.values[0]),
+        lambda c: np.any(c.values[1:] < c.values[:-1]),
         lambda c: quantity is None or c.quantity == quantity,
         lambda c: quantity is None or c.quantity in (None, quantity),
     ):

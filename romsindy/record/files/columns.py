@@ -18,6 +18,10 @@ from romsindy.record.units import TIMES, UNITS, spelled
 from romsindy.typing import Array
 
 _TIME_WORDS = {"time", "times", "timestamp", "zeit", "temps", "tiempo", "tempo", "seconds"}
+_TIME_NAMES = {
+    **dict.fromkeys(("millis", "milliseconds", "msec"), "ms"),
+    **dict.fromkeys(("micros", "microseconds", "usec"), "us"),
+}
 # Alone they name a column; among other words they name anything.
 _LETTERS: dict[str, Quantity] = {"v": "velocity", "a": "acceleration"}
 _WORDS: dict[str, Quantity] = {
@@ -135,7 +139,10 @@ def named(header: str, values: NDArray, unit: str | None = None, **more: Any) ->
     bracket = re.fullmatch(r"(.*?)\s*(\[(?!\d+\])[^\]]*\]|\((?!\d+\))[^)]*\))", header)
     if not unit and bracket and bracket[1]:
         header, unit = bracket[1], bracket[2][1:-1]
-    unit = spelled(unit) if unit and unit.strip() else None
+    unit = (
+        spelled(re.sub(r"^\s*[\[(](.*)[\])]\s*$", r"\1", unit)) if unit and unit.strip() else None
+    )
+    unit = unit or _TIME_NAMES.get(header.lower())
     suffix = re.fullmatch(r"(.+?)[_ ]([^_ ]+)", header)
     if unit is None and suffix:
         end = spelled(suffix[2])

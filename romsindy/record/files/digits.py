@@ -29,15 +29,21 @@ def pattern_of(rows: Sequence[str], decimal: str) -> re.Pattern[str] | None:
     text, end = "", 0
     for match in found:
         exponent = r"e[-+]?\d{2,3}" if match[2] else ""
-        text += _between(example[end : match.start()])
+        text += _between(example[end : match.start()], decimal)
         text += rf"(?:[-+]?\d+{sign}\d{{{len(match[1])}}}{exponent}|[-+]?(?:nan|inf))"
         end = match.end()
-    pattern = re.compile(text + _between(example[end:]), re.IGNORECASE)
+    pattern = re.compile(text + _between(example[end:], decimal), re.IGNORECASE)
     odd = sum(not pattern.fullmatch(row.strip()) for row in rows)
     return pattern if odd <= min(FEW, len(rows) // _ENOUGH) else None
 
 
-def _between(text: str) -> str:
-    if any(c.isdigit() for c in text):
-        return ".*"
-    return r"\s*".join(map(re.escape, re.split(r"\s+", text)))
+def _between(text: str, decimal: str) -> str:
+    """Pattern of what is not judged: separators as they are, any other digits between them."""
+    apart = r"[\s;]" if decimal == "," else r"[\s,;]"
+    cells = re.split(rf"({apart}+)", text)
+    return "".join(
+        rf"{apart.replace('[', '[^')}*"
+        if any(c.isdigit() for c in cell)
+        else r"\s*".join(map(re.escape, re.split(r"\s+", cell)))
+        for cell in cells
+    )

@@ -16,9 +16,9 @@ _NONE = np.empty(0)
 _NUMBER = r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
 _BETWEEN = r"[\s\"':;=,\t\[\]()]*"
 _RATE = re.compile(
-    r"(?:\bsampl\w*[\s_-]*(?:rate|freq\w*)|\babtast(?:rate|frequenz)|\bfs|\bsr)\b"
+    r"(?:^\W*rate|\bsampl\w*[\s_-]*(?:rate|freq\w*)|\babtast(?:rate|frequenz)|\bfs|\bsr)\b"
     + _BETWEEN + r"(k?hz|1/s|s/s)?" + _BETWEEN + _NUMBER + r"\s*(k?hz)?",
-    re.IGNORECASE,
+    re.IGNORECASE | re.MULTILINE,
 )  # fmt: skip
 _STEP = re.compile(
     r"(?:\bdt|\bdelta[\s_-]*[tx]|\bsampl\w*[\s_-]*(?:interval|period|time|step)|\btime[\s_-]*step)\b"
@@ -91,8 +91,8 @@ def columns_of(
     for i in range(rows[at + bool(units)][0] + 1, len(above)):
         _refuse_broken_row(i, above[i])
     return [
-        named(name, _NONE, unit)
-        for name, unit in zip(rows[at][1], units or [""] * width, strict=True)
+        named(name or str(k + 1), _NONE, unit)
+        for k, (name, unit) in enumerate(zip(rows[at][1], units or [""] * width, strict=True))
     ]
 
 

@@ -21,7 +21,7 @@ from romsindy.typing import Array
 
 _HEAD = 500  # lines that are looked at to find the layout
 _LONGEST = 100_000  # characters of a line; no table of text has more
-_NUMBER = re.compile(r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?|nan|inf)", re.IGNORECASE)
 # Separator and decimal sign, the better one first where both fit.
 _DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))
 
@@ -64,8 +64,15 @@ class Layout:
         """Columns of dates and times of day."""
         return [i for i, cell in enumerate(self.example) if is_stamp(cell)]
 
+    @property
+    def fortran(self) -> bool:
+        """Whether exponents follow a D, as in 1.5D-03."""
+        return any("d" in cell.lower() for cell in self.example)
+
     def plain(self, line: str) -> str:
-        """A row with decimal points."""
+        """A row with decimal points, and e before the exponent."""
+        if self.fortran:
+            line = line.replace("D", "e").replace("d", "e")
         if self.decimal == ",":
             if "." in line and not self.stamps:
                 raise ValueError("decimal commas and decimal points")

@@ -1,0 +1,51 @@
+"""The command ``romsindy inspect``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from romsindy.commands.options import (
+    FILE,
+    Output,
+    bar,
+    command_line,
+    read,
+    reading_options,
+    write_text,
+)
+from romsindy.inspection.inspect import inspect as look
+from romsindy.inspection.tables import report as text_of
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@reading_options
+@click.option("--report", type=Output(), help="Name of the HTML page.")
+@click.option(
+    "--json",
+    "json_file",
+    type=Output(allow_dash=True),
+    help="Write the numbers to this file; - prints them and nothing else.",
+)
+def inspect(file: Path, report: Path | None, json_file: Path | None, **reading: Any) -> None:
+    """Say what is in the record in FILE, what would be used, and what comes next.
+
+    Sampling, noise, releases, modes, and all that is left out or wrong, as text and as one HTML
+    page.
+    """
+    alone = str(json_file) == "-"
+    if report is None and not alone:
+        report = Output.of(f"{file.stem}_inspection.html")
+    with bar(None, "inspecting") as progress:
+        found = look(read(file, reading), progress=progress.set_postfix_str)
+    command = command_line(file, reading)
+    if not alone:
+        click.echo(text_of(found, command))
+    if json_file is not None:
+        write_text(json_file, found.to_json())
+    if report is not None:
+        found.to_html(report, command)
+        click.echo(f"\nReport: {report}", err=alone)

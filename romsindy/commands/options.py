@@ -1,0 +1,96 @@
+"""Options that several commands share: how files are read, and where results go."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+from tqdm import tqdm
+
+from romsindy.record.files import load_recording
+from romsindy.record.recording import QUANTITIES, Recording
+
+FILE = click.Path(path_type=Path)
+_READING = (
+    click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...'),
+    click.option(
+        "--quantity",
+        type=click.Choice(list(QUANTITIES)),
+        help="What was measured.  [default: what unit or header say]",
+    ),
+    click.option("--column", multiple=True, help="Name of a measured column; repeatable."),
+    click.option("--time", help="Name of the time column."),
+    click.option("--rate", type=float, help="Samples per second, for files without times."),
+    click.option("--start", type=float, help="Use the record from this time on, s."),
+    click.option("--end", type=float, help="Use the record up to this time, s."),
+)
+
+
+def reading_options(command: Callable) -> Callable:
+    """The options with which `read` reads a file."""
+    for option in reversed(_READING):
+        command = option(command)
+    return command
+
+
+def read(file: Path, reading: Mapping[str, Any]) -> Recording:
+    """What sensors gave, from a file."""
+    columns = list(reading["column"]) or None
+    return load_recording(file, **{**reading, "column": columns})
+
+
+def command_line(file: Path, reading: Mapping[str, Any]) -> str:
+    """The command that reads a file in this way, ready to be pasted; without several columns."""
+    words = ["romsindy", "identify", str(file)]
+    columns = reading["column"]
+    given = {**reading, "column": columns[0] if len(columns) == 1 else None}
+    for name, value in given.items():
+        if value is not None:
+            words += [f"--{name}", f"{value:.12g}" if isinstance(value, float) else str(value)]
+    return shlex.join(words)
+
+
+class Output(click.Path):
+    """A file to be written: a place where none can be is refused before the work.
+
+    ``-`` is the standard output where that is allowed.
+    """
+
+    def __init__(self, allow_dash: bool = False) -> None:
+        super().__init__(path_type=Path, allow_dash=allow_dash)
+
+    @classmethod
+    def of(cls, name: str) -> Path:
+        """A file of this name, where it can be written."""
+        return cls().convert(name, None, None)
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Path:
+        path = Path(value)
+        if self.allow_dash and str(value) == "-":
+            return path
+        folder = path.parent
+        if not folder.is_dir():
+            self.fail(f"{path}: there is no folder {folder}", param, ctx)
+        if path.is_dir():
+            self.fail(f"{path} is a folder: name a file", param, ctx)
+        if not os.access(path if path.exists() else folder, os.W_OK):
+            self.fail(f"{path} cannot be written: choose another place", param, ctx)
+        return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write to a file, or to the standard output for ``-``."""
+    if str(path) == "-":
+        click.echo(text)
+    else:
+        path.write_text(text + "\n", encoding="utf-8")
+
+
+def bar(steps: Any, what: str, total: int | None = None) -> Any:
+    """A progress bar on the error stream; none where that is no terminal."""
+    return tqdm(steps, desc=what, total=total, leave=False, disable=not sys.stderr.isatty())

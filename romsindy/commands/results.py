@@ -1,0 +1,152 @@
+"""What was identified from each file: numbers, one table, one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from romsindy.fit.functions.identification import Identification
+from romsindy.inspection.inspection import Inspection
+from romsindy.inspection.modes import Mode
+from romsindy.show.identification_page import IdentificationReport
+from romsindy.text import with_error
+
+_LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
+_HEADER = ["file", "mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]
+_HEADER += ["structure", "explained", "report"]
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A file from which nothing was identified, and why, in a sentence."""
+
+    file: str
+    sentence: str
+
+    def content(self) -> dict[str, Any]:
+        """As of a `Result`."""
+        return {"file": self.file, "error": self.sentence}
+
+    def row(self) -> list[str]:
+        """As of a `Result`."""
+        return [self.file, *["-"] * (len(_HEADER) - 3), "refused", "-"]
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What was identified from one file.
+
+    Attributes
+    ----------
+    file : str
+    report : IdentificationReport
+    inspection : Inspection
+    mode : Mode
+    releases : sequence of int
+        From 1.
+    page : Path
+    """
+
+    file: str
+    report: IdentificationReport
+    inspection: Inspection
+    mode: Mode
+    releases: Sequence[int]
+    page: Path
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residual of the identified equation is down to the noise."""
+        return self.report.found is not None and self.report.found.verdict.explained
+
+    def content(self) -> dict[str, Any]:
+        """All numbers by name, frequencies in Hz, the rest in SI units."""
+        b = self.report.backbone
+        per_cycle = {"amplitude": 1.0, "frequency": 2 * np.pi, "damping_ratio": 1.0}
+        return {
+            "file": self.file,
+            "channel": self.inspection.channel,
+            "mode": self.mode.number,
+            "modes": [m.mean_frequency for m in self.inspection.modes],
+            "releases": self.releases,
+            "warnings": self.inspection.warnings,
+            "unit": b.unit,
+            "linear": linear(self.report),
+            **_verdict(self.report),
+            "coefficients": _coefficients(self.report),
+            "backbone": {
+                name + end: getattr(b, name + end) / unit
+                for name, unit in per_cycle.items()
+                for end in ("", "_std")
+            },
+            "notes": self.report.notes(),
+            "report": str(self.page),
+        }
+
+    def row(self) -> list[str]:
+        """Cells of the table."""
+        at_low, verdict = linear(self.report), _verdict(self.report)
+        frequency = _cells(at_low["frequency"], at_low["frequency_std"])
+        damping = _cells(100 * at_low["damping_ratio"], 100 * at_low["damping_ratio_std"])
+        words = {True: "yes", False: "no", None: "not refined"}[verdict["explained"]]
+        structure = verdict["structure"] or "-"
+        return [
+            *(self.file, str(self.mode.number), *frequency, *damping),
+            *(structure, words, str(self.page)),
+        ]
+
+
+def table(results: Sequence[Result | Refusal]) -> list[list[str]]:
+    """One row for each file, under a header."""
+    return [_HEADER, *(r.row() for r in results)]
+
+
+def linear(report: IdentificationReport) -> dict[str, float]:
+    """Frequency (Hz) and damping ratio at low amplitude, with standard errors where known."""
+    found, b = report.found, report.backbone
+    amplitude = _LOW * float(b.amplitude.max())
+    nan = float("nan")
+    if found is None:
+        model = report.main.model
+        frequency, ratio = model.backbone([amplitude])[0], model.damping_ratio([amplitude])[0]
+        errors = (nan, nan)
+    else:
+        band = found.band([amplitude])
+        frequency, ratio = band.frequency[0], band.damping_ratio[0]
+        errors = (float(band.frequency_std[0]) / (2 * np.pi), float(band.damping_ratio_std[0]))
+    return {
+        "amplitude": amplitude,
+        "frequency": float(frequency) / (2 * np.pi),
+        "frequency_std": errors[0],
+        "damping_ratio": float(ratio),
+        "damping_ratio_std": errors[1],
+    }
+
+
+def _cells(value: float, error: float) -> list[str]:
+    return with_error(value, error) if np.isfinite(error) else [f"{value:.5g}", "-"]
+
+
+def _verdict(report: IdentificationReport) -> dict[str, Any]:
+    found: Identification | None = report.found
+    if found is None:
+        return {"structure": None, "explained": None, "verdict": report.trouble}
+    explained = bool(found.verdict.explained)
+    words = {"structure": str(found.structure), "explained": explained}
+    return {**words, "verdict": str(found.verdict), "equation": str(found.model.equation())}
+
+
+def _coefficients(report: IdentificationReport) -> dict[str, dict[str, Any]]:
+    main = report.main
+    return {
+        term.key: {
+            "value": value,
+            "standard_error": main.standard_errors.get(term.key),
+            "unit": term.unit(main.model.unit),
+        }
+        for term, value in zip(main.model.terms, main.model.values, strict=True)
+    }

@@ -1,0 +1,70 @@
+"""One page about many records: their backbones in one figure, and one row for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+
+from romsindy.record.backbone import Backbone
+from romsindy.show.page import Picture, write_page
+from romsindy.text import TextTable
+
+_CAPTION = "Every dot is a cycle whose own frequency is known well enough; a colour for each file."
+
+
+def write_overview(
+    path: str | Path,
+    sentence: str,
+    rows: Sequence[Sequence[str]],
+    backbones: Mapping[str, Backbone],
+    notes: Sequence[str] = (),
+) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    path : str or Path
+    sentence : str
+        What came of all files.
+    rows : sequence of rows
+        Of the table; the last cell of a row is the report, to which it links.
+    backbones : mapping of str to Backbone
+        By name of the file.
+    notes : sequence of str
+        Why files have no report.
+    """
+    header, *body = rows
+    linked = [[*row[:-1], _link(row[-1])] for row in body]
+    pictures = [Picture("backbones", "Backbones", _CAPTION, partial(_draw, backbones), (9.0, 4.8))]
+    write_page(
+        path,
+        "report",
+        title=f"{len(body)} free decays",
+        sentence=sentence,
+        tables=[TextTable("Files", [header, *linked])],
+        pictures=pictures if backbones else [],
+        notes_title="Without a report",
+        notes=notes,
+    )
+
+
+def _link(page: str) -> str:
+    return page if page == "-" else Markup(f'<a href="{escape(page)}">{escape(page)}</a>')
+
+
+def _draw(backbones: Mapping[str, Backbone], figure: Figure) -> None:
+    frequency, damping = figure.subplots(1, 2, sharey=True)
+    for name, b in backbones.items():
+        sure = b.certain
+        frequency.plot(b.frequency[sure] / (2 * np.pi), b.amplitude[sure], ".", ms=3, label=name)
+        damping.plot(100 * b.damping_ratio[sure], b.amplitude[sure], ".", ms=3)
+    units = {b.unit or "unit of q" for b in backbones.values()}
+    frequency.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({', '.join(sorted(units))})")
+    damping.set(xlabel="damping ratio (%)")
+    frequency.set_ylim(0, None)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
