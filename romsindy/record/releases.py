@@ -318,8 +318,9 @@ def _pushed(amplitude: Array, period: float, noise: float) -> int | None:
 def _refused(t: Array, swing: Array, amplitude: Array, start: int, period: float) -> str | None:
     """Why this is no free decay; None if it is one."""
     # Many large strokes before the largest one, and fewer after it, are no free decay.
-    largest = int(np.argmax(np.abs(swing)))
-    large = np.flatnonzero(np.abs(swing) > 0.3 * np.abs(swing[largest]))
+    size = np.abs(swing)
+    largest = int(np.argmax(size >= 0.9 * size.max()))
+    large = np.flatnonzero(size > 0.3 * size.max())
     reversals = large[1:][np.diff(np.sign(swing[large])) != 0]
     before = int(np.searchsorted(reversals, largest))
     after = len(reversals) - before
