@@ -25,8 +25,6 @@ _ONE_BY_ONE = 5
 _BRIDGED = 64
 # Of the largest amplitude: coloured noise below it is not told; and samples that tell a colour.
 _NOISY, _TELLING = 0.005, 256
-# Equal samples beside a step: it is no step of the level.
-_STILL = 4
 # Samples that a channel must have.
 _FEWEST = 16
 
@@ -177,18 +175,16 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     marks = {"missing": missing, "spikes": spikes(filled(x)) & ~missing}
     x = np.where(marks["spikes"], np.nan, x)
     found = _coarse(channel, x)
-    for at, size in steps(filled(x)):
-        if np.ptp(x[at : at + _STILL]) == 0 or np.ptp(x[max(at - _STILL, 0) : at]) == 0:
-            continue  # the end of a dropout
-        x[at:] -= size
-        what = f"the level steps by {channel.number(size)}: taken back"
-        found.append(channel.defect("step", what, slice(at, at + 1), size))
     try:
         cycle = swing(filled(x) - np.nanmedian(x))[1]
     except ValueError as error:
         return x, [channel.defect("nothing vibrates", f"{error}", argument=channel.other)]
     marks["dropout"] = dropouts(x, cycle)
     x = np.where(marks["dropout"], np.nan, x)
+    for at, size in steps(filled(x), cycle):
+        x[at:] -= size
+        what = f"the level steps by {channel.number(size)}: taken back"
+        found.append(channel.defect("step", what, slice(at, at + 1), size))
     marks["clipping"] = clipped(x)
     x = np.where(marks["clipping"], np.nan, x)
     x = restored(x, cycle)
