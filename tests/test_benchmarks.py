@@ -135,3 +135,13 @@ def test_failed_identifications_are_counted(benchmark):
 
     found, row = benchmark.attempted(fails_at_two, range(4), 1, "this")
     assert found == [0, 1, 3] and row == ("this: identifications that fail", "1 of 4", "0")
+
+
+@benchmark_of("defects")
+def test_small_benchmark_of_defects(benchmark):
+    """One decay: what was put on it is named, and the backbone holds as that without it does."""
+    for name in ("one second of zeros", "spike", "hum of 60 Hz", "offset of 1000"):
+        trial = benchmark.trial(101, name)
+        assert trial.named and not trial.refusal, name
+        # 95 % is expected of many decays; of one, a dozen neighbours go wrong together.
+        assert trial.inside["frequency"] > 0.6 and trial.wider["frequency"] < 3, name

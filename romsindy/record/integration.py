@@ -13,7 +13,7 @@ from romsindy.typing import Array
 # Knots of the midline, in cycles: it follows slow noise and leaves the vibration alone. Knots
 # farther apart tell how far it can be trusted: what both disagree about is of the
 # size of the true error.
-_CYCLES, _CHECK = 2.5, 4.0
+_CYCLES, _CHECK = 3.5, 5.0
 # Of the amplitude: an end where the midline is known no better is left out, half a cycle at most;
 # farther inside it is as good as anywhere.
 _SPOILT, _LONGEST = 0.01, 0.5

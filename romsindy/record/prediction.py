@@ -22,7 +22,7 @@ _RIDGE = 1e-4  # of the mean square: vibrations of 1 % and noise alike do not ma
 # an older decay: 0.3 to 1; free decays, nonlinear ones too: below 0.2) and by this many times what
 # is usual in the record.
 _PART, _USUAL = 0.3, 3.5
-_ALONE = 0.5  # the part where only one of the predictions is there, near the ends
+_ALONE = 0.5  # the part where one of the predictions is alone: near the ends, or near an event
 # A jump between two samples exceeds those of the half cycles before and after by this factor.
 _JUMP = 3.0
 JUMP_KNOWN = 3  # samples, to which its instant is known
@@ -88,15 +88,27 @@ def departures(x: Array, period: float, noise: Array) -> list[tuple[int, int]]:
     heard = np.sqrt(np.sum((noise / x.std(axis=0)) ** 2) / step)
     usual = max(float(np.median(error[known])), heard)
     odd = known & (error > part * size) & (error > _USUAL * usual) & (error > 1e-6 * size.max())
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], odd, [0]])))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], odd, [0]]))).reshape(-1, 2)
     runs: list[tuple[int, int]] = []
-    # The last interval that is hard to predict begins before the end of the event.
-    for a, b in zip(at[edges[::2]], at[edges[1::2] - 1] + 3 * hop // 2, strict=True):
+    for first, last in _certain(edges, error / size, window // hop):
+        # The last interval that is hard to predict begins before the end of the event.
+        a, b = int(at[first]), int(at[last - 1]) + 3 * hop // 2
         if runs and a <= runs[-1][1] + ahead:
-            runs[-1] = (runs[-1][0], int(b))
+            runs[-1] = (runs[-1][0], b)
         else:
-            runs.append((int(a), int(b)))
+            runs.append((a, b))
     return [(a * step, min(b * step, len(x))) for a, b in runs]
+
+
+def _certain(runs: Indices, part: Array, window: int) -> Indices:
+    """Runs of intervals, (n, 2), but for those that may be due to another one.
+
+    The predictor that was fitted across an event is wrong: for a window's length one is alone.
+    """
+    worst = np.array([part[a:b].max() for a, b in runs])
+    near = np.maximum(runs[:, None, 0] - runs[:, 1], runs[:, 0] - runs[:, None, 1]) < window
+    other = near & (worst > worst[:, None])
+    return runs[(worst > _ALONE) | ~other.any(axis=1)]
 
 
 def jumps(x: Array, period: float) -> list[int]:

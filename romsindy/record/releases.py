@@ -21,7 +21,7 @@ _LOUD = 3.0
 # A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go.
 _WORTH = 0.3
 # A swing counts as large from this part of the largest on; a rest or a hold is below that.
-_LARGE, _SILENT = 0.7, 0.1
+_LARGE, _SILENT = 0.5, 0.1
 # Of the size of a record: less is nothing. A blow exceeds the next cycle by this factor.
 _NOTHING, _BLOW = 1e-6, 3.0
 # A free decay that swings higher again, by this factor, rises as slowly as it fell before: it
@@ -88,14 +88,14 @@ class _Stretch:
 _STARTS = {
     "record": "start of the record",
     "gap": "start after missing samples",
-    "jump": "after the jump at {:.5g} s, where another record was joined",
+    "jump": "after the jump at {:.5g} s: a blow, or another record was joined",
     "event": "after the event at {:.5g} s",
     "push": "after the push that began at {:.5g} s",
 }
 _ENDS = {
     "record": "end of the record",
     "gap": "samples are missing after {:.5g} s",
-    "jump": "jump at {:.5g} s, where another record was joined",
+    "jump": "jump at {:.5g} s: a blow, or another record was joined",
     "event": "something acts on it at {:.5g} s",
     "push": "grows from {:.5g} s on: pushed again",
 }
@@ -173,7 +173,9 @@ def _between_events(
     found = [piece.first + at for at in jumps(x[piece.first : piece.last], period)]
     for end in [*found, piece.last]:
         joined = end < piece.last
-        last, after = (end - JUMP_KNOWN, "jump") if joined else (end, piece.after)
+        last, after = (
+            (end - max(JUMP_KNOWN, round(period / 8)), "jump") if joined else (end, piece.after)
+        )
         first = start
         for a, b in departures(x[start:last], period, noise):
             yield _Stretch(first, start + a, before, "event", start)
@@ -242,9 +244,9 @@ def _decays(
         for half in halves:
             yield from _decays(recording, channel, half, period, noise)
         return
-    refused = _refused(swing, amplitude[:stop], start, period)
+    refused = _refused(t, swing, amplitude[:stop], start, period)
     if refused:
-        yield Discarded(float(t[0]), float(t[-1]), refused.format(t[start]))
+        yield Discarded(float(t[0]), float(t[-1]), refused)
         return
     peak, cycles = float(np.abs(swing[start:]).max()), (stop - start) / period
     if start > 0:
@@ -313,24 +315,25 @@ def _pushed(amplitude: Array, period: float, noise: float) -> int | None:
     return low * step if rise < _FASTER * fall else None
 
 
-def _refused(swing: Array, amplitude: Array, start: int, period: float) -> str | None:
-    """Why this is no free decay, with a place for the time of its largest swing."""
+def _refused(t: Array, swing: Array, amplitude: Array, start: int, period: float) -> str | None:
+    """Why this is no free decay; None if it is one."""
     # Many large strokes before the largest one, and fewer after it, are no free decay.
-    large = np.flatnonzero(np.abs(swing) > 0.3 * np.abs(swing).max())
+    size = np.abs(swing)
+    largest = int(np.argmax(size >= 0.9 * size.max()))
+    large = np.flatnonzero(size > 0.3 * size.max())
     reversals = large[1:][np.diff(np.sign(swing[large])) != 0]
-    before = int(np.searchsorted(reversals, start))
-    late = start > CYCLES_AT_LEAST * period
-    if late and before >= 6 and before > len(reversals) - before:
+    before = int(np.searchsorted(reversals, largest))
+    after = len(reversals) - before
+    if largest > CYCLES_AT_LEAST * period and before >= 6 and before > after:
         return (
-            f"{before // 2} cycles come before the largest amplitude (at {{:.4g}} s),"
-            f" {(len(reversals) - before) // 2} after it: the record grows, so it is forced or not"
-            " a free decay"
+            f"{before // 2} cycles come before the largest amplitude (at {t[largest]:.4g} s),"
+            f" {after // 2} after it: the record grows, so it is forced or not a free decay"
         )
     cycles = (len(swing) - start) / period
     if cycles < CYCLES_AT_LEAST:
         return (
-            f"only {cycles:.1f} cycles after the release (at {{:.4g}} s) stand out of the noise,"
-            " fewer than three cycles"
+            f"only {cycles:.1f} cycles after the release (at {t[start]:.4g} s) stand out of the"
+            " noise, fewer than three cycles"
         )
     cycle = round(period)
     size = amplitude[start:]
