@@ -184,7 +184,7 @@ def checked_times(t: Array) -> None:
     remedy = "sort the samples, remove the repeated ones, or give the samples per second with rate="
     if steps.min() == 0 and repeats > _COARSE * len(steps):
         remedy = (
-            f"{repeats} of {len(t)} times do, for they are coarser than the sampling; give the"
+            f"{repeats} of {len(t)} times repeat the one before: coarser than the sampling; give the"
             f" samples per second with rate=, about {len(steps) / max(t[-1] - t[0], 1e-300):.4g}"
         )
     raise ValueError(
