@@ -135,3 +135,12 @@ def test_failed_identifications_are_counted(benchmark):
 
     found, row = benchmark.attempted(fails_at_two, range(4), 1, "this")
     assert found == [0, 1, 3] and row == ("this: identifications that fail", "1 of 4", "0")
+
+
+@benchmark_of("releases")
+def test_random_releases_are_counted(benchmark):
+    """Of a hundred 94 are counted right, nearly all that are not at 10 dB."""
+    trials = [t for t in map(benchmark.trial, range(8)) if t.snr_db > 10]
+    counts = [(t.found(), len(t.blows)) for t in trials]
+    assert len(counts) >= 4
+    assert sum(found == (blows, 0) for found, blows in counts) >= len(counts) - 1
