@@ -124,15 +124,19 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
     releases : tuple of Release
     discarded : tuple of Discarded
     """
+    sampled = np.isfinite(recording.x).any(axis=0)
+    recording = (
+        replace(recording, x=recording.x[:, sampled], names=()) if sampled.any() else recording
+    )
     pieces = list(_finite_pieces(recording))
+    if not pieces:
+        return (), (Discarded(float(recording.t[0]), float(recording.t[-1]), "no samples"),)
     liveliest = int(np.argmax(np.nanstd(recording.x, axis=0)))
     channel = recording.x[:, liveliest]
     energy = [np.var(channel[p.first : p.last]) * (p.last - p.first) for p in pieces]
-    frequency = None
-    if pieces:
-        main = pieces[int(np.argmax(energy))]
-        derivative = QUANTITIES.index(recording.quantity)
-        frequency = slowest_frequency(channel[main.first : main.last], recording.dt, derivative)
+    main = pieces[int(np.argmax(energy))]
+    derivative = QUANTITIES.index(recording.quantity)
+    frequency = slowest_frequency(channel[main.first : main.last], recording.dt, derivative)
     if frequency is None:
         reason = "fewer than three cycles of any vibration stand out of noise and drift"
         return (), (Discarded(float(recording.t[0]), float(recording.t[-1]), reason),)
@@ -178,7 +182,8 @@ def _between_events(
         )
         first = start
         for a, b in departures(x[start:last], period, noise):
-            yield _Stretch(first, start + a, before, "event", start)
+            if first < start + a:
+                yield _Stretch(first, start + a, before, "event", start)
             first, before = start + a, "event"
             if _still(x[start : start + a], x[start + a : last], period):
                 continue  # the first large swing tells the beginning better
