@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from romsindy.inspection.modes import Mode, modes_of
@@ -203,4 +203,10 @@ class Findings:
             )
         inside = [d for d in self.defects if d.start <= part.end and d.end >= part.start]
         notes += [str(d) for d in inside if d.channel in ("", self.channel)]
-        return isolated(t, x, vibrations, number, self.recording.unit, tuple(notes))
+        alone = isolated(t, x, vibrations, number, self.recording.unit, tuple(notes))
+        tone = vibrations[number].tone
+        first, last = float(t[0]) + tone.start, float(t[0]) + tone.end
+        if first <= alone.t[0] and alone.t[-1] <= last:
+            return alone
+        note = f"cut to {first:.6g} to {last:.6g} s, where it stands out of the noise"
+        return replace(alone.between(first, last), notes=(*alone.notes, note))

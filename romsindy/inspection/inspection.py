@@ -11,7 +11,7 @@ from romsindy.inspection.findings import Findings
 from romsindy.physics.serial import json_text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from romsindy.show.page import Figure
 
 
 class Inspection(Findings):

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-
-from matplotlib.figure import Figure
 
 from romsindy.inspection import tables
 from romsindy.inspection.findings import Findings
@@ -47,27 +46,20 @@ def write(found: Findings, path: str | Path, command: str = "") -> None:
 def picture(found: Findings) -> Picture:
     """Time signal, spectrogram and spectrum, one above the other."""
     caption = _CAPTION.format(_loudest(found) + 1) if found.releases else _NO_RELEASE
-    return Picture("record", "The record", caption, lambda f: _draw(found, f), (10, 11))
-
-
-def _draw(found: Findings, figure: Figure) -> None:
-    time, ridges, spectrum = figure.subplots(3, height_ratios=(2, 3, 2))
-    ridges.sharex(time)
     recording, cleaned = (r.channel(found.channel) for r in (found.recording, found.cleaned))
-    tones = [
+    parts = (recording, cleaned, found.releases, found.discarded, _tones(found))
+    spectrum_of = found.releases[_loudest(found)] if found.releases else None
+    draw = partial(show.draw_record, *parts, spectrum_of)
+    return Picture("record", "The record", caption, draw, (10, 11))
+
+
+def _tones(found: Findings) -> list[Tone]:
+    return [
         Tone(mode.number, found.releases[i].start, vibration)
         for mode in found.modes
         for i, vibration in enumerate(mode.parts)
         if vibration is not None
     ]
-    show.plot_record(recording, found.releases, found.discarded, ax=time)
-    show.plot_ridges(cleaned, tones, ax=ridges)
-    ridges.set(xlabel="time (s)", xlim=(recording.t[0], recording.t[-1]))
-    if found.releases:
-        part = found.releases[_loudest(found)]
-        tones = [t for t in tones if t.start == part.start]
-        recording, cleaned = (r.between(part.start, part.end) for r in (recording, cleaned))
-    show.plot_spectrum(recording, cleaned, tones, ax=spectrum)
 
 
 def _loudest(found: Findings) -> int:

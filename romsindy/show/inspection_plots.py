@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
@@ -47,6 +48,43 @@ class Tone(NamedTuple):
     def color(self) -> str:
         """The same in all figures; the first is kept for signals."""
         return f"C{(self.number - 1) % 9 + 1}"
+
+
+def draw_record(
+    recording: Recording,
+    cleaned: Recording,
+    releases: Sequence[Release],
+    discarded: Sequence[Discarded],
+    tones: Sequence[Tone],
+    spectrum_of: Release | None,
+    figure: Figure,
+) -> None:
+    """One channel: its samples, spectrogram and spectrum, one above the other.
+
+    Parameters
+    ----------
+    recording, cleaned : Recording
+        As it was read, and with its defects mended.
+    releases : sequence of Release
+    discarded : sequence of Discarded
+    tones : sequence of Tone
+        Of all releases.
+    spectrum_of : Release or None
+        Whose spectrum; that of the whole recording where there is none.
+    figure : Figure
+        Empty.
+    """
+    time, ridges, spectrum = figure.subplots(3, height_ratios=(2, 3, 2))
+    ridges.sharex(time)
+    plot_record(recording, releases, discarded, ax=time)
+    plot_ridges(cleaned, tones, ax=ridges)
+    ridges.set(xlabel="time (s)", xlim=(recording.t[0], recording.t[-1]))
+    if spectrum_of is not None:
+        tones = [t for t in tones if t.start == spectrum_of.start]
+        recording, cleaned = (
+            r.between(spectrum_of.start, spectrum_of.end) for r in (recording, cleaned)
+        )
+    plot_spectrum(recording, cleaned, tones, ax=spectrum)
 
 
 def plot_record(
