@@ -24,6 +24,7 @@ from uncertainty import Row
 
 import romsindy as rs
 from romsindy.record.recording import Recording
+from romsindy.record.signals import with_noise
 
 TURN = 2 * np.pi
 NAMED = (80.5, 298.0, 846.0, 1527.0, 1766.0, 2765.0)  # Hz, of the Brake-Reuss beam
@@ -176,7 +177,7 @@ def tip_force(cache: Path | None, seed: int) -> Iterator[Row]:
         rs.Decay(rows["t"], rows["q"], unit="kg^0.5 m"), rows["held"], rows["h"], rows["stiffness"]
     )
     for snr in (None, 45.0):
-        x = rows["q"] if snr is None else rs.with_noise(rows["q"], snr, seed)
+        x = rows["q"] if snr is None else with_noise(rows["q"], snr, seed)
         seen = rs.inspect(Recording(rows["t"], x, unit="kg^0.5 m"))
         found = rs.identify(seen.decays())
         q = known.amplitude * np.array([-0.75, -0.5, -0.25, 0.25, 0.5, 0.75])

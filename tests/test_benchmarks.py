@@ -144,3 +144,13 @@ def test_random_releases_are_counted(benchmark):
     counts = [(t.found(), len(t.blows)) for t in trials]
     assert len(counts) >= 4
     assert sum(found == (blows, 0) for found, blows in counts) >= len(counts) - 1
+
+
+@benchmark_of("defects")
+def test_small_benchmark_of_defects(benchmark):
+    """One decay: what was put on it is named, and the backbone holds as that without it does."""
+    for name in ("one second of zeros", "spike", "hum of 60 Hz", "offset of 1000"):
+        trial = benchmark.trial(101, name)
+        assert trial.named and not trial.refusal, name
+        # 95 % is expected of many decays; of one, a dozen neighbours go wrong together.
+        assert trial.inside["frequency"] > 0.6 and trial.wider["frequency"] < 3, name

@@ -5,8 +5,10 @@ import pytest
 from oracles import falling_decay, viscous_decay
 
 from romsindy.record.defects import clean
-from romsindy.record.faults import dropouts, restored, spikes
+from romsindy.record.faults import dropouts
+from romsindy.record.gaps import restored
 from romsindy.record.noise import NoiseLevel
+from romsindy.record.outliers import spikes
 from romsindy.record.recording import Recording
 
 T = np.arange(8000) * 0.004  # 32 s at 250 Hz
@@ -116,6 +118,18 @@ def test_a_drift_that_fades_with_the_vibration_is_its_own():
     assert "drift" in cleaned(X + 0.6 * own)[1]
 
 
+@pytest.mark.parametrize("size", [0.1, -1.0])
+def test_steps_of_the_level(size):
+    """The noise of 24 samples is left of the size, and the level before or after it is removed."""
+    x = X.copy()
+    x[3333:] += size
+    recording, found = cleaned(x)
+    assert {"step"} <= {*found} <= {"step", "offset", "drift"}
+    assert found["step"].start == T[3333]
+    assert found["step"].size == pytest.approx(size, abs=0.02)
+    assert np.abs(recording.x[:, 0] - X).max() < 0.03
+
+
 def test_offset_of_a_thousand():
     recording, found = cleaned(X + 1000.0)
     assert [*found] == ["offset"] and found["offset"].size == pytest.approx(1000, abs=0.01)
@@ -207,6 +221,18 @@ def test_noise_and_its_colour(colour):
     assert ("coloured noise" in cleaned(PURE + noise)[1]) == (colour == 1)
 
 
+def test_hum_that_the_vibration_hides_is_told():
+    """A third of a hertz from it for six seconds: its harmonics are subtracted, itself it stays."""
+    t = np.arange(6000) * 0.001
+    x = viscous_decay(t, 2 * np.pi * 50.3, 0.003)
+    x += 0.002 * np.random.default_rng(5).standard_normal(len(t))
+    hum = sum(0.02 * np.cos(2 * np.pi * 50 * order * t + order) for order in (1, 2, 3))
+    _, found = clean(Recording(t, x + hum))
+    assert sorted(round(d.size, 3) for d in found) == [0.0, 0.02, 0.02]
+    assert {d.kind for d in found} == {"mains"}
+    assert any("hum at 50 Hz itself is too near to the vibration" in str(d) for d in found)
+
+
 def test_several_defects_at_once():
     x = X + 50 + 0.3 * np.sin(0.3 * T) + 0.1 * np.cos(2 * np.pi * 50 * T + 2)
     x[3333] -= 4
@@ -221,6 +247,40 @@ def test_channels_that_do_not_vibrate_are_told():
     recording, found = clean(Recording(T, x, names=("a", "b", "c")))
     assert [(d.kind, d.channel) for d in found] == [("nothing vibrates", "b"), ("missing", "c")]
     np.testing.assert_array_equal(recording.x[:, 0], X)
+
+
+@pytest.mark.parametrize("first", range(0, 200, 50))
+def test_damaged_records_end_in_words(first):
+    """Whatever is in a recording, it is cleaned without a warning, and all numbers are finite."""
+    for seed in range(first, first + 50):
+        rng = np.random.default_rng(seed)
+        n = int(10 ** rng.uniform(1, 3.2))
+        wave = np.cos(10 ** rng.uniform(-2, 0.4) * np.arange(n))
+        x = wave * np.exp(-np.arange(n) / n * rng.uniform(0, 8)) * 10.0 ** rng.integers(-9, 9)
+        for _ in range(rng.integers(1, 4)):
+            a, b = np.sort(rng.integers(0, n, 2))
+            x = DAMAGES[rng.integers(len(DAMAGES))](x.copy(), a, b, rng)
+        recording, found = clean(Recording(np.arange(n) * 10 ** rng.uniform(-6, 2), x))
+        assert not np.isinf(recording.x).any()
+        assert all(np.isfinite([d.start, d.end, d.size]).all() for d in found), seed
+
+
+def put(x, where, value):
+    x[where] = value
+    return x
+
+
+DAMAGES = [
+    lambda x, a, b, rng: put(x, slice(a, b), 0.0),
+    lambda x, a, b, rng: put(x, slice(a, b), np.nan),
+    lambda x, a, b, rng: put(x, a, np.inf),
+    lambda x, a, b, rng: put(x, slice(None), x[0]),
+    lambda x, a, b, rng: put(x, a, 100 * x[a]),
+    lambda x, a, b, rng: np.clip(x, -0.5 * np.abs(x[a]), None),
+    lambda x, a, b, rng: x + 1000 * x[a],
+    lambda x, a, b, rng: np.cumsum(x),
+    lambda x, a, b, rng: x + x[a] * rng.standard_normal(len(x)),
+]
 
 
 def test_measured_records_raise_no_false_alarm(measured):

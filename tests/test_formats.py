@@ -312,3 +312,20 @@ def test_exponents_of_fortran(tmp_path):
 def test_times_in_milliseconds(tmp_path, above):
     recording = load_recording(write(tmp_path / "d.csv", f"{above}\n" + rows(t=1000 * T)))
     np.testing.assert_allclose(recording.t, T, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "byte", "value", "message"),
+    [
+        ("cell.mat", 360, 0, "an element of type 0 and 4800 bytes"),
+        ("column.mat", 145, 0x0F, "an array of class 6, .* 4 parts"),
+        ("cell.mat", 163, 0x72, r"an array of class 1, shape \(1912602625, 2\)"),
+    ],
+)
+def test_broken_matlab_files_do_not_reach_scipy(tmp_path, name, byte, value, message):
+    """Its reader follows a null pointer for the first two, and asks for 28 GB for the last."""
+    DRESSES[name][0](tmp_path / name)
+    content = bytearray((tmp_path / name).read_bytes())
+    content[byte] = value
+    with pytest.raises(ValueError, match=message):
+        load_recording(write(tmp_path / name, bytes(content)))

@@ -57,7 +57,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
 
 
 @click.command()
-@click.argument("files", nargs=-1, type=FILE)
+@click.argument("files", nargs=-1, type=FILE, metavar="FILES...")
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
 @click.option(
     "--seed",

@@ -12,7 +12,6 @@ from romsindy.inspection.modes import Mode
 from romsindy.text import TextTable, aligned, as_options, listed, quantity
 
 _MOST_STEPS = 5  # of a kind that are offered
-_SAME = 5e-4  # of a value: less is not told from none
 
 
 def report(found: Findings, command: str = "") -> str:
@@ -31,7 +30,7 @@ def report(found: Findings, command: str = "") -> str:
 
 def tables(found: Findings) -> list[TextTable]:
     """What is in the record: those tables that are not empty."""
-    steady = "steady: it does not decay; mains, a motor, no mode"
+    steady = "steady: mains or a motor, no mode"
     near = " ".join(
         f"Mode {high.number} is {r.ratio:.4g} times mode {low.number} at an amplitude of"
         f" {quantity(r.amplitude, _unit(found))}: near {r.p}:{r.q}."
@@ -71,11 +70,13 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     """Which mode and releases (from 0) are used, and which are left out."""
     names = [str(i + 1) for i in releases]
     used = f"Used: mode {mode.number} at {mode.mean_frequency:.5g} Hz"
-    used += ", which moves most," if mode is found.mode() and len(found.modes) > 1 else ""
+    if mode is found.mode() and sum(not m.steady for m in found.modes) > 1:
+        used += ", which moves most,"
     used += f" in channel {found.channel}, release{'s' * (len(names) > 1)} {listed(names)}."
     left = [m for m in found.modes if m is not mode]
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
-    out = [f"mode {m.number} at {m.mean_frequency:.5g} Hz" for m in left]
+    kinds = {False: "mode", True: "steady tone"}
+    out = [f"{kinds[m.steady]} {m.number} at {m.mean_frequency:.5g} Hz" for m in left]
     out += [f"release {listed(rest)}"] if rest else []
     out += [f"channel {name}" for name in found.recording.names if name != found.channel]
     return f"{used} Left out: {', '.join(out)}." if out else used
@@ -164,7 +165,7 @@ def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:
 
 def _span(loud: float, quiet: float, digits: int) -> str:
     ends = [f"{x:#.{digits}g}".rstrip(".") for x in (loud, quiet)]
-    return ends[0] if abs(loud / quiet - 1) < _SAME else " to ".join(ends)
+    return " to ".join(dict.fromkeys(ends))
 
 
 def _unit(found: Findings) -> str:

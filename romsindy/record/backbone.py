@@ -18,6 +18,8 @@ _ARC = 1 / 8
 _CROSSING_DEGREE, _PEAK_DEGREE = 3, 4
 # Degrees in the cycle number: of crossing times, and of logarithms of peaks, which are straighter.
 _TIME_DEGREE, _SIZE_DEGREE = 4, 2
+# A part of the largest amplitude that stands for none at all.
+_NO_PEAK = 1e-12
 # A cycle whose own frequency has a larger relative standard error judges no model.
 CERTAIN = 0.01
 
@@ -236,7 +238,8 @@ def _follow(
     period, period_std = (rising[0] + falling[0]) / 2, np.hypot(rising[1], falling[1]) / 2
     high = _peaks_along(top.value, top.std, 0.25, middle, cycles)
     low = _peaks_along(-bottom.value, bottom.std, 0.75, middle, cycles)
-    swing = np.maximum(top.value - bottom.value, np.finfo(float).tiny)
+    swing = top.value - bottom.value
+    swing = np.maximum(swing, _NO_PEAK * swing.max())
     swing_std = np.hypot(top.std, bottom.std) / swing
     log_decay = _along(np.log(swing), swing_std, 0.5, middle, cycles, slope, _SIZE_DEGREE)
     decrement, decrement_std = -log_decay[0], log_decay[1]
@@ -259,7 +262,7 @@ def _peaks_along(
     size: Array, std: Array, first: float, at: Array, cycles: int
 ) -> tuple[Array, Array]:
     """Sizes of peaks followed by their logarithm, which stays positive however fast they decay."""
-    size = np.maximum(size, np.maximum(std, np.finfo(float).tiny))
+    size = np.maximum(size, np.maximum(std, _NO_PEAK * size.max()))
     log_size, log_std = _along(np.log(size), std / size, first, at, cycles, 0, _SIZE_DEGREE)
     return np.exp(log_size), np.exp(log_size) * log_std
 

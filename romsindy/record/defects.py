@@ -8,17 +8,10 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from romsindy.record.disturbances import hidden_mains, level_and_drift, steady_lines
-from romsindy.record.faults import (
-    Mask,
-    clipped,
-    dropouts,
-    filled,
-    resolution,
-    restored,
-    runs,
-    spikes,
-)
+from romsindy.record.faults import Mask, clipped, dropouts, filled, resolution, runs
+from romsindy.record.gaps import restored
 from romsindy.record.noise import NoiseLevel
+from romsindy.record.outliers import spikes, steps
 from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times
 from romsindy.record.smoothing import swing
@@ -30,8 +23,8 @@ _COARSE = 2e-4
 _ONE_BY_ONE = 5
 # Samples of the longest gap in time that is filled, with NaN at first.
 _BRIDGED = 64
-# Of the largest amplitude: coloured noise below it is not told.
-_NOISY = 0.005
+# Of the largest amplitude: coloured noise below it is not told; and samples that tell a colour.
+_NOISY, _TELLING = 0.005, 256
 # Samples that a channel must have.
 _FEWEST = 16
 
@@ -44,7 +37,7 @@ class Defect:
     ----------
     kind : str
         "gap", "jitter", "missing", "dropout", "spikes", "clipping", "quantisation", "offset",
-        "drift", "mains", "line", "coloured noise", "nothing vibrates".
+        "drift", "step", "mains", "line", "coloured noise", "nothing vibrates".
     channel : str
         Its name; "" where all channels are meant.
     start, end : float
@@ -169,17 +162,22 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     x = np.where(np.isfinite(channel.x), channel.x, np.nan)
     if np.count_nonzero(np.isfinite(x)) < _FEWEST:
         return x, [channel.defect("missing", "hardly any sample is a number", argument="column=")]
-    marks = {"missing": np.isnan(x), "spikes": spikes(filled(x))}
+    missing = np.isnan(x)
+    marks = {"missing": missing, "spikes": spikes(filled(x)) & ~missing}
     x = np.where(marks["spikes"], np.nan, x)
+    found = _coarse(channel, x)
+    for at, size in steps(filled(x)):
+        x[at:] -= size
+        what = f"the level steps by {channel.number(size)}: taken back"
+        found.append(channel.defect("step", what, slice(at, at + 1), size))
     try:
         cycle = swing(filled(x) - np.nanmedian(x))[1]
     except ValueError as error:
-        return channel.x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
+        return x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
     marks["dropout"] = dropouts(x, cycle)
     x = np.where(marks["dropout"], np.nan, x)
     marks["clipping"] = clipped(x)
     x = np.where(marks["clipping"], np.nan, x)
-    found = _coarse(channel, x)
     x = restored(x, cycle)
     for kind, mark in marks.items():
         found += _told(channel, kind, mark, x)
@@ -213,7 +211,8 @@ def _told(channel: _Channel, kind: str, mark: Mask, mended: Array) -> list[Defec
             size = float(before[0])
             what = f"the sensor stands still at {channel.number(size)} while the motion goes on"
         if kind == "spikes":
-            size = float(np.nanmax(np.abs(before - np.nanmedian(channel.x))))
+            usual = np.median(channel.x[np.isfinite(channel.x)])
+            size = float(np.max(np.abs(before - usual)))
             what = f"{len(places) if many else 1} spike(s) of up to {channel.number(size)}"
         if kind == "clipping":
             size = float(before[np.argmax(np.abs(before))])
@@ -260,6 +259,8 @@ def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list
         )
         found.append(channel.defect("mains", what))
     stretch = max(runs(np.isfinite(x)), key=lambda run: run.stop - run.start)
+    if stretch.stop - stretch.start < _TELLING or not np.any(x[stretch]):
+        return x, found
     noise = NoiseLevel.of(x[stretch], dt)
     if noise.coloured and noise.rms > _NOISY * np.nanmax(np.abs(x)):
         what = (

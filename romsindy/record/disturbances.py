@@ -59,6 +59,8 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     step = max(round(cycle / _RATE), 1)
     here = np.arange(begin, n, step)
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
+    if len(here) < _RATE or not np.any(power[here]):
+        return 0.0, np.zeros(n)  # hardly a cycle between holes
     # The ends of a vibration, the loud one above all, would bend the spline: the taper.
     ends = np.clip(np.minimum(here - begin, n - here) / (_TAPER * cycle), 1e-3, 1)
     weight = np.sin(np.pi / 2 * ends) ** 2 / np.maximum(power[here], 1e-4 * loud)
@@ -164,7 +166,8 @@ def _candidates(x: Array, dt: float) -> list[float]:
     half = len(x) // 2
     frequency, power = periodogram(x[half:], 1 / dt, window="hann")
     own = periodogram(x[:half], 1 / dt, window="hann")
-    floor = np.maximum(median_filter(power, 2 * _NEAR + 1, mode="nearest"), 1e-12 * power.max())
+    floor = median_filter(power, 2 * _NEAR + 1, mode="nearest")
+    floor = np.maximum(floor, max(1e-12 * power.max(), np.finfo(float).tiny))
     peaks = find_peaks(power / floor, height=_LINE, distance=3)[0]
     peaks = peaks[np.argsort(-power[peaks])][:_MOST]
     peaks = peaks[peaks < len(power) - 4]  # a window mirrors the last lines into themselves
@@ -188,6 +191,7 @@ def _stays(x: Array, dt: float, f: float) -> bool:
         near = np.array([-8, -6, -4, 0, 4, 6, 8]) / (len(piece) * dt)
         waves = np.exp(-2j * np.pi * dt * np.outer(near, np.arange(len(piece))))
         values = 2 * np.abs(waves @ (window * turn * piece)) / window.sum()
+        values = np.maximum(values, np.finfo(float).tiny)
         size.append(values[3])
         scatter.append(np.median(np.delete(values, 3)) / values[3])
     change = abs(np.polyfit(np.arange(_PIECES), np.log(size), 1)[0]) * (_PIECES - 1)
@@ -198,25 +202,13 @@ def _stays(x: Array, dt: float, f: float) -> bool:
 
 
 def _fitted(x: Array, t: Array, weight: Array, f: float) -> SteadyLine:
-    """Weighted least squares for frequency, amplitude and phase (Gauss-Newton)."""
-    late, root = t - t.mean(), np.sqrt(weight)
-    for _ in range(3):
-        rows = np.empty((4, len(t)))
-        rows[:2] = _waves(t, f)
-        rows[2:] = late * rows[:2]
-        a, b, c, d = _weighted(rows, root, x)
-        # A cos((w + dw) t + p) changes by -A dw t sin(w t + p).
-        f += (c * b - d * a) / (a**2 + b**2) / (2 * np.pi)
-    a, b = _weighted(_waves(t, f), root, x)
-    return SteadyLine(float(f), float(np.hypot(a, b)), float(np.arctan2(-b, a)))
-
-
-def _waves(t: Array, f: float) -> Array:
-    angle = 2 * np.pi * f * t
-    return np.stack([np.cos(angle), np.sin(angle)])
-
-
-def _weighted(rows: Array, root: Array, x: Array) -> Array:
-    """Weighted least squares; the rows are scaled in place, since they may be long."""
-    rows *= root
-    return np.linalg.solve(rows @ rows.T, rows @ (root * x))
+    """Frequency, amplitude and phase of a tone over many of its cycles (Gauss-Newton)."""
+    late = t - np.average(t, weights=weight)
+    for last in (False, False, False, True):
+        turned = weight * x * np.exp(-2j * np.pi * f * t)
+        size = 2 * np.sum(turned) / np.sum(weight)
+        if not last:
+            # A tone that is off by dw turns as 1 + i dw t.
+            slope = 2 * np.sum(late * turned) / np.sum(weight * late**2)
+            f += (slope / size).imag / (2 * np.pi)
+    return SteadyLine(float(f), float(np.abs(size)), float(np.angle(size)))

@@ -1,4 +1,4 @@
-"""Samples that no sensor meant: dropouts, spikes, clipping; and what belongs in their place.
+"""Samples that show a faulty sensor by their values: dropouts and clipping.
 
 Arrays are one channel (n,) with a uniform rate; ``cycle`` is the length of a cycle of the
 vibration, in samples. Nothing here knows what was measured.
@@ -8,9 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.linalg import lstsq, solve_toeplitz
-from scipy.signal import lfilter
 
 from romsindy.typing import Array
 
@@ -20,26 +17,10 @@ Mask = NDArray[np.bool_]
 _FEWEST = 4
 # Of the run of equal samples that the resolution makes of a turning point: more is none.
 _LONGER = 3.0
-# Order of the autoregressions that predict a sample from its neighbours.
-_ORDER = 24
-# Of the samples, these set the range of usual ones.
-_USUAL = 0.99
-# Samples of a block of residuals, whose median is its scatter.
-_BLOCK = 256
 # Of the resolution: rounding flattens a turning point by less.
 _FLAT = 8.0
-# Of that scatter: noise reaches as far once in 1e20. Encoders and rounding have no such tails.
-_SPIKE = 10.0
 # Samples of the longest spike: what is longer is a blow, or motion.
-_LONGEST = 5
-# Of the scatter, what may be left once the samples are interpolated: a blow leaves far more.
-_LEFT = 3.0
-# Samples a cycle of the autoregression that bridges missing ones, and cycles that it is fitted to.
-_RATE, _CYCLES = 16, 6
-# Of the samples that it reaches: more holes leave too little to go by.
-_HOLES = 0.2
-# Times that autoregression and missing samples are found in turn.
-_ROUNDS = 4
+LONGEST_SPIKE = 5
 
 
 def runs(mask: Mask) -> list[slice]:
@@ -92,79 +73,6 @@ def dropouts(x: Array, cycle: float) -> Mask:
     return marked
 
 
-def spikes(x: Array) -> Mask:
-    """Up to a few samples that their neighbours on both sides do not foretell.
-
-    A blow is none: the motion after it is not that before it.
-    """
-    marked = np.zeros(len(x), bool)
-    clean: Array = x - np.median(x)
-    for _ in range(5):  # large spikes hide smaller ones
-        a = _whitening(clean)
-        new = np.zeros(len(x), bool)
-        suspects, scatter = _unforetold(clean, a)
-        for run in suspects:
-            if _bridged(clean, run, a, scatter):
-                new[run] = True
-        if not np.any(new):
-            break
-        marked |= new
-        clean = filled(np.where(marked, np.nan, clean))
-    return marked
-
-
-def _whitening(x: Array) -> Array:
-    """Coefficients [1, a_1, ..., a_p] of the autoregression of the whole channel."""
-    limit = np.quantile(np.abs(x), _USUAL)
-    x = np.clip(x, -limit, limit)  # it must not learn the spikes
-    order = min(_ORDER, len(x) // 10)
-    spectrum = np.fft.rfft(x, 2 * len(x))
-    lags = np.fft.irfft(np.abs(spectrum) ** 2)[: order + 1]
-    if not lags[0] > 0:
-        return np.ones(1)
-    lags[0] *= 1 + 1e-8  # a clean signal needs fewer values than there are
-    return np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
-
-
-def _unforetold(x: Array, a: Array) -> tuple[list[slice], Array]:
-    """Short runs that begin as no sample before foretells and end as none after; usual errors."""
-    order, n = len(a) - 1, len(x)
-    forward, backward = lfilter(a, [1.0], x), lfilter(a, [1.0], x[::-1])[::-1]
-    blocks = np.array_split(np.abs(forward), max(n // _BLOCK, 1))
-    usual = np.pad([np.median(block) for block in blocks], 1, mode="edge")
-    loudest = np.max([usual[:-2], usual[1:-1], usual[2:]], axis=0) / 0.6745
-    scatter = np.repeat(loudest, [len(block) for block in blocks])
-    limit = np.maximum(_SPIKE * scatter, 1e-3 * np.sqrt(np.mean(x**2)))
-    limit[:order] = limit[n - order :] = np.inf  # the first and the last have no such neighbours
-    begins, ends = np.flatnonzero(np.abs(forward) > limit), np.abs(backward) > limit
-    found = []
-    for begin in begins:
-        last = np.flatnonzero(ends[begin : begin + _LONGEST])
-        if len(last):
-            found.append(slice(int(begin), int(begin + last[-1]) + 1))
-    return found, scatter
-
-
-def _bridged(x: Array, run: slice, a: Array, scatter: Array) -> bool:
-    """Whether samples in place of a run make the motion before it go on after it."""
-    order = len(a) - 1
-    first = max(run.start - order, 0)
-    segment = x[first : run.stop + order]
-    missing = np.zeros(len(segment), bool)
-    missing[run.start - first : run.stop - first] = True
-    left = np.convolve(_interpolated(segment, missing, a), a, "valid")
-    return bool(np.sqrt(np.mean(left**2)) < _LEFT * scatter[run.start])
-
-
-def _interpolated(x: Array, missing: Mask, a: Array) -> Array:
-    """Least-squares interpolation by an autoregression (Janssen, Veldhuis and Vries, 1986)."""
-    known = np.where(missing, 0.0, x)
-    units = np.eye(len(x))[missing]
-    columns = np.stack([np.convolve(unit, a, "valid") for unit in units], axis=1)
-    known[missing] = lstsq(columns, -np.convolve(known, a, "valid"))[0]
-    return known
-
-
 def clipped(x: Array) -> Mask:
     """Samples that stick to the end of a sensor's range.
 
@@ -200,79 +108,3 @@ def _rises(y: Array, run: slice) -> float:
 def _from_rest(y: Array, step: int) -> bool:
     """What is let go from rest drops by 1, then by 3; what comes back into the range by 1 and 1."""
     return len(y) <= 2 * step or bool(y[step] - y[2 * step] > 2 * (y[0] - y[step]))
-
-
-def restored(x: Array, cycle: float) -> Array:
-    """Short runs of missing samples, up to a quarter of a cycle, interpolated; others stay.
-
-    The autoregression is fitted to the cycles round them. It predicts from samples a sixteenth of
-    a cycle apart, which noise disturbs far less than neighbours.
-    """
-    result, missing = x.copy(), ~np.isfinite(x)
-    longest = max(cycle / 4, _LONGEST)
-    short = [
-        r for r in runs(missing) if r.stop - r.start <= longest and 0 < r.start and r.stop < len(x)
-    ]
-    brief = np.zeros(len(x), bool)
-    for run in short:
-        brief[run] = True
-    stride = max(1, round(cycle / _RATE))
-    reach = max(round(_CYCLES * cycle / 2), 3 * _ORDER * stride)
-    for group in _groups(short, reach // 3):
-        first = max(group[0].start - reach, 0)
-        around = slice(first, group[-1].stop + reach)
-        segment, gap = result[around], brief[around] & ~np.isfinite(result[around])
-        live = _known_stretch(~np.isfinite(segment) & ~gap, group[0].start - first)
-        if np.count_nonzero(~gap[live]) < 3 * cycle:
-            continue
-        gap, start, stop = gap[live], first + live.start, first + live.stop
-        mean = np.nanmean(segment[live])
-        whole = _bridged_over(segment[live] - mean, gap, stride) + mean
-        # Where the ends of the known stretch are full of holes, these are guesses for the others.
-        for end in (gap[: _ORDER * stride], gap[::-1][: _ORDER * stride]):
-            if np.mean(end) > _HOLES:
-                end[:] = False
-        gap[group[-1].stop - start :] = False  # the next group is in the middle of its own
-        result[start:stop][gap] = whole[gap]
-    return result
-
-
-def _bridged_over(x: Array, gap: Mask, stride: int) -> Array:
-    """Autoregression and missing samples in turn, a first guess for these by a spline."""
-    at = np.arange(len(x))
-    guess = make_interp_spline(at[~gap], x[~gap], k=3)(at)
-    x = np.where(gap, guess, x)
-    for _ in range(_ROUNDS):
-        a = _fitted(x, stride)
-        for phase in range(stride):  # samples of one phase know nothing of the others
-            every = slice(phase, None, stride)
-            if np.any(gap[every]):
-                x[every] = _interpolated(x[every], gap[every], a)
-    return x
-
-
-def _groups(found: list[slice], distance: int) -> list[list[slice]]:
-    groups: list[list[slice]] = []
-    for run in found:
-        if groups and run.start - groups[-1][-1].stop < distance and len(groups[-1]) < 8:
-            groups[-1].append(run)
-        else:
-            groups.append([run])
-    return groups
-
-
-def _known_stretch(unknown: Mask, at: int) -> slice:
-    before, after = np.flatnonzero(unknown[:at]), np.flatnonzero(unknown[at:])
-    return slice(
-        int(before[-1]) + 1 if len(before) else 0,
-        at + int(after[0]) if len(after) else len(unknown),
-    )
-
-
-def _fitted(x: Array, stride: int) -> Array:
-    """Autoregression over lags of so many samples."""
-    order = min(_ORDER, (len(x) // stride - 1) // 3)
-    rows = np.stack(
-        [x[(order - k) * stride : len(x) - k * stride] for k in range(order + 1)], axis=1
-    )
-    return np.concatenate([[1.0], -lstsq(rows[:, 1:], rows[:, 0], cond=1e-6)[0]])

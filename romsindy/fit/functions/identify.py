@@ -103,6 +103,11 @@ def _settled(
     """A fit whose noise is as large as its windows disagree."""
     found = fit(series, windows, records, known, progress=say)
     level = found.noise * np.sqrt(max(dispersion(found), 1.0))
+    if not np.isfinite(level):
+        raise TrajectoryError(
+            "windows of the record disagree without limit: no equation of one coordinate holds for"
+            " all of them; cut the record with start= and end=, or isolate another mode"
+        )
     return _again(found, found.series, records, level, say)
 
 

@@ -1,4 +1,4 @@
-"""Named arrays: NPY, NPZ and MATLAB v5 files, and what HDF5 shares with them."""
+"""Named arrays: NPY and NPZ files, and what MATLAB and HDF5 files share with them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
 from romsindy.record.files.columns import Column, Table, named, refused
 from romsindy.record.units import RATES, UNITS, spelled
@@ -33,12 +32,6 @@ def read_npz(path: Path) -> Table:
     """The columns of an NPZ file."""
     with refused(path, "NPZ"), np.load(path, allow_pickle=False) as content:
         return table_of(leaves("", content))
-
-
-def read_mat(path: Path) -> Table:
-    """The columns of a MATLAB v5 file; those in structs and cells are named by their path."""
-    with refused(path, "MATLAB v5"):
-        return table_of(leaves("", loadmat(path, squeeze_me=True, struct_as_record=False)))
 
 
 def leaves(path: str, value: Any) -> Iterator[tuple[str, NDArray]]:

@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from romsindy.record.files import arrays, hdf, lvm, tdms, text, universal, wav, xlsx
+from romsindy.record.files import arrays, hdf, lvm, matlab, tdms, text, universal, wav, xlsx
 from romsindy.record.files.columns import Table, refused
 
 Reader = Callable[[Path], Table]
@@ -19,14 +19,14 @@ _READERS: dict[str, Reader] = {
     **dict.fromkeys((".xlsx", ".xlsm"), xlsx.read),
     ".npy": arrays.read_npy,
     ".npz": arrays.read_npz,
-    ".mat": arrays.read_mat,
+    ".mat": matlab.read,
     ".wav": wav.read,
     ".tdms": tdms.read,
 }
 # How a file of a kind starts. A name may lie, its content does not.
 _STARTS: tuple[tuple[bytes, Reader], ...] = (
     (b"\x93NUMPY", arrays.read_npy),
-    (b"MATLAB 5.0", arrays.read_mat),
+    (b"MATLAB 5.0", matlab.read),
     (b"MATLAB 7.3", hdf.read),
     (b"\x89HDF\r\n\x1a\n", hdf.read),
     (b"RIFF", wav.read),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ def read(path: Path) -> Table:
     """
     nptdms = library("nptdms", path)
     with refused(path, "TDMS"):
+        nptdms.log.log_manager.set_level(logging.ERROR)  # its warnings are our refusals
         _refuse_other_size(path)
         file = nptdms.TdmsFile.read(path)
         groups = [group for group in file.groups() if group.channels()]

@@ -28,11 +28,10 @@ def read(path: Path) -> Table:
         raise ValueError(f"{path}: damaged, {size} bytes in place of {promised}: copy it again")
     with refused(path, "WAV"):
         rate, samples = wavfile.read(path)
-    if not rate > 0:
-        raise ValueError(f"{path}: a sampling rate of {rate} Hz; give the right one with rate=")
-    x = samples.reshape(len(samples), -1)
-    if x.dtype.kind != "f":
-        full = 2.0 ** (8 * x.dtype.itemsize - 1)
-        x = x / full - (x.dtype.kind == "u")
-    t = np.arange(len(x)) / rate
-    return Table([Column(str(i + 1), v, t=t) for i, v in enumerate(x.T)])
+        x = samples.reshape(len(samples), -1)
+        if x.dtype.kind != "f":
+            x = x / 2.0 ** (8 * x.dtype.itemsize - 1) - (x.dtype.kind == "u")
+        if not rate > 0:
+            raise ValueError(f"a sampling rate of {rate} Hz")
+        t = np.arange(len(x)) / rate
+        return Table([Column(str(i + 1), v, t=t) for i, v in enumerate(x.T)])
