@@ -5,13 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from romsindy.inspection.modes import Mode, modes_of
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect
 from romsindy.record.isolation import isolated
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
-from romsindy.record.vibrations import Resonance, Vibration, dominant, resonances
+from romsindy.record.together import together
+from romsindy.record.vibrations import (
+    Resonance,
+    Vibration,
+    dominant,
+    find_vibrations,
+    resonances,
+)
 from romsindy.text import listed
 from romsindy.typing import Array
 
@@ -44,6 +53,8 @@ class Findings:
         As it was read, and with its defects mended.
     channel : str
         Name of the channel in which modes were looked for.
+    together : tuple of str
+        Names of the channels that a decay is made of, each as far as the mode shows in it.
     defects : tuple of Defect
         What is wrong with samples, and what was done about it.
     releases : tuple of Release
@@ -57,6 +68,7 @@ class Findings:
     recording: Recording
     cleaned: Recording
     channel: str
+    together: tuple[str, ...]
     defects: tuple[Defect, ...]
     releases: tuple[Release, ...]
     discarded: tuple[Discarded, ...]
@@ -192,10 +204,15 @@ class Findings:
 
     def _isolated(self, i: int, mode: Mode) -> Decay:
         t, x = self.release_signal(i)
-        vibrations = self.vibrations[i]
+        vibrations, part = self.vibrations[i], self.releases[i]
         number = next(k for k, v in enumerate(vibrations) if v is mode.parts[i])
         notes = list(self.recording.notes)
-        part = self.releases[i]
+        if len(self.together) > 1:
+            x, note = self._together(i, vibrations[number])
+            notes.append(note)
+            vibrations = find_vibrations(x, float(t[1] - t[0]), vibrations[number].derivative)
+            off = [abs(v.mean_frequency / mode.mean_frequency - 1) for v in vibrations]
+            number = int(np.argmin(off))
         if len(self.releases) > 1 or part.start > self.recording.t[0]:
             notes.append(
                 f"release {i + 1} of {len(self.releases)}: from {part.start:.6g} s"
@@ -210,3 +227,14 @@ class Findings:
             return alone
         note = f"cut to {first:.6g} to {last:.6g} s, where it stands out of the noise"
         return replace(alone.between(first, last), notes=(*alone.notes, note))
+
+    def _together(self, i: int, vibration: Vibration) -> tuple[Array, str]:
+        """The channels as one for a vibration, scaled to the main one, and how in words."""
+        part = self.releases[i]
+        inside = self.cleaned.between(part.start, part.end).channel(*self.together)
+        main = self.together.index(self.channel)
+        found = together(inside.t - inside.t[0], inside.x, main, vibration.tone)
+        used = [f"{n} ({s:+.3g})" for n, s in zip(self.together, found.shape, strict=True) if s]
+        left = [n for n, s in zip(self.together, found.shape, strict=True) if not s]
+        note = f"channels {listed(used)} together, as displacement of {self.channel}"
+        return found.x, note + (f"; not in phase with it: {listed(left)}" if left else "")

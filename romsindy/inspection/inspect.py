@@ -33,7 +33,8 @@ def inspect(
     record : path, Recording or Decay
         What `load_recording` reads, or what it returned, or a decay.
     channel : str, optional
-        Name of the channel in which modes are looked for; the liveliest by default.
+        Name of the channel to look at. By default modes are looked for in the liveliest one, and
+        decays are made of all channels together, each as far as the mode shows in it in phase.
     progress : callable, optional
         Called with a line of text for every tone that was followed.
 
@@ -57,7 +58,10 @@ def inspect(
         part = cleaned.between(release.start, release.end).channel(name)
         found.append(find_vibrations(part.x[:, 0], part.dt, derivative, progress))
     noise = tuple(_noise(cleaned.channel(c)) for c in cleaned.names)
-    return Inspection(recording, cleaned, name, defects, releases, discarded, tuple(found), noise)
+    used = cleaned.names if channel is None else (channel,)
+    return Inspection(
+        recording, cleaned, name, tuple(used), defects, releases, discarded, tuple(found), noise
+    )
 
 
 def _recording(record: str | Path | Recording | Decay) -> Recording:
