@@ -43,7 +43,8 @@ class Defect:
     start, end : float
         When, s of the recording's own clock.
     size : float
-        How large: unit of the samples, but s for gaps and sampling intervals for jitter.
+        How large: unit of the samples, but s for gaps, sampling intervals for jitter, and the
+        share of a channel that is missing.
     message : str
         All of that and what was done about it, in one sentence.
     argument : str
@@ -110,6 +111,12 @@ class _Channel:
         place = f"{self.recording.source or 'record'}, channel {self.name}, {_when(start, end)}"
         return Defect(kind, self.name, start, end, size, f"{place}: {what}", argument)
 
+    @property
+    def other(self) -> str:
+        """The remedy that takes another channel, where there is one."""
+        others = [name for name in self.recording.names if name != self.name]
+        return f"column={others[0]!r}" if others else ""
+
     def number(self, size: float) -> str:
         return f"{size:.3g} {self.recording.signal_unit}"
 
@@ -161,21 +168,23 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     """Samples of a channel after all that could be done, and what that was."""
     x = np.where(np.isfinite(channel.x), channel.x, np.nan)
     if np.count_nonzero(np.isfinite(x)) < _FEWEST:
-        return x, [channel.defect("missing", "hardly any sample is a number", argument="column=")]
+        return x, [
+            channel.defect("missing", "hardly any sample is a number", argument=channel.other)
+        ]
     missing = np.isnan(x)
     marks = {"missing": missing, "spikes": spikes(filled(x)) & ~missing}
     x = np.where(marks["spikes"], np.nan, x)
     found = _coarse(channel, x)
-    for at, size in steps(filled(x)):
-        x[at:] -= size
-        what = f"the level steps by {channel.number(size)}: taken back"
-        found.append(channel.defect("step", what, slice(at, at + 1), size))
     try:
         cycle = swing(filled(x) - np.nanmedian(x))[1]
     except ValueError as error:
-        return x, [channel.defect("nothing vibrates", f"{error}", argument="column=")]
+        return x, [channel.defect("nothing vibrates", f"{error}", argument=channel.other)]
     marks["dropout"] = dropouts(x, cycle)
     x = np.where(marks["dropout"], np.nan, x)
+    for at, size in steps(filled(x), cycle):
+        x[at:] -= size
+        what = f"the level steps by {channel.number(size)}: taken back"
+        found.append(channel.defect("step", what, slice(at, at + 1), size))
     marks["clipping"] = clipped(x)
     x = np.where(marks["clipping"], np.nan, x)
     x = restored(x, cycle)
@@ -204,19 +213,7 @@ def _told(channel: _Channel, kind: str, mark: Mask, mended: Array) -> list[Defec
     for where in groups:
         own = mark[where]
         count, lost = np.count_nonzero(own), np.count_nonzero(own & np.isnan(mended[where]))
-        before = channel.x[where][own]
-        size = float(count / len(mark))
-        what = f"{count} samples are missing"
-        if kind == "dropout":
-            size = float(before[0])
-            what = f"the sensor stands still at {channel.number(size)} while the motion goes on"
-        if kind == "spikes":
-            usual = np.median(channel.x[np.isfinite(channel.x)])
-            size = float(np.max(np.abs(before - usual)))
-            what = f"{len(places) if many else 1} spike(s) of up to {channel.number(size)}"
-        if kind == "clipping":
-            size = float(before[np.argmax(np.abs(before))])
-            what = f"the sensor clips at {channel.number(size)} ({count} samples)"
+        size, what = _words(channel, kind, where, own)
         done, argument = "interpolated", ""
         if lost:
             end = float(channel.t[min(where.stop, len(mark) - 1)])
@@ -225,6 +222,22 @@ def _told(channel: _Channel, kind: str, mark: Mask, mended: Array) -> list[Defec
             argument = f"start={end:.6g}"
         found.append(channel.defect(kind, f"{what}: {done}", where, size, argument))
     return found
+
+
+def _words(channel: _Channel, kind: str, where: slice, own: Mask) -> tuple[float, str]:
+    """Size of a defect, and what it is in words."""
+    x = channel.x[where][own]
+    if kind == "dropout":
+        held = channel.number(float(x[0]))
+        return float(x[0]), f"the sensor stands still at {held} while the motion goes on"
+    if kind == "clipping":
+        limit = float(x[np.argmax(np.abs(x))])
+        return limit, f"the sensor clips at {channel.number(limit)} ({len(x)} samples)"
+    if kind == "spikes":
+        size = float(np.max(np.abs(x - np.median(channel.x[np.isfinite(channel.x)]))))
+        count = len(runs(own))
+        return size, f"{count} spike{'s' * (count > 1)} of up to {channel.number(size)}"
+    return len(x) / len(channel.x), f"{len(x)} samples are missing"
 
 
 def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list[Defect]]:

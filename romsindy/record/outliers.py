@@ -25,6 +25,8 @@ _BLOCK = 256
 _LARGE = 10.0
 # Of the scatter, what may be left after mending: a blow leaves far more.
 _LEFT = 3.0
+# Of a step, how far the means before and after may contradict it.
+_AGREE = 0.3
 
 
 def spikes(x: Array) -> Mask:
@@ -48,17 +50,23 @@ def spikes(x: Array) -> Mask:
     return marked
 
 
-def steps(x: Array) -> list[tuple[int, float]]:
-    """Jumps of the level: first samples after them, and sizes. What vibrates goes on as before."""
+def steps(x: Array, cycle: float) -> list[tuple[int, float]]:
+    """Jumps of the level: first samples after them, and sizes. What vibrates goes on as before.
+
+    Where two records were joined the samples jump, but not their mean over ``cycle`` samples.
+    """
     clean: Array = x - np.median(x)
-    a = _whitening(clean)
+    a, span = _whitening(clean), 2 * round(cycle)
     errors, found = _Errors.of(clean, a), []
     shape = np.cumsum(a)  # what predicts forwards sees of a step of 1
     for at in np.flatnonzero(errors.forward_large[1:] & errors.backward_large[:-1]) + 1:
         seen = errors.forward[at : at + len(a)]
         size = float(shape @ seen / (shape @ shape))
         left = np.sqrt(np.mean((seen - size * shape) ** 2))
-        if left < _LEFT * errors.scatter[at]:
+        if left > _LEFT * errors.scatter[at] or at < span or at + span > len(x):
+            continue
+        rise = np.mean(clean[at : at + span]) - np.mean(clean[at - span : at])
+        if abs(rise - size) < _AGREE * abs(size):
             found.append((int(at), size))
     return found
 

@@ -60,7 +60,7 @@ def departures(x: Array, period: float, noise: Array) -> list[tuple[int, int]]:
     noise of every channel, (m,). Of a sudden event the true instant is
     inside the stretch, which is about a half cycle long.
     """
-    moving = x.std(axis=0) > 0
+    moving = np.ptp(x, axis=0) > 0 if len(x) else np.zeros(x.shape[1], bool)
     if not moving.any():
         return []
     x, noise = (x - x.mean(axis=0))[:, moving], noise[moving]

@@ -7,27 +7,27 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency
 from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.signals import noise_std
+from romsindy.record.swings import (
+    CYCLES_AT_LEAST,
+    LOUD,
+    NOTHING,
+    amplitude_of,
+    first_swing,
+    onset,
+    pushed_again,
+    refusal,
+    rest_of,
+)
 from romsindy.typing import Array
 
-# Fewer cycles are no decay to analyse.
-CYCLES_AT_LEAST = 3
-# The amplitude that stands out of the noise, in its standard deviations.
-_LOUD = 3.0
 # A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go.
 _WORTH = 0.3
-# A swing counts as large from this part of the largest on; a rest or a hold is below that.
-_LARGE, _SILENT = 0.5, 0.1
-# Of the size of a record: less is nothing. A blow exceeds the next cycle by this factor.
-_NOTHING, _BLOW = 1e-6, 3.0
-# A free decay that swings higher again, by this factor, rises as slowly as it fell before: it
-# beats. Where it rises in this part of that time it was pushed.
-_AGAIN, _FASTER = 1.5, 0.75
-_SMOOTH = 3  # cycles, of which the largest amplitude is taken: fast beats do not show
+# Of the swing that follows an event: less before it is rest.
+_REST = 0.1
 
 
 @dataclass(frozen=True)
@@ -124,15 +124,19 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
     releases : tuple of Release
     discarded : tuple of Discarded
     """
+    sampled = np.isfinite(recording.x).any(axis=0)
+    recording = (
+        replace(recording, x=recording.x[:, sampled], names=()) if sampled.any() else recording
+    )
     pieces = list(_finite_pieces(recording))
+    if not pieces:
+        return (), (Discarded(float(recording.t[0]), float(recording.t[-1]), "no samples"),)
     liveliest = int(np.argmax(np.nanstd(recording.x, axis=0)))
     channel = recording.x[:, liveliest]
     energy = [np.var(channel[p.first : p.last]) * (p.last - p.first) for p in pieces]
-    frequency = None
-    if pieces:
-        main = pieces[int(np.argmax(energy))]
-        derivative = QUANTITIES.index(recording.quantity)
-        frequency = slowest_frequency(channel[main.first : main.last], recording.dt, derivative)
+    main = pieces[int(np.argmax(energy))]
+    derivative = QUANTITIES.index(recording.quantity)
+    frequency = slowest_frequency(channel[main.first : main.last], recording.dt, derivative)
     if frequency is None:
         reason = "fewer than three cycles of any vibration stand out of noise and drift"
         return (), (Discarded(float(recording.t[0]), float(recording.t[-1]), reason),)
@@ -178,7 +182,8 @@ def _between_events(
         )
         first = start
         for a, b in departures(x[start:last], period, noise):
-            yield _Stretch(first, start + a, before, "event", start)
+            if first < start + a:
+                yield _Stretch(first, start + a, before, "event", start)
             first, before = start + a, "event"
             if _still(x[start : start + a], x[start + a : last], period):
                 continue  # the first large swing tells the beginning better
@@ -196,7 +201,7 @@ def _still(before: Array, after: Array, period: float) -> bool:
     if len(before) < cycle / 8:
         return False
     moves = [np.ptp(part, axis=0) for part in (before[-cycle:], after[: 2 * cycle])]
-    return bool(np.all(moves[0] < _SILENT * moves[1]))
+    return bool(np.all(moves[0] < _REST * moves[1]))
 
 
 def _until_the_next(releases: list[Release]) -> Iterator[Release]:
@@ -217,9 +222,9 @@ def _decays(
 ) -> Iterator[Release | Discarded]:
     """The free decays of a stretch, and what lies before, between and after them."""
     t, x = recording.t[stretch.first : stretch.last], channel[stretch.first : stretch.last]
-    amplitude = _amplitude(x, period, noise)
+    amplitude = amplitude_of(x, period, noise)
     quiet = f"amplitude below three times the noise (rms {noise:.2g} {recording.signal_unit})"
-    loud = np.flatnonzero(amplitude >= max(_LOUD * noise, _NOTHING * float(np.nanstd(channel))))
+    loud = np.flatnonzero(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
     if not len(loud):
         yield Discarded(float(t[0]), float(t[-1]), quiet)
         return
@@ -231,20 +236,20 @@ def _decays(
     # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
     if len(x) - stop <= period:
         stop, why_end = len(x), _ENDS[stretch.after].format(t[-1])
-    rest = _rest(x[:stop])
+    rest = rest_of(x[:stop])
     swing = x[:stop] - rest
     derivative = QUANTITIES.index(recording.quantity)
-    start = _first_swing(
+    start = first_swing(
         swing, period, noise, derivative, 0.0 if stretch.before == "event" else _WORTH
     )
-    pushed = _pushed(amplitude[start:stop], period, noise)
+    pushed = pushed_again(amplitude[start:stop], period, noise)
     if pushed:
         at = stretch.first + start + pushed
         halves = replace(stretch, last=at, after="push"), replace(stretch, first=at, before="push")
         for half in halves:
             yield from _decays(recording, channel, half, period, noise)
         return
-    refused = _refused(t, swing, amplitude[:stop], start, period)
+    refused = refusal(t, swing, amplitude[:stop], start, period)
     if refused:
         yield Discarded(float(t[0]), float(t[-1]), refused)
         return
@@ -252,7 +257,7 @@ def _decays(
     if start > 0:
         yield Discarded(float(t[0]), float(t[start - 1]), "before the release")
     since = slice(stretch.whole_from, stretch.first + start + 1)
-    why_start = _onset(
+    why_start = onset(
         recording.t[since], channel[since] - rest, peak, noise, period, displaced=derivative == 0
     )
     why_start = why_start or _STARTS[stretch.before].format(t[0])
@@ -260,104 +265,3 @@ def _decays(
     yield Release(*span, peak, 1 / (period * recording.dt), cycles, why_start, why_end)
     if stop < len(x):
         yield Discarded(float(t[stop]), float(t[-1]), why_end)
-
-
-def _amplitude(x: Array, period: float, noise: float) -> Array:
-    """Amplitude of the vibration over the cycle round each sample, without the noise."""
-    cycle = min(max(round(period), 1), len(x))
-    x = x - x.mean()
-    power = uniform_filter1d(x**2, cycle) - uniform_filter1d(x, cycle) ** 2
-    return np.sqrt(2 * np.clip(power - noise**2, 0, None))
-
-
-def _rest(x: Array) -> float:
-    """About where a vibration comes to rest: the mean of its later half, tapered."""
-    later = x[len(x) // 2 :]
-    return float(np.average(later, weights=np.hanning(len(later) + 2)[1:-1]))
-
-
-def _first_swing(swing: Array, period: float, noise: float, derivative: int, least: float) -> int:
-    """First turning point that comes near the largest: holds and blows are before it.
-
-    A start of ``least`` cycles is not worth a cut.
-    """
-    size = np.abs(swing)
-    high = int(np.argmax(size >= _LARGE * size.max()))
-    change = np.flatnonzero(np.signbit(swing[high:]) != np.signbit(swing[high]))
-    stroke = size[high : high + int(change[0])] if len(change) else size[high:]
-    # The last of the largest samples: where a hold at the release position ends.
-    slack = max(1e-3 * stroke.max(), 3 * noise)
-    start = high + int(np.flatnonzero(stroke >= stroke.max() - slack)[-1])
-    start = start if start > least * period else 0
-    if derivative == 0:
-        return start
-    # A sensor of velocity or acceleration shows the blow itself: no swing falls so much at once.
-    cycle = int(period)
-    following = size[start + cycle : start + 2 * cycle]
-    if not len(following):
-        return start
-    blow = np.flatnonzero(size[start : start + cycle] > _BLOW * following.max())
-    return start + int(blow[-1]) + 1 if len(blow) else start
-
-
-def _pushed(amplitude: Array, period: float, noise: float) -> int | None:
-    """Sample where a decay begins to grow faster than beating does; None where it does not."""
-    step = max(int(_SMOOTH * period), 1)
-    size = np.maximum.reduceat(amplitude, np.arange(0, len(amplitude), step))
-    later = np.maximum.accumulate(size[::-1])[::-1]
-    floor = max(noise, _NOTHING * float(size.max()), np.finfo(float).tiny)
-    low = int(np.argmax(later / np.maximum(size, floor)))
-    high = low + int(np.argmax(size[low:]))
-    higher_before = np.flatnonzero(size[:low] >= size[high])
-    if size[high] < max(_AGAIN * size[low], 2 * _LOUD * noise) or not len(higher_before):
-        return None
-    fall, rise = low - int(higher_before[-1]), high - low
-    return low * step if rise < _FASTER * fall else None
-
-
-def _refused(t: Array, swing: Array, amplitude: Array, start: int, period: float) -> str | None:
-    """Why this is no free decay; None if it is one."""
-    # Many large strokes before the largest one, and fewer after it, are no free decay.
-    size = np.abs(swing)
-    largest = int(np.argmax(size >= 0.9 * size.max()))
-    large = np.flatnonzero(size > 0.3 * size.max())
-    reversals = large[1:][np.diff(np.sign(swing[large])) != 0]
-    before = int(np.searchsorted(reversals, largest))
-    after = len(reversals) - before
-    if largest > CYCLES_AT_LEAST * period and before >= 6 and before > after:
-        return (
-            f"{before // 2} cycles come before the largest amplitude (at {t[largest]:.4g} s),"
-            f" {after // 2} after it: the record grows, so it is forced or not a free decay"
-        )
-    cycles = (len(swing) - start) / period
-    if cycles < CYCLES_AT_LEAST:
-        return (
-            f"only {cycles:.1f} cycles after the release (at {t[start]:.4g} s) stand out of the"
-            " noise, fewer than three cycles"
-        )
-    cycle = round(period)
-    size = amplitude[start:]
-    size = size[cycle:-cycle] if len(size) > 4 * cycle else size
-    size = np.log(np.maximum(size, _NOTHING * size.max()))  # where noise was taken off is nothing
-    growth = np.polyfit(np.linspace(0, 1, len(size)), size, 1)[0]
-    if growth > 0.05:
-        return f"the amplitude grows by {np.expm1(growth):.0%}: it is forced or not a free decay"
-    return None
-
-
-def _onset(
-    t: Array, swing: Array, peak: float, noise: float, period: float, *, displaced: bool
-) -> str | None:
-    """What set off the vibration that is free from the last sample on; None if all was moving."""
-    before = swing[max(len(swing) - round(2.5 * period), 0) :]
-    still = before[: max(len(before) - round(1.5 * period), round(period / 8), 4)]
-    if len(before) <= len(still):
-        return None
-    level = float(still.mean())
-    if np.sqrt(2 * max(still.var() - 1.2 * noise**2, 0.0)) > _SILENT * peak:
-        return None
-    if abs(level) > peak / 2:
-        return f"held until {t[-1]:.5g} s"
-    moving = np.abs(before - level) > max(_SILENT * peak, 5 * noise)
-    first = len(swing) - len(before) + int(np.argmax(moving))
-    return f"{'at rest until' if displaced else 'after the blow at'} {t[first]:.5g} s"

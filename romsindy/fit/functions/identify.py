@@ -86,11 +86,15 @@ def identify(
     with threadpool_limits(limits=1, user_api="blas"):
         series = regressed(series, records)
         plain = _settled(series, windows_of(records), records, known, say)
-        richest = _with_forces(plain, records, say)
+        richest, others = _with_forces(plain, records, say)
         if richest is not plain:  # what was process noise may have been this force
-            richest = _settled(richest.series, richest.windows, records, richest.known, say)
+            richest, others = (
+                _settled(richest.series, richest.windows, records, richest.known, say),
+                [],
+            )
         found = _simpler(richest, records, say)
-        return _assembled(found, records, dict(fixed or {}), np.random.default_rng(seed))
+        rng = np.random.default_rng(seed)
+        return _assembled(found, others, records, dict(fixed or {}), rng)
 
 
 def _settled(
@@ -173,18 +177,23 @@ def _narrowed(start: Fitted, series: Series) -> Array:
     return np.column_stack([*fitted, start.known[:, -1:]])
 
 
-def _with_forces(richest: Fitted, records: Sequence[Record], say: Callable) -> Fitted:
-    """With the further damping forces that the data ask for, one after the other."""
+def _with_forces(
+    richest: Fitted, records: Sequence[Record], say: Callable
+) -> tuple[Fitted, list[Fitted]]:
+    """With the further damping forces that the data ask for, one after the other.
+
+    Beside it, what the data cannot tell from it with one force more.
+    """
     left = [_force(name, richest.series) for name in _FORCES]
     while left:
         more = [_tried(richest, richest.series.widened([f]), records, say) for f in left]
-        gains = [2 * (evidence - richest.log_evidence()) for _, evidence in more]
+        gains = np.array([2 * (evidence - richest.log_evidence()) for _, evidence in more])
         best = int(np.argmax(gains))
         if gains[best] <= EQUIVALENT:
-            break
+            return richest, [f for (f, _), g in zip(more, gains, strict=True) if g > -EQUIVALENT]
         richest = more[best][0]
         left.pop(best)
-    return richest
+    return richest, []
 
 
 def _tried(
@@ -218,6 +227,7 @@ def _force(name: str, series: Series) -> Term:
 
 def _assembled(
     found: Sequence[Fitted],
+    others: Sequence[Fitted],
     records: Sequence[Record],
     fixed: Mapping[str, float],
     rng: np.random.Generator,
@@ -225,22 +235,25 @@ def _assembled(
     structures = compared(
         [
             Structure(f.series.sizes, tuple(t.key for t in f.series.forces), f.log_evidence())
-            for f in found
+            for f in (*found, *others)
         ]
     )
     at = next(i for i, s in enumerate(structures) if s.equivalent)
     head, richest = found[at], found[-1]
-    terms = richest.series.terms()
+    by_key = {t.key: t for f in (richest, *others) for t in f.series.terms()}
+    terms = list(by_key.values())
     # Structures with all of the damping, by their evidence: a law of damping that is nearly right
     # would bend stiffness and inertia.
     whole = [s.sizes.damping == richest.series.sizes.damping for s in structures]
     odds = np.exp([s.log_evidence for s in structures]) * whole
     # No structure is exact. However small its evidence, the richest keeps half of the draws.
     counts = np.round(_DRAWS / 2 * odds / odds.sum()).astype(int)
-    counts[-1] += _DRAWS // 2
+    counts[len(found) - 1] += _DRAWS // 2
     own, widest = (draw(f, _DRAWS, rng) for f in (head, richest))
     samples = [
-        _among(terms, f, draw(f, n, rng)) for f, n in zip(found, counts, strict=True) if n > 0
+        _among(terms, f, draw(f, n, rng))
+        for f, n in zip((*found, *others), counts, strict=True)
+        if n > 0
     ]
     pooled = _exactly(terms, np.concatenate(samples), fixed)
     middle = _exactly(head.series.terms(), head.series.taylor(own), fixed).mean(axis=0)

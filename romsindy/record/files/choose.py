@@ -184,8 +184,9 @@ def checked_times(t: Array) -> None:
     remedy = "sort the samples, remove the repeated ones, or give the samples per second with rate="
     if steps.min() == 0 and repeats > _COARSE * len(steps):
         remedy = (
-            f"{repeats} of {len(t)} times do, for they are coarser than the sampling; give the"
-            f" samples per second with rate=, about {len(steps) / max(t[-1] - t[0], 1e-300):.4g}"
+            f"{repeats} of {len(t)} times repeat the one before: coarser than the sampling; give"
+            " the samples per second with rate=, about"
+            f" {len(steps) / max(t[-1] - t[0], 1e-300):.4g}"
         )
     raise ValueError(
         f"t must increase, but it {'repeats' if steps[i] == 0 else 'decreases'} at sample"

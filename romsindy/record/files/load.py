@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -69,6 +70,7 @@ def load_recording(
     ValueError
         If the file cannot be understood; the message names the line or the column, and the remedy.
     """
+    _refuse_no_numbers(rate=rate, start=start, end=end)
     source, table = _table(path, (unit, quantity, column, time, rate))
     if isinstance(table, Decay):
         return _of_decay(table, source).between(start, end)
@@ -100,21 +102,24 @@ def load_decay(
         If the file cannot be understood, if more than one column could be meant, if samples are
         missing, or as by `Decay`; the message names the line or the column, and the remedy.
     """
+    _refuse_no_numbers(rate=rate, start=start, end=end)
     source, table = _table(path, (unit, quantity, column, time, rate))
     if isinstance(table, Decay):
         return table.between(start, end)
     with _named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         names = [c.name for c in choice.columns]
-        if column is None and len(names) > 1:
+        if _names(column) is None and len(names) > 1:
             raise ValueError(
                 f"{len(names)} columns could be the measured one, {names}: choose with column="
             )
         whole = _recording(choice, source, unit, quantity)
         part = whole.between(start, end)
         _refuse_missing(part, whole)
-        decay = _decay(part, _derivatives(table, part, whole, unit))
-    return replace(decay, notes=(*part.notes, *decay.notes)) if part.notes else decay
+        derivatives = _derivatives(table, part, whole, unit)
+        decay = _decay(part, derivatives)
+    notes = part.notes if derivatives[0] is None else table.notes  # nothing is left out then
+    return replace(decay, notes=(*notes, *decay.notes)) if notes else decay
 
 
 def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]:
@@ -152,7 +157,7 @@ def _choice(
     if quantity not in (None, *QUANTITIES):
         raise ValueError(f"quantity = {quantity!r} must be displacement, velocity or acceleration")
     wanted = quantity or (parse_unit(unit).quantity if unit else None)
-    names = None if column is None else list(map(str, np.atleast_1d(column)))
+    names = _names(column)
     table = replace(table, columns=choose.unique(table.columns))
     signals = choose.signals_of(table, names)
     t, chosen, note = choose.times_of(table, signals, time, rate)
@@ -166,6 +171,16 @@ def _choice(
     notes = (*table.notes, note, f"left out: {', '.join(left)}" if left else "")
     wanted = wanted or chosen[0].quantity or "displacement"
     return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt)
+
+
+def _names(column: str | Sequence[str] | None) -> list[str] | None:
+    return None if column is None else list(map(str, np.atleast_1d(column))) or None
+
+
+def _refuse_no_numbers(**settings: Any) -> None:
+    for name, value in settings.items():
+        if value is not None and not isinstance(value, Real):
+            raise ValueError(f"{name} = {value!r} must be a number")
 
 
 def _recording(

@@ -69,6 +69,8 @@ def _times(where: str, one: Mapping[str, Any], n: int) -> Array:
 
 def _floats(what: str, value: Any) -> Array:
     try:
+        if np.iscomplexobj(value):
+            raise TypeError("they are complex")
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{what}: must be numbers ({error})") from None

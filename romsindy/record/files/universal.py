@@ -45,7 +45,9 @@ def read(path: Path) -> Table:
 
 
 def _column(function: dict[str, Any], length: float | None) -> Column:
-    values, count = np.real_if_close(function["data"]), int(function["num_pts"])
+    values, count = function["data"], int(function["num_pts"])
+    if np.iscomplexobj(values):
+        raise ValueError("a time response of complex numbers")
     if len(values) != count:
         raise ValueError(f"cut off, {len(values)} of {count} values are there")
     if function["abscissa_spec_data_type"] not in (0, 1, _TIME):
