@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +64,28 @@ class Result:
         """Whether the residual of the identified equation is down to the noise."""
         return self.report.found is not None and self.report.found.verdict.explained
 
+    @cached_property
+    def linear(self) -> dict[str, float]:
+        """Frequency (Hz) and damping ratio at low amplitude, with standard errors where known."""
+        found, b = self.report.found, self.report.backbone
+        amplitude = _LOW * float(b.amplitude.max())
+        nan = float("nan")
+        if found is None:
+            model = self.report.main.model
+            frequency, ratio = model.backbone([amplitude])[0], model.damping_ratio([amplitude])[0]
+            errors = (nan, nan)
+        else:
+            band = found.band([amplitude])
+            frequency, ratio = band.frequency[0], band.damping_ratio[0]
+            errors = (float(band.frequency_std[0]) / (2 * np.pi), float(band.damping_ratio_std[0]))
+        return {
+            "amplitude": amplitude,
+            "frequency": float(frequency) / (2 * np.pi),
+            "frequency_std": errors[0],
+            "damping_ratio": float(ratio),
+            "damping_ratio_std": errors[1],
+        }
+
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""
         b = self.report.backbone
@@ -75,7 +98,7 @@ class Result:
             "releases": self.releases,
             "warnings": self.inspection.warnings,
             "unit": b.unit,
-            "linear": linear(self.report),
+            "linear": self.linear,
             **_verdict(self.report),
             "coefficients": _coefficients(self.report),
             "backbone": {
@@ -89,7 +112,7 @@ class Result:
 
     def row(self) -> list[str]:
         """Cells of the table."""
-        at_low, verdict = linear(self.report), _verdict(self.report)
+        at_low, verdict = self.linear, _verdict(self.report)
         frequency = _cells(at_low["frequency"], at_low["frequency_std"])
         damping = _cells(100 * at_low["damping_ratio"], 100 * at_low["damping_ratio_std"])
         words = {True: "yes", False: "no", None: "not refined"}[verdict["explained"]]
@@ -103,28 +126,6 @@ class Result:
 def table(results: Sequence[Result | Refusal]) -> list[list[str]]:
     """One row for each file, under a header."""
     return [_HEADER, *(r.row() for r in results)]
-
-
-def linear(report: IdentificationReport) -> dict[str, float]:
-    """Frequency (Hz) and damping ratio at low amplitude, with standard errors where known."""
-    found, b = report.found, report.backbone
-    amplitude = _LOW * float(b.amplitude.max())
-    nan = float("nan")
-    if found is None:
-        model = report.main.model
-        frequency, ratio = model.backbone([amplitude])[0], model.damping_ratio([amplitude])[0]
-        errors = (nan, nan)
-    else:
-        band = found.band([amplitude])
-        frequency, ratio = band.frequency[0], band.damping_ratio[0]
-        errors = (float(band.frequency_std[0]) / (2 * np.pi), float(band.damping_ratio_std[0]))
-    return {
-        "amplitude": amplitude,
-        "frequency": float(frequency) / (2 * np.pi),
-        "frequency_std": errors[0],
-        "damping_ratio": float(ratio),
-        "damping_ratio_std": errors[1],
-    }
 
 
 def _cells(value: float, error: float) -> list[str]:

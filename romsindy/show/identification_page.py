@@ -72,7 +72,7 @@ class IdentificationReport:
         """Models with estimated linear frequency, or all where it was given."""
         return [c for c in self.candidates if "fixed" not in c.name]
 
-    @property
+    @cached_property
     def equation(self) -> str:
         """The equation, with all that is said of it."""
         return str(self.found or self.main.model)

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from scipy.fft import next_fast_len, rfft, rfftfreq
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
 
@@ -146,7 +147,7 @@ def plot_spectrum(
     """
     low, high = _range(cleaned, tones)
     for of, color in ((recording, _PALE), (cleaned, "0.25")):
-        f, size = _spectrum(of)
+        f, size = _spectrum(of, high)
         inside = (f > 0) & (f <= high)
         ax.plot(*_thinned(f[inside], size[inside], _LINES), lw=0.8, color=color)
     for tone in tones:
@@ -190,10 +191,8 @@ def _spectrograms(
     recording: Recording, low: float, high: float
 ) -> Iterator[tuple[Array, Array, Array]]:
     """Times, frequencies and level in dB, of the parts between gaps."""
-    factor = max(int(0.5 / (recording.dt * high)), 1)
     for piece in recording.pieces:
-        x = downsample(np.nan_to_num(recording.x[piece, 0]), factor)
-        dt = factor * recording.dt
+        x, dt = _slow(recording, piece, high)
         window = int(min(_CYCLES / (2 * low * dt), len(x) / _PARTS))
         if window < 8:
             continue
@@ -202,7 +201,7 @@ def _spectrograms(
         transform = ShortTimeFFT(hann(window), hop, 1 / dt, mfft=fine, scale_to="magnitude")
         t = transform.t(len(x))
         inside = (t >= 0) & (t <= (len(x) - 1) * dt)
-        size = 2 * np.abs(transform.stft(x - x.mean(), padding="even"))[:, inside]
+        size = 2 * np.abs(transform.stft(x, padding="even"))[:, inside]
         # Rows as the axis has them, each the largest of the lines that share it.
         ends = np.geomspace(low, high, _ROWS) if high > _WIDE * low else np.linspace(0, high, _ROWS)
         lines = np.unique(np.searchsorted(transform.f, ends).clip(max=len(transform.f) - 1))
@@ -210,14 +209,23 @@ def _spectrograms(
         yield recording.t[piece][0] + t[inside], transform.f[lines], level
 
 
-def _spectrum(recording: Recording) -> tuple[Array, Array]:
-    """Frequencies in Hz, and amplitude of the spectrum."""
-    x = np.nan_to_num(recording.x[:, 0] - np.nanmean(recording.x[:, 0]))
+def _spectrum(recording: Recording, high: float) -> tuple[Array, Array]:
+    """Frequencies up to ``high`` Hz and somewhat beyond, and amplitude of the spectrum."""
+    x, dt = _slow(recording, slice(None), high)
     rise = max(int(_RISE * len(x)), 1)
     fall = len(x) - rise
     window = np.concatenate([hann(2 * rise)[:rise], hann(2 * fall)[fall:]])
-    size = 2 * np.abs(np.fft.rfft(x * window)) / window.sum()
-    return np.fft.rfftfreq(len(x), recording.dt), size
+    n = next_fast_len(len(x))
+    return rfftfreq(n, dt), 2 * np.abs(rfft(x * window, n)) / window.sum()
+
+
+def _slow(recording: Recording, piece: slice, high: float) -> tuple[Array, float]:
+    """Samples of the channel, fast enough for a frequency in Hz, and their interval in s."""
+    factor = max(int(0.4 / (recording.dt * high)), 1)
+    x = recording.x[piece, 0]
+    known = x[np.isfinite(x)]
+    level = known.mean() if len(known) else 0.0
+    return downsample(np.nan_to_num(x - level), factor), factor * recording.dt
 
 
 def _thinned(t: Array, x: Array, points: int = _POINTS) -> tuple[Array, Array]:
