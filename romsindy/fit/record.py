@@ -50,14 +50,18 @@ class Record:
 
     @classmethod
     def of(cls, decay: Decay, floor: float) -> Record:
-        """Look at a decay; ``floor`` is the least noise, as a part of the largest amplitude."""
+        """Look at a decay; ``floor`` is the least noise, as a part of the largest amplitude.
+
+        What other vibrations left in it counts beside that.
+        """
         decay = decay.single()
         t = decay.t - decay.t[0]
         signal = decay.signal
         spline = HarmonicSpline.fit(t, signal)
         cycle = t[-1] * 2 * np.pi / float(spline.phase(t[-1]) - spline.phase(0.0))
         peak = float(np.abs(signal).max())
-        noise = Noise.of(signal - spline(t)[0], cycle, decay.dt, floor * peak)
+        least = float(np.hypot(floor * peak, decay.leftover))
+        noise = Noise.of(signal - spline(t)[0], cycle, decay.dt, least)
         displacement = spline if decay.derivative == 0 else HarmonicSpline.fit(t, decay.q)
         shortest = 2 * np.pi / float(spline.phase(t, 1).max())
         grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))

@@ -50,6 +50,9 @@ class Decay:
     stage : "raw", "free" or "conditioned"
         How far it is prepared: as it came; its free part alone; with velocity and acceleration that
         agree. One that comes with both is conditioned. No step is done twice.
+    leftover : float
+        Rms of what other vibrations left when this one was isolated, unit of the measured signal.
+        It counts as noise when a model is judged.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Decay:
     measured: Quantity = "displacement"
     notes: tuple[str, ...] = ()
     stage: Stage = "raw"
+    leftover: float = 0.0
 
     def __post_init__(self) -> None:
         for name, choices in (("measured", QUANTITIES), ("stage", STAGES)):

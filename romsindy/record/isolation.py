@@ -12,7 +12,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.noise import HARMONICS
 from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
-from romsindy.record.signals import downsample
+from romsindy.record.signals import downsample, noise_std
 from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array
 
@@ -21,8 +21,8 @@ _SLOW = 0.7
 # Half of a band round the frequencies of another vibration, and the widest band, as ratios.
 _STOP, _WIDEST = 0.06, 1.4
 _SHARED = (
-    "harmonic {} of it lies where another vibration rings ({:.4g} Hz) and was taken off with it:"
-    " terms that show there, such as asymmetry at harmonic 2, are not to be trusted"
+    "where others ring, harmonics of it were taken off with them: {}; what shows there, as"
+    " asymmetry does at harmonic 2, is not known"
 )
 # An end is spoiled where a cycle differs from the smooth vibration by this many times what is
 # usual, and by more than that part of its size. Fewer cycles are too few to say what is usual.
@@ -78,31 +78,47 @@ def isolated(
         names = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in told)
         notes = (*notes, f"vibration at {own.mean_frequency:.4g} Hz isolated; subtracted: {names}")
     alone, shared = _without_bands(alone, own, others, clock)
-    notes = (*notes, *(_SHARED.format(n, f) for n, f in shared))
+    if shared:
+        notes = (*notes, _SHARED.format(", ".join(shared)))
     alone, q, smooth = _with_displacement(alone, own, clock)
     kept = _unspoiled(q - smooth, smooth, dt, own) if others or own.derivative else slice(None)
     factor = max(int(enough / coarse), 1)
-    t, alone, q = (x[kept] for x in (t, alone, q))
+    t, alone, q, rest = (x[kept] for x in (t, alone, q, alone - own(clock)))
     if factor > 1:
-        alone, q, t = downsample(alone, factor), downsample(q, factor), t[::factor]
+        alone, q, rest = (downsample(x, factor) for x in (alone, q, rest))
+        t = t[::factor]
+    # Steady noise is in all of its spectrum; what is more than that others have left.
+    leftover = np.sqrt(max(float(np.mean(rest**2)) - noise_std(rest) ** 2, 0.0)) if told else 0.0
+    if told:
+        part = 100 * leftover / float(np.abs(alone).max())
+        notes = (
+            *notes,
+            f"what they leave, {part:.2g} % of the largest sample in the rms, is noise",
+        )
     if factor * coarse > 1:
         notes = (*notes, f"decimated by {factor * coarse}: that is fast enough for it")
     signals = {_NAMES[own.derivative]: alone, "q": q}
     return Decay(
-        t, unit=unit, measured=QUANTITIES[own.derivative], notes=notes, stage="free", **signals
+        t,
+        unit=unit,
+        measured=QUANTITIES[own.derivative],
+        notes=notes,
+        stage="free",
+        leftover=float(leftover),
+        **signals,
     )
 
 
 def _without_bands(
     x: Array, own: Vibration, others: Sequence[Vibration], t: Array
-) -> tuple[Array, list[tuple[int, float]]]:
+) -> tuple[Array, list[str]]:
     """Without what other vibrations have left near their frequencies.
 
-    Harmonics of the vibration that lie there go too: number and frequency of these.
+    Harmonics of the vibration that lie there go too: number and frequency of these, in words.
     """
     smooth, dt = own(t), float(t[1] - t[0])
     rest: Array = x - smooth
-    shared: list[tuple[int, float]] = []
+    shared: list[str] = []
     for v in others:
         low, high = (1 - _STOP) * v.frequency.min(), (1 + _STOP) * v.frequency.max()
         wide = high > _WIDEST * low or high > 0.45 / dt
@@ -111,7 +127,8 @@ def _without_bands(
             continue
         rest = _filtered(rest, (low, high), "bandstop", dt)
         mine = own.mean_frequency * np.arange(2, HARMONICS + 1)
-        shared += [(n, v.mean_frequency) for n, f in enumerate(mine, 2) if low < f < high]
+        inside = [n for n, f in enumerate(mine, 2) if low < f < high]
+        shared += [f"harmonic {n} ({v.mean_frequency:.4g} Hz)" for n in inside]
     return smooth + rest, shared
 
 

@@ -12,7 +12,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.files.columns import named, refused
 
 _RATES = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}  # after the unit of q
-_FIELDS = ("unit", "measured", "stage", "notes")
+_FIELDS = ("unit", "measured", "stage", "notes", "leftover")
 _MARK = "# romsindy "  # first line of a CSV that `save_decay` wrote
 
 
