@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 import romsindy as rs
 from romsindy.commands import diagnose as diagnose_command
 from romsindy.commands.main import main
-from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
+from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose, search
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.missing_force import MissingForce, record_errors
 from romsindy.diagnosis.simulated import model_of_simulation
@@ -428,6 +428,34 @@ def test_command_line(tmp_path, monkeypatch):
     assert seen["floor"] == 0.0 and "free" not in seen
     refusal = CliRunner().invoke(main, arguments[:3])
     assert refusal.exit_code == 2 and "--simulated" in refusal.output
+
+
+def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
+    """Of the candidates the base and two are there; the page and the files are written."""
+    rs.save_decay(decay(1.0, HIDDEN["quadratic_drag"][0]["force"]), tmp_path / "test.csv")
+    (tmp_path / "model.json").write_text(MODEL.to_json())
+    fitted, calls = search._fitted, []
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return fitted(*arguments)
+
+    monkeypatch.setattr(search, "_fitted", interrupted)
+    monkeypatch.chdir(tmp_path)
+    arguments = [
+        "diagnose",
+        "--measured",
+        "test.csv",
+        "--model",
+        "model.json",
+        "--json",
+        "all.json",
+    ]
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 130 and "Interrupted when 3 were compared" in done.output
+    assert (tmp_path / "test_diagnosis.html").is_file() and (tmp_path / "all.json").is_file()
 
 
 def test_clamped_beam_has_another_linear_frequency(measured):

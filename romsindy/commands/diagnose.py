@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
+from romsindy.commands.main import INTERRUPTED
+from romsindy.commands.options import Output, bar
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.physics.model import ReducedModel
 from romsindy.record.files import load_decay
+from romsindy.text import aligned
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -40,9 +41,9 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 )
 @click.option("--floor", type=float, help="Disagreement that does not matter, per amplitude.")
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
-@click.option("--report", type=click.Path(path_type=Path), help="Name of the HTML report.")
-@click.option("--json", "json_file", type=click.Path(path_type=Path), help="Write the result.")
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table.")
+@click.option("--report", type=Output(), help="Name of the HTML report.")
+@click.option("--json", "json_file", type=Output(), help="Write the result.")
+@click.option("--csv", "csv_file", type=Output(), help="Write the table.")
 def diagnose(
     measured: tuple[Path, ...],
     simulated: Path | None,
@@ -64,21 +65,22 @@ def diagnose(
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
     one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
-    and the damping in proportion to mass.
+    and the damping in proportion to mass. An interruption (Ctrl-C) keeps what was compared.
     """
     if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
         raise click.UsageError("name one of --simulated, --model and --beam")
+    page = report or Output.of(f"{measured[0].stem}_diagnosis.html")
     simulation, columns = _simulation(simulated, model_file, beam_file, unit, column)
     decays = [load_decay(f, unit, column=columns, start=start, end=end) for f in measured]
     test = None if held_out is None else load_decay(held_out, unit, column=columns)
     # What was not given stays as the simulation has it; 0 and nothing are given values.
     unsure = [name for name in free if name != "nothing"] if free else None
     asked = {"free": unsure, "floor": floor}
-    with tqdm(desc="candidates", leave=False, disable=not sys.stderr.isatty()) as bar:
+    with bar(None, "candidates") as steps:
 
         def progress(candidate: str) -> None:
-            bar.set_postfix_str(candidate)
-            bar.update()
+            steps.set_postfix_str(candidate)
+            steps.update()
 
         result = run_diagnosis(
             **simulation | {k: v for k, v in asked.items() if v is not None},
@@ -88,18 +90,17 @@ def diagnose(
             progress=progress,
         )
     click.echo(f"{result.verdict}: {result.sentence}\n")
-    of_sensors: list[list[str]] = (
-        [[], *result.sensor_table()] if isinstance(result, BeamReport) else []
-    )
-    for row in [*result.gap.table(), *of_sensors, [], *result.table()]:
-        click.echo("  ".join(cell.ljust(22) for cell in row).rstrip())
-    page = report or Path(f"{measured[0].stem}_diagnosis.html")
+    of_sensors = [result.sensor_table()] if isinstance(result, BeamReport) else []
+    for rows in (result.gap.table(), *of_sensors, result.table()):
+        click.echo(f"{aligned(rows)}\n")
     result.to_html(page)
-    click.echo(f"\nReport: {page}")
+    click.echo(f"Report: {page}")
     if json_file is not None:
         json_file.write_text(result.to_json() + "\n", encoding="utf-8")
     if csv_file is not None:
         result.to_csv(csv_file)
+    if result.interrupted:
+        raise click.exceptions.Exit(INTERRUPTED)
 
 
 def _simulation(

@@ -120,6 +120,8 @@ class DiagnosisReport:
         Before and after, on what took no part.
     records : tuple of Record
     scales : Scales
+    interrupted : bool
+        Whether the search was stopped before its end: what it had compared is all there is.
     """
 
     verdict: Verdict
@@ -133,6 +135,7 @@ class DiagnosisReport:
     gap: Gap
     records: tuple[Record, ...]
     scales: Scales
+    interrupted: bool = False
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
@@ -181,6 +184,12 @@ class DiagnosisReport:
     @property
     def sentence(self) -> str:
         """The finding in one or two sentences."""
+        if self.interrupted:
+            return f"Interrupted when {len(self.compared)} were compared. {self._finding}"
+        return self._finding
+
+    @property
+    def _finding(self) -> str:
         before, after = self.gap.before, self.gap.after
         where = "what was held out" if self.gap.unseen else "the records themselves"
         change = "falls" if after < before else "goes"

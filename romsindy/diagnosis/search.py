@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -47,6 +47,7 @@ class Finding:
     rivals: list[Hypothesis]  # what the data do not tell apart
     compared: list[Hypothesis]  # all that were fitted
     base: Hypothesis  # without any effect
+    interrupted: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class Search:
     records: Sequence[Record]
     free: tuple[Part, ...]  # always fitted, blamed only if nothing else is
     options: Options
+    done: list[Hypothesis] = field(default_factory=list)  # what is left by an interrupt
 
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
         """Fit and weigh the unsure values together with some effects."""
@@ -69,7 +71,12 @@ class Search:
         given = (self.model, self.records, len(self.free))
         # Functions of data alone go to other processes: a Search holds what cannot.
         tasks = (delayed(_fitted)(*given, (*self.free, *parts)) for parts in trials)
-        return list(Parallel(self.options.n_jobs)(tasks))
+        fits = Parallel(self.options.n_jobs, return_as="generator")(tasks)
+        found = []
+        for hypothesis in fits:
+            found.append(hypothesis)
+            self.done.append(hypothesis)
+        return found
 
     def polished(self, several: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Go on with the fits that have not come to their end."""
@@ -82,7 +89,7 @@ class Search:
         return examine(self.records, s.residuals, s.n_values, self.options.false_alarm)
 
     def run(self) -> Finding:
-        """Look for the best hypothesis.
+        """Look for the best hypothesis; an interrupt keeps what was compared.
 
         Raises
         ------
@@ -95,8 +102,25 @@ class Search:
                 "the model has no motion near that of the records: small disturbances of it grow"
                 " without bound; check the signs and the units of its coefficients"
             )
-        best = base
-        seen: list[Hypothesis] = [base]
+        interrupted = False
+        try:
+            best, seen = self._best_of(base)
+        except KeyboardInterrupt:
+            seen, interrupted = [base, *self.done[1:]], True  # the first is the base
+            best = ranked(seen)[0]
+        # An effect beside values that moved is no rival of these alone unless it gains something.
+        seen = [
+            h
+            for h in seen
+            if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))
+        ]
+        if not self.remainder(best).explained:
+            best = self._plainest([best, *seen])
+        return Finding(self._rivals(best, seen), ranked(seen), base, interrupted)
+
+    def _best_of(self, base: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
+        """The best hypothesis, and all that were weighed on the way."""
+        best, seen = base, [base]
         first: Screening | None = None
         while len(best.effects) < self.options.max_effects and not self._negligible(best):
             screening = self._screened(best)
@@ -118,15 +142,7 @@ class Search:
         best, tried = self._pruned(best)
         seen += tried
         seen += self._replaced(best, first) if first is not None else []
-        # An effect beside values that moved is no rival of these alone unless it gains something.
-        seen = [
-            h
-            for h in seen
-            if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))
-        ]
-        if not self.remainder(best).explained:
-            best = self._plainest([best, *seen])
-        return Finding(self._rivals(best, seen), ranked(seen), base)
+        return best, seen
 
     def _settled(self, base: Hypothesis) -> Hypothesis:
         """The hypothesis that all others are held against, at its least misfit."""

@@ -48,7 +48,7 @@ def diagnose_model(
     looked_for = tuple(e for e in options.catalogue if e.name not in names)
     search = Search(model, records, parts, replace(options, catalogue=looked_for))
     found = search.run()
-    best = _snapped(search, found.rivals[0])
+    best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
     rivals = [best, *found.rivals[1:]]
     left = search.remainder(best)
     gap = Gap(tuple(predict(model, best.solution.parts, test) for test in tests), bool(late))
@@ -64,6 +64,7 @@ def diagnose_model(
         gap=gap,
         records=tuple(records),
         scales=all_scales,
+        interrupted=found.interrupted,
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from romsindy.record.backbone import Backbone
 from romsindy.show.page import Picture, write_page
@@ -67,4 +68,5 @@ def _draw(backbones: Mapping[str, Backbone], figure: Figure) -> None:
     frequency.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({', '.join(sorted(units))})")
     damping.set(xlabel="damping ratio (%)")
     frequency.set_ylim(0, None)
+    frequency.xaxis.set_major_locator(MaxNLocator(5))
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")

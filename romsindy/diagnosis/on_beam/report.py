@@ -114,6 +114,11 @@ class BeamReport:
         return self.reduced.gap
 
     @property
+    def interrupted(self) -> bool:
+        """Whether the search was stopped before its end."""
+        return self.reduced.interrupted
+
+    @property
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         left_out = "".join(f"The {fault} and was left out. " for fault in self.faults)

@@ -127,6 +127,8 @@ def _looked_again(
     """
     most = 1
     for _ in range(_ROUNDS):
+        if report.interrupted:
+            return report, "interrupted"
         parts = on_the_beam(report.best.solution.parts)
         try:
             found = simulate(parts)
