@@ -200,7 +200,7 @@ def test_the_usual_name_of_the_page_may_be_taken(run, record, tmp_path):
 
 
 def test_several_channels(run, tmp_path):
-    """`inspect` looks at the liveliest; `identify` asks which, and the answer works: both, or one."""
+    """`inspect` looks at the liveliest; `identify` asks which; both together, or one, work."""
     t, q = duffing(1.0, 3)
     write(tmp_path / "two.csv", t, "t [s],base [m],left tip [m]", 0.1 * q, q)
     printed = run("inspect", "two.csv").output
