@@ -86,8 +86,8 @@ def test_releases_hum_and_channels(twice):
     assert "steady: mains" in str(twice) and "which moves most" not in str(twice)
     assert "give it by unit=" in str(twice)
     assert "release 1 and 2" not in str(twice) and "releases 1 and 2" in str(twice)
+    assert "in channels base and tip, releases 1 and 2" in str(twice)
     assert "Left out: steady tone 2 at 50 Hz." in str(twice)
-    assert "in channels base and tip together" in str(twice)
     both, second = twice.decays(), twice.decays(release=2)
     assert len(both) == 2 and len(second) == 1 and both[1].same_record(second[0])
     assert [n.channel for n in twice.noise] == ["base", "tip"]

@@ -6,6 +6,7 @@ import pytest
 from romsindy.record.isolation import isolated
 from romsindy.record.ridges import find_ridges
 from romsindy.record.signals import downsample
+from romsindy.record.together import together
 from romsindy.record.vibrations import dominant, find_vibrations, resonances
 
 RATE = 2000.0
@@ -109,3 +110,19 @@ def test_downsampled_signal_is_the_slow_signal():
     # Odd reflection has a kink where the slope of the signal changes: 1e-3 at the very ends.
     assert np.abs(coarse - slow[::20]).max() < 3e-3
     assert np.abs(coarse - slow[::20])[20:-20].max() < 2e-4
+
+
+def test_channels_together_are_the_mode_with_less_noise():
+    """Three channels of one noise: the error of their weighted sum is that of one over |shape|."""
+    rng, level = np.random.default_rng(5), 0.02
+    own, other = tone(40.0, 0.003)[0], tone(97.0, 0.004, 0.5)[0]
+    shape = np.array([1.0, -0.8, 0.5])
+    x = np.outer(own, shape) + np.outer(other, [1.0, 0.3, -1.1])
+    x = np.column_stack([x, tone(23.0, 0.01)[0]]) + level * rng.standard_normal((len(T), 4))
+    (ridge,) = [v.tone for v in find_vibrations(x[:, 0], 1 / RATE) if v.mean_frequency < 50]
+    found = together(T, x, 0, ridge)
+    assert found.shape[:3] == pytest.approx(shape, abs=0.01)
+    assert found.shape[3] == 0  # another vibration
+    weights = shape / (shape @ shape)
+    rest = found.x - own - (weights @ [1.0, 0.3, -1.1]) * other
+    assert rest.std() == pytest.approx(level / np.linalg.norm(shape), rel=0.03)

@@ -23,7 +23,9 @@ _READING = (
         type=click.Choice(list(QUANTITIES)),
         help="What was measured.  [default: what unit or header say]",
     ),
-    click.option("--column", multiple=True, help="Name of a measured column; repeatable."),
+    click.option(
+        "--column", multiple=True, help="Name of a measured column; several are used together."
+    ),
     click.option("--time", help="Name of the time column."),
     click.option("--rate", type=float, help="Samples per second, for files without times."),
     click.option("--start", type=float, help="Use the record from this time on, s."),
@@ -45,12 +47,11 @@ def read(file: Path, reading: Mapping[str, Any]) -> Recording:
 
 
 def command_line(file: Path, reading: Mapping[str, Any]) -> str:
-    """The command that reads a file in this way, ready to be pasted; without several columns."""
+    """The command that reads a file in this way, ready to be pasted."""
     words = ["romsindy", "identify", str(file)]
-    columns = reading["column"]
-    given = {**reading, "column": columns[0] if len(columns) == 1 else None}
-    for name, value in given.items():
-        if value is not None:
+    columns = [("column", name) for name in reading["column"]]
+    for name, value in [*columns, *reading.items()]:
+        if value is not None and (name != "column" or isinstance(value, str)):
             words += [f"--{name}", f"{value:.12g}" if isinstance(value, float) else str(value)]
     return shlex.join(words)
 

@@ -12,6 +12,7 @@ from romsindy.inspection.modes import Mode
 from romsindy.text import TextTable, aligned, as_options, listed, quantity
 
 _MOST_STEPS = 5  # of a kind that are offered
+_MOST_TOGETHER = 4  # channels of a command
 
 
 def report(found: Findings, command: str = "") -> str:
@@ -72,9 +73,8 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     used = f"Used: mode {mode.number} at {mode.mean_frequency:.5g} Hz"
     if mode is found.mode() and sum(not m.steady for m in found.modes) > 1:
         used += ", which moves most,"
-    together = "s {} together" if len(found.together) > 1 else " {}"
-    used += f" in channel{together.format(listed(found.together))}"
-    used += f", release{'s' * (len(names) > 1)} {listed(names)}."
+    channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
+    used += f" in {channels}, release{'s' * (len(names) > 1)} {listed(names)}."
     left = [m for m in found.modes if m is not mode]
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
     kinds = {False: "mode", True: "steady tone"}
@@ -101,12 +101,14 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     if len(found.rings_in(main)) > 1:
         choices.append(("release", found.rings_in(main)[0] + 1))
     if command:
-        columns = [f"--column {shlex.quote(name)}" for name in channels]
-        start = " ".join([command, *columns]) if len(channels) > 1 else command
+        used = found.together if len(found.together) <= _MOST_TOGETHER else (found.channel,)
+        names = "".join(f" --column {shlex.quote(name)}" for name in used)
+        start = command + names if channels[1:] else command
         yield start
         yield from (f"{start} --{name} {value}" for name, value in choices[:_MOST_STEPS])
-        alone = columns[:_MOST_STEPS] if len(channels) > 1 else []
-        yield from (f"{command} {column}" for column in alone)
+        others = [shlex.quote(name) for name in channels if (name,) != used]
+        alone = others if channels[1:] else []
+        yield from (f"{command} --column {name}" for name in alone[:_MOST_STEPS])
     else:
         yield "romsindy.identify(found.decays())"
         calls = (f"romsindy.identify(found.decays({n}={v}))" for n, v in choices[:_MOST_STEPS])
