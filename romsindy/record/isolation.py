@@ -19,7 +19,7 @@ from romsindy.typing import Array
 # Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.
 _SLOW = 0.7
 # Half of a band round the frequencies of another vibration, and the widest band, as ratios.
-_STOP, _WIDEST = 0.06, 1.4
+_STOP, _WIDEST = 0.03, 1.4
 _SHARED = (
     "where others ring, harmonics of it were taken off with them: {}; what shows there, as"
     " asymmetry does at harmonic 2, is not known"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 from scipy.signal import decimate
 
+from romsindy.record.noise import HARMONICS
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
@@ -344,7 +345,18 @@ def _phase_of(track: Track) -> BSpline:
 
 
 def _knots(ridge: Ridge, others: Sequence[Ridge]) -> float:
-    """Cycles between knots: so many that the amplitude does not follow a neighbour's beat."""
+    """Cycles between knots: so many that the amplitude does not follow a neighbour's beat.
+
+    Neighbours are other tones and, of lower ones, their harmonics, which may be too faint for
+    ridges of their own. A tone that decays fast has no more than a knot in every e-fold.
+    """
     f = float(np.median(ridge.frequency))
-    apart = [abs(float(np.median(o.frequency)) / f - 1) for o in others]
-    return float(np.clip(1.5 / max(min(apart, default=1.0), 1e-3), _FINE_KNOTS, _COARSE_KNOTS))
+    near = [
+        abs(n * float(np.median(o.frequency)) / f - 1)
+        for o in others
+        for n in range(1, HARMONICS + 1)
+    ]
+    fold = np.log(max(ridge.amplitude.max() / max(ridge.amplitude[-1], 1e-300), np.e))
+    cycles = f * (ridge.end - ridge.start) / fold
+    most = np.clip(cycles, _FINE_KNOTS, _COARSE_KNOTS)
+    return float(np.clip(1.5 / max(min(near, default=1.0), 1e-3), _FINE_KNOTS, most))
