@@ -318,3 +318,30 @@ def measured_channels(folder):
     with np.load(folder / "cantilever_steel_accelerometers.npz") as data:
         for i, x in enumerate(data["acc"].T):
             yield f"acc[{i}]", data["t"], x
+
+
+def test_rail_with_noise_behind_it():
+    """Two samples above the rail of a converter do not hide that it clips there."""
+    t = np.arange(0, 10, 0.002)
+    x = np.clip(1.5 * np.exp(-0.2 * t) * np.cos(2 * np.pi * 4 * t), -1, 1)
+    top = np.flatnonzero(x == 1)
+    x[top[[3, 40]]] += 0.002
+    _, defects = clean(Recording(t, x))
+    (clipping,) = [d for d in defects if d.kind == "clipping"]
+    assert clipping.start < 0.02 and f"({np.sum(np.abs(x) >= 1)} samples)" in clipping.message
+
+
+def test_structure_that_is_held_anew_is_no_drift():
+    """Let go from 12, and 28 s later pulled to 7 within a second, held, and let go again."""
+    t = np.arange(0, 56, 0.005)
+
+    def swing(start, size):
+        s = np.clip(t - start, 0, None)
+        return size * np.exp(-0.1 * s) * np.cos(2 * np.pi * 1.6 * s)
+
+    pull = 7 * np.clip(t - 28.5, 0, 1)
+    x = np.where(t < 28.5, swing(0, 12), np.where(t < 31, pull, swing(31, 7)))
+    x += 0.01 * np.random.default_rng(1).standard_normal(len(t))
+    cleaned, defects = clean(Recording(t, x))
+    assert not {d.kind for d in defects} & {"drift", "step"}
+    assert np.abs(cleaned.x[:, 0] - x).max() < 0.1

@@ -164,3 +164,14 @@ def test_decays_are_inspected_too():
     (mode,) = found.modes
     # Its frequency goes from 0.894 to 0.955 Hz, and its harmonics belong to it.
     assert 0.89 < mode.mean_frequency < 0.96 and 2 in mode.harmonics
+
+
+def test_a_file_is_read_as_it_is_asked_for(tmp_path):
+    t = np.arange(0, 8, 1 / RATE)
+    np.savetxt(tmp_path / "plain.txt", 1e3 * decay(LOW, 0.01, t))
+    seen = rs.inspect(tmp_path / "plain.txt", unit="mm", rate=RATE)
+    assert seen.recording.unit == "m" and seen.dominant.amplitude[0] < 1.01
+    with pytest.raises(ValueError, match="say how a file is read"):
+        rs.inspect(seen.recording, unit="mm")
+    with pytest.raises(ValueError, match="lower frequency first"):
+        seen.mode(band=(30.0, 5.0))

@@ -126,3 +126,25 @@ def test_channels_together_are_the_mode_with_less_noise():
     weights = shape / (shape @ shape)
     rest = found.x - own - (weights @ [1.0, 0.3, -1.1]) * other
     assert rest.std() == pytest.approx(level / np.linalg.norm(shape), rel=0.03)
+
+
+def test_high_harmonics_stay_with_their_vibration():
+    """A seventh harmonic that is taken for another vibration would be taken off."""
+    a = np.exp(-1.2 * T)
+    phase = 2 * np.pi * (40 * T + 4 * (1 - a**2) / 2.4)
+    x = a * (np.cos(phase) + 0.05 * np.cos(3 * phase) + 0.03 * np.cos(7 * phase)) + noise(1e-4)
+    (found,) = find_vibrations(x, 1 / RATE)
+    assert [n for n, _ in found.harmonics] == [3, 7]
+
+
+def test_strong_tone_near_a_multiple_is_no_harmonic():
+    """A quarter of a second of 64.6 Hz, and of 271.6 Hz, which is 4.2 times as fast."""
+    t = np.arange(0, 0.25, 1 / 5000)
+    x = 0.3 * tone(64.6, 0.01, t=t)[0] + tone(271.6, 0.003, t=t)[0]
+    assert any(abs(v.mean_frequency / 271.6 - 1) < 0.01 for v in find_vibrations(x, 1 / 5000))
+
+
+def test_tone_that_is_driven_stays():
+    driven = tone(17.6, 1e-7)[0] + tone(18.0, 0.02, 0.5)[0] + noise(1e-3)
+    assert any(v.stays for v in find_vibrations(driven, 1 / RATE))
+    assert not any(v.stays for v in find_vibrations(tone(40.0, 2e-3)[0] + noise(1e-3), 1 / RATE))

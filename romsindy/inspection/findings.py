@@ -113,7 +113,18 @@ class Findings:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is wrong with the record, a sentence each."""
-        return tuple(str(d) for d in self.defects)
+        return (*(str(d) for d in self.defects), *self._not_free())
+
+    def _not_free(self) -> list[str]:
+        """Modes that end without decaying: no free vibration does."""
+        return [
+            f"mode {m.number} ({m.mean_frequency:.5g} Hz) does not decay at the end of release"
+            f" {i + 1}: if something drives it, it is no free decay; cut the record with start= and"
+            " end="
+            for m in self.modes
+            for i, part in enumerate(m.parts)
+            if part is not None and not m.steady and part.stays
+        ]
 
     def decays(
         self,
@@ -162,6 +173,8 @@ class Findings:
         if band is None:
             return self.dominant
         low, high = band
+        if not low < high:
+            raise ValueError(f"band = {low:g} {high:g} must name the lower frequency first, in Hz")
         inside = [m for m in self.modes if low <= m.mean_frequency <= high and not m.steady]
         if not inside:
             raise ValueError(

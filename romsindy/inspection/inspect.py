@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ def inspect(
     *,
     channel: str | None = None,
     progress: Callable[[str], None] | None = None,
+    **reading: Any,
 ) -> Inspection:
     """Find out what is in a record: releases, modes, noise and defects.
 
@@ -37,6 +39,8 @@ def inspect(
         decays are made of all channels together, each as far as the mode shows in it in phase.
     progress : callable, optional
         Called with a line of text for every tone that was followed.
+    **reading
+        Of a file: unit, quantity, column, time, rate, start, end, as `load_recording` takes them.
 
     Returns
     -------
@@ -47,7 +51,11 @@ def inspect(
     ValueError
         If the file cannot be understood, or there is no such channel.
     """
-    recording = _recording(record)
+    if reading and isinstance(record, (Recording, Decay)):
+        raise ValueError(
+            f"{', '.join(reading)}: these say how a file is read, and {record!r} is none"
+        )
+    recording = _recording(record, reading)
     cleaned, defects = clean(recording)
     name = channel or _liveliest(cleaned)
     cleaned.channel(name)  # refuses one that does not exist
@@ -64,11 +72,11 @@ def inspect(
     )
 
 
-def _recording(record: str | Path | Recording | Decay) -> Recording:
+def _recording(record: str | Path | Recording | Decay, reading: Mapping[str, Any]) -> Recording:
     if isinstance(record, Recording):
         return record
     if not isinstance(record, Decay):
-        return load_recording(record)
+        return load_recording(record, **reading)
     return Recording(
         record.t,
         record.signal,

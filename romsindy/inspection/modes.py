@@ -14,7 +14,7 @@ from romsindy.typing import Array
 _SAME = 0.03
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mode:
     """One vibration of a structure, in every release in which it rings.
 
@@ -28,6 +28,13 @@ class Mode:
 
     number: int
     parts: tuple[Vibration | None, ...]
+
+    def __repr__(self) -> str:
+        (high, low), (loud, quiet) = self.frequency, self.damping_ratio
+        return (
+            f"<Mode {self.number}: {high:.5g} Hz loud, {low:.5g} Hz quiet,"
+            f" damping {100 * loud:.2g} % loud, {100 * quiet:.2g} % quiet>"
+        )
 
     @property
     def rings(self) -> list[Vibration]:

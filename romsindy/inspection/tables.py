@@ -48,7 +48,7 @@ def tables(found: Findings) -> list[TextTable]:
             "Left out",
             [["from [s]", "to [s]", "why"], *_discarded(found)],
         ),
-        TextTable("Defects", [["in the samples"], *([str(d)] for d in found.defects)]),
+        TextTable("Defects", [["what"], *([w] for w in found.warnings)]),
         TextTable(
             f"Modes, from loud to quiet, in channel {found.channel}",
             [[*modes, "harmonics", ""], *(_mode(found, m, steady) for m in found.modes)],

@@ -25,6 +25,9 @@ _RATE = 16
 _MATTERS, _OFTEN = 0.05, 0.1
 # Cycles at either end that count less.
 _TAPER = 4.0
+# What has less than this part of the largest power is still, and what goes so far, in the largest
+# amplitude, within so many cycles was moved by hand.
+_STILL, _ELSEWHERE, _FEW = 0.01, 0.4, 2
 # Of the amplitude: the vibration's own midline moves no further.
 _OWN = 0.25
 # Of what a level or a polynomial leaves: less is left where the slow motion is the vibration's.
@@ -57,6 +60,8 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     # Before the release there may be a hold, whose level is not that of rest.
     begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
     step = max(round(cycle / _RATE), 1)
+    if moved_by_hand(x[begin:], power[begin:], cycle):
+        return float(np.median(x[n - max(round(cycle), 1) :])), np.zeros(n)
     here = np.arange(begin, n, step)
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
     if len(here) < _RATE or not np.any(power[here]):
@@ -73,6 +78,21 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     matters = np.mean(np.abs(slow - level) > amplitude) > _OFTEN
     drift = np.interp(np.arange(n), here, slow - level) if matters else np.zeros(n)
     return (level if np.mean(abs(level) > amplitude) > _OFTEN else 0.0), drift
+
+
+def moved_by_hand(x: Array, power: Array, cycle: float) -> bool:
+    """Whether something that hardly vibrates is taken elsewhere within a few cycles.
+
+    So a structure is displaced and held for another release. No sensor drifts as fast, and what
+    is slow there is no drift that could be read off it. ``power`` is that of the vibration.
+    """
+    few = round(_FEW * cycle)
+    if few < 1 or len(x) <= 2 * few:
+        return False
+    quiet = power < _STILL * power.max()
+    midline = uniform_filter1d(x, max(round(cycle), 1))
+    far = np.abs(midline[few:] - midline[:-few]) > _ELSEWHERE * np.sqrt(2 * power.max())
+    return bool(np.any(far & quiet[few:] & quiet[:-few]))
 
 
 def _own_midline(at: Indices, slow: Array, power: Array, weight: Array) -> Array:

@@ -19,6 +19,9 @@ _FEWEST = 4
 _LONGER = 3.0
 # Of the resolution: rounding flattens a turning point by less.
 _FLAT = 8.0
+# A rail lies within this part of the range below the largest sample; noise that is added behind
+# it may lift one sample in so many over it.
+_NEAR_RAIL, _FEW_BEYOND = 0.02, 10
 # Samples of the longest spike: what is longer is a blow, or motion.
 LONGEST_SPIKE = 5
 
@@ -82,12 +85,21 @@ def clipped(x: Array) -> Mask:
     """
     marked, step = np.zeros(len(x), bool), resolution(x)
     for y in (x, -x):
-        top = np.nanmax(y)
-        flat = top - y <= 1e-9 * np.nanmax(np.abs(np.diff(y[np.isfinite(y)])))
+        flat = _rail(y) - y <= 1e-9 * np.nanmax(np.abs(np.diff(y[np.isfinite(y)])))
         for run in runs(flat):
             if run.stop - run.start > 1 and _rises(y, run) > _FLAT * step:
                 marked[run] = True
     return marked
+
+
+def _rail(y: Array) -> float:
+    """The largest value, or the one below that the largest samples stick to but for a few."""
+    high = y[y > np.nanmax(y) - _NEAR_RAIL * np.ptp(y[np.isfinite(y)])]
+    values, counts = np.unique(high, return_counts=True)
+    most = int(np.argmax(counts))
+    beyond = int(counts[most + 1 :].sum())
+    stuck = counts[most] >= _FEWEST and _FEW_BEYOND * beyond < counts[most]
+    return float(values[most] if stuck else values[-1])
 
 
 def _rises(y: Array, run: slice) -> float:

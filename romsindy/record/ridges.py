@@ -141,6 +141,8 @@ def only_ridge(x: Array, dt: float) -> list[Ridge]:
     except ValueError:
         return []  # no vibration
     found = spline.amplitudes
+    if found.c.shape[1] < 2:
+        return []  # hardly two samples a cycle
     z = BSpline(found.t, found.c[:, 1], found.k)
     turns = (spline.phase(t[-1]) - spline.phase(0.0)) / (2 * np.pi)
     at = np.linspace(0, t[-1], max(int(turns), 3) + 1)

@@ -20,13 +20,16 @@ _LEAST_SHARE, _TOLD = 2e-4, 1e-3
 _AS_MUCH = 3.0
 # What lies this near to a ridge with so many times its energy is what its fit has left.
 _RESIDUE_NEAR, _RESIDUE_WEAKER = 0.2, 50.0
+# A tone stays where it is this loud at its end, and the last sixth of its windows is as loud as the
+# one before, over so many cycles.
+_LOUD, _STAYS, _MANY = 0.1, 0.99, 20
 # Cycles that a tone rings, of an exponential 1 / (2 pi zeta): fewer are a
 # transient. The strongest tone may be as short.
 _FLEETING = 4.0
 # A harmonic follows n times the phase: within so many radians in the rms, and so much of its
 # frequency, over so many cycles at least. Over fewer nothing but the ratio can tell, and roughly.
-_HARMONICS, _HARMONIC_NEAR, _LOCKED = 6, 0.03, 0.7
-_CYCLES, _ROUGHLY, _SHORT = 5, 0.1, 24
+_HARMONICS, _HARMONIC_NEAR, _LOCKED = 12, 0.03, 0.7
+_CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 24
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
 _RESONANT = 0.01
@@ -84,6 +87,15 @@ class Vibration:
         thirds = np.linspace(log.max(), log.min(), 4)
         parts = [(log >= low) & (log <= high) for high, low in itertools.pairwise(thirds)]
         return _damping(self.tone, parts[0]), _damping(self.tone, parts[2])
+
+    @property
+    def stays(self) -> bool:
+        """Whether it rings on at its end as loud as before, over many cycles."""
+        a, cycles = self.tone.amplitude, _turns(self.tone)
+        third = a[-max(len(a) // 3, 1) :]
+        loud = third[-1] > _LOUD * a.max() and cycles > 3 * _MANY
+        half = len(third) // 2
+        return bool(loud and half and third[half:].mean() > _STAYS * third[:half].mean())
 
     def __call__(self, t: Array) -> Array:
         """The vibration with its harmonics at times t from the start of the decay."""
@@ -152,23 +164,20 @@ def find_vibrations(
         return ()
     ridges = find_ridges(x, dt, progress)
     if sum(_share(r, t, whole) for r in ridges) < _MOST_OF_IT:
-        few_cycles = only_ridge(x, dt)
-        ridges = [r for r in few_cycles if _share(r, t, whole) > _MOST_OF_IT] or ridges
+        few = [r for r in only_ridge(x, dt) if _turns(r) < _SHORT]
+        ridges = [r for r in few if _share(r, t, whole) > _MOST_OF_IT] or ridges
     share = {id(r): _share(r, t, whole) for r in ridges}
     ridges = [r for r in ridges if share[id(r)] > _LEAST_SHARE]
-    loudest = max(share, key=lambda k: share[k], default=0)
-    ridges = [
-        r
-        for r in ridges
-        if id(r) == loudest
-        or (_cycles(r) > _FLEETING and not any(_is_residue(r, o, share) for o in ridges))
-    ]
+    ridges = [r for r in ridges if not any(_is_residue(r, o, share) for o in ridges)]
     ridges = refined(ridges, x, dt)
     share = {id(r): _share(r, t, whole) for r in ridges}
+    loudest = max(share, key=lambda k: share[k], default=0)
+    ridges = [r for r in ridges if id(r) == loudest or _cycles(r) > _FLEETING]
     moved = {id(r): _energy(r, derivative) for r in ridges}
     found: list[Vibration] = []
     for ridge in sorted(ridges, key=lambda r: -moved[id(r)]):
-        orders = [_harmonic_order(ridge, v.tone) for v in found]
+        weaker = [share[id(ridge)] < v.share for v in found]
+        orders = [_harmonic_order(ridge, v.tone, w) for v, w in zip(found, weaker, strict=True)]
         own = next((i for i, order in enumerate(orders) if order), None)
         if own is None:
             found.append(Vibration(ridge, (), moved[id(ridge)], share[id(ridge)], derivative))
@@ -235,6 +244,11 @@ def _energy(ridge: Ridge, derivative: int) -> float:
     return float(np.trapezoid((size / rate**derivative) ** 2, t) / 2)
 
 
+def _turns(ridge: Ridge) -> float:
+    """Cycles from its start to its end."""
+    return float(ridge.phase(ridge.end) - ridge.phase(ridge.start)) / (2 * np.pi)
+
+
 def _cycles(ridge: Ridge) -> float:
     """Cycles that a tone rings, as its energy is spread over them."""
     t = np.linspace(ridge.start, ridge.end, 8 * len(ridge.t) + 1)
@@ -251,7 +265,7 @@ def _is_residue(ridge: Ridge, other: Ridge, share: dict[int, float]) -> bool:
     return bool(np.median(np.abs(ridge.frequency / near - 1)) < _RESIDUE_NEAR)
 
 
-def _harmonic_order(ridge: Ridge, of: Ridge) -> int:
+def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
     """n where a tone goes with n times the phase of another, or else 0."""
     low, high = max(ridge.t[0], of.t[0]), min(ridge.t[-1], of.t[-1])
     t = np.linspace(low, high, 200)
@@ -265,8 +279,8 @@ def _harmonic_order(ridge: Ridge, of: Ridge) -> int:
     off = float(weight @ np.abs(frequency / (order * slow) - 1))
     cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
     if cycles < _CYCLES:
-        short = of.phase(of.end) - of.phase(of.start) < _SHORT * 2 * np.pi
-        return order if short and off < _ROUGHLY else 0
+        rough = weaker and order <= _LOW and _turns(of) < _SHORT
+        return order if rough and off < _ROUGHLY else 0
     turned = phase - order * base
     turned = turned - weight @ turned
     return order if off < _HARMONIC_NEAR and weight @ turned**2 < _LOCKED**2 else 0
