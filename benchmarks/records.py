@@ -23,6 +23,7 @@ from known_beams import KnownDecay, cached
 from uncertainty import Row
 
 import romsindy as rs
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.record.recording import Recording
 from romsindy.record.signals import with_noise
 
@@ -43,6 +44,14 @@ def at_amplitude(decay: rs.Decay, amplitude: float) -> tuple[float, float, float
     k = int(np.argmin(np.abs(backbone.amplitude - amplitude)))
     frequency, std = backbone.frequency[k] / TURN, backbone.frequency_std[k] / TURN
     return float(frequency), float(std), float(backbone.damping_ratio[k])
+
+
+def verdict(decay: rs.Decay) -> str:
+    """Whether the data are explained, or why there is no identification."""
+    try:
+        return str(rs.identify(decay).verdict)
+    except TrajectoryError as error:
+        return f"regressions alone: {error}"
 
 
 def double_beam(data: Path) -> Iterator[Row]:
@@ -79,14 +88,13 @@ def brake_reuss(data: Path) -> Iterator[Row]:
         decay = seen.decays(mode=1)[0]
         backbone = rs.extract_backbone(decay)
         f, z = backbone.frequency / TURN, 100 * backbone.damping_ratio
-        loud, quiet = slice(5, 10), slice(-40, -10)
-        text = (
-            f"{np.median(f[quiet]):.3f} -> {np.median(f[loud]):.3f} Hz,"
-            f" {np.median(z[quiet]):.3f} -> {np.median(z[loud]):.3f} % at"
-            f" {backbone.amplitude[loud].mean():.2g} m"
+        places = [slice(-40, -10), *(slice(k, k + 5) for k in (40, 20, 5))]
+        text = "; ".join(
+            f"{np.median(f[at]):.3f} Hz, {np.median(z[at]):.3f} % at {backbone.amplitude[at].mean():.2g} m"
+            for at in places
         )
         yield f"Brake-Reuss {name}, mode 1", text, "80.6 -> 80.4 Hz, 0.137 -> 0.245 %"
-        yield f"Brake-Reuss {name}, verdict", str(rs.identify(decay).verdict), "refined"
+        yield f"Brake-Reuss {name}, verdict", verdict(decay), "refined"
 
 
 def steel(data: Path) -> Iterator[Row]:

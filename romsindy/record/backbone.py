@@ -142,6 +142,9 @@ def extract_backbone(decay: Decay, *, cycles: int = 12) -> Backbone:
     return _follow(rise, fall, top, bottom, cycles, record.unit)
 
 
+_Followed = tuple[Array, Array, float]  # values, their standard errors, and the excess of these
+
+
 @dataclass(frozen=True)
 class _Points:
     """Events of a decay: when, how high, and the standard error of the one that matters."""
@@ -235,9 +238,10 @@ def _follow(
     t = _along(rise.at, rise.std, 0.0, middle, cycles, value, _TIME_DEGREE)[0]
     rising = _along(rise.at, rise.std, 0.0, middle, cycles, slope, _TIME_DEGREE)
     falling = _along(fall.at, fall.std, 0.5, middle, cycles, slope, _TIME_DEGREE)
-    period, period_std = (rising[0] + falling[0]) / 2, np.hypot(rising[1], falling[1]) / 2
+    period, period_std = _mean(rising, falling)
     high = _peaks_along(top.value, top.std, 0.25, middle, cycles)
     low = _peaks_along(-bottom.value, bottom.std, 0.75, middle, cycles)
+    amplitude, amplitude_std = _mean(high, low)
     swing = top.value - bottom.value
     swing = np.maximum(swing, _NO_PEAK * swing.max())
     swing_std = np.hypot(top.std, bottom.std) / swing
@@ -246,31 +250,42 @@ def _follow(
     frequency = 2 * np.pi / period
     return Backbone(
         t=t,
-        amplitude=(high[0] + low[0]) / 2,
+        amplitude=amplitude,
         frequency=frequency,
         damping_ratio=decrement / np.hypot(2 * np.pi, decrement),
         positive_peak=high[0],
         negative_peak=-low[0],
-        amplitude_std=np.hypot(high[1], low[1]) / 2,
+        amplitude_std=amplitude_std,
         frequency_std=frequency * period_std / period,
         damping_ratio_std=decrement_std / (2 * np.pi),
         unit=unit,
     )
 
 
-def _peaks_along(
-    size: Array, std: Array, first: float, at: Array, cycles: int
-) -> tuple[Array, Array]:
+def _peaks_along(size: Array, std: Array, first: float, at: Array, cycles: int) -> _Followed:
     """Sizes of peaks followed by their logarithm, which stays positive however fast they decay."""
     size = np.maximum(size, np.maximum(std, _NO_PEAK * size.max()))
-    log_size, log_std = _along(np.log(size), std / size, first, at, cycles, 0, _SIZE_DEGREE)
-    return np.exp(log_size), np.exp(log_size) * log_std
+    log_size, log_std, excess = _along(np.log(size), std / size, first, at, cycles, 0, _SIZE_DEGREE)
+    return np.exp(log_size), np.exp(log_size) * log_std, excess
+
+
+def _mean(one: _Followed, other: _Followed) -> tuple[Array, Array]:
+    """Mean of two values half a cycle apart, and its standard error.
+
+    Errors that the samples round an event show are independent. What exceeds them is noise near
+    the frequency of the vibration, and is the same half a cycle later.
+    """
+    common = 1 - 1 / (one[2] * other[2])
+    variance = one[1] ** 2 + other[1] ** 2 + 2 * common * one[1] * other[1]
+    return (one[0] + other[0]) / 2, np.sqrt(variance) / 2
 
 
 def _along(
     x: Array, std: Array, first: float, at: Array, cycles: int, derivative: int, degree: int
-) -> tuple[Array, Array]:
+) -> _Followed:
     """Value or slope of x against the cycle number, by local polynomials, and its standard error.
+
+    Last comes how much larger the error is than that by the noise round single events.
 
     ``first`` is the cycle number of x[0].
     """
@@ -288,9 +303,8 @@ def _along(
         misfit = x[inside] - powers @ (inverse @ x[inside])
         misfits[i] = np.mean((misfit / np.maximum(std[inside], np.finfo(float).tiny)) ** 2)
     spare = width - degree - 1
-    if spare > 0:
-        result[1] *= _excess(misfits * width / spare, len(x) / width * spare)
-    return result[0], result[1]
+    excess = _excess(misfits * width / spare, len(x) / width * spare) if spare > 0 else 1.0
+    return result[0], excess * result[1], excess
 
 
 def _excess(variance: Array, freedom: float) -> float:

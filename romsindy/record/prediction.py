@@ -23,8 +23,8 @@ _RIDGE = 1e-4  # of the mean square: vibrations of 1 % and noise alike do not ma
 # is usual in the record.
 _PART, _USUAL = 0.3, 3.5
 _ALONE = 0.5  # the part where one of the predictions is alone: near the ends, or near an event
-# A jump between two samples exceeds those of the half cycles before and after by this factor.
-_JUMP = 3.0
+# A jump between two samples exceeds those of so many cycles before and after by this factor.
+_CYCLES_AROUND, _JUMP = 1.5, 3.0
 JUMP_KNOWN = 3  # samples, to which its instant is known
 # Bands of a third of an octave; the lowest with this part of the energy of the greatest counts.
 _BANDS, _LOWEST = 3, 0.2
@@ -119,11 +119,12 @@ def jumps(x: Array, period: float) -> list[int]:
     smooth = median_filter(x, (3, 1), mode="nearest")
     step = np.zeros_like(x)
     step[2:-2] = np.abs(smooth[3:-1] - smooth[:-4])  # over three intervals, round the second
-    half = max(int(period / 2), 4)
-    # The largest steps of the half cycles that end four samples before and start four after.
-    usual = maximum_filter1d(step, half, axis=0, mode="constant", origin=0)
+    # The period may be that of a vibration that dies before a slower one does.
+    reach = max(int(_CYCLES_AROUND * period), 4)
+    # The largest steps of the cycles that end four samples before and start four after.
+    usual = maximum_filter1d(step, reach, axis=0, mode="constant", origin=0)
     before, after = np.zeros_like(x), np.zeros_like(x)
-    shift = 4 + half // 2
+    shift = 4 + reach // 2
     before[shift:], after[:-shift] = usual[:-shift], usual[shift:]
     least = np.maximum(1e-3 * np.ptp(x, axis=0), np.finfo(float).tiny)
     excess = np.max(step / np.maximum(np.maximum(before, after), least), axis=1)
