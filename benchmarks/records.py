@@ -2,7 +2,8 @@
 
     python benchmarks/records.py [PART ...] --data FOLDER [--cache FOLDER] [--seed 0]
 
-Parts: double_beam, brake_reuss, steel, pendulum, repeats (these need --data), tip_force, long.
+Parts: double_beam, brake_reuss, steel, pendulum, repeats (these need --data); tip_force, bars,
+long.
 Set OMP_NUM_THREADS=1. Defects, releases and files have trials of their own: defects.py,
 releases.py, files.py.
 """
@@ -24,7 +25,7 @@ from uncertainty import Row
 
 import romsindy as rs
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.record.recording import Recording
+from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.signals import with_noise
 
 TURN = 2 * np.pi
@@ -87,10 +88,10 @@ def brake_reuss(data: Path) -> Iterator[Row]:
         yield f"Brake-Reuss {name}, six vibrations", f"at most {max(off):.2f} % off", "0.5 %"
         decay = seen.decays(mode=1)[0]
         backbone = rs.extract_backbone(decay)
-        f, z = backbone.frequency / TURN, 100 * backbone.damping_ratio
+        f, z, a = backbone.frequency / TURN, 100 * backbone.damping_ratio, backbone.amplitude
         places = [slice(-40, -10), *(slice(k, k + 5) for k in (40, 20, 5))]
         text = "; ".join(
-            f"{np.median(f[at]):.3f} Hz, {np.median(z[at]):.3f} % at {backbone.amplitude[at].mean():.2g} m"
+            f"{np.median(f[at]):.3f} Hz, {np.median(z[at]):.3f} % at {a[at].mean():.2g} m"
             for at in places
         )
         yield f"Brake-Reuss {name}, mode 1", text, "80.6 -> 80.4 Hz, 0.137 -> 0.245 %"
@@ -212,6 +213,35 @@ def _tip_force() -> dict[str, np.ndarray]:
     }
 
 
+def bars(seed: int, seeds: int = 6) -> Iterator[Row]:
+    """Error bars of backbones of a linear vibration, whose motion is known in closed form."""
+    t, w, zeta = np.arange(0, 5, 1 / 600), TURN * 20, 0.004
+    pole = w * (-zeta + 1j * np.sqrt(1 - zeta**2))
+    rate = np.sqrt(1 - zeta**2) * w
+    for k, quantity in enumerate(QUANTITIES):
+        clean = np.real(pole**k * np.exp(pole * t + 1j))
+        for snr in (30.0, 50.0):
+            off = []
+            for i in range(seeds):
+                noisy = with_noise(clean, snr, seed + i)
+                seen = rs.inspect(Recording(t, noisy, quantity=quantity, unit="m"))
+                b = rs.extract_backbone(seen.decays()[0])
+                size = np.exp(-zeta * w * b.t)
+                loud = size * w**k > 3 * np.std(clean) * 10 ** (-snr / 20)
+                errors = (
+                    (b.frequency - rate) / b.frequency_std,
+                    (b.damping_ratio - zeta) / b.damping_ratio_std,
+                )
+                off.append(np.abs(np.array(errors)[:, loud]))
+            inside = 100 * np.mean(np.concatenate(off, axis=1) < 2, axis=1)
+            size = np.median(np.concatenate(off, axis=1), axis=1) / 0.674
+            text = (
+                f"{inside[0]:.0f} % of frequencies, {inside[1]:.0f} % of damping ratios within two"
+                f" standard errors; errors {size[0]:.2f} and {size[1]:.2f} times them"
+            )
+            yield f"bars of a measured {quantity}, {snr:g} dB", text, "95 %, 1"
+
+
 def long(seed: int, seconds: float = 100.0, rate: float = 50e3) -> Iterator[Row]:
     """Two modes in white noise: five million samples by default."""
     n = int(seconds * rate)
@@ -246,6 +276,7 @@ def main(parts: tuple[str, ...], data: Path | None, cache: Path | None, seed: in
     """Print every row: what, measured, asked."""
     made: dict[str, Callable[[], Iterator[Row]]] = {
         "tip_force": partial(tip_force, cache, seed),
+        "bars": partial(bars, seed),
         "long": partial(long, seed),
     }
     if data is not None:

@@ -18,6 +18,8 @@ _ARC = 1 / 8
 _CROSSING_DEGREE, _PEAK_DEGREE = 3, 4
 # Degrees in the cycle number: of crossing times, and of logarithms of peaks, which are straighter.
 _TIME_DEGREE, _SIZE_DEGREE = 4, 2
+# Errors of neighbours are correlated by this much at most.
+_MOST_ALIKE = 0.8
 # A part of the largest amplitude that stands for none at all.
 _NO_PEAK = 1e-12
 # A cycle whose own frequency has a larger relative standard error judges no model.
@@ -292,7 +294,7 @@ def _along(
     number = first + np.arange(len(x))
     width = min(cycles, len(x))
     degree = min(degree, width - 1, max(1, width - 2))
-    result, misfits = np.empty((2, len(at))), np.empty(len(at))
+    result, misfits = np.empty((2, len(at))), np.empty((len(at), width))
     for i, centre in enumerate(at):
         low = int(np.clip(np.round(centre - first - (width - 1) / 2), 0, len(x) - width))
         inside = slice(low, low + width)
@@ -301,10 +303,27 @@ def _along(
         weights = inverse[derivative] / width**derivative
         result[:, i] = weights @ x[inside], np.sqrt(np.sum((weights * std[inside]) ** 2))
         misfit = x[inside] - powers @ (inverse @ x[inside])
-        misfits[i] = np.mean((misfit / np.maximum(std[inside], np.finfo(float).tiny)) ** 2)
+        misfits[i] = misfit / np.maximum(std[inside], np.finfo(float).tiny)
     spare = width - degree - 1
-    excess = _excess(misfits * width / spare, len(x) / width * spare) if spare > 0 else 1.0
+    if spare <= 0:
+        return result[0], result[1], 1.0
+    excess = _excess(np.mean(misfits**2, axis=1) * width / spare, len(x) / width * spare)
+    if excess > 1:
+        excess *= _persistence(misfits, np.eye(width) - powers @ inverse)
     return result[0], excess * result[1], excess
+
+
+def _persistence(misfits: Array, left: Array) -> float:
+    """How much larger a mean of errors is because neighbours err alike; 1 at least.
+
+    That of an autoregression of the first order. Its coefficient is what neighbouring misfits
+    (n, width) have in common beyond what polynomials leave of independent errors: ``left`` maps
+    errors to misfits.
+    """
+    own, next_one = np.sum(misfits**2), np.sum(misfits[:, 1:] * misfits[:, :-1])
+    expected = np.trace(left, 1) / np.trace(left)
+    alike = float(np.clip(next_one / own - expected, 0.0, _MOST_ALIKE))
+    return float(np.sqrt((1 + alike) / (1 - alike)))
 
 
 def _excess(variance: Array, freedom: float) -> float:
