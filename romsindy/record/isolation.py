@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
@@ -25,8 +26,10 @@ _SHARED = (
     " asymmetry does at harmonic 2, is not known"
 )
 # An end is spoiled where a cycle differs from the smooth vibration by this many times what is
-# usual, and by more than that part of its size. Fewer cycles are too few to say what is usual.
-_SPOILED, _HARMLESS, _FEW_CYCLES, _MOST_SPOILED = 4.0, 0.005, 30, 5
+# usual, and by more than that part of its size: of the displacement, and of the measured signal.
+# Fewer cycles are too few to say what is usual.
+_SPOILED, _HARMLESS, _LOUD = 4.0, 0.005, 0.5
+_FEW_CYCLES, _MOST_SPOILED = 30, 5
 # Samples a cycle of what is returned: six harmonics, and noise beyond them.
 _SAMPLES_PER_CYCLE = 20
 _TERMS = 2  # of an integration by parts
@@ -81,12 +84,15 @@ def isolated(
     if shared:
         notes = (*notes, _SHARED.format(", ".join(shared)))
     alone, q, smooth = _with_displacement(alone, own, clock)
-    kept = _unspoiled(q - smooth, smooth, dt, own) if others or own.derivative else slice(None)
     factor = max(int(enough / coarse), 1)
-    t, alone, q, rest = (x[kept] for x in (t, alone, q, alone - own(clock)))
-    if factor > 1:
-        alone, q, rest = (downsample(x, factor) for x in (alone, q, rest))
-        t = t[::factor]
+    alone, q, smooth, tone = (downsample(x, factor) for x in (alone, q, smooth, own(clock)))
+    rest: Array = alone - tone
+    t = t[::factor]
+    if others or own.derivative:
+        spoiled = _spoiled(q - smooth, smooth, dt * factor, own, _HARMLESS)
+        spoiled |= _spoiled(rest, tone, dt * factor, own, _LOUD)
+        kept = _between(spoiled, len(t), dt * factor, own)
+        t, alone, q, rest = (x[kept] for x in (t, alone, q, rest))
     # Steady noise is in all of its spectrum; what is more than that others have left.
     leftover = np.sqrt(max(float(np.mean(rest**2)) - noise_std(rest) ** 2, 0.0)) if told else 0.0
     if told:
@@ -137,20 +143,32 @@ def _filtered(x: Array, band: float | tuple[float, float], kind: str, dt: float)
     return np.asarray(sosfiltfilt(butter(3, band, kind, fs=1 / dt, output="sos"), x), float)
 
 
-def _unspoiled(rest: Array, smooth: Array, dt: float, own: Vibration) -> slice:
-    """Samples between the ends at which more is left than elsewhere; a cycle at least goes."""
-    cycle = max(round(1 / (own.mean_frequency * dt)), 1)
+def _spoiled(
+    rest: Array, smooth: Array, dt: float, own: Vibration, harmless: float
+) -> NDArray[np.bool_]:
+    """Cycles in which more is left than in others, and more than a harmless part of it."""
+    cycle = _cycle(own, dt)
     n = len(rest) // cycle
-    if n < _FEW_CYCLES:
-        return slice(None)
     left, size = (
         np.sqrt(np.mean(x[: n * cycle].reshape(n, cycle) ** 2, axis=1)) for x in (rest, smooth)
     )
     part = left / np.maximum(size, 1e-9 * size.max())
-    bad = part > max(_SPOILED * float(np.median(part)), _HARMLESS)
-    most = max(min(n // 10, _MOST_SPOILED), 1)
-    first, last = (next((i for i in range(1, most) if not b[i]), most) for b in (bad, bad[::-1]))
-    return slice(first * cycle, len(rest) - last * cycle)
+    return np.asarray(part > max(_SPOILED * float(np.median(part)), harmless))
+
+
+def _between(spoiled: NDArray[np.bool_], n: int, dt: float, own: Vibration) -> slice:
+    """Samples, of n, between spoiled cycles at the ends; a cycle at least goes."""
+    if len(spoiled) < _FEW_CYCLES:
+        return slice(None)
+    most = max(min(len(spoiled) // 10, _MOST_SPOILED), 1)
+    ends = spoiled, spoiled[::-1]
+    first, last = (next((i for i in range(1, most) if not b[i]), most) for b in ends)
+    return slice(first * _cycle(own, dt), n - last * _cycle(own, dt))
+
+
+def _cycle(own: Vibration, dt: float) -> int:
+    """Samples of a mean cycle."""
+    return max(round(1 / (own.mean_frequency * dt)), 1)
 
 
 def _with_displacement(x: Array, own: Vibration, t: Array) -> tuple[Array, Array, Array]:
