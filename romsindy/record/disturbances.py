@@ -61,7 +61,7 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
     step = max(round(cycle / _RATE), 1)
     if moved_by_hand(x[begin:], power[begin:], cycle):
-        return float(np.median(x[n - max(round(cycle), 1) :])), np.zeros(n)
+        return float(np.mean(x[n - max(round(cycle), 1) :])), np.zeros(n)
     here = np.arange(begin, n, step)
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
     if len(here) < _RATE or not np.any(power[here]):

@@ -24,7 +24,7 @@ _RIDGE = 1e-4  # of the mean square: vibrations of 1 % and noise alike do not ma
 _PART, _USUAL = 0.3, 3.5
 _ALONE = 0.5  # the part where one of the predictions is alone: near the ends, or near an event
 # A jump between two samples exceeds those of so many cycles before and after by this factor.
-_CYCLES_AROUND, _JUMP = 1.5, 3.0
+_CYCLES_AROUND, _JUMP = 1.0, 3.0
 JUMP_KNOWN = 3  # samples, to which its instant is known
 # Bands of a third of an octave; the lowest with this part of the energy of the greatest counts.
 _BANDS, _LOWEST = 3, 0.2

@@ -24,7 +24,8 @@ from romsindy.record.swings import (
 )
 from romsindy.typing import Array
 
-# A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go.
+# A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go. Of a
+# displacement, which begins at its peak, it is half as many.
 _WORTH = 0.3
 # Of the swing that follows an event: less before it is rest.
 _REST = 0.1
@@ -239,9 +240,9 @@ def _decays(
     rest = rest_of(x[:stop])
     swing = x[:stop] - rest
     derivative = QUANTITIES.index(recording.quantity)
-    start = first_swing(
-        swing, period, noise, derivative, 0.0 if stretch.before == "event" else _WORTH
-    )
+    worth = _WORTH if derivative else _WORTH / 2
+    least = 0.0 if stretch.before == "event" else worth
+    start = first_swing(swing, period, noise, derivative, least)
     pushed = pushed_again(amplitude[start:stop], period, noise)
     if pushed:
         at = stretch.first + start + pushed
