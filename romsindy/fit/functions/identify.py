@@ -246,6 +246,8 @@ def _assembled(
     # would bend stiffness and inertia.
     whole = [s.sizes.damping == richest.series.sizes.damping for s in structures]
     odds = np.exp([s.log_evidence for s in structures]) * whole
+    # Evidence says little of laws of damping that the data cannot tell apart: they count alike.
+    odds[len(found) :] = odds.max()
     # No structure is exact. However small its evidence, the richest keeps half of the draws.
     counts = np.round(_DRAWS / 2 * odds / odds.sum()).astype(int)
     counts[len(found) - 1] += _DRAWS // 2
