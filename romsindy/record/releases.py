@@ -25,7 +25,7 @@ from romsindy.record.swings import (
 from romsindy.typing import Array
 
 # A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go. Of a
-# displacement, which begins at its peak, it is half as many.
+# displacement, which begins at its peak, it is less.
 _WORTH = 0.3
 # Of the swing that follows an event: less before it is rest.
 _REST = 0.1
@@ -240,7 +240,7 @@ def _decays(
     rest = rest_of(x[:stop])
     swing = x[:stop] - rest
     derivative = QUANTITIES.index(recording.quantity)
-    worth = _WORTH if derivative else _WORTH / 2
+    worth = _WORTH if derivative else 0.75 * _WORTH
     least = 0.0 if stretch.before == "event" else worth
     start = first_swing(swing, period, noise, derivative, least)
     pushed = pushed_again(amplitude[start:stop], period, noise)
