@@ -230,5 +230,5 @@ def _at_the_end(effect: Any) -> Any:
 
 def _exchanged(beam: Any, effect: Spring | PointMass, **values: Any) -> Any:
     """The beam with other values of one of its effects."""
-    new = replace(effect, **values)  # type: ignore[arg-type]
+    new = replace(effect, **values)
     return replace(beam, effects=tuple(new if e is effect else e for e in beam.effects))
