@@ -44,8 +44,7 @@ def one(path: Path, snr: str, levels: dict) -> dict:
         "moved": list(report.best.moved),
         "equivalent": [list(names) for names in report.equivalent],
         "scores": [
-            float(h.score(report.best.excess) - report.best.score(report.best.excess))
-            for h in report.rivals
+            float(h.score - report.best.score) for h in report.rivals
         ],
         "effects": [
             {"name": e.name, "values": e.values, "errors": e.standard_errors}
