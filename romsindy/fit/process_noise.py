@@ -188,7 +188,7 @@ class Marginal:
     def left(self, several: Sequence[Windows], jump: float) -> list[Array]:
         """Whitened misfit of every record, (n,), that jumps of a size do not explain."""
         step = self.solve(jump)[1] - self.solve(0.0)[1]
-        found = []
+        found: list[Array] = []
         for windows in several:
             rest = windows.rows[:, -1] - windows.rows[:, :-1] @ step[windows.where]
             with_rows, each = windows.products()
