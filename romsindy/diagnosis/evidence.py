@@ -38,7 +38,7 @@ class Hypothesis:
     excess: float  # structure left in the residual, over that of noise, at least 1
 
     @classmethod
-    def of(cls, solution: Solution, n_free: int, n_samples: int, structure: float) -> Hypothesis:
+    def of(cls, solution: Solution, n_free: int, n_samples: float, structure: float) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
         if not solution.finite:
             return cls(solution, n_free, (), np.inf, 0.0, np.inf)
@@ -69,7 +69,7 @@ class Hypothesis:
 
 
 def _price_of_free(
-    solution: Solution, slices: Sequence[slice], n_samples: int, excess: float
+    solution: Solution, slices: Sequence[slice], n_samples: float, excess: float
 ) -> tuple[float, float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free.
 

@@ -287,7 +287,7 @@ def _polished(
 
 def _weighed(solution: Solution, records: Sequence[Record], n_free: int) -> Hypothesis:
     left = examine(records, solution.residuals, solution.n_values).structure
-    return Hypothesis.of(solution, n_free, sum(len(r.signal) for r in records), left)
+    return Hypothesis.of(solution, n_free, sum(r.count for r in records), left)
 
 
 def _leaders(singles: Sequence[Screened], each: int) -> list[Screened]:
