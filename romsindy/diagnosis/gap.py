@@ -76,11 +76,11 @@ class Gap:
     @property
     def closed(self) -> float:
         """Part of the squared error beyond the noise that is closed, 0 to 1."""
-        n = sum(len(p.record.signal) for p in self.predictions)
+        n = sum(p.record.count for p in self.predictions)
 
         def beyond(signals: list[Array]) -> float:
             pairs = zip(self.predictions, signals, strict=True)
-            return sum(len(x) * p.error(x) ** 2 for p, x in pairs) / n - 1
+            return sum(p.record.count * p.error(x) ** 2 for p, x in pairs) / n - 1
 
         before = beyond([p.before for p in self.predictions])
         after = beyond([p.after for p in self.predictions])

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
@@ -119,6 +121,10 @@ class DiagnosisReport:
         What the best leaves of the records it was fitted to.
     gap : Gap
         Before and after, on what took no part.
+    differences : tuple of Difference
+        Of the simulation as it was, from every record as a whole.
+    tolerance : Tolerance
+        What does not matter.
     records : tuple of Record
     scales : Scales
     interrupted : bool
@@ -134,6 +140,8 @@ class DiagnosisReport:
     base: Hypothesis
     remainder: Adequacy
     gap: Gap
+    differences: tuple[Difference, ...]
+    tolerance: Tolerance
     records: tuple[Record, ...]
     scales: Scales
     interrupted: bool = False

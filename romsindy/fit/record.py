@@ -40,6 +40,9 @@ class Record:
         Of the signal.
     motion : Trajectory
         Smooth displacement on the steps of the simulation; times from the start of the record.
+    part : (n,) array of bool, optional
+        Which of the whitened samples take part in a fit or a comparison; all by default. The
+        motion goes through the others all the same.
     """
 
     decay: Decay
@@ -48,6 +51,7 @@ class Record:
     noise: Noise
     spline: HarmonicSpline
     motion: Trajectory
+    part: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(cls, decay: Decay, floor: float) -> Record:
@@ -122,7 +126,8 @@ class Record:
     @property
     def count(self) -> float:
         """Samples that tell anything; of noise beyond a filter, which is none, few do."""
-        return float(np.sum(self.valid)) * self.noise.share(len(self.signal))
+        valid = self.valid if self.part is None else self.valid & self.part
+        return float(np.sum(valid)) * self.noise.share(len(self.signal))
 
     def until(self, end: float) -> Record:
         """The first seconds of the record, with the noise of all of it."""
@@ -143,7 +148,11 @@ class Record:
     def whitened(self, x: Array) -> Array:
         """Misfits or their derivatives (n, ...) over the noise, made white."""
         valid = self.valid if x.ndim == 1 else self.valid[:, None]
-        return self.noise(x * valid)
+        white = self.noise(x * valid)
+        if self.part is None:
+            return white
+        # White samples are independent: those left out tell nothing about the others.
+        return white * (self.part if x.ndim == 1 else self.part[:, None])
 
 
 def _steps_per_cycle(noise_share: float) -> int:
