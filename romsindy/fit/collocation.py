@@ -13,7 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from romsindy.fit.linear_steps import NODES, Equation, LinearSteps, gains, inverse
+from romsindy.fit.linear_steps import (
+    NODES,
+    Equation,
+    LinearSteps,
+    RememberingEquation,
+    at_nodes,
+    gains,
+    inverse,
+)
 from romsindy.typing import Array
 
 STEPS_PER_CYCLE = 40
@@ -183,6 +191,10 @@ def integrate(
             grid.step, *window, float(np.abs(q[: first + 1]).max())
         ):
             q[first : last + 1], q_dot[first : last + 1], q_ddot[first:last] = window
+            if isinstance(equation, RememberingEquation):
+                at = (*at_nodes(grid.step, *window), window[2])
+                t = grid.node_times(first, last).ravel()
+                equation = equation.after(t, *(x.reshape(-1, r) for x in at))
             first, width = last, 2 * (last - first)
         elif last - first > 1:
             width = (last - first) // 4 or 1
