@@ -97,7 +97,7 @@ class SlidingLaw(MemoryLaw):
     unit = "1/s^2"
 
     @abstractmethod
-    def risen(self, z: Array, way: Array) -> Array:
+    def risen(self, z: Array, way: Array | float) -> Array:
         """z after q has risen by ``way`` (>= 0), from z; both (m, n)."""
 
     def _gone(self, z: Array, way: Array) -> Array:
@@ -120,10 +120,12 @@ class SlidingLaw(MemoryLaw):
         share = q_dot[turn] / (q_dot[turn] - q_dot[turn + 1])
         top = q[turn] + q_dot[turn] * share * (t[turn + 1] - t[turn]) / 2
         start = np.concatenate([q[:1], top])
-        z = np.empty((len(inner), len(start)))
-        z[:, 0] = inner
-        for i, way in enumerate(np.diff(start)[:, None]):
-            z[:, i + 1] = self._gone(z[:, i : i + 1], way)[:, 0]
+        turns = [inner[:, None]]
+        for way in np.diff(start).tolist():
+            # As `_gone`, in plain numbers: there are hundreds of strokes.
+            sign = -1.0 if way < 0 else 1.0
+            turns.append(sign * self.risen(sign * turns[-1], sign * way))
+        z = np.concatenate(turns, axis=1)
         stroke = np.searchsorted(turn, np.arange(len(q)))  # the turn comes after its sample
         return self._gone(z[:, stroke], q - start[stroke])
 
@@ -154,7 +156,7 @@ class SlippingJoint(SlidingLaw):
     def _still(self) -> Array:
         return np.zeros(len(self._slips()))
 
-    def risen(self, z: Array, way: Array) -> Array:
+    def risen(self, z: Array, way: Array | float) -> Array:
         return np.minimum(z + way, self._slips())
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
@@ -192,7 +194,7 @@ class BoucWen(SlidingLaw):
         way = np.concatenate([[0.0], np.cumsum(np.diff(x) / rate)])
         return x, way - way[_TABLE - 1]
 
-    def risen(self, z: Array, way: Array) -> Array:
+    def risen(self, z: Array, way: Array | float) -> Array:
         at, ways = self._table
         gone = np.interp(z / self.slip, at, ways) + way / self.slip
         return self.slip * np.interp(gone, ways, at)
@@ -216,7 +218,7 @@ class Play(SlidingLaw):
     def _still(self) -> Array:
         return np.zeros(1)
 
-    def risen(self, z: Array, way: Array) -> Array:
+    def risen(self, z: Array, way: Array | float) -> Array:
         return np.minimum(z + way, self.half)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
