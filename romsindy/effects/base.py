@@ -194,8 +194,8 @@ class TermEffect(Effect):
         law, s = self.term(), strengths[0]
         q, q_dot, q_ddot = state[1:4]
         if isinstance(law, FrictionLaw) and not law.smooth:
-            _, by_q, by_q_dot = law.averaged(q, q_dot, *_changes(state))
-            return s * by_q, s * by_q_dot, 0.0
+            _, by_q, by_q_dot, by_change = law.averaged(q, q_dot, *_changes(state))
+            return s * by_q, s * by_q_dot, s * by_change * state.step / 3
         by_q = (
             law.inertia_dq(q) * q_ddot
             + law.convection_dq(q) * q_dot**2
