@@ -37,7 +37,7 @@ class Hypothesis:
 
     solution: Solution
     n_free: int
-    n_samples: int
+    n_samples: float
     weighed: Weighed | None  # None where there is no motion
     form: FormError = NO_FORM_ERROR
 
@@ -47,7 +47,7 @@ class Hypothesis:
     ) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
         weighed = Weighed.of(model, solution, records) if solution.finite else None
-        return cls(solution, n_free, sum(len(r.signal) for r in records), weighed)
+        return cls(solution, n_free, sum(r.count for r in records), weighed)
 
     def at(self, form: FormError) -> Hypothesis:
         """The same with another form error."""
@@ -132,7 +132,7 @@ class _Worth(NamedTuple):
 
 
 def _price_of_free(
-    parts: Sequence[Part], covariance: Array, n_samples: int
+    parts: Sequence[Part], covariance: Array, n_samples: float
 ) -> tuple[float, float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free.
 
@@ -160,9 +160,7 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     return price
 
 
-def ranked(
-    hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR
-) -> list[Hypothesis]:
+def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -> list[Hypothesis]:
     """Best first, all with the form error that is known, or as much more as the best needs.
 
     That is the one that explains most with jumps of its own size.
