@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.beam import Beam
+from romsindy.diagnosis.on_beam.doubts import Doubt, changes_of
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
 from romsindy.diagnosis.on_beam.release import load_at_release
@@ -43,7 +44,9 @@ def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
 
 def effects_of(parts: Sequence[Part]) -> list[Any]:
     """What `Beam.with_effect` takes, of some parts."""
-    return [p.effect.on_beam(float(p.strengths[0, 0])) for p in on_the_beam(parts)]
+    there = on_the_beam(parts)
+    own = [p for p in there if not isinstance(p.effect, Doubt)]
+    return changes_of(there) + [p.effect.on_beam(float(p.strengths[0, 0])) for p in own]
 
 
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:

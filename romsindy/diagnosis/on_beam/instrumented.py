@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -66,7 +66,7 @@ class InstrumentedBeam:
         first mode.
         """
         momentum, rest = beam.modes(count=1).momenta[0], beam.equilibrium()
-        reading = self.coordinate(self.sensors.rows.T).reshape(momentum.shape)
+        reading = self.coordinate(self.sensors_on(beam).rows.T).reshape(momentum.shape)
         shape = hold(beam.assembly, rest, momentum, reading, q)
         if load is None:
             return shape
@@ -74,16 +74,23 @@ class InstrumentedBeam:
         swing = float(np.vdot(momentum, shape.displacement - rest.displacement))
         return hold(beam.assembly, rest, load, momentum, swing)
 
+    def sensors_on(self, beam: Beam) -> SensorArray:
+        """The sensors on a changed beam; those beyond the end of a shorter one sit there."""
+        if beam.length == self.beam.length:
+            return self.sensors
+        placed = [replace(s, at=min(s.at, beam.length)) for s in self.sensors.sensors]
+        return beam.sensors(placed)
+
     def readings(
         self, beam: Beam, q: float, duration: float, step: float, load: Array | None = None
     ) -> Array:
         """Displacements (n, n_sensors), m, of a beam that is let go as `held`."""
-        shape = self.held(beam, q, load)
+        shape, sensors = self.held(beam, q, load), self.sensors_on(beam)
         # Only what the sensors read is kept, so one mode is enough to record.
         motion = beam.simulate(
-            shape, duration, step, sensors=self.sensors, modes=beam.modes(count=1), progress=False
+            shape, duration, step, sensors=sensors, modes=beam.modes(count=1), progress=False
         )
-        return self.sensors.measure(motion)
+        return sensors.measure(motion)
 
     def keeping(self, channels: Sequence[int]) -> InstrumentedBeam:
         """The same with some of the sensors."""

@@ -11,8 +11,9 @@ from joblib import Parallel, delayed
 from romsindy.beam import Beam, NoEquilibriumError, SensorArray, Shape, StepTooLongError
 from romsindy.diagnosis.on_beam.checks import check_release, checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
+from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
-from romsindy.diagnosis.on_beam.mounted import BeamEffect, mounted_effects
+from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
     parameter_effects,
@@ -76,10 +77,9 @@ def diagnose_beam(
     effects = _effects(seen, model, training, float(np.abs(own.q).max()), options.catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in options.catalogue if e.name not in unneeded]
-    unsure = [e for e in effects if e.name in free_names and e.name not in near]
-    unsure += [replace(e, tolerance=near[e.name]) for e in effects if e.name in near]  # type: ignore[type-var]
-    effects = tuple(e for e in effects if e.name != "point_masses")
     records = [Record.loud(d, options.floor) for d in coordinates]
+    unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
+    unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
     look_for = replace(options, catalogue=(*general, *effects))
     parallel = Parallel(options.n_jobs)
 
@@ -173,6 +173,25 @@ def _effects(
     own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
     mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE])
     return (*damping_effects(curve), *mounted, *parameter_effects(seen, reach, shift))
+
+
+def _within_tolerances(
+    seen: InstrumentedBeam,
+    model: ReducedModel,
+    records: Sequence[Record],
+    effects: Sequence[BeamEffect],
+    near: Mapping[str, float],
+) -> list[Effect]:
+    """What stands for parameters that are known to a standard deviation."""
+    reach = max(r.amplitude for r in records)
+    known = parameter_effects(seen, reach, names=near) if near else ()
+    alike = [p for p in known if not p.sign]
+    apart = [*(p for p in known if p.sign), *(e for e in effects if isinstance(e, DampingEffect))]
+    found: list[Effect] = [replace(e, tolerance=near[e.name]) for e in apart if e.name in near]  # type: ignore[type-var]
+    if "sensor_positions" in near:
+        found.append(position_doubt(seen, near["sensor_positions"]))
+    deviations = np.array([near[p.name] for p in alike])
+    return found + list(doubts(model, records, alike, deviations) if alike else ())
 
 
 def _sensor_errors(
