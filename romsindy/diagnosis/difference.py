@@ -8,6 +8,7 @@ the scatter of the cycles themselves, whatever the colour of the noise.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from scipy.signal import savgol_filter
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.tolerance import KINDS, Tolerance
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import QUIET, SURE
 from romsindy.record.demodulation import Cycles
@@ -100,11 +101,15 @@ class Difference:
 
     def excess(self, tolerance: Tolerance) -> float:
         """By how many standard errors the worst of its values is beyond a tolerance."""
-        return max(
-            _excess(self.frequency, self.frequency_std, tolerance.frequency),
-            _excess(self.damping, self.damping_std, tolerance.damping),
-            _excess(self.signal, self.signal_std, tolerance.signal),
-        )
+        return max(self.excess_of(kind, tolerance) for kind in KINDS)
+
+    def excess_of(self, kind: str, tolerance: Tolerance) -> float:
+        """The same of one of its values: "frequency", "damping" or "signal"."""
+        value, std = getattr(self, kind), getattr(self, f"{kind}_std")
+        if np.isnan(value):
+            return -np.inf  # the signal says it
+        beyond = abs(value) - getattr(tolerance, kind)
+        return float(beyond / max(std, np.finfo(float).tiny))
 
     def largest(self, tolerance: Tolerance) -> Difference:
         """The part that is most surely beyond a tolerance; all of it where no part is more so."""
@@ -123,20 +128,14 @@ class Difference:
     ) -> Iterator[tuple[float, float, float, float]]:
         """Sizes before and after, standard error and tolerance of each value."""
         others = after.parts if len(after.parts) == len(self.parts) else ()
-        for x, y in zip((self, *self.parts), (after, *others), strict=False):
-            yield _size(x.frequency), _size(y.frequency), y.frequency_std, tolerance.frequency
-            yield _size(x.damping), _size(y.damping), y.damping_std, tolerance.damping
-            yield x.signal, y.signal, y.signal_std, tolerance.signal
+        pairs = zip((self, *self.parts), (after, *others), strict=False)
+        for (x, y), kind in itertools.product(pairs, KINDS):
+            sizes = (_size(getattr(d, kind)) for d in (x, y))
+            yield *sizes, getattr(y, f"{kind}_std"), getattr(tolerance, kind)
 
 
 def _size(value: float) -> float:
     return float("inf") if np.isnan(value) else abs(value)
-
-
-def _excess(value: float, std: float, tolerance: float) -> float:
-    if np.isnan(value):
-        return -np.inf  # the signal says it
-    return (abs(value) - tolerance) / max(std, np.finfo(float).tiny)
 
 
 class _Pair(NamedTuple):

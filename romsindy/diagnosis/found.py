@@ -46,9 +46,7 @@ class FoundEffect:
     units: dict[str, str]
 
     def __str__(self) -> str:
-        texts = [
-            self._value(k) if k == _STRENGTH else f"{k} {self._value(k)}" for k in self.values
-        ]
+        texts = [self._value(k) if k == _STRENGTH else f"{k} {self._value(k)}" for k in self.values]
         return ", ".join([self.title, *texts])
 
     @property

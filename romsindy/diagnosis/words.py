@@ -9,7 +9,7 @@ import numpy as np
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
-from romsindy.fit.verdict import SURE
+from romsindy.fit.verdict import PREDICTED, SURE
 from romsindy.text import listed
 
 _SOURCES = {
@@ -19,7 +19,13 @@ _SOURCES = {
     "reference": "the model misses its own reference record by {}",
 }
 _WHERE = {"frequency": "in frequency", "damping": "in damping", "signal": "in waveform"}
-_MOST_ODDS = 1e6
+_MOST_ODDS = np.log(1e6)  # more depends on what no model of the noise knows
+_KINDS = {
+    "tolerance": ", which does not matter",
+    "form": ", of the size by which the model misses its own reference record: its form, not a"
+    " further effect",
+    "effect": ", more than the form of the model leaves: a further effect, or another one",
+}
 
 
 def percent(share: float) -> str:
@@ -33,7 +39,9 @@ def _two_digits(value: float) -> str:
 
 def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: str | None) -> str:
     """Whether simulation and records differ: by how much, over which amplitudes."""
-    which = max(range(len(differences)), key=lambda i: differences[i].worst(tolerance))
+    which = max(
+        range(len(differences)), key=lambda i: differences[i].largest(tolerance).excess(tolerance)
+    )
     worst = differences[which].largest(tolerance)
     low, high = (f"{a:.2g}" for a in worst.amplitude)
     over = f"over {low} to {high} {unit or '[q]'}"
@@ -68,16 +76,22 @@ def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
 
 def odds(log_odds: float, other: str) -> str:
     """Odds against the next explanation, by its name."""
-    if log_odds > np.log(_MOST_ODDS):
-        return f"odds above {_MOST_ODDS:.0e} : 1 against the next, {other}".replace("e+06", " million")
-    return f"odds {_two_digits(float(np.exp(log_odds)))} : 1 against the next, {other}"
+    size = f"{_two_digits(float(np.exp(min(log_odds, _MOST_ODDS))))} : 1"
+    return f"odds {'above ' * (log_odds > _MOST_ODDS)}{size} against the next, {other}"
 
 
-def closing(gap: Gap, what: str) -> str:
+def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:
     """How much of the gap closes, on what took no part if there is such."""
-    where = gap.where
-    if gap.before_is_noise:
-        return f"On {where} the noise hides the gap."
-    share = gap.closed
-    size = "nothing" if share < 0.005 else f"{min(round(100 * share), 100)} %"
-    return f"{what} closes {size} of the gap on {where}."
+    if not gap.matters(tolerance) and gap.before < PREDICTED:
+        return f"On {gap.where} the noise hides what it changes."
+    share = round(100 * gap.closed)
+    return f"{what} closes {f'{share} %' if share else 'nothing'} of the gap on {gap.where}."
+
+
+def remainder(gap: Gap, kind: str) -> str:
+    """How much is left, and what kind of thing it is."""
+    worst = gap.predictions[gap.worst]
+    times = f"{_two_digits(gap.after)} times the noise"
+    if kind == "noise":
+        return f"nothing but noise ({times})."
+    return f"{percent(worst.beyond_noise(worst.after))} of the amplitude, {times}{_KINDS[kind]}."

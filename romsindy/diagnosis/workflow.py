@@ -10,7 +10,7 @@ import numpy as np
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.gap import Gap, name_of
 from romsindy.diagnosis.held_out import parted
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport, verdict_of
@@ -39,10 +39,11 @@ def diagnose_model(
     check_request(model, measured, held_out, free, tolerances, options.false_alarm)
     several = [over_shared_amplitudes(model, d) for d in measured]
     records = checked_records(model, several, options.floor)
-    tests = [Record.loud(held_out, options.floor)] if held_out is not None else []
+    tests = {} if held_out is None else {"held out": Record.loud(held_out, options.floor)}
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
-    as_it_was = Gap(tuple(predict(model, (), r) for r in (*records, *tests)), unseen=True)
+    everything = (*records, *tests.values())
+    as_it_was = Gap(tuple(predict(model, (), record) for record in everything), unseen=True)
     if held_out is None:
         records, tests = _parted(records)
     parts = _unsure(model, free, tolerances, all_scales, len(records))
@@ -54,9 +55,14 @@ def diagnose_model(
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
     rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
     left = search.remainder(best)
-    gap = Gap(tuple(predict(model, best.parts, test) for test in tests or records), bool(tests))
+    judged = tests or {name_of(i): record for i, record in enumerate(records)}
+    predictions = [predict(model, best.parts, record, name) for name, record in judged.items()]
+    gap = Gap(tuple(predictions), bool(tests))
+    verdict = verdict_of(best, rivals, left, gap)
+    if found.interrupted and verdict == "named":
+        verdict = "ambiguous"  # with what was not compared
     return DiagnosisReport(
-        verdict=verdict_of(best, rivals, left, gap),
+        verdict=verdict,
         nominal=model,
         model=extended(model, best.parts),
         best=best,
@@ -70,13 +76,15 @@ def diagnose_model(
         records=tuple(records),
         scales=all_scales,
         interrupted=found.interrupted,
+        form=form,
     )
 
 
-def _parted(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+def _parted(records: Sequence[Record]) -> tuple[list[Record], dict[str, Record]]:
     """Records to learn from, and what takes no part: nothing where all are too short."""
     pairs = [parted(record) or (record, None) for record in records]
-    return [learns for learns, _ in pairs], [judges for _, judges in pairs if judges is not None]
+    judges = {name_of(i): judge for i, (_, judge) in enumerate(pairs) if judge is not None}
+    return [learns for learns, _ in pairs], judges
 
 
 def _agree(search: Search, exact: Hypothesis, as_it_was: Gap) -> bool:

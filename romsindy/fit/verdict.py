@@ -85,6 +85,3 @@ MOVING = 0.1
 # Rms over the noise up to which a simulation as it was is not searched for what it lacks: the level
 # of white noise is known to half of what is beyond 1.
 NOTHING_LEFT = 1.01
-# A beam whose coordinate moves at this part of its largest speed at the first sample was not let
-# go from rest: the amplitude would be 5 % off.
-MOVING = 0.3
