@@ -159,9 +159,7 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     return price
 
 
-def ranked(
-    hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR
-) -> list[Hypothesis]:
+def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -> list[Hypothesis]:
     """Best first, all with the form error that is known, or as much more as the best needs.
 
     That is the one that explains most with jumps of its own size.

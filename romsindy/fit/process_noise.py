@@ -75,11 +75,12 @@ class Windows:
     def of(
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion."""
+        """Linearise a fit to record ``i`` about a motion, which need not be its own."""
         equation = ExtendedEquation(model, parts, i, m.grid.step)
         response = respond(equation, m, equation.by_parameter(*nodes(m)))
-        change = response.samples(record.derivative)[..., 1:]
-        rows = table(parts, i, record, sampled(m, record.derivative), change)
+        change = response.samples(record.derivative)
+        x = sampled(m, record.derivative) + change[..., 0]
+        rows = table(parts, i, record, x, change[..., 1:])
         steps = window_steps(record)
         later = steps[1:-1]
         states = np.stack([response.q[later, 0, -2:], response.q_dot[later, 0, -2:]], axis=1)
