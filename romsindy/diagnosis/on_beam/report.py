@@ -112,7 +112,7 @@ class BeamReport:
     @property
     def adjusted(self) -> tuple[Adjusted, ...]:
         """Parameters that followed the data within their tolerances; empty where none had to."""
-        return adjusted(self.reduced.best.solution)
+        return adjusted(self.reduced.best)
 
     @property
     def gap(self) -> Gap:
