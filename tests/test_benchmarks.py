@@ -20,11 +20,12 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 @pytest.fixture
 def benchmark(request):
     """A benchmark as a module."""
-    sys.path.insert(0, str(BENCHMARKS))
+    folders = [str(BENCHMARKS), str(BENCHMARKS / "diagnosis")]
+    sys.path[:0] = folders
     try:
         return importlib.import_module(request.param)
     finally:
-        sys.path.pop(0)
+        sys.path[:] = [p for p in sys.path if p not in folders]
 
 
 def benchmark_of(name):
@@ -154,3 +155,84 @@ def test_small_benchmark_of_defects(benchmark):
         assert trial.named and not trial.refusal, name
         # 95 % is expected of many decays; of one, a dozen neighbours go wrong together.
         assert trial.inside["frequency"] > 0.6 and trial.wider["frequency"] < 3, name
+
+
+@benchmark_of("hidden")
+def test_strength_of_a_hidden_effect(benchmark):
+    """Closed forms along cos t: q^3 shifts by 3/8, friction damps by 2/pi, Maxwell both."""
+    shift, ratio = benchmark.harmonic(lambda q, v, z: q**3)
+    assert (shift, ratio) == pytest.approx((3 / 8, 0.0), abs=1e-12)
+    # 512 points catch the jump of the sign to 1 / 512^2
+    ratio = benchmark.harmonic(lambda q, v, z: np.sign(v))[1]
+    assert ratio == pytest.approx(2 / np.pi, rel=1e-5)
+    # k i w / (1/tau + i w) at w = tau = 1 is (1 + i) / 2; the start dies with exp(-6 pi)
+    both = benchmark.harmonic(lambda q, v, z: z[0], lambda q, v, z: [v - z[0]], 1)
+    assert both == pytest.approx((1 / 4, 1 / 4), rel=1e-4)
+
+
+@benchmark_of("oscillator")
+def test_motion_of_the_generator(benchmark):
+    """A linear oscillator in closed form; dry friction F lowers each turning point by 2 F."""
+    zeta, t = 0.02, np.linspace(0, 60, 1201)
+    linear = benchmark.Nominal(zeta, (0.0,) * 4, (0.0,) * 3)
+    damped = np.sqrt(1 - zeta**2)
+    exact = np.exp(-zeta * t) * (np.cos(damped * t) + zeta / damped * np.sin(damped * t))
+    q, _, a = benchmark.motion(linear, [], t, 1.0)
+    np.testing.assert_allclose(q, exact, atol=1e-7)  # of steps to 1e-9
+    speed = -np.exp(-zeta * t) * np.sin(damped * t) / damped
+    np.testing.assert_allclose(a, -exact - 2 * zeta * speed, atol=1e-7)
+
+    def velocity(t, q, v):
+        return v
+
+    force = lambda t, q, v, side, z: 0.02 * side[0]  # noqa: E731
+    friction = benchmark.Hidden("dry_friction", {}, force, [velocity])
+    bare = benchmark.Nominal(0.0, (0.0,) * 4, (0.0,) * 3)
+    q, v, _ = benchmark.motion(bare, [friction], np.arange(40) * np.pi, 1.0)
+    turns = 1 - 0.04 * np.arange(26)  # stands still within 0.02 of the middle
+    np.testing.assert_allclose(np.abs(q[:25]), turns[:25], atol=1e-6)
+    assert np.all(np.abs(q[25:]) <= 0.02 + 1e-6) and np.all(v[26:] == 0)
+
+
+@benchmark_of("noises")
+def test_noises_of_the_trials(benchmark):
+    """Each has the level that is asked for; a band and a filter leave a stop band."""
+    rng = np.random.default_rng(0)
+    x = np.sin(np.arange(20_000) / 5)
+    power = {}
+    for kind in benchmark.KINDS:
+        (noise,) = benchmark.noises(kind, [x], [400.0], 40.0, rng)
+        power[kind] = np.abs(np.fft.rfft(noise)) ** 2
+        ratio = np.sqrt(np.mean(noise**2) / np.mean(x**2))
+        # lines, drift and mixed levels come on top: up to 5 times
+        assert ratio == pytest.approx(0.01, rel=1e-6) or 0.004 < ratio < 0.05, kind
+    for kind in ("causal", "band"):
+        last = power[kind][-200:].mean()
+        assert last < 0.2 * power[kind][200:4000].mean(), kind
+    assert power["ar1"][10:1000].mean() > 100 * power["ar1"][-1000:].mean()
+
+
+@benchmark_of("score")
+def test_marks_of_a_diagnosis(benchmark):
+    said = lambda verdict, *sets: benchmark.Said(verdict, sets[0], sets)  # noqa: E731
+    marks = lambda *a, **k: "".join(k[0] for k, v in benchmark.marks(*a, **k).items() if v)  # noqa: E731
+    assert marks(said("named", ("a",)), ["a"]) == "ri"
+    assert marks(said("ambiguous", ("b",), ("a",)), ["a"]) == "i"
+    assert marks(said("named", ("b",)), ["a"]) == "w"
+    assert marks(said("unknown", ("a",)), ["a"]) == ""
+    assert marks(said("named", ("mains_hum",)), [], excused=["mains_hum"]) == "ri"
+    assert marks(said("named", ("mains_hum",)), []) == "w"
+    both = ("linear_frequency",), ("added_mass",)
+    assert marks(said("ambiguous", *both), ["added_mass"]) == "ri"
+    assert marks(said("named", both[0]), ["added_mass"]) == "w"
+
+
+@benchmark_of("run")
+def test_small_run_of_blind_trials(benchmark, tmp_path):
+    """A row is made, diagnosed and stored, and a second run reads what the first stored."""
+    seeds = [1]
+    (first,) = benchmark.results_of("null_white", seeds, tmp_path, 1, False)
+    assert not first["wrong"] and "error" not in first
+    (second,) = benchmark.results_of("null_white", seeds, tmp_path, 1, False)
+    assert second["seconds"] == first["seconds"]
+    assert "null_white" in benchmark.line("null_white", [first], "none")

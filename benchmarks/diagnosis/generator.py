@@ -1,196 +1,222 @@
-"""Blind trials: decays of oscillators in which an effect is hidden, to files, apart from the truth.
+"""Blind trials: decays of oscillators in which an effect is hidden.
 
-    python benchmarks/diagnosis/generator.py single FOLDER --seeds 0 3
-
-writes FOLDER/single_<seed>_<number>.npz (what a diagnosis may see: nominal coefficients, three
-clean decays) and FOLDER/truth/<the same name>.json (what it may not). Kinds: single (26 effects,
-three strengths, one trial each per seed), null (10 per seed), outside (5 effects, three
-strengths), pair (10 per seed, medium). Seeds below 1000 are for development; from 1000 on they were
-kept for final runs.
+A trial is drawn from its kind and seed alone, and shares neither classes nor priors with romsindy:
+the nominal oscillator, the place and exponents of the hidden effect, time scale (0.3 to 300 Hz),
+amplitude, sampling, length, number of records, their clocks, what the sensor measures, and its
+noise are drawn at random. What a diagnosis may see goes into <name>.npz, what it may not into
+truth/<name>.json.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import zlib
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import laws
+import memory
 import numpy as np
-from joblib import Parallel, delayed
-from laws import IN_CATALOGUE, OUTSIDE, Hidden, hidden
-from scipy.integrate import solve_ivp
+import outside
+from hidden import Hidden, Setting
+from noises import KINDS, MAINS, filtered, noises
+from oscillator import Nominal, motion
 
-RATE, LENGTH, ZETA = 400.0, 20.0, 0.005
-AMPLITUDES = (1.0, 0.6, 0.8)
-STRENGTHS = ("weak", "medium", "strong")
-PAIRABLE = tuple(n for n in IN_CATALOGUE if n not in ("viscous", "linear_frequency", "added_mass"))
+import romsindy as rs
+
+MAKERS = {**laws.MAKERS, **memory.MAKERS, **outside.MAKERS, **memory.OUTSIDE}
+IN_CATALOGUE = tuple(
+    n for n in (*laws.MAKERS, *memory.MAKERS, *outside.MAKERS) if n != "bias"
+)  # the zero of a displacement is removed before anything is compared
+QUANTITIES = ("displacement", "velocity", "acceleration")
+_TURN = 2 * np.pi
 
 
-def nominal(rng: np.random.Generator) -> dict[str, float]:
-    """Coefficients of one oscillator that is excited to amplitudes of 1."""
-    omega = 2 * np.pi * rng.uniform(4, 8)
-    relative = {
-        "gamma_2": rng.uniform(-0.1, 0.1),
-        "gamma_3": rng.uniform(0.05, 0.3),
-        "gamma_4": rng.uniform(-0.02, 0.02),
-        "gamma_5": rng.uniform(-0.02, 0.04),
+@dataclass(frozen=True)
+class Trial:
+    """What a diagnosis may see.
+
+    Attributes
+    ----------
+    coefficients : dict of str to float
+        Of the simulation, SI units.
+    times, signals : list of (n,) arrays
+        One of each a record, s and m, m/s or m/s^2.
+    measured : "displacement", "velocity" or "acceleration"
+    held_out : bool
+        Whether the last record takes no part.
+    """
+
+    coefficients: dict[str, float]
+    times: list[np.ndarray]
+    signals: list[np.ndarray]
+    measured: str
+    held_out: bool
+
+    @property
+    def model(self) -> rs.ReducedModel:
+        """The simulation."""
+        return rs.ReducedModel.from_coefficients(self.coefficients, unit="m")
+
+    def decays(self) -> list[rs.Decay]:
+        """The records as a user makes them."""
+        make = {
+            "displacement": rs.Decay,
+            "velocity": rs.Decay.from_velocity,
+            "acceleration": rs.Decay.from_acceleration,
+        }[self.measured]
+        return [make(t, x, unit="m") for t, x in zip(self.times, self.signals, strict=True)]
+
+    def save(self, path: Path) -> None:
+        """Write what a diagnosis may see."""
+        said = {"coefficients": self.coefficients, "measured": self.measured}
+        said |= {"held_out": self.held_out}
+        arrays = {f"t{i}": t for i, t in enumerate(self.times)}
+        arrays |= {f"x{i}": x for i, x in enumerate(self.signals)}
+        np.savez(path, said=json.dumps(said), **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> Trial:
+        """Read what `save` wrote."""
+        with np.load(path) as content:
+            said = json.loads(str(content["said"]))
+            n = len(content.files) // 2
+            times, signals = ([content[f"{k}{i}"] for i in range(n)] for k in "tx")
+        return cls(times=times, signals=signals, **said)
+
+
+@dataclass(frozen=True)
+class Test:
+    """How the decays are made and measured, dimensionless but for ``hertz`` and ``size``."""
+
+    hertz: float  # the linear frequency
+    size: float  # the largest release, m
+    samples: float  # in each cycle
+    releases: tuple[float, ...]
+    skipped: tuple[int, ...]  # samples before each record begins
+    spans: tuple[tuple[float, float], ...]  # of the releases, rad
+    own_clocks: bool
+    measured: str
+    held_out: bool
+    snr_db: float
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, zeta: float, hum: bool) -> Test:
+        """Draw a test that holds some cycles of a decay of this damping ratio."""
+        low, high = (3.0, 15.0) if hum else (0.3, 300.0)
+        hertz = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        # the mains must lie below the Nyquist frequency
+        samples = rng.uniform(max(24.0, 2.6 * 60 / hertz if hum else 0.0), 110.0)
+        count = int(rng.choice([1, 2, 3], p=[0.2, 0.3, 0.5]))
+        sizes = [1.0, rng.uniform(0.45, 0.75), rng.uniform(0.7, 0.9)][:count]
+        releases = tuple(float(s * rng.choice([-1, 1])) for s in sizes)
+        cycles = np.clip(rng.uniform(1.8, 4.5) / (_TURN * zeta), 20, 160)
+        lengths = [_TURN * float(cycles * rng.uniform(0.85, 1.15)) for _ in releases]
+        own_clocks = bool(rng.random() < 0.5)
+        spans, now = [], 0.0
+        for length in lengths:
+            spans.append((now, now + length))
+            now = 0.0 if own_clocks else now + length * (1 + rng.uniform(0.1, 1.5))
+        aside = rng.random() < 0.3
+        skipped = tuple(int(aside * rng.uniform(0, 3) * samples) for _ in releases)
+        measured = str(rng.choice(QUANTITIES, p=[0.6, 0.2, 0.2]))
+        held_out = count == 3 or (count == 2 and rng.random() < 0.5)
+        snr_db = float(rng.choice([30.0, 40.0]))
+        size = float(10 ** rng.uniform(-5, 0.5))
+        return cls(
+            hertz, size, samples, releases, skipped, tuple(spans), own_clocks, measured,
+            held_out, snr_db,
+        )  # fmt: skip
+
+
+def simulated(
+    nominal: Nominal, effects: list[Hidden], test: Test, filter_rng: np.random.Generator | None
+) -> list[np.ndarray]:
+    """What the sensor shows of every release, dimensionless and without noise."""
+    found = []
+    for record, ((start, end), q_0) in enumerate(zip(test.spans, test.releases, strict=True)):
+        t = start + np.arange(0, end - start, _TURN / test.samples)
+        x = motion(nominal, effects, t, q_0)[QUANTITIES.index(test.measured)]
+        for e in effects:
+            if e.reading is not None:
+                x = e.reading(t, x, record)
+        if filter_rng is not None:
+            x = filtered(x, filter_rng)
+        found.append(x[test.skipped[record] :])
+    return found
+
+
+def drawn(kind: str, names: list[str], strength: str, noise: str, seed: int) -> tuple[Trial, dict]:
+    """One trial and its truth."""
+    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
+    nominal = Nominal.drawn(rng)
+    hum = noise == "hum" or "mains_hum" in names
+    test = Test.drawn(rng, nominal.zeta, hum)
+    if any(n in outside.OF_A_DISPLACEMENT for n in names):
+        test = replace(test, measured="displacement")
+    mains = (float(rng.choice(MAINS)) + rng.uniform(-0.1, 0.1)) / test.hertz
+    setting = Setting(strength, nominal.zeta, list(test.spans), mains, rng)
+    effects = [MAKERS[n](n, setting) for n in names]
+    clean = simulated(nominal, effects, test, rng if noise == "causal" else None)
+    cycles = [len(x) / test.samples * mains for x in clean]
+    spoilt = noises(noise, clean, cycles, test.snr_db, rng)
+    omega = _TURN * test.hertz
+    unit = test.size * omega ** QUANTITIES.index(test.measured)
+    step = 1 / (test.hertz * test.samples)
+    starts = [s / omega + k * step for (s, _), k in zip(test.spans, test.skipped, strict=True)]
+    trial = Trial(
+        nominal.coefficients(omega, test.size),
+        [s + step * np.arange(len(x)) for s, x in zip(starts, clean, strict=True)],
+        [unit * (x + n) for x, n in zip(clean, spoilt, strict=True)],
+        test.measured,
+        test.held_out,
+    )
+    truth = {
+        "effects": {e.name: e.truth for e in effects},
+        "strength": strength,
+        "noise": noise,
+        "snr_db": test.snr_db,
+        "zeta": nominal.zeta,
+        "hertz": test.hertz,
     }
-    return {
-        "omega^2": omega**2,
-        **{k: v * omega**2 for k, v in relative.items()},
-        "Upsilon_3": rng.uniform(0.0, 0.25),
-        "Upsilon_4": rng.uniform(-0.03, 0.03),
-        "Upsilon_5": rng.uniform(0.0, 0.05),
-        "c_linear": 2 * ZETA * omega,
-    }
+    return trial, truth
 
 
-def decay(c: dict[str, float], effects: list[Hidden], record: int) -> np.ndarray:
-    """What the sensor shows, without noise; the mass is let go at rest."""
-    amplitude = AMPLITUDES[record]
-    for e in effects:
-        e.phases["now"] = e.phases.get(record)
-    t = np.arange(round(LENGTH * RATE)) / RATE
-    w2, g2, g3, g4, g5 = (c[k] for k in ("omega^2", "gamma_2", "gamma_3", "gamma_4", "gamma_5"))
-    u3, u4, u5, damping = (c[k] for k in ("Upsilon_3", "Upsilon_4", "Upsilon_5", "c_linear"))
-    switches = [s for e in effects for s in e.switches]
-    first = np.cumsum([0, *(len(e.switches) for e in effects)])
-    n_states = np.cumsum([2, *(e.states for e in effects)])
+def chosen(kind: str, seed: int) -> tuple[list[str], str, str]:
+    """Names of the hidden effects, their strength, and the noise, of one trial of a kind.
 
-    def rates(t, y, side):
-        q, v = y[0], y[1]
-        mass = 1 + q * q * (u3 + q * (2 * u4 + q * u5))
-        slope = q * (2 * u3 + q * (6 * u4 + q * 4 * u5))
-        force = q * (w2 + q * (g2 + q * (g3 + q * (g4 + q * g5)))) + damping * v
-        inner = []
-        for i, e in enumerate(effects):
-            if e.mass is not None:
-                mass += e.mass(q)
-                slope += e.mass_slope(q)
-            z = y[n_states[i] : n_states[i + 1]]
-            if e.force is not None:
-                own = side[first[i] : first[i + 1]]
-                force += e.force(t, q, v, own, z) if e.states else e.force(t, q, v, own)
-            if e.rates is not None:
-                inner += e.rates(t, q, v, z)
-        return [v, -(force + 0.5 * slope * v * v) / mass, *inner]
-
-    y = np.zeros(n_states[-1])
-    y[0] = amplitude
-    for e, at in zip(effects, n_states, strict=False):
-        if e.name == "tuned_mass":
-            y[at] = amplitude
-    q = _integrated(rates, y, t, switches)
-    for e in effects:
-        if e.reading is not None:
-            q = e.reading(t, q)
-    return q
-
-
-def _integrated(rates, y, t, switches) -> np.ndarray:
-    options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-10}
-    if not switches:
-        return solve_ivp(lambda s, y: rates(s, y, ()), (0, t[-1]), y, t_eval=t, **options).y[0]
-    q = np.full(len(t), y[0])
-    now = 0.0
-    side = [_sign(s(now, y[0], y[1])) for s in switches]
-    side = [
-        _sign(-y[0]) if s.__name__ == "_velocity" and x == 0 else x or 1
-        for s, x in zip(switches, side, strict=True)
-    ]
-    while now < t[-1]:
-        events = []
-        for s, x in zip(switches, side, strict=True):
-
-            def event(now, y, s=s):
-                return s(now, y[0], y[1])
-
-            event.terminal, event.direction = True, -x
-            events.append(event)
-        end = t[-1]
-        piece = solve_ivp(
-            lambda s, y, side=tuple(side): rates(s, y, side),
-            (now, end),
-            y,
-            events=events,
-            dense_output=True,
-            max_step=0.05,
-            **options,
-        )
-        inside = (t >= now) & (t <= piece.t[-1])
-        if np.any(inside):
-            q[inside] = piece.sol(t[inside])[0]
-        now, y = piece.t[-1], piece.y[:, -1].copy()
-        q[t > now] = y[0]
-        if piece.status != 1:
-            break
-        for i, found in enumerate(piece.t_events):
-            if len(found):
-                side[i] = -side[i]
-                if switches[i].__name__ == "_velocity":
-                    y[1] = 0.0
-                    if _held(rates, now, y, side, i):
-                        return q
-        now += 1e-12
-    return q
-
-
-def _held(rates, now, y, side, i) -> bool:
-    """Whether friction holds the mass: it would be pushed back either way."""
-    forward, backward = list(side), list(side)
-    forward[i], backward[i] = 1, -1
-    return rates(now, y, forward)[1] <= 0 <= rates(now, y, backward)[1]
-
-
-def _sign(x: float) -> int:
-    return int(np.sign(x))
-
-
-def trials(kind: str, seed: int) -> list[tuple[list[str], str]]:
-    """Names of the hidden effects and their strength, for every trial of a seed."""
-    if kind == "single":
-        return [([n], s) for n in IN_CATALOGUE for s in STRENGTHS]
+    Kinds: "hidden" (medium and strong), "weak", "null_<noise>", "outside". Every effect comes in
+    turn, so that a few trials hold different ones.
+    """
+    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed, 1])
+    if kind.startswith("null_"):
+        return [], "none", kind.removeprefix("null_")
+    noise = str(rng.choice(KINDS))
     if kind == "outside":
-        return [([n], s) for n in OUTSIDE for s in STRENGTHS]
-    if kind == "null":
-        return [([], "none")] * 10
-    rng = np.random.default_rng([seed, 77])
-    return [(list(rng.choice(PAIRABLE, 2, replace=False)), "medium") for _ in range(10)]
+        name = list(memory.OUTSIDE)[seed % len(memory.OUTSIDE)]
+        return [name], str(rng.choice(["medium", "strong"])), noise
+    order = np.random.default_rng(seed // len(IN_CATALOGUE)).permutation(len(IN_CATALOGUE))
+    name = IN_CATALOGUE[order[seed % len(IN_CATALOGUE)]]
+    if name == "mains_hum" and noise == "hum":
+        noise = "white"
+    strength = "weak" if kind == "weak" else str(rng.choice(["medium", "strong"]))
+    return [name], strength, noise
 
 
-def write_trial(kind: str, seed: int, number: int, folder: Path) -> str:
-    name = f"{kind}_{seed}_{number:03d}"
-    if (folder / f"{name}.npz").is_file():
-        return name
-    names, strength = trials(kind, seed)[number]
-    rng = np.random.default_rng([zlib.crc32(kind.encode()), seed, number])
-    coefficients = nominal(rng)
-    omega = np.sqrt(coefficients["omega^2"])
-    effects = [hidden(n, strength, omega, rng) for n in names]
-    q = np.stack([decay(coefficients, effects, record) for record in range(3)])
-    truth = {"effects": {e.name: e.truth for e in effects}, "strength": strength}
-    (folder / "truth" / f"{name}.json").write_text(json.dumps(truth))
-    np.savez(folder / f"{name}.npz", q=q, rate=RATE, coefficients=json.dumps(coefficients))
-    return name
+def trial_of(kind: str, seed: int, folder: Path) -> Trial:
+    """Return a trial, made and stored with its truth if it is not there."""
+    path = folder / f"{kind}_{seed}.npz"
+    if not path.is_file():
+        trial, truth = drawn(kind, *chosen(kind, seed), seed)
+        (folder / "truth").mkdir(parents=True, exist_ok=True)
+        truth_of(kind, seed, folder, truth)
+        trial.save(path)
+    return Trial.load(path)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("kind", choices=("single", "null", "outside", "pair"))
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--seeds", nargs=2, type=int, default=(0, 1), metavar=("FROM", "TO"))
-    parser.add_argument("--jobs", type=int, default=2)
-    chosen = parser.parse_args()
-    (chosen.folder / "truth").mkdir(parents=True, exist_ok=True)
-    work = [
-        delayed(write_trial)(chosen.kind, seed, i, chosen.folder)
-        for seed in range(*chosen.seeds)
-        for i in range(len(trials(chosen.kind, seed)))
-    ]
-    done = Parallel(chosen.jobs, verbose=1)(work)
-    print(f"{len(done)} trials in {chosen.folder}")
-
-
-if __name__ == "__main__":
-    main()
+def truth_of(kind: str, seed: int, folder: Path, truth: dict | None = None) -> dict:
+    """Read what a trial hides; write it where it is given."""
+    path = folder / "truth" / f"{kind}_{seed}.json"
+    if truth is not None:
+        path.write_text(json.dumps(truth))
+    return json.loads(path.read_text())

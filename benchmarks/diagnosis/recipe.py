@@ -1,6 +1,6 @@
 """The usual recipe on the same blind trials: low-pass, differentiate, regress the residual force.
 
-    python benchmarks/diagnosis/recipe.py FOLDER --seed 1000 --noise 40
+    python benchmarks/diagnosis/recipe.py --count 50 --cache FOLDER
 
 The residual acceleration of the nominal model is regressed on every candidate force of the
 catalogue by forward orthogonal least squares (FROLS; linear stiffness and viscous damping always
@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 from pathlib import Path
 
 import numpy as np
 import pysindy as ps
-from run import records
+from generator import trial_of, truth_of
 
 import romsindy as rs
 from romsindy.diagnosis import CATALOGUE
@@ -70,23 +69,23 @@ def named(model: rs.ReducedModel, decays: list[rs.Decay], cutoff: float) -> tupl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--noise", default="40")
+    parser.add_argument("--count", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--cache", type=Path, default=Path("trials"))
     chosen = parser.parse_args()
     hits = {(c, k): 0 for c in _CUTOFFS for k in ("FROLS", "STLSQ")}
     total = 0
-    for path in sorted(chosen.folder.glob(f"single_{chosen.seed}_*.npz")):
-        truth = json.loads((chosen.folder / "truth" / f"{path.stem}.json").read_text())
-        (name,) = truth["effects"]
-        effect = next(e for e in CATALOGUE if e.name == name)
+    known = {e.name: e for e in CATALOGUE}
+    for seed in range(chosen.first, chosen.first + chosen.count):
+        (name,) = truth_of("hidden", seed, chosen.cache)["effects"]
+        effect = known[name]
         is_force = effect.readings(np.zeros(1), np.zeros(1)) is None
         if not is_force or effect.per_record or name in _LEFT_OUT:
             continue
         total += 1
-        model, decays = records(path, chosen.noise, 1)
+        trial = trial_of("hidden", seed, chosen.cache)
         for cutoff in _CUTOFFS:
-            frols, stlsq = named(model, decays[:2], cutoff)
+            frols, stlsq = named(trial.model, trial.decays(), cutoff)
             hits[cutoff, "FROLS"] += frols == name
             hits[cutoff, "STLSQ"] += stlsq == name
     for (cutoff, kind), n in hits.items():

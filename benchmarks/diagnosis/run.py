@@ -1,90 +1,66 @@
-"""Blind diagnosis of trials written by generator.py, scored against the truth afterwards.
+"""Run blind trials and print the table: each row beside what is asked of it.
 
-    python benchmarks/diagnosis/run.py FOLDER single --seeds 0 1 --noise 40 30 --jobs 2
+    python benchmarks/diagnosis/run.py hidden weak --count 20 --first 0 --jobs 2 --cache FOLDER
 
-Every line of FOLDER/<kind>_<noise>.jsonl is one diagnosis; `score.py` reads them.
+Trials are made once and stored in the folder, and so are the results, line by line in
+FOLDER/<row>.jsonl: a run that was interrupted goes on where it stopped, and one with --again
+diagnoses the stored trials afresh. --list shows what was not right. Seeds below 50000 are for
+development.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import time
 from pathlib import Path
 
-import numpy as np
 from joblib import Parallel, delayed
-
-import romsindy as rs
-from romsindy.diagnosis import diagnose
-
-
-def records(path: Path, snr: str, seed: int) -> tuple[rs.ReducedModel, list[rs.Decay]]:
-    """The nominal model and three decays with white noise."""
-    content = np.load(path)
-    model = rs.ReducedModel.from_coefficients(json.loads(str(content["coefficients"])))
-    t = np.arange(content["q"].shape[1]) / float(content["rate"])
-    clean = [rs.Decay(t, q) for q in content["q"]]
-    if snr == "clean":
-        return model, clean
-    return model, [rs.add_noise(d, float(snr), seed + i) for i, d in enumerate(clean)]
+from rows import ROWS
+from score import line, problems
 
 
-def one(path: Path, snr: str, levels: dict) -> dict:
-    """Diagnose one trial; nothing here has seen the truth."""
-    seed = 1000 * int(path.stem.split("_")[-1]) + (0 if snr == "clean" else int(snr))
-    model, decays = records(path, snr, seed)
-    start = time.perf_counter()
-    report = diagnose(model, decays[:2], held_out=decays[2], **levels)
-    return {
-        "trial": path.stem,
-        "noise": snr,
-        "verdict": report.verdict,
-        "names": list(report.best.names),
-        "moved": list(report.best.moved),
-        "equivalent": [list(names) for names in report.equivalent],
-        "scores": [
-            float(h.score(report.best.excess) - report.best.score(report.best.excess))
-            for h in report.rivals
-        ],
-        "effects": [
-            {"name": e.name, "values": e.values, "errors": e.standard_errors}
-            for e in report.effects
-        ],
-        "adequacy": report.remainder.ratio,
-        "structure": report.remainder.structure,
-        "p_value": report.remainder.p_value,
-        "before": report.gap.before,
-        "after": report.gap.after,
-        "seconds": time.perf_counter() - start,
-    }
+def results_of(name: str, seeds: list[int], folder: Path, jobs: int, again: bool) -> list[dict]:
+    """Results of one row, those that are missing added to its file."""
+    path = folder / f"{name}.jsonl"
+    known = [] if again or not path.is_file() else map(json.loads, path.read_text().splitlines())
+    found = {r["seed"]: r for r in known}
+    missing = [seed for seed in seeds if seed not in found]
+    made = Parallel(jobs, return_as="generator_unordered")(
+        delayed(_one)(name, seed, folder) for seed in missing
+    )
+    with open(path, "w" if again else "a") as file:
+        for result in made:
+            found[result["seed"]] = result
+            file.write(json.dumps(result) + "\n")
+            file.flush()
+    return [found[seed] for seed in seeds]
+
+
+def _one(name: str, seed: int, folder: Path) -> dict:
+    return {"trial": f"{name}_{seed}", "seed": seed, **ROWS[name].one(seed, folder)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("kind", choices=("single", "null", "outside", "pair"))
-    parser.add_argument("--seeds", nargs=2, type=int, default=(0, 1), metavar=("FROM", "TO"))
-    parser.add_argument("--noise", nargs="+", default=["clean", "40", "30"])
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--exact", action="store_true", help="the nominal model is exact (L0)")
-    parser.add_argument("--every", type=int, default=1, help="only every n-th trial")
+    parser.add_argument("rows", nargs="*", default=list(ROWS), metavar="ROW", help=", ".join(ROWS))
+    parser.add_argument("--count", type=int, help="trials of each row (those that are asked for)")
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--cache", type=Path, default=Path("trials"))
+    parser.add_argument("--again", action="store_true", help="diagnose the stored trials afresh")
+    parser.add_argument("--list", action="store_true", help="what was not right first")
     chosen = parser.parse_args()
-    levels = {"free": ()} if chosen.exact else {}
-    paths = sorted(
-        p
-        for seed in range(*chosen.seeds)
-        for p in chosen.folder.glob(f"{chosen.kind}_{seed}_*.npz")
-    )[:: chosen.every]
-    for snr in chosen.noise:
-        results = Parallel(chosen.jobs, return_as="generator")(
-            delayed(one)(p, snr, levels) for p in paths
-        )
-        name = f"{chosen.kind}_{chosen.seeds[0]}_{snr}{'_exact' if chosen.exact else ''}.jsonl"
-        with open(chosen.folder / name, "w") as file:
-            for result in results:
-                file.write(json.dumps(result) + "\n")
-                file.flush()
+    unknown = [name for name in chosen.rows if name not in ROWS]
+    if unknown:
+        parser.error(f"no row called {unknown}; there are {list(ROWS)}")
+    chosen.cache.mkdir(parents=True, exist_ok=True)
+    for name in chosen.rows:
+        count = chosen.count or ROWS[name].count
+        seeds = list(range(chosen.first, chosen.first + count))
+        results = results_of(name, seeds, chosen.cache, chosen.jobs, chosen.again)
+        print(line(name, results, ROWS[name].asked), flush=True)
+        for text in problems(results) if chosen.list else ():
+            print(text, flush=True)
 
 
 if __name__ == "__main__":

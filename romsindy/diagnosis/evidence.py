@@ -13,80 +13,143 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.gauss_newton import Solution
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
+from romsindy.fit.gauss_newton import Solution, moved_parts
 from romsindy.fit.part import Part, prior_cost
+from romsindy.fit.record import Record
+from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A fitted hypothesis and what it is worth; the first ``n_free`` parts are the unsure ones.
+    """A fitted hypothesis and what it is worth, given how far its model may be from the truth.
 
-    Differences of misfit are divided by the excess: structure that stays unexplained is as large by
-    chance.
+    The first ``n_free`` parts are the unsure ones. Hypotheses are compared at the same form error:
+    see `at` and `ranked`.
     """
 
     solution: Solution
     n_free: int
-    moved: tuple[str, ...]  # names of the unsure values that moved
-    misfit: float  # chi-square of the whitened residual
-    price: float  # of all values, and of their distance from what was known
-    excess: float  # structure left in the residual, over that of noise, at least 1
+    n_samples: float
+    weighed: Weighed | None  # None where there is no motion
+    form: FormError = NO_FORM_ERROR
 
     @classmethod
-    def of(cls, solution: Solution, n_free: int, n_samples: int, structure: float) -> Hypothesis:
+    def of(
+        cls, model: ReducedModel, solution: Solution, n_free: int, records: Sequence[Record]
+    ) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
-        if not solution.finite:
-            return cls(solution, n_free, (), np.inf, 0.0, np.inf)
-        excess = max(structure, 1.0)
-        slices = solution.slices()
-        rise, price, moved = _price_of_free(solution, slices[:n_free], n_samples, excess)
-        for part, where in zip(solution.parts[n_free:], slices[n_free:], strict=True):
-            n = part.strengths.size
-            price += n * np.log(n_samples / len(part.strengths))
-            price += _price_of_shape(part, solution.covariance[where, where][n:, n:])
-        known = prior_cost(solution.parts)
-        misfit = solution.chi_squared - known + rise
-        return cls(solution, n_free, moved, misfit, price + known, excess)
+        weighed = Weighed.of(model, solution, records) if solution.finite else None
+        return cls(solution, n_free, sum(r.count for r in records), weighed)
 
-    def score(self, excess: float = 1.0) -> float:
-        """Misfit over an excess, plus price: the least is the best."""
-        return self.misfit / excess + self.price
+    def at(self, form: FormError) -> Hypothesis:
+        """The same with another form error."""
+        return self if form == self.form else replace(self, form=form)
+
+    def settled(self, known: FormError) -> Hypothesis:
+        """The same with the form error that is known, or as much more as it needs."""
+        return self.at(known if self.weighed is None else known.joined(self.weighed.needed))
+
+    @property
+    def excess(self) -> float:
+        """Structure left in the residual, over that of noise, at least 1."""
+        return np.inf if self.weighed is None else self.weighed.excess(self.form)
+
+    @property
+    def misfit(self) -> float:
+        """Minus twice the logarithm of the likelihood: without form error, the chi-square."""
+        return self._worth.misfit
+
+    @property
+    def price(self) -> float:
+        """Of all values."""
+        return self._worth.price
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """Names of the unsure values that moved."""
+        return self._worth.moved
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All parts, with the values that are best at this form error."""
+        return self._worth.parts
+
+    @property
+    def covariance(self) -> Array:
+        """Of the values of all parts, in their order."""
+        return self._worth.covariance
+
+    @property
+    def score(self) -> float:
+        """Misfit plus price: the least is the best."""
+        return self.misfit + self.price
 
     @property
     def effects(self) -> tuple[Part, ...]:
         """Parts beside the unsure ones."""
-        return self.solution.parts[self.n_free :]
+        return self.parts[self.n_free :]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects; of the values that moved where there are none."""
         return tuple(p.effect.name for p in self.effects) or self.moved
 
+    @cached_property
+    def _worth(self) -> _Worth:
+        solution, n = self.solution, len(self.solution.covariance)
+        if self.weighed is None:
+            return _Worth(np.inf, 0.0, (), solution.parts, solution.covariance)
+        marginal, jump = self.weighed.marginal, self.form.jump
+        system, step = marginal.solve(jump, self.excess)
+        if jump:
+            parts, misfit = moved_parts(solution.parts, step[:n]), marginal.cost(jump, self.excess)
+        else:
+            parts, known = solution.parts, prior_cost(solution.parts)
+            misfit = (solution.chi_squared - known) / self.excess + known
+        covariance = system.covariance()[:n, :n]
+        rise, price, moved = _price_of_free(parts[: self.n_free], covariance, self.n_samples)
+        for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
+            k = part.strengths.size
+            price += k * np.log(self.n_samples / len(part.strengths))
+            price += _price_of_shape(part, covariance[where, where][k:, k:])
+        return _Worth(misfit + rise, price, moved, parts, covariance)
+
+
+class _Worth(NamedTuple):
+    misfit: float
+    price: float
+    moved: tuple[str, ...]
+    parts: tuple[Part, ...]
+    covariance: Array
+
 
 def _price_of_free(
-    solution: Solution, slices: Sequence[slice], n_samples: int, excess: float
+    parts: Sequence[Part], covariance: Array, n_samples: float
 ) -> tuple[float, float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free.
 
     Each costs log n, or the rise of the misfit when it is fixed. Returns rise, price and names.
     """
-    judged = [i for i, p in enumerate(solution.parts[: len(slices)]) if p.tolerance is None]
-    at = np.array([slices[i].start for i in judged], int)
-    values = np.array([solution.parts[i].strengths[0, 0] for i in judged])
-    names = [solution.parts[i].effect.name for i in judged]
+    first = np.cumsum([0, *(p.size for p in parts)])
+    judged = [i for i, p in enumerate(parts) if p.tolerance is None]
+    at, values = first[judged], np.array([parts[i].strengths[0, 0] for i in judged])
+    names = [parts[i].effect.name for i in judged]
     choices = []
     for freed in itertools.product((False, True), repeat=len(judged)):
         fixed = ~np.array(freed, bool)
-        block = solution.covariance[np.ix_(at[fixed], at[fixed])]
+        block = covariance[np.ix_(at[fixed], at[fixed])]
         rise = float(values[fixed] @ np.linalg.pinv(block, hermitian=True) @ values[fixed])
         moved = tuple(n for n, f in zip(names, freed, strict=True) if f)
         choices.append((rise, sum(freed) * float(np.log(n_samples)), moved))
-    return min(choices, key=lambda c: c[0] / excess + c[1])
+    return min(choices, key=lambda c: c[0] + c[1])
 
 
 def _price_of_shape(part: Part, covariance: Array) -> float:
@@ -97,14 +160,22 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     return price
 
 
-def ranked(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Best first, with the excess of the one that explains most."""
-    excess = min((h.excess for h in hypotheses), default=1.0)
-    return sorted(hypotheses, key=lambda h: h.score(excess) if np.isfinite(excess) else np.inf)
+def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -> list[Hypothesis]:
+    """Best first, all with the form error that is known, or as much more as the best needs.
+
+    That is the one that explains most with jumps of its own size.
+    """
+    if not hypotheses:
+        return []
+    jumps = [FormError(h.settled(known).form.jump) for h in hypotheses]
+    alone = [h.at(form) for h, form in zip(hypotheses, jumps, strict=True)]
+    best = hypotheses[int(np.argmin([h.score for h in alone]))]
+    form = best.settled(known).form
+    return sorted((h.at(form) for h in hypotheses), key=lambda h: h.score)
 
 
 def weights(hypotheses: Sequence[Hypothesis]) -> Array:
-    """Posterior probabilities among hypotheses, all alike beforehand; the best comes first."""
-    scores = np.array([h.score(hypotheses[0].excess) for h in hypotheses])
+    """Posterior probabilities among hypotheses, all alike beforehand."""
+    scores = np.array([h.score for h in hypotheses])
     weight = np.exp(-0.5 * (scores - scores.min()))
     return weight / weight.sum()

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.fit.record import Record
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
@@ -23,7 +26,7 @@ class Prediction:
     def error(self, simulated: Array) -> float:
         """Rms of the misfit over the noise; 1 is perfect."""
         misfit = self.record.whitened(self.record.signal - simulated)
-        return float(np.sqrt(np.mean(misfit**2)))
+        return float(np.sqrt(np.sum(misfit**2) / self.record.count))
 
     def backbone(self, signal: Array) -> Backbone | None:
         """Backbone of a signal (n,); None where it dies out at once, so that it has no cycles."""
@@ -69,6 +72,39 @@ class Gap:
     def after(self) -> float:
         """Displacement error over noise with the effects added."""
         return max(p.error(p.after) for p in self.predictions)
+
+    @property
+    def closed(self) -> float:
+        """Part of the squared error beyond the noise that is closed, 0 to 1."""
+        n = sum(len(p.record.signal) for p in self.predictions)
+
+        def beyond(signals: list[Array]) -> float:
+            pairs = zip(self.predictions, signals, strict=True)
+            return sum(len(x) * p.error(x) ** 2 for p, x in pairs) / n - 1
+
+        before = beyond([p.before for p in self.predictions])
+        after = beyond([p.after for p in self.predictions])
+        return float(np.clip(1 - max(after, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
+
+    @cached_property
+    def differences_before(self) -> tuple[Difference, ...]:
+        """Of the simulation as it was, one a record."""
+        return tuple(Difference.of(p.record, p.before) for p in self.predictions)
+
+    @cached_property
+    def differences_after(self) -> tuple[Difference, ...]:
+        """With the effects added, one a record."""
+        return tuple(Difference.of(p.record, p.after) for p in self.predictions)
+
+    def matters(self, tolerance: Tolerance) -> bool:
+        """Whether the simulation as it was is surely beyond a tolerance."""
+        return any(d.exceeds(tolerance) for d in self.differences_before)
+
+    def improves(self, tolerance: Tolerance) -> bool:
+        """Whether some difference falls by more than a tolerance, and none surely grows by it."""
+        pairs = list(zip(self.differences_before, self.differences_after, strict=True))
+        falls = any(before.falls(after, tolerance) for before, after in pairs)
+        return falls and not any(before.grows(after, tolerance) for before, after in pairs)
 
     def __repr__(self) -> str:
         where = "held out" if self.unseen else "fitted"

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
+from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
@@ -154,16 +156,37 @@ class DiagnosisReport:
         """Names of the explanations that the data do not tell apart, best first."""
         return tuple(h.names for h in self.rivals if h.names)
 
+    @cached_property
+    def next_test(self) -> Advice | None:
+        """The test that would best tell apart what these data do not; None where none is needed."""
+        return self.advised()
+
+    def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:
+        """The same, of the tests that can be made.
+
+        Where nothing explains the data, what came nearest is to be told apart.
+        """
+        given = (self.nominal, self.records, tests)
+        if self.verdict == "ambiguous":
+            return next_test(self.rivals, *given)
+        if self.verdict == "unknown":
+            nearest = {self.best.names: self.best}
+            for h in self.compared:
+                if h.names and len(h.effects) <= max(len(self.best.effects), 1):
+                    nearest.setdefault(h.names, h)
+            return next_test(list(nearest.values()), *given, explained=False)
+        return None
+
     def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
         effects = range(hypothesis.n_free, len(hypothesis.solution.parts))
         return tuple(self._effect(hypothesis, i) for i in effects or _moved(hypothesis))
 
     def _effect(self, hypothesis: Hypothesis, index: int) -> FoundEffect:
         solution = hypothesis.solution
-        part, where = solution.parts[index], solution.slices()[index]
+        part, where = hypothesis.parts[index], solution.slices()[index]
         # Where the residual is above the noise, the errors grow with it.
-        grow = max(self.remainder.ratio, 1.0)
-        std = grow * np.sqrt(np.diag(solution.covariance[where, where]))
+        grow = max(self.remainder.ratio, 1.0) if hypothesis.form == NO_FORM_ERROR else 1.0
+        std = grow * np.sqrt(np.diag(hypothesis.covariance[where, where]))
         names = _value_names(part)
         shares = zip(self.rivals, weights(self.rivals), strict=True)
         weight = sum(share for h, share in shares if part.effect.name in h.names)
@@ -282,12 +305,12 @@ class DiagnosisReport:
         """
         from romsindy.diagnosis.pictures import pictures
 
-        parts = self.best.solution.parts
+        parts = self.best.parts
         return {p.name: p for p in pictures(self.nominal, parts, self.records, self.gap)}
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        parts = self.best.solution.parts
+        parts = self.best.parts
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if e.name not in terms)
         note = "Not a term of the equation of motion, so not in it: "

@@ -11,12 +11,13 @@ from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, ranked
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.shooting import shoot
@@ -58,6 +59,7 @@ class Search:
     records: Sequence[Record]
     free: tuple[Part, ...]  # always fitted, blamed only if nothing else is
     options: Options
+    form: FormError = NO_FORM_ERROR  # of the model, as its reference record shows it
     done: list[Hypothesis] = field(default_factory=list)  # what is left by an interrupt
 
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
@@ -96,7 +98,7 @@ class Search:
         ValueError
             If the model alone has no motion near the measured one.
         """
-        base = self._settled(self.hypothesis([]))
+        base = self._settled(self.hypothesis([])).settled(self.form)
         if not base.solution.finite:
             raise ValueError(
                 "the model has no motion near that of the records: small disturbances of it grow"
@@ -107,16 +109,18 @@ class Search:
             best, seen = self._best_of(base)
         except KeyboardInterrupt:
             seen, interrupted = [base, *self.done[1:]], True  # the first is the base
-            best = ranked(seen)[0]
+            best = self._ranked(seen)[0]
         # An effect beside values that moved is no rival of these alone unless it gains something.
         seen = [
             h
             for h in seen
-            if not (h.effects and h.moved and h.score(base.excess) > base.score(base.excess))
+            if not (h.effects and h.at(base.form).moved and h.at(base.form).score > base.score)
         ]
         if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
-        return Finding(self._rivals(best, seen), ranked(seen), base, interrupted)
+        best, *_ = self._ranked([best])
+        compared = sorted((h.at(best.form) for h in seen), key=lambda h: h.score)
+        return Finding(self._rivals(best, compared), compared, base.at(best.form), interrupted)
 
     def _best_of(self, base: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
         """The best hypothesis, and all that were weighed on the way."""
@@ -127,18 +131,19 @@ class Search:
             first = first or screening
             tried = self._one_more(best, screening)
             if best is base and tried and not self.remainder(tried[0]).explained:
-                tried = ranked([*tried, *self._pairs(screening)])
+                tried = self._ranked([*tried, *self._pairs(screening)])
             if not tried or not self._worth(best, tried[0]):
                 break
             seen += tried
             best = tried[0]
         if best.moved:
-            instead = ranked(self._instead(base))
+            instead = self._instead(base)
             seen += instead
             # Unsure values alone are blamed unless something else fits distinctly better.
             margin = EQUIVALENT if best is base else 0.0
-            if instead and instead[0].score(best.excess) + margin < best.score(best.excess):
-                best = instead[0]
+            other = self._ranked([best, *instead])[0]
+            if other.score + margin < best.at(other.form).score:
+                best = other
         best, tried = self._pruned(best)
         seen += tried
         seen += self._replaced(best, first) if first is not None else []
@@ -153,7 +158,8 @@ class Search:
             more = shoot(self.model, s.parts, self.records, s.motions)[0]
         except TrajectoryError:
             return base
-        return ranked([base, _weighed(more, self.records, len(self.free))])[0]
+        again = Hypothesis.of(self.model, more, len(self.free), self.records)
+        return self._ranked([base, again])[0]
 
     def _negligible(self, best: Hypothesis) -> bool:
         """Whether what a hypothesis leaves is too small to matter."""
@@ -183,11 +189,12 @@ class Search:
         """The survivors of a screening, fitted together with what was accepted, best first."""
         singles = screening.singles()
         needed = chi2.isf(self.options.false_alarm / max(len(self.options.catalogue), 1), 1)
-        if not singles or min(screening.base, best.misfit) - singles[0].chi_squared < 0.5 * needed:
+        now = min(screening.base, best.at(NO_FORM_ERROR).misfit)
+        if not singles or now - singles[0].chi_squared < 0.5 * needed:
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
-        tried = ranked(self.fitted(trials))
-        return ranked([*self.polished(tried[:3]), *tried[3:]])
+        tried = self._ranked(self.fitted(trials))
+        return self._ranked([*self.polished(tried[:3]), *tried[3:]])
 
     def _survivors(self, singles: Sequence[Screened]) -> list[Screened]:
         """The best effects and what resembles them, and a second start for the leaders."""
@@ -219,7 +226,9 @@ class Search:
         more = len(after.effects) - len(before.effects)
         n_looks = max(len(self.options.catalogue), 1) ** more
         # Structure that stays unexplained is as large by chance: the test is one of variances.
-        gain = (before.misfit - after.misfit) / after.excess
+        after = after.settled(self.form)
+        before = before.at(after.form)
+        gain = before.misfit - after.misfit
         alarm = chi2.isf(self.options.false_alarm / n_looks, more)
         return bool(gain > alarm and gain > after.price - before.price + 2 * np.log(n_looks))
 
@@ -230,7 +239,7 @@ class Search:
             parts = best.effects
             fewer = self.fitted([[*parts[:i], *parts[i + 1 :]] for i in range(len(parts))])
             seen += fewer
-            shortest = ranked(fewer)[0]
+            shortest = self._ranked(fewer)[0]
             if self._worth(shortest, best):
                 break
             best = shortest
@@ -250,17 +259,21 @@ class Search:
                     trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
         return self.fitted(trials)
 
+    def _ranked(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Best first, with at least the form error of the model."""
+        return ranked(hypotheses, self.form)
+
     def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
         """Where nothing closes the gap: as few effects as explain nearly as much."""
-        best = min(seen, key=lambda h: h.misfit * WORTH ** len(h.effects))
-        return ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
+        best = min(seen, key=lambda h: h.solution.chi_squared * WORTH ** len(h.effects))
+        return self._ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
 
     def _rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Different hypotheses that the data do not tell apart from the best, best first."""
         found = {frozenset(best.names): best}
-        n, excess = len(best.effects), best.excess
-        for h in sorted(seen, key=lambda h: h.score(excess)):
-            near = h.score(excess) - best.score(excess) < EQUIVALENT
+        n = len(best.effects)
+        for h in seen:
+            near = h.score - best.score < EQUIVALENT
             if near and len(h.effects) <= max(n, 1) and h.names:
                 found.setdefault(frozenset(h.names), h)
         return list(found.values()) if best.names else [best]
@@ -271,7 +284,7 @@ def _fitted(
 ) -> Hypothesis:
     # One thread: the same sums in the same order, however many processes there are.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _weighed(fit(model, parts, records), records, n_free)
+        return Hypothesis.of(model, fit(model, parts, records), n_free, records)
 
 
 def _polished(
@@ -282,12 +295,7 @@ def _polished(
         return hypothesis
     with threadpool_limits(limits=1, user_api="blas"):
         more = fit(model, s.parts, records, s.motions, iterations=40)
-        return ranked([hypothesis, _weighed(more, records, n_free)])[0]
-
-
-def _weighed(solution: Solution, records: Sequence[Record], n_free: int) -> Hypothesis:
-    left = examine(records, solution.residuals, solution.n_values).structure
-    return Hypothesis.of(solution, n_free, sum(len(r.signal) for r in records), left)
+        return ranked([hypothesis, Hypothesis.of(model, more, n_free, records)])[0]
 
 
 def _leaders(singles: Sequence[Screened], each: int) -> list[Screened]:

@@ -49,13 +49,13 @@ def diagnose_model(
     search = Search(model, records, parts, replace(options, catalogue=looked_for))
     found = search.run()
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
-    rivals = [best, *found.rivals[1:]]
+    rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
     left = search.remainder(best)
-    gap = Gap(tuple(predict(model, best.solution.parts, test) for test in tests), bool(late))
+    gap = Gap(tuple(predict(model, best.parts, test) for test in tests), bool(late))
     return DiagnosisReport(
         verdict=verdict_of(best, rivals, left, gap),
         nominal=model,
-        model=extended(model, best.solution.parts),
+        model=extended(model, best.parts),
         best=best,
         rivals=tuple(rivals),
         compared=tuple(found.compared),
@@ -116,7 +116,7 @@ def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     fixed = [_with_textbook_exponent(p) for p in best.effects]
     if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
         return best
-    trial = search.hypothesis(fixed)
+    trial = search.hypothesis(fixed).at(best.form)
     rise = trial.solution.chi_squared - best.solution.chi_squared
     return trial if trial.solution.converged and rise < ROUNDED else best
 

@@ -82,6 +82,11 @@ class Adequacy:
         """Whether the residual is down to the noise and without structure that matters."""
         return self.ratio <= EXPLAINED and not self.structured
 
+    @property
+    def n_functions(self) -> int:
+        """Number of functions of time that repeat with the vibration, over all windows."""
+        return (2 * _HARMONICS + 1) * (_DEGREE + 1) * len(self.amplitude)
+
     def __str__(self) -> str:
         if not np.isfinite(self.ratio):
             return "The model does not explain the data: it has no motion that follows the record."
@@ -130,11 +135,21 @@ def examine(
     false_alarm : float
         How often a right model may be said to leave something at the harmonics.
     """
+    white = [r.whitened(x) for r, x in zip(records, residuals, strict=True)]
+    return examine_white(records, white, n_values, false_alarm)
+
+
+def examine_white(
+    records: Sequence[Record],
+    white: Sequence[Array],
+    n_values: int,
+    false_alarm: float = FALSE_ALARM,
+) -> Adequacy:
+    """The same of whitened residuals, (n,) each."""
     unit = records[0].decay.unit
-    if not all(np.all(np.isfinite(x)) for x in residuals):  # there is no motion at all
+    if not all(np.all(np.isfinite(x)) for x in white):  # there is no motion at all
         nothing = np.zeros((0, _HARMONICS + 1))
         return Adequacy(np.inf, 0.0, np.inf, False, nothing[:, 0], nothing, 0.0, unit, false_alarm)
-    white = [r.whitened(x) for r, x in zip(records, residuals, strict=True)]
     windows = [w for r, e in zip(records, white, strict=True) for w in _windows(r, e)]
     at, between = np.array([w.at for w in windows]), np.array([w.between for w in windows])
     columns = np.array([w.columns for w in windows])  # (n, harmonics + 1), of each `at`
@@ -150,7 +165,7 @@ def examine(
         ratio = np.nansum((columns * power)[some]) / (numerator * share)
         return float(fdtrc(numerator * share, denominator, ratio))
 
-    n = sum(int(np.sum(r.valid)) for r in records)
+    n = sum(r.count for r in records)
     total = sum(float(e @ e) for e in white)
     matters = sum(len(r.signal) * (r.noise.floor / r.noise.std) ** 2 for r in records)
     adequacy = Adequacy(

@@ -72,6 +72,13 @@ SCREENED = 0.01
 # Disagreement that does not matter, as a part of the largest amplitude: 74 dB, what the best
 # sensors reach.
 FLOOR = 2e-4
-# A beam whose coordinate moves at this part of its largest speed at the first sample was not let
-# go from rest: the amplitude would be 5 % off.
-MOVING = 0.3
+# Differences that do not matter where nothing else is said: relative, of frequency and of damping
+# ratio at equal amplitude, and the rms of the waveform over the largest amplitude (74 dB). A tenth
+# of what the weakest effects of the trials do to either.
+SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-4, 1e-2, FLOOR
+# Standard errors from which on a difference is no chance: seven spans, of three values each, are
+# looked at in every record.
+SURE = 3.5
+# A beam whose modes move, or are displaced, by less than this part of their largest at the first
+# sample was let go from rest, or hit at rest: more must be read from the sensors.
+MOVING = 0.1

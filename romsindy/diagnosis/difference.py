@@ -1,0 +1,289 @@
+"""How a simulated decay differs from a measured one, in the terms of an engineer.
+
+Both are demodulated cycle by cycle and compared at equal amplitude, so that neither the start nor a
+phase that runs away hides what differs. The slopes of what the phase and the logarithm of the
+amplitude differ by are the differences of frequency and damping. Their standard errors come from
+the scatter of the cycles themselves, whatever the colour of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import cumulative_simpson
+from scipy.interpolate import PchipInterpolator
+from scipy.signal import savgol_filter
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import QUIET, SURE
+from romsindy.record.demodulation import Cycles
+from romsindy.record.smoothing import HarmonicSpline
+from romsindy.typing import Array, Indices
+
+_LEAST = 4  # cycles that are compared
+_SPAN = 8  # cycles of a part of a record, at least
+_LOUD = 4.0  # amplitude over the error of that of a cycle, from which on a cycle counts
+_SHARED = 0.03  # by how much the first cycle may be outside of the amplitudes of the simulation
+_SAME_DECAY = 1e-5  # of the angular frequency: less damping is none
+_MOST_ALIKE = 0.8  # of the errors of neighbours
+_AMPLITUDE_CYCLES = 7
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One simulated signal beside one record, or beside a part of it.
+
+    Attributes
+    ----------
+    amplitude : tuple of float
+        From, to: unit of q.
+    frequency, frequency_std : float
+        Simulated over measured frequency at equal amplitude, less one; nan where the two share no
+        amplitudes.
+    damping, damping_std : float
+        Simulated less measured damping ratio over the larger of the two.
+    signal, signal_std : float
+        Rms by which the waveform differs (mean, harmonics, hum) where phase and amplitude agree,
+        without the part of the noise, over the largest amplitude; all that differs where the two
+        share no amplitudes.
+    noise : float
+        Rms over the largest amplitude.
+    parts : tuple of Difference
+        Of the halves and quarters of a record that is long enough.
+    """
+
+    amplitude: tuple[float, float]
+    frequency: float
+    frequency_std: float
+    damping: float
+    damping_std: float
+    signal: float
+    signal_std: float
+    noise: float
+    parts: tuple[Difference, ...] = ()
+
+    @classmethod
+    def of(cls, record: Record, simulated: Array) -> Difference:
+        """Compare a simulated signal (n,) with the record that it stands for."""
+        pair = _paired(record, simulated)
+        if pair is None:
+            return _apart(record, simulated)
+        n = len(pair.t)
+        counts = [k for k in (2, 4) if n >= k * _SPAN]
+        pieces = [s for k in counts for s in np.array_split(np.arange(n), k)]
+        parts = tuple(_difference(pair, piece) for piece in pieces)
+        return replace(_difference(pair, np.arange(n)), parts=parts)
+
+    def exceeds(self, tolerance: Tolerance) -> bool:
+        """Whether it, or a part of it, is surely beyond a tolerance."""
+        return self.largest(tolerance).excess(tolerance) > SURE
+
+    def excess(self, tolerance: Tolerance) -> float:
+        """By how many standard errors the worst of its values is beyond a tolerance."""
+        return max(
+            _excess(self.frequency, self.frequency_std, tolerance.frequency),
+            _excess(self.damping, self.damping_std, tolerance.damping),
+            _excess(self.signal, self.signal_std, tolerance.signal),
+        )
+
+    def largest(self, tolerance: Tolerance) -> Difference:
+        """The part that is most surely beyond a tolerance; all of it where no part is more so."""
+        return max((self, *self.parts), key=lambda d: d.excess(tolerance))
+
+    def falls(self, after: Difference, tolerance: Tolerance) -> bool:
+        """Whether something is smaller afterwards, by more than a tolerance."""
+        return any(x - y > tol for x, y, _, tol in self._compared(after, tolerance))
+
+    def grows(self, after: Difference, tolerance: Tolerance) -> bool:
+        """Whether something is surely larger afterwards, by more than a tolerance."""
+        return any(y - x > tol + SURE * s for x, y, s, tol in self._compared(after, tolerance))
+
+    def _compared(
+        self, after: Difference, tolerance: Tolerance
+    ) -> Iterator[tuple[float, float, float, float]]:
+        """Sizes before and after, standard error and tolerance of each value."""
+        others = after.parts if len(after.parts) == len(self.parts) else ()
+        for x, y in zip((self, *self.parts), (after, *others), strict=False):
+            yield _size(x.frequency), _size(y.frequency), y.frequency_std, tolerance.frequency
+            yield _size(x.damping), _size(y.damping), y.damping_std, tolerance.damping
+            yield x.signal, y.signal, y.signal_std, tolerance.signal
+
+
+def _size(value: float) -> float:
+    return float("inf") if np.isnan(value) else abs(value)
+
+
+def _excess(value: float, std: float, tolerance: float) -> float:
+    if np.isnan(value):
+        return -np.inf  # the signal says it
+    return (abs(value) - tolerance) / max(std, np.finfo(float).tiny)
+
+
+class _Pair(NamedTuple):
+    """Cycles of a record, and by how much those of the simulation differ at equal amplitude."""
+
+    t: Array
+    amplitude: Array  # unit of q
+    weight: Array  # of angles and logarithms of amplitudes: the louder, the better known
+    ahead: Array  # angle of the simulation less that of the record, rad
+    louder: Array  # logarithm of simulated over measured amplitude
+    omega: Array  # of the record, rad/s
+    decay: Array  # rate of the simulation, 1/s
+    waveform: Array  # simulated less measured: columns whose squares add up to a mean square
+    wander: Array  # standard error of each column over one cycle
+    lines: float  # rms of what vibrates beside, over the largest amplitude
+    noise: float
+
+
+def _paired(record: Record, simulated: Array) -> _Pair | None:
+    """None where fewer than four cycles can be compared."""
+    t = record.t
+    said = _cycles_of(t, simulated)
+    true = Cycles.of(t, record.signal, record.spline.phase(t))
+    if said is None or len(true) < _LEAST:
+        return None
+    peak = float(true.amplitude.max())
+    per_cycle = len(t) / len(true)
+    sizes, order = np.unique(said.amplitude, return_index=True)
+    low, high = sizes[[0, -1]] * (1 - _SHARED, 1 + _SHARED)
+    loud = true.amplitude > _LOUD * record.noise.std * np.sqrt(2 / per_cycle)
+    shared = loud & (true.amplitude >= low) & (true.amplitude <= high)
+    if np.count_nonzero(shared) < _LEAST:
+        return None
+    # The noise of single cycles must not add up along the record.
+    at = _smooth(true.amplitude)
+
+    def said_at(values: Array) -> Array:
+        return np.asarray(PchipInterpolator(sizes, values[order])(np.clip(at, *sizes[[0, -1]])))
+
+    omega, decay = map(said_at, said.rates())
+    both = min(said.waveform.shape[1], true.waveform.shape[1])
+    apart = said_at(_columns(said.waveform[:, :both])) - _columns(true.waveform[:, :both])
+    waveform = apart[shared] / peak
+    wander = [_fitted(true.t[shared], x, np.ones(len(waveform)), 0)[1] for x in waveform.T]
+    ahead = cumulative_simpson(omega, x=true.t, initial=0) - true.angle
+    louder = -cumulative_simpson(decay, x=true.t, initial=0) - np.log(true.amplitude)
+    lines = float(np.sqrt(sum(line.rms**2 for line in record.noise.lines)))
+    return _Pair(
+        true.t[shared],
+        at[shared] / record.rate**record.derivative,
+        true.amplitude[shared] / peak,
+        ahead[shared],
+        louder[shared],
+        true.rates()[0][shared],
+        decay[shared],
+        waveform,
+        np.sqrt(len(waveform)) * np.array(wander),
+        lines / peak,
+        record.noise.std / peak,
+    )
+
+
+def _columns(waveform: Array) -> Array:
+    """Mean, cosines and sines (n, 2 h - 1), scaled: their squares add up to a mean square."""
+    waves = waveform[:, 1:] / np.sqrt(2)
+    return np.column_stack([waveform[:, 0].real, waves.real, waves.imag])
+
+
+def _cycles_of(t: Array, x: Array) -> Cycles | None:
+    """Cycles of a simulated signal; None where it dies, or moves too little to have any."""
+    if not (np.all(np.isfinite(x)) and np.ptp(x) > 0):
+        return None
+    moving = np.abs(x - x.mean()) > QUIET * np.ptp(x)
+    end = int(np.flatnonzero(moving)[-1]) + 1
+    try:
+        phase = HarmonicSpline.fit(t[:end], x[:end]).phase(t[:end])
+    except ValueError:  # fewer than three cycles
+        return None
+    cycles = Cycles.of(t[:end], x[:end], np.asarray(phase))
+    return cycles if len(cycles) >= _LEAST else None
+
+
+def _difference(pair: _Pair, which: Indices) -> Difference:
+    t, weight = pair.t[which], pair.weight[which]
+    omega = float(np.average(pair.omega[which], weights=weight**2))
+    said = float(np.average(pair.decay[which], weights=weight**2))
+    faster, faster_std = _fitted(t, pair.ahead[which], weight, 1)
+    less, less_std = _fitted(t, pair.louder[which], weight, 1)
+    scale = max(abs(said), abs(said + less), _SAME_DECAY * omega)
+    frequency = faster / omega
+    # The damping ratio is the decay rate over the frequency.
+    damping = -less / scale - frequency
+    values = np.array([_fitted(t, x, np.ones_like(t), 0) for x in pair.waveform[which].T])
+    # Slow noise looks steady over a few cycles: all of the record tells how it wanders.
+    noise_power = np.sum(np.maximum(values[:, 1], pair.wander / np.sqrt(len(t))) ** 2)
+    power = np.sum(values[:, 0] ** 2) - noise_power + pair.lines**2
+    amplitude = pair.amplitude[which]
+    return Difference(
+        (float(amplitude.min()), float(amplitude.max())),
+        frequency,
+        faster_std / omega,
+        damping,
+        float(np.hypot(less_std / scale, faster_std / omega)),
+        float(np.sqrt(max(power, 0.0))),
+        # Noise alone exceeds 3.5 halves of its rms as rarely as a normal error exceeds 3.5 of its
+        # own: chi-square of seven values.
+        float(np.sqrt(noise_power)) / 2,
+        pair.noise,
+    )
+
+
+def _apart(record: Record, simulated: Array) -> Difference:
+    """Of signals that share no amplitudes: all that differs."""
+    peak = float(np.abs(record.signal).max())
+    power = float(np.mean((record.signal - simulated) ** 2)) - record.noise.std**2
+    power = power if np.isfinite(power) else np.inf
+    amplitude = np.abs(record.motion.q)
+    noise = record.noise.std / peak
+    nan = float("nan")
+    return Difference(
+        (float(amplitude.min()), float(amplitude.max())),
+        nan,
+        nan,
+        nan,
+        nan,
+        float(np.sqrt(max(power, 0.0))) / peak,
+        noise / np.sqrt(len(record.t) / 2),
+        noise,
+    )
+
+
+def _fitted(t: Array, x: Array, weight: Array, derivative: int) -> tuple[float, float]:
+    """Value or slope of x at the weighted mean of the times, and its standard error.
+
+    A polynomial follows what changes steadily; the scatter about it, with neighbours that err
+    alike, is the error.
+    """
+    degree = derivative + (1 if len(t) >= _SPAN else 0)
+    middle = np.average(t, weights=weight**2)
+    scale = float(np.ptp(t))
+    basis = np.vander((t - middle) / scale, degree + 1, increasing=True) * weight[:, None]
+    inverse = np.linalg.pinv(basis)
+    misfit = weight * x - basis @ (inverse @ (weight * x))
+    freedom = len(t) - degree - 1
+    row = inverse[derivative] / scale**derivative
+    variance = misfit @ misfit / freedom * (row @ row)
+    # Few cycles know their own scatter badly.
+    widened = student.isf(norm.sf(SURE), freedom) / SURE
+    alike = _alike(misfit, np.eye(len(t)) - basis @ inverse)
+    return float(row @ (weight * x)), float(widened * np.sqrt(variance * (1 + alike) / (1 - alike)))
+
+
+def _alike(misfit: Array, left: Array) -> float:
+    """Correlation of neighbouring errors, beyond what a fit leaves of independent ones."""
+    own = misfit @ misfit
+    if not own > 0:
+        return 0.0
+    expected = np.trace(left, 1) / np.trace(left)
+    return float(np.clip(misfit[1:] @ misfit[:-1] / own - expected, 0.0, _MOST_ALIKE))
+
+
+def _smooth(amplitude: Array) -> Array:
+    width = min(_AMPLITUDE_CYCLES, len(amplitude))
+    return np.exp(savgol_filter(np.log(amplitude), width, min(2, width - 1)))
