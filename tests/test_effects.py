@@ -12,7 +12,14 @@ import pytest
 import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.beam.sensors import Sensor
-from romsindy.effects import BEAM_CATALOGUE, CATALOGUE, AtPoint, MemoryEffect, TermEffect, look_alikes
+from romsindy.effects import (
+    BEAM_CATALOGUE,
+    CATALOGUE,
+    AtPoint,
+    MemoryEffect,
+    TermEffect,
+    look_alikes,
+)
 from romsindy.effects.base import Scales, State
 from romsindy.effects.table import page, rows
 from romsindy.physics.stiffness import Stiffness
