@@ -203,7 +203,8 @@ class TermEffect(Effect):
         q, q_dot, q_ddot = state[1:4]
         if isinstance(law, FrictionLaw) and not law.smooth:
             _, by_q, by_q_dot, by_change = law.averaged(q, q_dot, *_changes(state))
-            return s * by_q, s * by_q_dot, s * by_change * state.step / 3
+            # What is about to be held would have no mass left; half of it is enough to go on.
+            return s * by_q, s * by_q_dot, np.maximum(s * by_change * state.step / 3, -0.5)
         by_q = (
             law.inertia_dq(q) * q_ddot
             + law.convection_dq(q) * q_dot**2
