@@ -200,8 +200,8 @@ class Assembly:
             powers += [self._load_power(x, v) for x, v in zip(X, V, strict=True)]
         return powers
 
-    def smooth_acceleration(self, x: np.ndarray, stiffening: float) -> np.ndarray:
-        """Return the acceleration at rest in x, without axial and shear waves of short period.
+    def smooth_acceleration(self, x: np.ndarray, v: np.ndarray, stiffening: float) -> np.ndarray:
+        """Return the acceleration in x with velocity v, without short axial and shear waves.
 
         Solve (M + stiffening^2 D) a = -r, where D is the axial and shear stiffness alone.  A force
         that is suddenly taken away starts waves; those much faster than `stiffening` [s] have died
@@ -211,7 +211,7 @@ class Assembly:
         length, EA, GA, _ = self._stiffness
         _, D = kernel.tangent(x, length, EA, GA, 0.0)
         factors = factorise(self.mass + stiffening**2 * D, self.fixed)
-        residual, _ = self.residual(x)
+        residual, _ = self.residual(x, v)
         return solve(factors, -residual)
 
     def tangents(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -221,6 +221,32 @@ class Beam(Structure):
         pattern = tip if mode is None else self.modes(count=mode).momenta[mode - 1]
         return hold(self.assembly, rest, pattern, tip, tip_displacement)
 
+    def struck(
+        self, impulse: float, at: float | None = None, modes: int = 10, shape: Shape | None = None
+    ) -> np.ndarray:
+        """Return the velocity (n_nodes, 3) after a hit, m/s and rad/s.
+
+        Parameters
+        ----------
+        impulse : float
+            Upwards, N s.
+        at : float, optional
+            Where, m; None is the right end.
+        modes : int
+            Modes that the hit sets in motion: a soft hammer excites few.
+        shape : Shape, optional
+            Where the beam is then (default: at its equilibrium).
+
+        Raises
+        ------
+        ValueError
+            For an impulse that is not finite, a place off the beam, or modes that do not exist.
+        """
+        require_finite("impulse", impulse)
+        basis = self.modes(shape, modes)
+        push = self.point_load((0.0, impulse), at=at)
+        return np.tensordot(np.tensordot(basis.shapes, push, axes=2), basis.shapes, axes=1)
+
     # -- motion, reduced model, sensors --------------------------------------------------------
 
     def simulate(
@@ -234,9 +260,13 @@ class Beam(Structure):
         sensors: SensorArray | None = None,
         keep_field: bool = False,
         method: RadauIIA | None = None,
+        velocity: np.ndarray | None = None,
         progress: bool = True,
     ) -> Motion:
-        """Let the beam go from rest in `shape` and follow its motion; see `transient.simulate`."""
+        """Let the beam go from `shape` and follow its motion; see `transient.simulate`.
+
+        It starts from rest, or with a velocity (n_nodes, 3), such as that of `struck` after a hit.
+        """
         return simulate(
             self.assembly,
             self.equilibrium(),
@@ -248,6 +278,7 @@ class Beam(Structure):
             sensors=sensors,
             keep_field=keep_field,
             method=method,
+            velocity=velocity,
             progress=progress,
         )
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
+from romsindy.beam.section import Section
 from romsindy.beam.spring import Spring, find_spring
 from romsindy.effects.load import PointMass
 from romsindy.physics.validation import require_finite, require_positive
@@ -23,13 +24,83 @@ class _Change:
     change: float
 
 
-class StifferBending(_Change):
-    """A relative change of the bending stiffness EI."""
+class _OfSection(_Change):
+    """A relative change of the section: its stiffness and inertia go with powers of 1 + change."""
+
+    powers: ClassVar[dict[str, int]]  # of the fields of `Section`
 
     def applied_to(self, beam: Any) -> Any:
-        """Return `beam` with another EI."""
-        section = replace(beam.section, EI=beam.section.EI * (1 + self.change))
-        return replace(beam, section=section)
+        """Return `beam` with another section."""
+        changed = {
+            name: getattr(beam.section, name) * (1 + self.change) ** power
+            for name, power in self.powers.items()
+        }
+        return replace(beam, section=replace(beam.section, **changed))
+
+
+class StifferBending(_OfSection):
+    """A relative change of the bending stiffness EI."""
+
+    powers: ClassVar = {"EI": 1}
+
+
+class StifferAxially(_OfSection):
+    """A relative change of the axial stiffness EA."""
+
+    powers: ClassVar = {"EA": 1}
+
+
+class StifferMaterial(_OfSection):
+    """A relative change of Young's modulus, and of the shear modulus with it."""
+
+    powers: ClassVar = {"EA": 1, "GA": 1, "EI": 1}
+
+
+class Denser(_OfSection):
+    """A relative change of the density, so of the mass per length and its rotary inertia."""
+
+    powers: ClassVar = {"mass": 1, "rotary_inertia": 1}
+
+
+class Wider(_OfSection):
+    """A relative change of the width."""
+
+    powers: ClassVar = {f.name: 1 for f in fields(Section)}
+
+
+class Thicker(_OfSection):
+    """A relative change of the thickness, in the direction of bending."""
+
+    powers: ClassVar = {"EA": 1, "GA": 1, "EI": 3, "mass": 1, "rotary_inertia": 3}
+
+
+class Longer(_Change):
+    """A relative change of the length; what sits at the right end moves with it."""
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with another length; anchors stay where they are."""
+        length = beam.length * (1 + self.change)
+        beyond = [e for e in beam.effects if e.at is not None and e.at > length]
+        effects = tuple(_at_the_end(e) if e in beyond else e for e in beam.effects)
+        return replace(beam, length=length, effects=effects)
+
+
+class FartherAnchor(_Change):
+    """A shift of the anchor of the beam's spring along the beam, m."""
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with its spring anchored farther to the right."""
+        spring = find_spring(beam)
+        return _exchanged(beam, spring, anchor=(spring.anchor[0] + self.change, spring.anchor[1]))
+
+
+class HigherAnchor(_Change):
+    """A shift of the anchor of the beam's spring upwards, m."""
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with its spring anchored higher."""
+        spring = find_spring(beam)
+        return _exchanged(beam, spring, anchor=(spring.anchor[0], spring.anchor[1] + self.change))
 
 
 class StifferSpring(_Change):
@@ -51,6 +122,16 @@ class HeavierMasses(_Change):
             beam = _exchanged(
                 beam, e, mass=e.mass * factor, rotary_inertia=e.rotary_inertia * factor
             )
+        return beam
+
+
+class HeavierRotation(_Change):
+    """A relative change of the rotary inertia of all point masses on the beam."""
+
+    def applied_to(self, beam: Any) -> Any:
+        """Return `beam` with point masses that are harder to turn."""
+        for e in (e for e in beam.effects if isinstance(e, PointMass)):
+            beam = _exchanged(beam, e, rotary_inertia=e.rotary_inertia * (1 + self.change))
         return beam
 
 
@@ -140,7 +221,14 @@ class ClampCompliance:
         return replace(beam, left=support)
 
 
-def _exchanged(beam: Any, effect: Spring | PointMass, **values: float) -> Any:
+def _at_the_end(effect: Any) -> Any:
+    """An effect, moved to the right end."""
+    if hasattr(effect, "mounting") and not isinstance(effect, Spring):
+        return replace(effect, mounting=replace(effect.mounting, at=None))
+    return replace(effect, at=None)
+
+
+def _exchanged(beam: Any, effect: Spring | PointMass, **values: Any) -> Any:
     """The beam with other values of one of its effects."""
-    new = replace(effect, **values)  # type: ignore[arg-type]
+    new = replace(effect, **values)
     return replace(beam, effects=tuple(new if e is effect else e for e in beam.effects))

@@ -42,13 +42,13 @@ class Integrator:
         self._peak = 0.0
         self.iterations = 0
 
-    def start(self, x: np.ndarray) -> State:
-        """Return the state at rest in x.
+    def start(self, x: np.ndarray, v: np.ndarray) -> State:
+        """Return the state in x with velocity v.
 
         The first step is guessed without acceleration: Newton converges from the unmoved shape,
         but not from one that a full step of a guessed acceleration has stretched.
         """
-        return State(x, np.zeros_like(x), np.zeros((self._method.stages, *x.shape)), 0.0)
+        return State(x, v, np.zeros((self._method.stages, *x.shape)), 0.0)
 
     def step(self, state: State, h: float) -> tuple[State, float] | None:
         """Return the state after a step of h [s] and the energy dissipated [J]; None on failure."""

@@ -37,9 +37,10 @@ def simulate(
     sensors: SensorArray | None = None,
     keep_field: bool = False,
     method: RadauIIA | None = None,
+    velocity: np.ndarray | None = None,
     progress: bool = True,
 ) -> Motion:
-    """Let the beam go from rest in `shape` and follow its free motion.
+    """Let the beam go from `shape` and follow its free motion.
 
     The result is sampled every `step`; a sample interval is cut into 2, 4, ... time steps where
     the energy balance or Newton's method asks for it.  The first acceleration leaves out the
@@ -60,28 +61,33 @@ def simulate(
         Whether to keep every node's motion as well (20 kB per sample at 150 elements).
     method : RadauIIA, optional
         The collocation method (default: Radau IIA of order 5).
+    velocity : (n_nodes, 3) array, optional
+        Velocities at the start, m/s and rad/s (default: rest).
     progress : bool
         Whether to show a progress bar.
 
     Raises
     ------
     ValueError
-        For a duration, step or tolerance that is not positive, or a shape of another mesh.
+        For a duration, step or tolerance that is not positive, a shape or a velocity of another
+        mesh, or a velocity of what is held.
     StepTooLongError
         If Newton fails even in steps of step / 1024.
     """
     _check(assembly, shape, duration, step, energy_tolerance)
+    v = _checked_velocity(assembly, velocity)
     if progress and not kernel.is_compiled():
         print("compiling the beam kernel (first run only, about 10 s)", file=sys.stderr)
     rest, start = equilibrium.displacement, shape.displacement
     rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     method = method or RadauIIA()
     integrator = Integrator(assembly, method)
-    released, at_rest = assembly.strain(start) + assembly.potential(start), sum(rest_energy)
+    released = assembly.strain(start) + assembly.potential(start) + assembly.kinetic(v)
+    at_rest = sum(rest_energy)
     rounding = 1e-14 * (abs(released) + abs(at_rest))
     budget = Budget(energy_tolerance * abs(released - at_rest), duration, rounding)
-    stepper = Stepper(integrator, assembly, integrator.start(start), budget, method.order)
-    acceleration = assembly.smooth_acceleration(start, stiffening=step)
+    stepper = Stepper(integrator, assembly, integrator.start(start, v), budget, method.order)
+    acceleration = assembly.smooth_acceleration(start, v, stiffening=step)
     free = int(np.count_nonzero(~assembly.fixed))
     basis = modes or solve_modes(assembly, equilibrium, min(_DEFAULT_MODES, free - 2))
     n_samples = int(np.floor(duration / step * (1 + 1e-12))) + 1
@@ -108,6 +114,20 @@ def simulate(
     except KeyboardInterrupt:
         return motion(f"interrupted at {(recorder.count - 1) * step:.6g} s of {duration:.6g} s")
     return motion("completed")
+
+
+def _checked_velocity(assembly: Assembly, velocity: np.ndarray | None) -> np.ndarray:
+    if velocity is None:
+        return np.zeros((assembly.n_nodes, 3))
+    v = np.array(velocity, float)
+    if v.shape != (assembly.n_nodes, 3) or not np.all(np.isfinite(v)):
+        raise ValueError(
+            f"velocity has shape {v.shape}: give finite values (u, w, theta) of every node,"
+            f" ({assembly.n_nodes}, 3), such as beam.struck(0.001)"
+        )
+    if np.any(v[assembly.fixed]):
+        raise ValueError("velocity moves what is held: set it to zero where the supports are")
+    return v
 
 
 def _check(

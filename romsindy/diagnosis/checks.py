@@ -199,7 +199,7 @@ def _fit_mirrored(model: ReducedModel, records: Sequence[Record]) -> bool:
     if mirrored > REVERSED_IS_BETTER * fit(model, free, records).chi_squared:
         return False
     direct = fit(model, [*free, quadratic], records).chi_squared
-    explained = direct < EXPLAINED**2 * sum(len(r.signal) for r in records)
+    explained = direct < EXPLAINED**2 * sum(r.count for r in records)
     return not explained or mirrored < REVERSED_IS_NO_WORSE * direct
 
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_simpson
+from scipy.interpolate import PchipInterpolator
 from scipy.signal import savgol_filter
 from scipy.stats import norm
 from scipy.stats import t as student
@@ -149,8 +150,8 @@ def _paired(record: Record, simulated: Array) -> _Pair | None:
         return None
     peak = float(true.amplitude.max())
     per_cycle = len(t) / len(true)
-    order = np.argsort(said.amplitude)
-    low, high = said.amplitude[order[[0, -1]]] * (1 - _SHARED, 1 + _SHARED)
+    sizes, order = np.unique(said.amplitude, return_index=True)
+    low, high = sizes[[0, -1]] * (1 - _SHARED, 1 + _SHARED)
     loud = true.amplitude > _LOUD * record.noise.std * np.sqrt(2 / per_cycle)
     shared = loud & (true.amplitude >= low) & (true.amplitude <= high)
     if np.count_nonzero(shared) < _LEAST:
@@ -159,15 +160,15 @@ def _paired(record: Record, simulated: Array) -> _Pair | None:
     at = _smooth(true.amplitude)
 
     def said_at(values: Array) -> Array:
-        return np.asarray(np.interp(at, said.amplitude[order], values[order]))
+        return np.asarray(PchipInterpolator(sizes, values[order])(np.clip(at, *sizes[[0, -1]])))
 
     omega, decay = map(said_at, said.rates())
     both = min(said.waveform.shape[1], true.waveform.shape[1])
-    waveform = np.stack([said_at(x) for x in _columns(said.waveform[:, :both]).T], axis=1)
-    waveform = (waveform - _columns(true.waveform[:, :both]))[shared] / peak
+    apart = said_at(_columns(said.waveform[:, :both])) - _columns(true.waveform[:, :both])
+    waveform = apart[shared] / peak
     wander = [_fitted(true.t[shared], x, np.ones(len(waveform)), 0)[1] for x in waveform.T]
-    ahead = cumulative_trapezoid(omega, true.t, initial=0) - true.angle
-    louder = -cumulative_trapezoid(decay, true.t, initial=0) - np.log(true.amplitude)
+    ahead = cumulative_simpson(omega, x=true.t, initial=0) - true.angle
+    louder = -cumulative_simpson(decay, x=true.t, initial=0) - np.log(true.amplitude)
     lines = float(np.sqrt(sum(line.rms**2 for line in record.noise.lines)))
     return _Pair(
         true.t[shared],

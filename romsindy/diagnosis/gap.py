@@ -26,7 +26,7 @@ class Prediction:
     def error(self, simulated: Array) -> float:
         """Rms of the misfit over the noise; 1 is perfect."""
         misfit = self.record.whitened(self.record.signal - simulated)
-        return float(np.sqrt(np.mean(misfit**2)))
+        return float(np.sqrt(np.sum(misfit**2) / self.record.count))
 
     def backbone(self, signal: Array) -> Backbone | None:
         """Backbone of a signal (n,); None where it dies out at once, so that it has no cycles."""

@@ -15,6 +15,7 @@ import numpy as np
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
@@ -154,6 +155,27 @@ class DiagnosisReport:
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
         """Names of the explanations that the data do not tell apart, best first."""
         return tuple(h.names for h in self.rivals if h.names)
+
+    @cached_property
+    def next_test(self) -> Advice | None:
+        """The test that would best tell apart what these data do not; None where none is needed."""
+        return self.advised()
+
+    def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:
+        """The same, of the tests that can be made.
+
+        Where nothing explains the data, what came nearest is to be told apart.
+        """
+        given = (self.nominal, self.records, tests)
+        if self.verdict == "ambiguous":
+            return next_test(self.rivals, *given)
+        if self.verdict == "unknown":
+            nearest = {self.best.names: self.best}
+            for h in self.compared:
+                if h.names and len(h.effects) <= max(len(self.best.effects), 1):
+                    nearest.setdefault(h.names, h)
+            return next_test(list(nearest.values()), *given, explained=False)
+        return None
 
     def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
         effects = range(hypothesis.n_free, len(hypothesis.solution.parts))

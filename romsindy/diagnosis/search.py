@@ -17,7 +17,7 @@ from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.shooting import shoot

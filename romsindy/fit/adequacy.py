@@ -165,7 +165,7 @@ def examine_white(
         ratio = np.nansum((columns * power)[some]) / (numerator * share)
         return float(fdtrc(numerator * share, denominator, ratio))
 
-    n = sum(int(np.sum(r.valid)) for r in records)
+    n = sum(r.count for r in records)
     total = sum(float(e @ e) for e in white)
     matters = sum(len(r.signal) * (r.noise.floor / r.noise.std) ** 2 for r in records)
     adequacy = Adequacy(

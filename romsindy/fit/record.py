@@ -21,6 +21,7 @@ from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
+_LOUDER = 1.1  # so far the level of white noise is known
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,8 @@ class Record:
         cycle = t[-1] * 2 * np.pi / float(spline.phase(t[-1]) - spline.phase(0.0))
         peak = float(np.abs(signal).max())
         least = float(np.hypot(floor * peak, decay.leftover))
-        noise = Noise.of(signal - spline(t)[0], cycle, decay.dt, least)
+        rest, envelope = signal - spline(t)[0], np.abs(spline.amplitudes(t)[:, 1])
+        noise = Noise.of(rest, spline.midline(t), envelope, cycle, decay.dt, least)
         displacement = spline if decay.derivative == 0 else HarmonicSpline.fit(t, decay.q)
         shortest = 2 * np.pi / float(spline.phase(t, 1).max())
         grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))
@@ -79,7 +81,12 @@ class Record:
         ValueError
             If less than three cycles stand out of the noise.
         """
-        return cls.of(_loud(decay.single()), floor)
+        decay = decay.single()
+        white = noise_std(decay.signal)
+        record = cls.of(_loud(decay, white), floor)
+        # Coloured noise is louder than it seems from its quietest part.
+        loud = record.noise.std > _LOUDER * white
+        return cls.of(_loud(decay, record.noise.std), floor) if loud else record
 
     @property
     def t(self) -> Array:
@@ -112,6 +119,11 @@ class Record:
         """Mean angular frequency, rad/s."""
         return float(self.phase(self.t[-1:])[0] - self.phase(self.t[:1])[0]) / float(self.t[-1])
 
+    @property
+    def count(self) -> float:
+        """Samples that tell anything; of noise beyond a filter, which is none, few do."""
+        return float(np.sum(self.valid)) * self.noise.share(len(self.signal))
+
     def until(self, end: float) -> Record:
         """The first seconds of the record, with the noise of all of it."""
         m, grid = self.motion, self.motion.grid.until(end)
@@ -140,7 +152,7 @@ def _steps_per_cycle(noise_share: float) -> int:
     return int(np.clip(steps, _LEAST_STEPS, _MOST_STEPS))
 
 
-def _loud(decay: Decay) -> Decay:
+def _loud(decay: Decay, noise: float) -> Decay:
     x = decay.signal
     centred, cycle = swing(x)
     envelope = np.sqrt(np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
@@ -149,11 +161,11 @@ def _loud(decay: Decay) -> Decay:
     if envelope[:cycle].max() < RELEASED * envelope[top]:  # held, or pushed, before the release
         near = slice(max(top - cycle, 0), top + cycle)
         first = near.start + int(np.argmax(np.abs(centred[near])))
-    quiet = max(QUIET * envelope[top], 2 * noise_std(x))
+    quiet = max(QUIET * envelope[top], 2 * noise)
     above = np.flatnonzero(envelope > quiet)
     if len(above) == 0 or above[-1] - first < 3 * cycle:
         raise ValueError(
-            f"the vibration stands out of the noise (rms {noise_std(x):.2g}) for less than three"
+            f"the vibration stands out of the noise (rms {noise:.2g}) for less than three"
             " cycles: it is noise, or another channel vibrates"
         )
     return decay.between(decay.t[first], decay.t[above[-1]])

@@ -6,22 +6,13 @@ changed one about its own equilibrium and brought to the coordinate of the senso
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.beam import Beam, StaticCurve
-from romsindy.beam.changes import (
-    ClampCompliance,
-    ExtraTension,
-    HeavierMasses,
-    MassDamping,
-    MaterialDamping,
-    StifferBending,
-    StifferSpring,
-)
+from romsindy.beam import Beam, StaticCurve, changes
 from romsindy.beam.spring import springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
@@ -33,6 +24,8 @@ from romsindy.physics.serial import term_from_key
 
 _ORDER = 7
 _LEAST = 1e-12  # an effect that must be positive, and is zero
+# Tolerances of positions are in m, all others relative.
+POSITIONS = ("sensor_positions", "anchor_x", "anchor_y")
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
@@ -50,21 +43,52 @@ class _Parameter(NamedTuple):
     sign: int = 0
 
 
-_STIFFNESS = (
+_OF_ASSUMED = "of the assumed one"
+_SECTION = (
     _Parameter(
-        "bending_stiffness", "another bending stiffness", "of the assumed one", StifferBending
+        "bending_stiffness", "another bending stiffness", _OF_ASSUMED, changes.StifferBending
     ),
+    _Parameter("length", "another length", _OF_ASSUMED, changes.Longer, 2e-3),
+    _Parameter("thickness", "another thickness", _OF_ASSUMED, changes.Thicker),
+    _Parameter("density", "another density", _OF_ASSUMED, changes.Denser),
+)
+# Told from the others by nothing, or only by what stretches or hangs on the beam.
+_ALIKE = (
+    _Parameter("modulus", "another modulus", _OF_ASSUMED, changes.StifferMaterial),
+    _Parameter("width", "another width", _OF_ASSUMED, changes.Wider),
+    _Parameter("axial_stiffness", "another axial stiffness", _OF_ASSUMED, changes.StifferAxially),
 )
 _MASS = (_Parameter("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),)
 _CLAMP = (
-    _Parameter("clamp_compliance", "a clamp that gives way", "rad/(N m)", ClampCompliance, 1e-3, 1),
+    _Parameter(
+        "clamp_compliance",
+        "a clamp that gives way",
+        "rad/(N m)",
+        changes.ClampCompliance,
+        1e-3,
+        1,
+    ),
 )
 _SPRING = (
-    _Parameter("spring_stiffness", "another spring stiffness", "of the assumed one", StifferSpring),
-    _Parameter("pre_tension", "another tension in the spring", "N", ExtraTension),
+    _Parameter("spring_stiffness", "another spring stiffness", _OF_ASSUMED, changes.StifferSpring),
+    _Parameter("pre_tension", "another tension in the spring", "N", changes.ExtraTension),
+)
+_ANCHOR = (
+    _Parameter("anchor_x", "an anchor farther along the beam", "m", changes.FartherAnchor, 1e-3),
+    _Parameter("anchor_y", "a higher anchor", "m", changes.HigherAnchor, 1e-3),
 )
 # Of masses that are there; what is looked for is mass that is not ("added_mass").
-_MASSES = (_Parameter("point_masses", "other point masses", "of the assumed ones", HeavierMasses),)
+_MASSES = (
+    _Parameter("point_masses", "other point masses", "of the assumed ones", changes.HeavierMasses),
+)
+_ROTARY = (
+    _Parameter(
+        "rotary_inertia",
+        "another rotary inertia of the point masses",
+        "of the assumed one",
+        changes.HeavierRotation,
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -111,32 +135,41 @@ def damping_effects(curve: StaticCurve) -> tuple[DampingEffect, ...]:
     by_stiffness = "other damping in proportion to stiffness (eta) than assumed"
     longer, second = "a longer decay from a larger amplitude", "a second mode: it damps that more"
     return (
-        DampingEffect(curve, MassDamping, "mass_damping", by_mass, "1/s", longer),
-        DampingEffect(curve, MaterialDamping, "material_damping", by_stiffness, "s", second),
+        DampingEffect(curve, changes.MassDamping, "mass_damping", by_mass, "1/s", longer),
+        DampingEffect(
+            curve, changes.MaterialDamping, "material_damping", by_stiffness, "s", second
+        ),
     )
 
 
 def parameter_effects(
-    seen: InstrumentedBeam, amplitude: float, shift: float = 0.0
+    seen: InstrumentedBeam,
+    amplitude: float,
+    shift: float = 0.0,
+    names: Collection[str] | None = None,
 ) -> tuple[ParameterEffect, ...]:
     """Effects of the parameters that a beam has, up to some coordinate (kg^0.5 m).
 
     ``shift`` is by how much omega^2 was found to differ, 1/s^2: the differences are taken over the
-    change of each parameter that would cause this, so that they are exact there.
+    change of each parameter that would cause this, so that they are exact there. Without
+    ``names``, those that are looked for where nothing is said about them.
     """
     at = seen.basis.point(1)
-    start = _seen_coefficients(seen, seen.beam, amplitude)
+    start = seen_coefficients(seen, seen.beam, amplitude)
 
     def effect(p: _Parameter, step: float) -> ParameterEffect:
         changed = seen.beam.with_effect(_changed(p.change, step, at))
-        there = _seen_coefficients(seen, changed, amplitude)
+        there = seen_coefficients(seen, changed, amplitude)
         slopes = tuple((there[key] - start[key]) / step for key in start)
         direction = Combination(p.name, tuple(map(term_from_key, start)), slopes)
         label = p.label.format(place=AtPoint(at).place)
         return ParameterEffect(direction, p.change, p.name, label, p.unit, p.sign, at)
 
     found = []
-    for p in _parameters_of(seen.beam):
+    known = _looked_for(seen.beam) if names is None else _parameters_of(seen.beam)
+    for p in known:
+        if names is not None and p.name not in names:
+            continue
         tangent = effect(p, p.step)
         slope = tangent.linear_shift(start["omega^2"])
         needed = shift / slope if slope else np.inf
@@ -146,23 +179,37 @@ def parameter_effects(
     return tuple(found)
 
 
-def _parameters_of(beam: Beam) -> tuple[_Parameter, ...]:
+def _looked_for(beam: Beam) -> tuple[_Parameter, ...]:
+    """Parameters that are looked for as if they were missing effects."""
     clamped = beam.left.fixed[2] or beam.left.rotational_stiffness > 0.0
     return (
-        *_STIFFNESS,
+        *_SECTION,
         *_MASS,
         *(_CLAMP if clamped else ()),
         *(_SPRING if len(springs_of(beam)) == 1 else ()),
-        *(_MASSES if _has_masses(beam) else ()),
     )
 
 
-def _has_masses(beam: Beam) -> bool:
-    return any(isinstance(e, PointMass) for e in beam.effects)
+def _parameters_of(beam: Beam) -> tuple[_Parameter, ...]:
+    """All parameters of a beam."""
+    return (
+        *_looked_for(beam),
+        *_ALIKE,
+        *(_ANCHOR if len(springs_of(beam)) == 1 else ()),
+        *(_MASSES if _masses(beam) else ()),
+        *(_ROTARY if any(m.rotary_inertia for m in _masses(beam)) else ()),
+    )
+
+
+def _masses(beam: Beam) -> list[PointMass]:
+    return [e for e in beam.effects if isinstance(e, PointMass)]
 
 
 def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str, float]:
-    """Turn relative standard deviations of parameters of a beam into the units of their effects.
+    """Turn standard deviations of parameters of a beam into the units of their effects.
+
+    Those of sizes are relative, those of positions (`POSITIONS`) in m, that of a clamp that was
+    taken as rigid in rad/(N m).
 
     Raises
     ------
@@ -170,38 +217,39 @@ def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str
         For a name that is no parameter of the beam, a tolerance that is not positive, or one of a
         parameter that is zero.
     """
-    assumed = _assumed(beam)
-    for name, relative in tolerances.items():
-        if name not in assumed:
-            raise ValueError(f"tolerances name {name!r}: this beam has {sorted(assumed)}")
-        if not relative > 0:
-            raise ValueError(f"tolerances[{name!r}] = {relative!r} must be positive (relative)")
-        if assumed[name] == 0:
+    sizes = _sizes(beam)
+    for name, tolerance in tolerances.items():
+        if name not in sizes:
+            raise ValueError(f"tolerances name {name!r}: this beam has {sorted(sizes)}")
+        if not 0 < tolerance < np.inf:
+            kind = "in m" if name in POSITIONS else "relative"
+            raise ValueError(f"tolerances[{name!r}] = {tolerance!r} must be positive ({kind})")
+        if sizes[name] == 0:
             raise ValueError(
                 f"tolerances name {name!r}, which is 0 in this beam: a part of it is 0 as well;"
                 " leave it out, so that it is looked for"
             )
-    return {name: relative * assumed[name] for name, relative in tolerances.items()}
+    return {name: tolerance * sizes[name] for name, tolerance in tolerances.items()}
 
 
-def _assumed(beam: Beam) -> dict[str, float]:
-    """What a beam assumes of the parameters that a tolerance can be of, in their units."""
-    sizes = {"bending_stiffness": 1.0, "mass_damping": beam.alpha, "material_damping": beam.eta}
-    if _has_masses(beam):
-        sizes["point_masses"] = 1.0
-    springs = springs_of(beam)
-    if len(springs) == 1:
-        (spring,) = springs
+def _sizes(beam: Beam) -> dict[str, float]:
+    """What a tolerance of 1 is of every parameter, in the unit of its effect."""
+    sizes = dict.fromkeys((p.name for p in _parameters_of(beam) if p.name != "added_mass"), 1.0)
+    sizes |= {"mass_damping": beam.alpha, "material_damping": beam.eta, "sensor_positions": 1.0}
+    if beam.left.rotational_stiffness > 0.0:
+        sizes["clamp_compliance"] = 1.0 / beam.left.rotational_stiffness
+    if len(springs_of(beam)) == 1:
+        (spring,) = springs_of(beam)
         at = beam.length if spring.at is None else spring.at
         stretch = spring.mounting.span(at, 0.0) - spring.natural_length
-        sizes |= {"spring_stiffness": 1.0, "pre_tension": abs(spring.stiffness * stretch)}
+        sizes["pre_tension"] = abs(spring.stiffness * stretch)
     return sizes
 
 
-def _seen_coefficients(seen: InstrumentedBeam, beam: Beam, amplitude: float) -> dict[str, float]:
+def seen_coefficients(seen: InstrumentedBeam, beam: Beam, amplitude: float) -> dict[str, float]:
     """Coefficients of a reduced beam in the coordinate that the sensors show."""
     modes = seen.shapes.shape[1]
-    shapes = seen.sensors.mode_shapes(beam.modes(count=modes), modes)
+    shapes = seen.sensors_on(beam).mode_shapes(beam.modes(count=modes), modes)
     scale = float(seen.coordinate(shapes[:, 0]))
     # In the coordinate that is seen the modal mass is 1 / scale^2; with it kept, and not divided
     # by, a mass changes the inertia alone.

@@ -14,6 +14,7 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
+from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect, Verdict
@@ -109,6 +110,11 @@ class BeamReport:
         return tuple(e.label for e in self.effects if e.name not in there)
 
     @property
+    def adjusted(self) -> tuple[Adjusted, ...]:
+        """Parameters that followed the data within their tolerances; empty where none had to."""
+        return adjusted(self.reduced.best)
+
+    @property
     def gap(self) -> Gap:
         """Before and after, in the coordinate of the first mode, on what took no part."""
         return self.reduced.gap
@@ -127,7 +133,7 @@ class BeamReport:
             found += f" The beam could not be simulated with this: {self.trouble}."
         elif self.not_on_beam:
             found += f" Not on the improved beam: {', '.join(self.not_on_beam)}."
-        return left_out + found
+        return " ".join(filter(None, [left_out + found, in_words(self.adjusted)]))
 
     def __repr__(self) -> str:
         return f"<BeamReport: {self.verdict}: {self.sentence}>"
@@ -146,6 +152,7 @@ class BeamReport:
         content = json.loads(self.reduced.to_json())
         content |= {"verdict": self.verdict, "sentence": self.sentence}
         content["faults"] = [vars(f) for f in self.faults]
+        content["adjusted"] = [vars(a) for a in self.adjusted]
         content["sensors"] = [vars(e) for e in self.sensor_errors]
         return json_text(content)
 
