@@ -66,6 +66,18 @@ def test_differences_of_closed_form(changed, expected):
     assert len(d.parts) == 6
 
 
+def test_frequency_and_damping_are_compared_at_equal_amplitude():
+    """A hardening decay beside one that decays faster: same frequency at every amplitude."""
+
+    def hardening(rate):
+        turns = 31.4 * (T + 0.1 * (1 - np.exp(-2 * rate * T)) / (2 * rate))
+        return np.exp(-rate * T) * np.cos(turns)
+
+    d = difference(record(hardening(0.15)), hardening(0.18))
+    assert_allclose(d.damping, 1 - 0.15 / 0.18, rtol=0.01)
+    assert max(abs(p.frequency) for p in (d, *d.parts)) < 2e-5
+
+
 def test_the_part_where_a_difference_is_largest_has_its_amplitudes():
     d = difference(record(noise=0.001), signal(third=0.01))
     loud = d.largest(TOLERANCE)

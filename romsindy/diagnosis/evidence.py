@@ -21,7 +21,7 @@ import numpy as np
 
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
 from romsindy.fit.gauss_newton import Solution, moved_parts
-from romsindy.fit.part import Part
+from romsindy.fit.part import Part, prior_cost
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
@@ -37,7 +37,7 @@ class Hypothesis:
 
     solution: Solution
     n_free: int
-    n_samples: int
+    n_samples: float
     weighed: Weighed | None  # None where there is no motion
     form: FormError = NO_FORM_ERROR
 
@@ -47,7 +47,7 @@ class Hypothesis:
     ) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
         weighed = Weighed.of(model, solution, records) if solution.finite else None
-        return cls(solution, n_free, sum(len(r.signal) for r in records), weighed)
+        return cls(solution, n_free, sum(r.count for r in records), weighed)
 
     def at(self, form: FormError) -> Hypothesis:
         """The same with another form error."""
@@ -108,12 +108,13 @@ class Hypothesis:
         if self.weighed is None:
             return _Worth(np.inf, 0.0, (), solution.parts, solution.covariance)
         marginal, jump = self.weighed.marginal, self.form.jump
-        exact, own = (marginal.solve(j, self.excess) for j in (0.0, jump))
-        # What the fit reached, and what jumps change: at a limit, or cut short, it is not linear.
-        reached = exact[0].power - exact[0].chi_squared(exact[1])
-        misfit = reached + marginal.cost(jump, self.excess)
-        parts = moved_parts(solution.parts, (own[1] - exact[1])[:n])
-        covariance = own[0].covariance()[:n, :n]
+        system, step = marginal.solve(jump, self.excess)
+        if jump:
+            parts, misfit = moved_parts(solution.parts, step[:n]), marginal.cost(jump, self.excess)
+        else:
+            parts, known = solution.parts, prior_cost(solution.parts)
+            misfit = (solution.chi_squared - known) / self.excess + known
+        covariance = system.covariance()[:n, :n]
         rise, price, moved = _price_of_free(parts[: self.n_free], covariance, self.n_samples)
         for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
             k = part.strengths.size
@@ -131,7 +132,7 @@ class _Worth(NamedTuple):
 
 
 def _price_of_free(
-    parts: Sequence[Part], covariance: Array, n_samples: int
+    parts: Sequence[Part], covariance: Array, n_samples: float
 ) -> tuple[float, float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free.
 
@@ -159,9 +160,7 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     return price
 
 
-def ranked(
-    hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR
-) -> list[Hypothesis]:
+def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -> list[Hypothesis]:
     """Best first, all with the form error that is known, or as much more as the best needs.
 
     That is the one that explains most with jumps of its own size.

@@ -11,7 +11,7 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.adequacy import examine_white
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
-from romsindy.fit.process_noise import Marginal, linearised
+from romsindy.fit.process_noise import Departures, Marginal
 from romsindy.fit.record import Record, scales
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -24,7 +24,8 @@ class FormError:
     Attributes
     ----------
     jump : float
-        Process noise: departures of the state that gather in one cycle, in local amplitudes.
+        Process noise: so much the frequency, relatively, and the damping ratio are off from one
+        window of a few cycles to another.
     structure : float
         Rms of what repeats with the vibration beside that, such as wrong harmonics, in the largest
         amplitude of a record.
@@ -86,14 +87,12 @@ class Weighed:
     @classmethod
     def of(cls, model: ReducedModel, solution: Solution, records: Sequence[Record]) -> Weighed:
         """Weigh a fit that has come to a motion."""
-        windows = linearised(model, solution.parts, records, solution.motions)
-        marginal = Marginal.of(solution.parts, windows)
-        jump = marginal.needed()
-        left = examine_white(records, marginal.left(windows, jump), solution.n_values)
+        free = Departures.of(model, solution.parts, records, solution.motions)
+        left = examine_white(records, free.left, solution.n_values)
         power = sum(len(r.signal) * (r.amplitude / r.noise.std) ** 2 for r in records)
         gain = power / max(left.n_functions, 1)
         structure = float(np.sqrt(max(left.structure - 1, 0.0) / gain))
-        return cls(marginal, FormError(jump, structure), gain)
+        return cls(free.marginal, FormError(free.jump, structure), gain)
 
     def excess(self, form: FormError) -> float:
         """Power at the harmonics over that of noise: 1 where nothing is wrong."""

@@ -13,11 +13,12 @@ from threadpoolctl import threadpool_limits
 from romsindy.diagnosis.evidence import Hypothesis, ranked
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
+from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.shooting import shoot
@@ -39,6 +40,7 @@ class Options:
     floor: float
     n_jobs: int
     progress: Callable[[str], None]
+    tolerance: Tolerance = field(default_factory=Tolerance)
 
 
 @dataclass(frozen=True)

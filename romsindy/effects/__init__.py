@@ -25,6 +25,14 @@ from romsindy.effects.damping import (
     Viscous,
 )
 from romsindy.effects.load import Load, PointMass
+from romsindy.effects.memory import (
+    Backlash,
+    MemoryEffect,
+    MicroSlip,
+    SmallMass,
+    SofteningLoop,
+    Viscoelastic,
+)
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, TowardsAnchor
 from romsindy.effects.outside import (
     BaseExcitation,
@@ -61,8 +69,12 @@ CATALOGUE: tuple[Effect, ...] = (
     Hysteretic(),
     Rubbing(1),
     Rubbing(-1),
+    MicroSlip(),
+    SofteningLoop(),
+    Viscoelastic(),
     LinearFrequency(),
     MoreMass(),
+    SmallMass(),
     CubicStiffness(),
     QuinticStiffness(),
     QuadraticStiffness(),
@@ -72,6 +84,7 @@ CATALOGUE: tuple[Effect, ...] = (
     Stop(1),
     Stop(-1),
     TwoSidedGap(),
+    Backlash(),
     Magnet(1),
     Magnet(-1),
     Drift(),

@@ -7,6 +7,8 @@ whose fields are its shape values (an exponent, a gap), each with its usual valu
   name it sets (or returns it from `term`); or it derives from a law too, and is its own. From the
   law follow the term of a reduced model, the load on a beam (``mounting``: where on it), the
   candidate of the diagnosis, and its JSON.
+* An effect that remembers derives from `romsindy.effects.memory.MemoryEffect` and names a law
+  with an inner state, one of `romsindy.physics.memory`.
 * An effect that knows the time derives from `TimedEffect` (``pull``).
 * An effect of the sensor derives from `ReadingEffect` (`readings`).
 
@@ -27,28 +29,39 @@ import numpy as np
 from romsindy.effects.load import Load, PointMass
 from romsindy.effects.mounting import AlongBeam, Mounting, Point
 from romsindy.physics.damping import FrictionLaw
+from romsindy.physics.memory import Memory
 from romsindy.physics.stiffness import side_name
 from romsindy.physics.term import Term, unit_text
 from romsindy.typing import Array
 
 
 class State(NamedTuple):
-    """Where the motion is, (n,) each; ``t`` from the start of the record, ``step`` between them."""
+    """Where the motion is, (n,) each; ``t`` from the start of the record, ``step`` between them.
+
+    ``rate`` (rad/s) is that of small vibrations, ``memory`` what an effect remembers of the motion
+    before, None where the motion begins.
+    """
 
     t: Array
     q: Array
     q_dot: Array
     q_ddot: Array
     step: float
+    rate: float = 1.0
+    memory: Memory | None = None
 
 
 class Scales(NamedTuple):
-    """What parameters are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s)."""
+    """What parameters are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s).
+
+    ``combs`` are lines that are harmonics of one frequency (rad/s), and how many there may be.
+    """
 
     amplitude: float
     omega: float
     duration: float
     tones: tuple[float, ...] = ()
+    combs: tuple[tuple[float, int], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -100,6 +113,10 @@ class Effect(ABC):
         """Fields that a fit may change."""
         return ()
 
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """What differs in more than shape values, such as the number of harmonics."""
+        return (self,)
+
     def shaped(self, values: Mapping[str, float]) -> Effect:
         """The same with other values of some of its fields."""
         return replace(self, **values) if values else self  # type: ignore[type-var]
@@ -115,6 +132,10 @@ class Effect(ABC):
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """Derivatives of the force with respect to q, q_dot, q_ddot."""
         return 0.0, 0.0, 0.0
+
+    def remembered(self, state: State) -> Memory | None:
+        """What its force beyond the state depends on, beside the state at its end."""
+        return None
 
     def readings(self, t: Array, q: Array) -> Array | None:
         """Additions to what the sensor shows for unit strengths, (n_strengths, n)."""
@@ -179,10 +200,11 @@ class TermEffect(Effect):
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """Derivatives of the law."""
         law, s = self.term(), strengths[0]
-        _, q, q_dot, q_ddot, _ = state
+        q, q_dot, q_ddot = state[1:4]
         if isinstance(law, FrictionLaw) and not law.smooth:
-            _, by_q, by_q_dot = law.averaged(q, q_dot, *_changes(state))
-            return s * by_q, s * by_q_dot, 0.0
+            _, by_q, by_q_dot, by_change = law.averaged(q, q_dot, *_changes(state))
+            # What is about to be held would have no mass left; half of it is enough to go on.
+            return s * by_q, s * by_q_dot, np.maximum(s * by_change * state.step / 3, -0.5)
         by_q = (
             law.inertia_dq(q) * q_ddot
             + law.convection_dq(q) * q_dot**2

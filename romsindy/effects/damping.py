@@ -15,7 +15,7 @@ class Viscous(TermEffect):
     """A wrong coefficient of viscous damping."""
 
     name, family = "viscous", "damping"
-    label = "other viscous damping than assumed"
+    label = "another damping proportional to speed (viscous) than assumed"
     law = PowerDamping(1)
 
 
@@ -24,20 +24,20 @@ class Damper(Viscous):
     """A viscous damper between the structure and the ground."""
 
     sign = 1
-    label = "a viscous damper"
+    label = "a damper proportional to speed (viscous)"
     mounting = AtPoint()
 
 
 @dataclass(frozen=True)
 class AirDrag(TermEffect):
-    """Air drag."""
+    """Drag in air or water."""
 
     exponent: float = 2.0
 
     spread = 0.07
     name, family, sign = "quadratic_drag", "damping", 1
-    label = "air drag proportional to speed squared"
-    advice = "a decay from a larger amplitude, or one in thinner air"
+    label = "damping proportional to speed squared (drag in air or water)"
+    advice = "a decay from a larger amplitude, or with the area that meets the air changed"
     resembles = ("amplitude_damping", "cubic_damping")
     mounting = AlongBeam()
     law = PowerDamping()
@@ -64,7 +64,7 @@ class GrowingDamping(TermEffect):
 
     spread = 0.07
     name, family, sign = "amplitude_damping", "damping", 1
-    label = "damping q^2 q_dot that grows with displacement"
+    label = "viscous damping that grows with displacement squared (q^2 q_dot)"
     advice = "a decay from a larger amplitude: the third harmonic decides"
     resembles = ("cubic_damping",)
     law = AmplitudeDamping()
@@ -75,7 +75,7 @@ class DryFriction(TermEffect):
     """Coulomb friction."""
 
     name, family, sign = "dry_friction", "damping", 1
-    label = "dry friction"
+    label = "friction of constant size (dry, Coulomb)"
     advice = "a decay followed to smaller amplitudes, where friction stops the motion"
     resembles = ("rubbing", "hysteretic")
     mounting: ClassVar[Mounting] = AtPoint()
@@ -99,7 +99,7 @@ class Hysteretic(TermEffect):
 
     spread = 0.04
     name, family, sign = "hysteretic", "damping", 1
-    label = "hysteretic (structural) damping"
+    label = "damping that takes a fixed part of the energy of every cycle (structural)"
     advice = "decays at another frequency, with a mass added"
     resembles = ("rubbing",)
     law = Friction()
@@ -114,7 +114,7 @@ class Rubbing(TermEffect):
 
     name, family, sign = "rubbing", "damping", 1
     law = RubbingFriction()
-    label = "rubbing on one side"
+    label = "friction on one side of a position (rubbing)"
     advice = "a second sensor next to the suspected contact"
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:

@@ -28,7 +28,7 @@ class MoreMass(TermEffect):
     """Mass that moves along."""
 
     name, family, sign = "added_mass", "inertia", 1
-    label = "added mass"
+    label = "mass that moves along (added mass)"
     advice = "a second mode: mass and stiffness move it differently"
     law = AddedMass()
 
@@ -45,7 +45,7 @@ class CubicStiffness(TermEffect):
 
     spread = 0.04
     name, family = "cubic_stiffness", "stiffness"
-    label = "cubic stiffness"
+    label = "a restoring force with displacement cubed (cubic stiffness)"
     advice = "a larger amplitude: the third harmonic decides"
     resembles = (
         "nonlinear_inertia",
@@ -69,7 +69,7 @@ class QuinticStiffness(TermEffect):
 
     spread = 0.07
     name, family = "quintic_stiffness", "stiffness"
-    label = "quintic stiffness"
+    label = "a restoring force with the fifth power of displacement (quintic stiffness)"
     advice = "a larger amplitude"
     resembles = ("two_sided_gap", "stop", "saturation")
 
@@ -82,7 +82,7 @@ class QuadraticStiffness(TermEffect):
     """Asymmetric stiffness, as of a sagged structure."""
 
     name, family = "quadratic_stiffness", "stiffness"
-    label = "quadratic (asymmetric) stiffness, as from sag"
+    label = "a stiffness that rises to one side (quadratic, as from sag)"
     advice = "a test in another position relative to gravity"
     resembles = ("bilinear", "constant_force", "bias", "sensor_nonlinearity")
     law = Stiffness(2)
@@ -104,7 +104,7 @@ class NonlinearInertia(TermEffect):
     """Inertia that grows with displacement."""
 
     name, family = "nonlinear_inertia", "inertia"
-    label = "nonlinear inertia"
+    label = "mass that changes with displacement (nonlinear inertia)"
     advice = "a larger amplitude: the third harmonic decides"
     resembles = ("gain", "added_mass", "magnet")
     law = Inertia(3)
@@ -118,7 +118,7 @@ class Bilinear(TermEffect):
 
     name, family = "bilinear", "stiffness"
     law = StopForce()
-    label = "bilinear stiffness, as of a crack that opens and closes"
+    label = "a stiffness on either side (bilinear, as of a crack that opens and closes)"
     advice = "a static pull to either side"
     resembles = ("bias", "sensor_nonlinearity")
 
@@ -174,7 +174,7 @@ class TwoSidedGap(_AtRest):
 
     name, family, sign = "two_sided_gap", "stiffness", 1
     law = GapForce()
-    label = "a spring with a gap on both sides"
+    label = "springs met on both sides beyond a gap (clearance)"
     resembles = ("cubic_stiffness", "saturation")
     mounting = AtPoint()
 
@@ -192,7 +192,7 @@ class Magnet(_AtRest):
 
     name, family, sign = "magnet", "stiffness", 1
     law = MagnetForce()
-    label = "a magnet that attracts from one side"
+    label = "attraction that grows on approach from one side (as of a magnet)"
     advice = "a static pull towards the magnet, or a larger amplitude"
     resembles = ("gain", "added_mass")
     mounting = AtPoint()
@@ -201,7 +201,8 @@ class Magnet(_AtRest):
         a = scales.amplitude
         starts = (1.3 * a, 1.5 * a, 1.8 * a, 2.3 * a)
         distance = Parameter("distance", starts, 1.1 * a, 4 * a, unit="q")
-        return (distance, Parameter.near("exponent", self.exponent, 0.07))
+        # Poles attract with the square of the distance, dipoles with its fourth power.
+        return (distance, Parameter("exponent", (self.exponent, 3.0), 1.6, 4.4))
 
     def placed(self, mounting: Mounting, rest: Point) -> Mounting:
         """A pole at the distance from the point at rest, pulling along the line to it."""

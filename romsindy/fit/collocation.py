@@ -13,7 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from romsindy.fit.linear_steps import NODES, Equation, LinearSteps, gains, inverse
+from romsindy.fit.linear_steps import (
+    NODES,
+    Equation,
+    LinearSteps,
+    RememberingEquation,
+    at_nodes,
+    gains,
+    inverse,
+)
 from romsindy.typing import Array
 
 STEPS_PER_CYCLE = 40
@@ -183,11 +191,19 @@ def integrate(
             grid.step, *window, float(np.abs(q[: first + 1]).max())
         ):
             q[first : last + 1], q_dot[first : last + 1], q_ddot[first:last] = window
+            if isinstance(equation, RememberingEquation):
+                at = (*at_nodes(grid.step, *window), window[2])
+                t = grid.node_times(first, last).ravel()
+                equation = equation.after(t, *(x.reshape(-1, r) for x in at))
             first, width = last, 2 * (last - first)
         elif last - first > 1:
             width = (last - first) // 4 or 1
         elif first < known:
             known = 0  # the other motion misleads
+        elif (rest := _stopped(equation, grid, first, now)) is not None:
+            where, last = rest
+            q[first + 1 : last + 1], q_dot[first + 1 : last + 1], q_ddot[first:last] = where, 0, 0
+            first, width = last, _FIRST_WINDOW
         else:
             end = grid.start + first * grid.step
             done = (q[: first + 1], q_dot[: first + 1], q_ddot[:first])
@@ -207,6 +223,29 @@ def _resolved(h: float, q: Array, q_dot: Array, q_ddot: Array, reach: float) -> 
     """
     reach = max(reach, float(np.abs(q).max())) + h * float(np.abs(q_dot).max())
     return bool(np.abs(q_ddot).max() * h * h <= reach)
+
+
+def _stopped(equation: Equation, grid: Grid, first: int, now: Array) -> tuple[Array, int] | None:
+    """Where friction holds what stops within a step, and up to which step; None where it does not.
+
+    At rest the force lies between those that meet a motion either way; it may change in time.
+    """
+    q, q_dot = now[:1], now[1:]
+    t = grid.start + grid.step * np.arange(first, grid.n_steps + 1)
+    at = equation.linearise(t[:1], q, q_dot, np.zeros_like(q))
+    slowing = (inverse(at.by_q_ddot)[0] @ at.residual[..., None])[..., 0]
+    with np.errstate(all="ignore"):
+        stop = np.where(q_dot == 0, 0.0, q_dot / slowing)  # s
+    if not np.all((stop >= 0) & (stop <= grid.step)):
+        return None
+    where = np.repeat(q + q_dot * stop / 2, len(t), axis=0)
+    creep = np.full_like(where, np.finfo(float).eps)
+    onward, back = (
+        equation.linearise(t, where, v, np.zeros_like(v)).residual for v in (creep, -creep)
+    )
+    held = np.all((onward >= 0) & (back <= 0), axis=1)
+    steps = len(t) - 1 if np.all(held) else int(np.argmin(held))
+    return (where[0], first + steps) if steps else None
 
 
 def _digits(x: Array) -> str:

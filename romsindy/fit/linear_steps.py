@@ -12,7 +12,7 @@ triangular system for the R coordinates and their velocities.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -44,6 +44,14 @@ class Equation(Protocol):
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """dF/dp for every parameter, shape (n_parameters, n, R)."""
+
+
+@runtime_checkable
+class RememberingEquation(Protocol):
+    """An equation whose forces depend on the motion so far, from its first time on."""
+
+    def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Equation:
+        """The equation of the motion that goes on from the end of this one, (n, R) states."""
 
 
 NODES = (np.polynomial.legendre.leggauss(3)[0] + 1) / 2

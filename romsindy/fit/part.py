@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from romsindy.effects.base import Effect, Parameter, Scales, State
 from romsindy.fit.linear_steps import Linearisation
+from romsindy.physics.memory import Memory
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
@@ -118,16 +120,35 @@ class ExtendedEquation:
     parts: tuple[Part, ...]
     record: int
     step: float
+    memories: tuple[Memory | None, ...] = ()  # of each part; none where the motion begins
+
+    @cached_property
+    def rate(self) -> float:
+        """Angular frequency of small vibrations, rad/s; 1 where there are none."""
+        _, stiffness, _, mass = self.model.linearise(*np.zeros((3, 1)))
+        squared = float(stiffness[0] / mass[0])
+        return float(np.sqrt(squared)) if 0 < squared < np.inf else 1.0
 
     def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
         """What the effects take, (n,) each, from (n, 1) states."""
-        return State(t, q[:, 0], q_dot[:, 0], q_ddot[:, 0], self.step)
+        return State(t, q[:, 0], q_dot[:, 0], q_ddot[:, 0], self.step, self.rate)
+
+    def _states(self, *motion: Array) -> list[State]:
+        """What the effect of each part takes, with its memory."""
+        state = self.state(*motion)
+        memories = self.memories or (None,) * len(self.parts)
+        return [state._replace(memory=m) for m in memories]
+
+    def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> ExtendedEquation:
+        """The equation of the motion that goes on from the end of one at its Gauss points."""
+        states = zip(self.parts, self._states(t, q, q_dot, q_ddot), strict=True)
+        return replace(self, memories=tuple(p.effect.remembered(s) for p, s in states))
 
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
         """Residual (n, 1) and its derivatives (n, 1, 1)."""
         state = self.state(t, q, q_dot, q_ddot)
         residual, *slopes = self.model.linearise(state.q, state.q_dot, state.q_ddot)
-        for part in self.parts:
+        for part, state in zip(self.parts, self._states(t, q, q_dot, q_ddot), strict=True):
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
@@ -139,9 +160,8 @@ class ExtendedEquation:
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """Derivatives of the residual by the values that act in the record, (m, n, 1)."""
-        state = self.state(t, q, q_dot, q_ddot)
         rows: list[Array] = []
-        for part in self.parts:
+        for part, state in zip(self.parts, self._states(t, q, q_dot, q_ddot), strict=True):
             if part.effect.forces(state) is None:
                 rows.append(np.zeros((len(part.columns(self.record)), len(t))))
             else:

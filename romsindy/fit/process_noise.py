@@ -1,7 +1,8 @@
 """How likely data are where the equation of motion is only nearly right.
 
 No equation is exact: other modes move along, a series ends too early. Its motion is allowed to
-depart from it, from one window of a few cycles to the next, by jumps of the state: process noise.
+depart from it, from one window of a few cycles to the next, by jumps of the state: process noise. Jumps of size tau
+are as large as if frequency (relatively) and damping ratio were off by tau over the window before.
 Integrated out of a fit that is linear about its motion, jumps B s with s ~ N(0, tau^2 A) leave
 
     r ~ N(J x, I + tau^2 B A B')
@@ -17,13 +18,13 @@ weak-constraint data assimilation [1].
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.gauss_newton import held_values, limits, table
-from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of
 from romsindy.fit.record import Record
@@ -34,8 +35,9 @@ from romsindy.typing import Array, Indices
 _LEAST_CYCLES, _MOST_WINDOWS = 3, 40
 # Jumps are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
-# Sizes to choose from, in amplitudes a cycle: from nothing to a phase that is lost.
-_JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-6, -0.4, 0.25)])
+_ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
+# Sizes to choose from: from nothing to a phase that is lost.
+_JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -1.4, 0.25)])
 
 
 def window_steps(record: Record) -> Indices:
@@ -53,10 +55,13 @@ class Windows:
 
     Attributes
     ----------
+    response : Response
     rows : (n, m + 3) array
         Whitened derivatives by m values and by both initial states, and the misfit.
+    steps : (K + 1,) array of int
+        At which windows begin, and where the last one ends.
     first : (K + 1,) array of int
-        Samples at which windows begin, and where the last one ends.
+        The same in samples.
     jumps : (K - 1, 2, 2) array
         Initial states that stand for a jump of unit size at the start of every later window.
     roots : (2 (K - 1), 2 (K - 1)) array
@@ -65,7 +70,9 @@ class Windows:
         Places of the columns among all values and states.
     """
 
+    response: Response
     rows: Array
+    steps: Indices
     first: Indices
     jumps: Array
     roots: Array
@@ -75,20 +82,20 @@ class Windows:
     def of(
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion."""
+        """Linearise a fit to record ``i`` about a motion, which need not be its own."""
         equation = ExtendedEquation(model, parts, i, m.grid.step)
         response = respond(equation, m, equation.by_parameter(*nodes(m)))
-        change = response.samples(record.derivative)[..., 1:]
-        rows = table(parts, i, record, sampled(m, record.derivative), change)
+        change = response.samples(record.derivative)
+        x = sampled(m, record.derivative) + change[..., 0]
+        rows = table(parts, i, record, x, change[..., 1:])
         steps = window_steps(record)
         later = steps[1:-1]
         states = np.stack([response.q[later, 0, -2:], response.q_dot[later, 0, -2:]], axis=1)
         amplitude = np.array(
             [np.abs(m.q[a:b]).max() for a, b in zip(steps[:-1], steps[1:], strict=True)]
         )
-        turns = np.diff(record.phase(m.grid.step * steps)) / (2 * np.pi)
-        # Jumps gather from cycle to cycle like the steps of a random walk.
-        size = (amplitude * np.sqrt(np.maximum(turns, 0.0)))[:-1]
+        phase = np.maximum(np.diff(record.phase(m.grid.step * steps)), 0.0)
+        size = (amplitude * phase)[:-1]
         unit = size[:, None, None] * np.diag([1.0, record.rate])
         apart = np.log(amplitude[:-1, None] / amplitude[None, :-1])
         alike = np.exp(-np.abs(apart) / _ALIKE)
@@ -96,7 +103,7 @@ class Windows:
         at_start = sum(p.size for p in parts) + 2 * i + np.arange(2)
         where = np.concatenate([columns_of(parts, i), at_start])
         first = np.searchsorted(m.grid.sample_step, steps)
-        return cls(rows, first, np.linalg.solve(states, unit), roots, where)
+        return cls(response, rows, steps, first, np.linalg.solve(states, unit), roots, where)
 
     def products(self) -> tuple[Array, Array]:
         """Products of the rows, and of the jumps, with the jumps: (m + 3, k) and (k, k)."""
@@ -110,22 +117,29 @@ class Windows:
         each = np.einsum("kpi,klpq,lqj->kilj", self.jumps, inner, self.jumps)
         return with_rows.transpose(1, 0, 2).reshape(m, 2 * n), each.reshape(2 * n, 2 * n)
 
-    def moved(self, jumps: Array) -> Array:
-        """Whitened change of the signal by jumps (k,)."""
-        states = np.cumsum((self.jumps @ jumps.reshape(-1, 2, 1))[..., 0], axis=0)
-        states = np.concatenate([np.zeros((1, 2)), states])
-        return np.sum(self.rows[:, -3:-1] * np.repeat(states, np.diff(self.first), axis=0), axis=1)
+    def states(self, jumps: Array) -> Array:
+        """Initial states that stand for each window after jumps (k,): (K, 2)."""
+        later = (self.jumps @ jumps.reshape(-1, 2, 1))[..., 0]
+        return np.cumsum(np.concatenate([np.zeros((1, 2)), later]), axis=0)
 
+    def left(self, step: Array, jumps: Array) -> Array:
+        """Whitened misfit (n,) after a change of values and states, and jumps."""
+        each = np.repeat(self.states(jumps), np.diff(self.first), axis=0)
+        joined = self.rows[:, -1] - self.rows[:, :-1] @ step[self.where]
+        return joined - np.sum(self.rows[:, -3:-1] * each, axis=1)
 
-def linearised(
-    model: ReducedModel,
-    parts: tuple[Part, ...],
-    records: Sequence[Record],
-    motions: Sequence[Trajectory],
-) -> list[Windows]:
-    """Linearise a fit to several records about its motions."""
-    pairs = enumerate(zip(records, motions, strict=True))
-    return [Windows.of(model, parts, i, record, motion) for i, (record, motion) in pairs]
+    def moved(self, step: Array, jumps: Array) -> Trajectory:
+        """The motion after a change of values and states, and jumps: it need not join."""
+        m = self.response.moved(np.concatenate([[1.0], step[self.where]]))
+        each = np.repeat(self.states(jumps), np.diff(self.steps), axis=0)
+        ends = np.concatenate([each, each[-1:]])[:, :, None]
+        own = self.response
+        return replace(
+            m,
+            q=m.q + (own.q[..., -2:] @ ends)[..., 0],
+            q_dot=m.q_dot + (own.q_dot[..., -2:] @ ends)[..., 0],
+            q_ddot=m.q_ddot + (own.q_ddot[..., -2:] @ each[:, None, :, None])[..., 0],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,27 +192,70 @@ class Marginal:
     def solve(self, jump: float, excess: float = 1.0) -> tuple[NormalEquations, Array]:
         """The equations, and the change of all values and states that solves them."""
         system = self.equations(jump, excess)
-        return system, system.bounded_step(held_values(self.parts, False, False), *limits(self.parts))
+        return system, system.bounded_step(
+            held_values(self.parts, False, False), *limits(self.parts)
+        )
 
     def cost(self, jump: float, excess: float = 1.0) -> float:
         """Minus twice the logarithm of the likelihood of the best values, up to a constant."""
         system, step = self.solve(jump, excess)
         return system.chi_squared(step) + float(np.sum(np.log1p(jump**2 * self.powers / excess)))
 
-    def left(self, several: Sequence[Windows], jump: float) -> list[Array]:
-        """Whitened misfit of every record, (n,), that jumps of a size do not explain."""
-        step = self.solve(jump)[1] - self.solve(0.0)[1]
-        found: list[Array] = []
+    def jumps(self, several: Sequence[Windows], jump: float, step: Array) -> list[Array]:
+        """Most probable jumps in every record, (k,) each, after a change of values and states."""
+        found = []
         for windows in several:
-            rest = windows.rows[:, -1] - windows.rows[:, :-1] @ step[windows.where]
             with_rows, each = windows.products()
             pull = windows.roots.T @ (with_rows[-1] - step[windows.where] @ with_rows[:-1])
             power = windows.roots.T @ each @ windows.roots
-            jumps = np.linalg.solve(np.eye(len(power)) + jump**2 * power, jump**2 * pull)
-            found.append(rest - windows.moved(windows.roots @ jumps))
+            matrix = np.eye(len(power)) + jump**2 * power
+            found.append(windows.roots @ np.linalg.solve(matrix, jump**2 * pull))
         return found
 
     def needed(self) -> float:
         """Least size of jumps that the data do not tell from the most likely one."""
         costs = np.array([self.cost(jump) for jump in _JUMPS])
         return float(_JUMPS[np.argmax(costs <= costs.min() + EQUIVALENT)])
+
+
+@dataclass(frozen=True, eq=False)
+class Departures:
+    """A fit whose motions may depart from their equation.
+
+    Attributes
+    ----------
+    marginal : Marginal
+    jump : float
+        Least size of jumps that the data ask for.
+    left : tuple of (n,) arrays
+        Whitened misfit of every record that these jumps do not explain.
+    """
+
+    marginal: Marginal
+    jump: float
+    left: tuple[Array, ...]
+
+    @classmethod
+    def of(
+        cls,
+        model: ReducedModel,
+        parts: tuple[Part, ...],
+        records: Sequence[Record],
+        motions: Sequence[Trajectory],
+    ) -> Departures:
+        """Start from the motions of a fit, and let them follow the records."""
+        for _ in range(_ROUNDS):
+            pairs = enumerate(zip(records, motions, strict=True))
+            several = [Windows.of(model, parts, i, record, motion) for i, (record, motion) in pairs]
+            marginal = Marginal.of(parts, several)
+            jump = marginal.needed()
+            step = marginal.solve(jump)[1]
+            jumps = marginal.jumps(several, jump, step)
+            left = tuple(w.left(step, s) for w, s in zip(several, jumps, strict=True))
+            before = motions
+            motions = [w.moved(step, s) for w, s in zip(several, jumps, strict=True)]
+            changes = zip(records, before, motions, strict=True)
+            # The linear problem holds near its motion: elsewhere it is set up anew.
+            if all(np.abs(b.q - a.q).max() < _NEAR * r.amplitude for r, a, b in changes):
+                break
+        return cls(marginal, jump, left)

@@ -165,6 +165,7 @@ class Averaged(NamedTuple):
     force: Any
     by_q: Any
     by_q_dot: Any
+    by_change: Any  # of q_dot
 
 
 class FrictionLaw(ForceLaw):
@@ -226,7 +227,9 @@ class FrictionLaw(ForceLaw):
         """The force where q and q_dot run from minus to plus their changes."""
         sign, by_q_dot = mean_sign(q_dot, q_dot_change), mean_sign_slope(q_dot, q_dot_change)
         normal, by_q = self.normal(q, q_change), self.normal_dq(q, q_change)
-        return Averaged(normal * sign, by_q * sign, normal * by_q_dot)
+        turning = (by_q_dot > 0) & (q_dot_change != 0)
+        by_change = -sign / np.where(turning, q_dot_change, 1.0) * turning
+        return Averaged(normal * sign, by_q * sign, normal * by_q_dot, normal * by_change)
 
 
 @dataclass(frozen=True)

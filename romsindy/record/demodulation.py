@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from romsindy.typing import Array
 
 HIGHEST = 4  # harmonic of a waveform
-_SMOOTH = 9  # cycles behind each rate
+_SMOOTH, _DEGREE = 9, 4  # cycles behind each rate, and degree of the polynomial through them
 
 
 @dataclass(frozen=True)
@@ -76,4 +76,4 @@ class Cycles:
 def _derivative(x: Array) -> Array:
     """Change from one cycle to the next."""
     width = min(_SMOOTH, len(x))
-    return np.asarray(savgol_filter(x, width, min(2, width - 1), deriv=1))
+    return np.asarray(savgol_filter(x, width, min(_DEGREE, width - 1), deriv=1))

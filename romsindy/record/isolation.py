@@ -10,10 +10,10 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from romsindy.record.decay import Decay
-from romsindy.record.noise import HARMONICS
 from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample, noise_std
+from romsindy.record.spectrum import HARMONICS
 from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array
 

@@ -11,110 +11,124 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.fft import dct, idct
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import median_filter
 from scipy.signal import lfilter, periodogram
 from scipy.stats import theilslopes
 
+from romsindy.record.drift import drift
+from romsindy.record.spectrum import Line, Spectrum, lines_between, strong_lines
 from romsindy.typing import Array
 
-HARMONICS = 6  # of the smooth motion
-_ORDER = 8  # of the autoregression of coloured noise
-_HIGHEST_ORDER = 30  # of that of any signal
-# Scatter of the logarithm of the median of n lines of a windowed spectrum: 1.8 / sqrt(n). Noise
-# counts as white where no part of its spectrum is off by five times that.
-_SCATTER, _WHITE = 1.8, 5.0
-# Between low harmonics the smooth motion takes part of the noise, or leaves some of itself. Only a
-# large difference over many lines says that the noise is louder there.
-_LOW_MAY_DIFFER, _MANY_LINES = 2.0, 50
-# Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
-# much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
-_LINE, _NEAR = 30.0, 40
 # Bands of a spectrum for its slope, from this line on: what is slower may be drift.
 _BANDS, _FIRST = 30, 4
-
-
-@dataclass(frozen=True)
-class Line:
-    """Another vibration in a record: frequency in Hz, rms in the unit of the record."""
-
-    frequency: float
-    rms: float
+# Where the noise is 30 dB below its mean (beyond a filter), all that is known is that it is quiet:
+# whatever a wrong model leaves there must not decide.
+_QUIETEST = 1e-3
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a record: its size, and the filter that makes it white.
+    """Noise of a record: its size, and what makes it white.
 
     Attributes
     ----------
     std : float
-        Standard deviation of the noise without its lines, unit of the record.
-    filter : (p + 1,) array
-        Coefficients of an autoregression; [1] for white noise.
-    innovation : float
-        Standard deviation of the filtered noise.
+        Standard deviation of the noise without its lines and without drift, unit of the record.
+    spectrum : Spectrum
+        Of the same, at all frequencies.
+    dt : float
+        Sampling interval, s.
     floor : float
         Misfit that does not matter, unit of the record; part of std.
     lines : tuple of Line
         Strongest first.
     level : float
         Rms of all that lies between the harmonics, lines included.
+    drift : Spectrum or None
+        Power that a drifting offset adds.
     alike : bool
         Whether all samples weigh alike, by the level, and lines are noise. Whitening lets the
         quietest part of the spectrum decide, which a wrong model does not survive.
     """
 
     std: float
-    filter: Array
-    innovation: float
+    spectrum: Spectrum
+    dt: float
     floor: float
     lines: tuple[Line, ...] = ()
     level: float = 0.0
+    drift: Spectrum | None = None
     alike: bool = False
 
     @classmethod
-    def of(cls, rest: Array, cycle: float, dt: float, floor: float) -> Noise:
-        """From what a smooth motion leaves of a record, (n,), and the least standard deviation.
+    def of(
+        cls, rest: Array, slow: Array, amplitude: Array, cycle: float, dt: float, floor: float
+    ) -> Noise:
+        """From what a smooth motion leaves of a record, and the least standard deviation.
 
-        ``cycle`` is the mean length of a cycle, ``dt`` the sampling interval, s.
+        Parameters
+        ----------
+        rest : (n,) array
+            The record less the smooth motion.
+        slow : (n,) array
+            Mean of the smooth motion over its cycles.
+        amplitude : (n,) array
+            That of its fundamental.
+        cycle : float
+            Mean length of a cycle, s.
+        dt : float
+            Sampling interval, s.
+        floor : float
+            Unit of the record.
         """
-        order, power = _between_harmonics(rest, cycle / dt)
-        lines = _lines(order, power, len(rest), cycle)
-        power = power + floor**2
-        level = float(np.sqrt(np.mean(power)))
-        high = order > HARMONICS + 0.5
-        asked = power[high] if np.count_nonzero(high) > 200 else power
-        std = float(np.sqrt(_level(asked)))
-        if _is_white(asked, std) and (np.all(high) or _low_is_alike(power[~high], std)):
-            return cls(std, np.ones(1), std, floor, lines, level)
-        smooth = median_filter(power, max(len(power) // 12, 15), mode="nearest") / np.log(2)
-        every = np.linspace(0, order[-1], len(rest) // 2 + 1)
-        lags = np.fft.irfft(np.interp(every, order, smooth))[: _ORDER + 1]
-        a = np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
-        white = _between_harmonics(lfilter(a, [1.0], rest), cycle / dt)[1]
-        innovation = float(np.sqrt(_level(white) + floor**2 * float(a @ a)))
-        return cls(float(np.sqrt(lags[0])), a, innovation, floor, lines, level)
+        order, power = lines_between(rest, cycle / dt)
+        lines = strong_lines(order, power, len(rest), cycle)
+        level = float(np.sqrt(np.mean(power) + floor**2))
+        spectrum = Spectrum.between_harmonics(order, power, cycle)
+        spectrum = replace(spectrum, power=spectrum.power + floor**2)
+        every = np.fft.rfftfreq(len(rest), dt)
+        std = float(np.sqrt(np.mean(spectrum(every))))
+        slowly = drift(rest + slow, amplitude, spectrum, cycle, dt)
+        return cls(std, spectrum, dt, floor, lines, level, slowly)
 
     def weighing_alike(self) -> Noise:
         """The same for fits that may be wrong: see `alike`."""
         return replace(self, std=self.level, alike=True)
 
+    def share(self, n: int) -> float:
+        """Part of n samples that tells anything: what lies beyond a filter does not."""
+        return float(np.mean(self._power(self.spectrum, n) / self._weighed(n)))
+
     def __call__(self, x: Array) -> Array:
         """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
-        if self.alike or len(self.filter) == 1:
+        if self.drift is None and (self.alike or self.spectrum.white):
             return x / self.std
-        return lfilter(self.filter, [1.0], x, axis=0) / self.innovation
+        # The cosines of a record without memory of its ends are nearly independent for any noise
+        # (N. Ahmed, T. Natarajan, K. Rao, IEEE Trans. Computers C-23, 1974, 90).
+        weight = 1 / np.sqrt(self._weighed(len(x)))
+        waves = dct(x, norm="ortho", axis=0)
+        return idct(waves * weight.reshape(-1, *np.ones(x.ndim - 1, int)), norm="ortho", axis=0)
 
     def draw(self, n: int, dt: float, rng: np.random.Generator) -> Array:
         """Noise like this one: the same level and colour, lines with phases of their own, (n,)."""
-        settle = 20 * len(self.filter)
-        white = self.innovation * rng.standard_normal(n + settle)
-        x = lfilter([1.0], self.filter, white)[settle:]
+        x = idct(np.sqrt(self._power(self.spectrum, n)) * rng.standard_normal(n), norm="ortho")
         for line in self.lines:
             phase = 2 * np.pi * (line.frequency * dt * np.arange(n) + rng.random())
             x += np.sqrt(2) * line.rms * np.cos(phase)
         return x
+
+    def _power(self, spectrum: Spectrum, n: int) -> Array:
+        """Variance of the cosines of n samples, (n,)."""
+        frequency = np.arange(n) / (2 * n * self.dt)
+        power = np.full(n, self.std**2) if self.alike else spectrum(frequency)
+        return power if self.drift is None else power + self.drift(frequency)
+
+    def _weighed(self, n: int) -> Array:
+        """By what they are weighed: no less than what is quiet, or leaks from other cosines."""
+        spectrum = self.spectrum.leaking(n * self.dt)
+        return np.maximum(self._power(spectrum, n), _QUIETEST * self.std**2)
 
 
 @dataclass(frozen=True)
@@ -164,51 +178,7 @@ class NoiseLevel:
         return cls(rms, float(slope), float(high - low) / 4, float(ratio))
 
 
-def _between_harmonics(x: Array, cycle: float) -> tuple[Array, Array]:
-    """Frequencies over the fundamental, and the spectrum there, where a smooth motion is blind."""
-    n = len(x)
-    window = np.hanning(n)
-    power = np.abs(np.fft.rfft(x * window)) ** 2 / np.sum(window**2)
-    order = np.arange(len(power)) * cycle / n
-    between = (np.abs(order % 1 - 0.5) < 0.25) | (order > HARMONICS + 0.5)
-    between[: min(3, len(between))] = False
-    between[-3:] = False  # near half the sampling rate a window mirrors its line into itself
-    return order[between], power[between]
-
-
-def _level(power: Array) -> float:
-    """Mean of a white spectrum from its lower 95 %, which a few lines do not move."""
-    cut = np.quantile(power, 0.95)
-    tail = -np.log(0.05)
-    return float(np.mean(power[power <= cut]) / (1 - 0.05 * tail / 0.95))
-
-
-def _is_white(power: Array, std: float) -> bool:
-    blocks = np.array_split(power, max(min(6, len(power) // 15), 1))
-    return all(_off(b, std) < _WHITE * _SCATTER / np.sqrt(len(b)) for b in blocks)
-
-
-def _low_is_alike(power: Array, std: float) -> bool:
-    return len(power) < _MANY_LINES or _off(power, std) < np.log(_LOW_MAY_DIFFER)
-
-
-def _off(power: Array, std: float) -> float:
-    return float(np.abs(np.log(np.median(power) / np.log(2) / std**2)))
-
-
-def _lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]:
-    """Peaks that stand out of the spectrum round them as noise never does."""
-    # What does not stand out of the whole spectrum adds nothing to the noise.
-    floor = np.maximum(median_filter(power, 2 * _NEAR + 1, mode="nearest"), np.median(power) / 2)
-    left, found = np.where(order > 0.5, power, 0.0), []
-    while np.any(left > _LINE * floor):
-        peak = int(np.argmax(left / np.maximum(floor, 1e-300)))
-        # The window spreads a line over four lines of the spectrum; a decaying one over more.
-        around = slice(max(peak - 5, 0), peak + 6)
-        energy = np.sum(np.maximum(left[around] - floor[around] / np.log(2), 0.0))
-        found.append(Line(float(order[peak] / cycle), float(np.sqrt(2 * energy / n))))
-        left[slice(max(peak - _NEAR, 0), peak + _NEAR + 1)] = 0.0
-    return tuple(sorted(found, key=lambda line: -line.rms))
+_HIGHEST_ORDER = 30  # of the autoregression of any signal
 
 
 def autoregression(x: Array) -> Array:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 from scipy.signal import decimate
 
-from romsindy.record.noise import HARMONICS
 from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.spectrum import HARMONICS
 from romsindy.typing import Array
 
 # Cycles of a window: few where a record is short, more where it is long and neighbours are near.

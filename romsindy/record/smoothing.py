@@ -11,14 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.linalg import solveh_banded
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from romsindy.record.cycles import crossings
-from romsindy.record.noise import HARMONICS
 from romsindy.record.signals import fundamental_frequency
+from romsindy.record.spectrum import HARMONICS
 from romsindy.typing import Array
 
 _CYCLES = 3.0  # between knots
+_UNEVEN = 0.4  # difference of a cycle from its neighbours that no free decay has
 
 
 def swing(x: Array) -> tuple[Array, int]:
@@ -50,6 +51,12 @@ class HarmonicSpline:
         if centred is None:
             centred = swing(x)[0]  # an offset may hide crossings
         up = crossings(centred, dt)[0]
+        cycle = np.diff(up)
+        if np.any(np.abs(cycle / median_filter(cycle, 9) - 1) > _UNEVEN):
+            # Noise about as slow as the vibration adds crossings: the fundamental alone has none.
+            narrow = 2 * (int(np.median(cycle)) // 4) + 1
+            centred = uniform_filter1d(uniform_filter1d(centred, narrow), narrow)
+            up = crossings(centred, dt)[0]
         rise = centred[up + 1] - centred[up]  # so may noise, between two samples
         at = t[up] + dt * np.clip(-centred[up] / np.where(rise > 0, rise, np.inf), 0, 1)
         return cls.along(_phase(t, at), t, x, cycles)

@@ -63,12 +63,12 @@ class MountedEffect(BeamEffect):
         return self.effect.strength_on_beam(self.mounting)
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        """Those of the effect, in metres; textbook exponents are exact on a beam."""
+        """Those of the effect, in metres; exponents that are but guesses are exact on a beam."""
         at_rest = self.mounting.zeroed(_at_rest(self.curve, self.mounting))
         ends = np.array([-self.curve.reach, self.curve.reach])
         d = _Path.of(self.curve, at_rest).displacement(ends)
         metres = scales._replace(amplitude=float(np.abs(d).min()))
-        known = [p for p in self.effect.parameters(metres) if p.name != "exponent"]
+        known = [p for p in self.effect.parameters(metres) if p.name != "exponent" or not p.spread]
         return tuple(replace(p, unit="m") if p.unit == "q" else p for p in known)
 
     def shaped(self, values: Mapping[str, float]) -> MountedEffect:
@@ -104,7 +104,7 @@ class MountedEffect(BeamEffect):
             return law.averaged(d, w, w * state.step / 3, change)
         force = law.stiffness(d) + law.preload + law.damping(d, w)
         by_d = law.stiffness_dq(d) + law.damping_dq(d, w)
-        return Averaged(force, by_d, law.damping_dq_dot(d, w))
+        return Averaged(force, by_d, law.damping_dq_dot(d, w), np.zeros_like(w))
 
     def forces(self, state: State) -> Array:
         """The projection for a unit of strength."""
@@ -117,13 +117,15 @@ class MountedEffect(BeamEffect):
         """Derivatives of the projection."""
         path, q = self._path, self.curve.within(state.q)
         slope, bend = path.slope(q), path.slope(q, 1)
-        force, by_d, by_w = self._resistance(state, q, slope)
+        force, by_d, by_w, by_change = self._resistance(state, q, slope)
         if not path.holonomic:
             by_d = 0.0
         by_q = bend * force + slope * (by_d * slope + by_w * bend * state.q_dot[:, None])
         by_q_dot = slope * slope * by_w
+        by_q_ddot = slope * slope * by_change * state.step / 3
         s = strengths[0]
-        return s * (by_q @ path.weights), s * (by_q_dot @ path.weights), 0.0
+        mass = np.maximum(s * (by_q_ddot @ path.weights), -0.5)  # as in `TermEffect.slopes`
+        return s * (by_q @ path.weights), s * (by_q_dot @ path.weights), mass
 
     def readings(self, t: Array, q: Array) -> Array | None:
         """Displacements are counted from the equilibrium, which a force at rest moves."""

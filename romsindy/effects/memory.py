@@ -1,0 +1,169 @@
+"""Effects that remember: slipping joints, play, viscoelastic parts, a mass that vibrates along."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from romsindy.effects.base import Effect, Parameter, Scales, State
+from romsindy.physics.memory import (
+    BoucWen,
+    MaxwellElement,
+    Memory,
+    MemoryLaw,
+    Play,
+    SlippingJoint,
+    TunedMass,
+)
+from romsindy.typing import Array
+
+_SMALL = 1e-6  # change of the size of a motion, to find how the force follows
+_FLAT = 0.1  # least part of q_dot^2 + |q q_ddot| that the slopes are divided by
+
+
+class MemoryEffect(Effect):
+    """A force that depends on the motion so far; its ``law`` says how."""
+
+    law: ClassVar[MemoryLaw]  # the fields of the effect are put in for its own
+    sign = 1
+
+    def _along(self, state: State, size: float = 1.0) -> tuple[Array, Memory]:
+        shared = {f.name for f in fields(self.law)} & vars(self).keys()  # type: ignore[arg-type]
+        law: MemoryLaw = replace(self.law, **{n: getattr(self, n) for n in shared})  # type: ignore[type-var]
+        return law.along(state.t, size * state.q, size * state.q_dot, state.rate, state.memory)
+
+    def forces(self, state: State) -> Array:
+        """The law along the motion."""
+        return self._along(state)[0][None]
+
+    def remembered(self, state: State) -> Memory:
+        """What is remembered at the end of a state."""
+        return self._along(state)[1]
+
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
+        """How the force follows slow changes of the amplitude and phase of a vibration.
+
+        A motion a q(t + s) has the force F[a q](t + s): whatever the memory, dF/da belongs to a
+        change q, dF/dt to a change q_dot. Changes that are small and slow are sums of both.
+        """
+        if len(state.t) < 2:
+            return 0.0, 0.0, 0.0
+        force, larger = self._along(state)[0], self._along(state, 1 + _SMALL)[0]
+        by_size = (larger - force) / _SMALL
+        by_time, q_ddot = np.gradient(np.stack([force, state.q_dot]), state.t, axis=1)
+        q, q_dot = state.q, state.q_dot
+        swing = q_dot**2 - q * q_ddot
+        swing = np.maximum(swing, _FLAT * (q_dot**2 + np.abs(q * q_ddot)) + 1e-300)
+        by_q = (by_time * q_dot - by_size * q_ddot) / swing
+        by_q_dot = (by_size * q_dot - by_time * q) / swing
+        return strengths[0] * by_q, strengths[0] * by_q_dot, 0.0
+
+    def strength_unit(self, unit: str | None) -> str:
+        return self.law.unit
+
+
+@dataclass(frozen=True)
+class MicroSlip(MemoryEffect):
+    """A joint that slips little by little (Iwan), or all at once (Jenkins, scatter 0)."""
+
+    slip: float = 1.0
+    scatter: float = 0.0
+
+    name, family = "micro_slip", "damping"
+    label = "micro-slip of a joint: friction in series with a spring (Iwan, Jenkins)"
+    advice = "a decay from a larger amplitude, and one with the joint tightened"
+    resembles = ("hysteretic", "dry_friction", "amplitude_damping")
+    law = SlippingJoint()
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        a = scales.amplitude
+        slips = (0.4 * a, 0.1 * a, 0.2 * a, 0.8 * a)
+        return (
+            Parameter("slip", slips, 0.01 * a, 2 * a, unit="q"),
+            Parameter("scatter", (0.0, 0.7, 2.0), 0.0, 4.0),
+        )
+
+
+@dataclass(frozen=True)
+class SofteningLoop(MemoryEffect):
+    """A spring that softens in a smooth loop."""
+
+    slip: float = 1.0
+    sharpness: float = 1.0
+    loss: float = 0.5
+
+    name, family = "bouc_wen", "damping"
+    label = "a hysteretic spring that softens smoothly (Bouc-Wen)"
+    advice = "a decay from a larger amplitude, where the spring gives way"
+    resembles = ("micro_slip", "hysteretic", "dry_friction", "amplitude_damping")
+    law = BoucWen()
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        a = scales.amplitude
+        slips = (0.3 * a, 0.1 * a, 0.7 * a)
+        return (
+            Parameter("slip", slips, 0.02 * a, 2 * a, unit="q"),
+            Parameter("sharpness", (1.5,), 0.7, 4.0, 0.5),
+            Parameter("loss", (0.7,), 0.3, 1.4, 0.2),
+        )
+
+
+@dataclass(frozen=True)
+class Backlash(MemoryEffect):
+    """A spring that is dragged along with play."""
+
+    half: float = 1.0
+
+    name, family = "play", "stiffness"
+    label = "play (backlash): a spring that is dragged along only beyond it"
+    advice = "a decay from just below the play, and a static pull to and fro"
+    resembles = ("two_sided_gap", "micro_slip")
+    law = Play()
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        a = scales.amplitude
+        starts = (0.2 * a, 0.05 * a, 0.1 * a, 0.35 * a, 0.6 * a)
+        return (Parameter("half", starts, 0.01 * a, 0.95 * a, unit="q"),)
+
+
+@dataclass(frozen=True)
+class Viscoelastic(MemoryEffect):
+    """A Maxwell element."""
+
+    relaxation: float = 1.0
+
+    name, family = "maxwell", "damping"
+    label = "a viscoelastic part: a spring and a damper in series (Maxwell element)"
+    advice = "decays at another frequency, with a mass added"
+    resembles = ("viscous", "linear_frequency", "hysteretic")
+    law = MaxwellElement()
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        # Relaxing faster it is a damper, slower a spring.
+        cycle = 1 / scales.omega
+        starts = (cycle, 0.5 * cycle, 2 * cycle)
+        return (Parameter("relaxation", starts, 0.25 * cycle, 4 * cycle, unit="s"),)
+
+
+@dataclass(frozen=True)
+class SmallMass(MemoryEffect):
+    """A small mass on a spring, near the frequency of the vibration."""
+
+    frequency: float = 1.0
+    damping_ratio: float = 0.02
+
+    name, family = "tuned_mass", "inertia"
+    label = "a small mass on a spring that vibrates along (tuned mass)"
+    advice = "a sensor on what may vibrate along: cables, covers, brackets"
+    resembles = ("second_mode", "maxwell", "added_mass")
+    law = TunedMass()
+
+    def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
+        omega = scales.omega
+        starts = tuple(omega * np.array([1.0, 0.97, 1.03, 0.94, 1.06, 0.9, 1.1, 0.85, 1.15]))
+        return (
+            Parameter("frequency", starts, 0.6 * omega, 1.6 * omega, unit="rad/s"),
+            Parameter("damping_ratio", (0.02,), 0.001, 0.2),
+        )

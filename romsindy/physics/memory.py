@@ -1,0 +1,330 @@
+"""Forces with a memory: what they are depends on the motion so far.
+
+Each law has an inner state z, one number or several, that it carries along a sampled motion:
+
+* a joint that slips, Bouc and Wen's model and play know no time: z depends on the way alone that q
+  went from one turning point to the next [1];
+* a Maxwell element and a tuned mass are linear: z fades with a pole of its own.
+
+Neither needs steps of its own: along every stroke, and between two samples, z is known in closed
+form.
+
+[1] A. Visintin, "Differential Models of Hysteresis", 1994, chapters II and III.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_banded
+
+from romsindy.typing import Array
+
+_SLIDERS = 16  # of a joint; their slips are told apart to 1/16 of the number of them
+_TABLE = 2000  # points of the loop of Bouc and Wen, each half; between them it is linear
+_RELEASED = 0.1  # a motion that begins at less than this part of its largest speed begins at rest
+
+
+class Memory(NamedTuple):
+    """Where a motion has come to, and the inner state (m,) there."""
+
+    t: float
+    q: float
+    q_dot: float
+    inner: Array
+
+
+class MemoryLaw(ABC):
+    """A force with an inner state z.
+
+    A subclass is a frozen dataclass. All take arrays over the samples (n,), times in s.
+    """
+
+    unit: str  # of its coefficient
+
+    @abstractmethod
+    def expression(self) -> str:
+        """Text of the force without its coefficient."""
+
+    @abstractmethod
+    def begun(self, q: float, q_dot: float, rate: float) -> Array:
+        """Inner state (m,) of a motion that begins there.
+
+        At rest: pulled there slowly from q = 0 and let go. Moving: as after a long vibration at
+        ``rate``, rad/s.
+        """
+
+    @abstractmethod
+    def carried(self, t: Array, q: Array, q_dot: Array, inner: Array) -> Array:
+        """Inner states (m, n), from that of the first sample."""
+
+    @abstractmethod
+    def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
+        """Force for a unit of the coefficient, (n,)."""
+
+    def along(
+        self, t: Array, q: Array, q_dot: Array, rate: float, memory: Memory | None = None
+    ) -> tuple[Array, Memory]:
+        """Force along a motion (n,), and what is remembered at its end.
+
+        Parameters
+        ----------
+        t, q, q_dot : (n,) array
+        rate : float
+            Angular frequency of the vibration, rad/s, for a motion that begins.
+        memory : Memory, optional
+            Of the motion before.
+        """
+        if memory is None:
+            inner = self.carried(t, q, q_dot, self.begun(float(q[0]), float(q_dot[0]), rate))
+        else:
+            x = np.column_stack([memory[:3], np.stack([t, q, q_dot])])
+            inner = self.carried(x[0], x[1], x[2], memory.inner)[:, 1:]
+        end = Memory(float(t[-1]), float(q[-1]), float(q_dot[-1]), inner[:, -1])
+        return self.force(q, q_dot, inner), end
+
+
+# -- the way that q went ------------------------------------------------------------------------
+
+
+class SlidingLaw(MemoryLaw):
+    """A law that knows no time: z follows q, alike upwards and downwards."""
+
+    unit = "1/s^2"
+
+    @abstractmethod
+    def risen(self, z: Array, way: Array | float) -> Array:
+        """z after q has risen by ``way`` (>= 0), from z; both (m, n)."""
+
+    def _gone(self, z: Array, way: Array) -> Array:
+        sign = np.where(way < 0, -1.0, 1.0)
+        return sign * self.risen(sign * z, np.abs(way))
+
+    @abstractmethod
+    def _still(self) -> Array:
+        """z of the law at rest in its middle, (m,)."""
+
+    def begun(self, q: float, q_dot: float, rate: float) -> Array:
+        # From the middle to where the stroke began, and along the stroke.
+        peak = -np.sign(q_dot) * np.hypot(q, q_dot / rate) if q_dot else q
+        z = self._gone(self._still()[:, None], np.array([peak]))
+        return self._gone(z, np.array([q - peak]))[:, 0]
+
+    def carried(self, t: Array, q: Array, q_dot: Array, inner: Array) -> Array:
+        turn = np.flatnonzero(q_dot[:-1] * q_dot[1:] < 0)
+        # Where q turns between two samples, by the parabola there.
+        share = q_dot[turn] / (q_dot[turn] - q_dot[turn + 1])
+        top = q[turn] + q_dot[turn] * share * (t[turn + 1] - t[turn]) / 2
+        start = np.concatenate([q[:1], top])
+        turns = [inner[:, None]]
+        for way in np.diff(start).tolist():
+            # As `_gone`, in plain numbers: there are hundreds of strokes.
+            sign = -1.0 if way < 0 else 1.0
+            turns.append(sign * self.risen(sign * turns[-1], sign * way))
+        z = np.concatenate(turns, axis=1)
+        stroke = np.searchsorted(turn, np.arange(len(q)))  # the turn comes after its sample
+        return self._gone(z[:, stroke], q - start[stroke])
+
+
+@dataclass(frozen=True)
+class SlippingJoint(SlidingLaw):
+    """Springs in parallel, each in series with a slider (Iwan [2]); one is a Jenkins element.
+
+    Springs of equal stiffness, of 1 together, slip at distances up to ``slip``: (i / n)^scatter of
+    it. With scatter 0 all slip at once; with 1 / (1 + chi) their density is a power chi of the
+    distance, and the energy lost in a cycle grows with the power 3 + chi of the amplitude [3].
+
+    [2] W. Iwan, J. Appl. Mech. 33 (1966) 893.  [3] D. Segalman, J. Appl. Mech. 72 (2005) 752.
+    """
+
+    slip: float = 1.0
+    scatter: float = 0.0
+
+    def expression(self) -> str:
+        return "mean of z_i; z_i' = q_dot, |z_i| <= slip_i"
+
+    def _slips(self) -> Array:
+        middle = (np.arange(_SLIDERS) + 0.5) / _SLIDERS
+        return (
+            self.slip * middle[:, None] ** self.scatter if self.scatter else np.array([[self.slip]])
+        )
+
+    def _still(self) -> Array:
+        return np.zeros(len(self._slips()))
+
+    def risen(self, z: Array, way: Array | float) -> Array:
+        return np.minimum(z + way, self._slips())
+
+    def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
+        return np.mean(inner, axis=0)
+
+
+@dataclass(frozen=True)
+class BoucWen(SlidingLaw):
+    """z' = q_dot (1 - |z/slip|^n ((1 - loss) + loss sign(q_dot z))): a smooth loop [4].
+
+    n, the ``sharpness``, says how suddenly the spring gives way.
+
+    [4] Y. Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249.
+    """
+
+    slip: float = 1.0
+    sharpness: float = 1.0
+    loss: float = 0.5
+
+    def expression(self) -> str:
+        return "z; z' = q_dot (1 - |z/slip|^n (1 - loss + loss sign(q_dot z)))"
+
+    def _still(self) -> Array:
+        return np.zeros(1)
+
+    @cached_property
+    def _table(self) -> tuple[Array, Array]:
+        """Values of z/slip, and the way over slip on which a rising q brings it there from 0."""
+        # Towards 1 the way grows without end: equal steps of artanh.
+        x = np.concatenate(
+            [np.linspace(-1.0, 0.0, _TABLE)[:-1], np.tanh(np.linspace(0.0, 15.0, _TABLE))]
+        )
+        middle = (x[1:] + x[:-1]) / 2
+        rate = 1 - np.abs(middle) ** self.sharpness * np.where(middle > 0, 1.0, 1 - 2 * self.loss)
+        way = np.concatenate([[0.0], np.cumsum(np.diff(x) / rate)])
+        return x, way - way[_TABLE - 1]
+
+    def risen(self, z: Array, way: Array | float) -> Array:
+        at, ways = self._table
+        gone = np.interp(z / self.slip, at, ways) + way / self.slip
+        return self.slip * np.interp(gone, ways, at)
+
+    def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
+        return inner[0]
+
+
+@dataclass(frozen=True)
+class Play(SlidingLaw):
+    """A spring that q drags along with play: q - z, where z, within the play, takes no part.
+
+    The spring stays where it is while q crosses the play, 2 ``half`` wide.
+    """
+
+    half: float = 1.0
+
+    def expression(self) -> str:
+        return "q - z; z' = q_dot, |z| <= half"
+
+    def _still(self) -> Array:
+        return np.zeros(1)
+
+    def risen(self, z: Array, way: Array | float) -> Array:
+        return np.minimum(z + way, self.half)
+
+    def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
+        return q - inner[0]
+
+
+# -- what fades ---------------------------------------------------------------------------------
+
+
+class FadingLaw(MemoryLaw):
+    """A linear law: z' = pole z + input, complex where it vibrates; ``inner`` holds both parts."""
+
+    @property
+    @abstractmethod
+    def pole(self) -> complex:
+        """1/s; its real part is negative."""
+
+    @property
+    @abstractmethod
+    def gains(self) -> tuple[float, float]:
+        """What q and q_dot count in the input."""
+
+    @abstractmethod
+    def rested(self, q: float) -> complex:
+        """z where q has been at rest for long."""
+
+    def begun(self, q: float, q_dot: float, rate: float) -> Array:
+        a = q - 1j * q_dot / rate
+        if abs(a.imag) < _RELEASED * abs(a):
+            z = self.rested(q)
+        else:
+            by_q, by_q_dot = self.gains
+            f = (by_q + 1j * rate * by_q_dot) * a
+            z = (f / (1j * rate - self.pole) + np.conj(f) / (-1j * rate - self.pole)) / 2
+        return np.array([z.real, z.imag])
+
+    def carried(self, t: Array, q: Array, q_dot: Array, inner: Array) -> Array:
+        by_q, by_q_dot = self.gains
+        d = np.diff(t)
+        # In the middle between two samples, by the cubic through q and q_dot there.
+        q_mid = (q[1:] + q[:-1]) / 2 - d * np.diff(q_dot) / 8
+        v_mid = 1.5 * np.diff(q) / d - (q_dot[1:] + q_dot[:-1]) / 4
+        f, f_mid = by_q * q + by_q_dot * q_dot, by_q * q_mid + by_q_dot * v_mid
+        fade, half = np.exp(self.pole * d), np.exp(self.pole * d / 2)
+        # Simpson's rule; z[i + 1] = fade[i] z[i] + gain[i]
+        gain = d / 6 * (fade * f[:-1] + 4 * half * f_mid + f[1:])
+        start = complex(inner[0], inner[1])
+        band = np.stack([np.ones(len(q)), np.append(-fade, 0.0)])
+        z = solve_banded((1, 0), band, np.concatenate([[start], gain]))
+        return np.stack([z.real, z.imag])
+
+
+@dataclass(frozen=True)
+class MaxwellElement(FadingLaw):
+    """A spring and a damper in series: z' = q_dot - z / relaxation (s)."""
+
+    relaxation: float = 1.0
+
+    unit = "1/s^2"
+    gains = (0.0, 1.0)
+
+    def expression(self) -> str:
+        return "z; z' = q_dot - z/relaxation"
+
+    @property
+    def pole(self) -> complex:
+        return complex(-1 / self.relaxation)
+
+    def rested(self, q: float) -> complex:
+        return 0j
+
+    def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
+        return inner[0]
+
+
+@dataclass(frozen=True)
+class TunedMass(FadingLaw):
+    """A small mass on a spring and a damper of its own; its coefficient is the ratio of masses.
+
+    It vibrates at z: z'' + 2 zeta w (z' - q_dot) + w^2 (z - q) = 0, and pushes back with z''.
+    """
+
+    frequency: float = 1.0  # w, rad/s
+    damping_ratio: float = 0.02  # zeta
+
+    unit = "1"
+
+    def expression(self) -> str:
+        return "z''; z'' + 2 zeta w (z' - q_dot) + w^2 (z - q) = 0"
+
+    @property
+    def pole(self) -> complex:
+        w, zeta = self.frequency, self.damping_ratio
+        return w * complex(-zeta, np.sqrt(1 - zeta**2))
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        return self.frequency**2, 2 * self.damping_ratio * self.frequency
+
+    def rested(self, q: float) -> complex:
+        # The mass is at q too; the imaginary part of the state is its place times that of the pole.
+        return q * complex(self.damping_ratio * self.frequency, self.pole.imag)
+
+    def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
+        damped = self.pole.imag
+        place = inner[1] / damped
+        speed = (self.pole.real * inner[1] + damped * inner[0]) / damped
+        by_q, by_q_dot = self.gains
+        return by_q * (q - place) + by_q_dot * (q_dot - speed)

@@ -1,0 +1,160 @@
+"""Spectrum of the noise of a record, read between the harmonics of its vibration.
+
+A smooth motion (`romsindy.record.smoothing`) takes all that lies near its harmonics with it. What
+it leaves half-way between them is noise alone, and lines (mains hum, a second mode). Medians do not
+see lines; a smooth curve through their logarithms is as rough as the record asks for, so that the
+edge of a filter is resolved where there is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.stats import chi2
+
+from romsindy.typing import Array
+
+HARMONICS = 6  # of the smooth motion
+# Scatter of the logarithm of the median of n lines of a windowed spectrum: 1.8 / sqrt(n). Noise
+# counts as white where no part of its spectrum is off by five times that.
+_SCATTER, _WHITE, _CHANCE = 1.8, 5.0, 1e-6
+# Width of a median: in fundamentals, as a part of the frequency, and in lines, at least.
+_WIDTH, _RELATIVE, _LEAST = 0.25, 0.06, 8
+# Cosines that hold parts of one wave: their sum may be larger than if they were independent.
+TOGETHER = 5.0
+# Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
+# much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
+_LINE, _NEAR = 30.0, 40
+
+
+@dataclass(frozen=True)
+class Line:
+    """Another vibration in a record: frequency in Hz, rms in the unit of the record."""
+
+    frequency: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Power of noise against frequency: the variance of a sample if it were the same everywhere.
+
+    Attributes
+    ----------
+    frequency : (m,) array
+        Hz, increasing.
+    power : (m,) array
+        Unit of the record squared.
+    """
+
+    frequency: Array
+    power: Array
+
+    def __call__(self, frequency: Array) -> Array:
+        """Power at some frequencies [Hz]."""
+        return np.interp(frequency, self.frequency, self.power)
+
+    def leaking(self, duration: float) -> Spectrum:
+        """The same in the cosine transform of a record of so many seconds.
+
+        A wave that ends anywhere is in all cosines: one of frequency g has in those of frequency f
+        2 g^2 / (pi^2 T (g^2 - f^2)^2) of its power (per Hz). These parts are not independent of
+        each other, and count for more than they are.
+        """
+        if self.white:
+            return self
+        f = self.frequency
+        apart = f[:, None] ** 2 - f**2
+        np.fill_diagonal(apart, np.inf)
+        share = 2 * f**2 / (np.pi**2 * duration * apart**2)
+        leak = share @ (self.power * np.gradient(f))
+        return replace(self, power=self.power + TOGETHER * leak)
+
+    @property
+    def white(self) -> bool:
+        """Whether it is the same at all frequencies."""
+        return len(self.power) == 1
+
+    @classmethod
+    def between_harmonics(cls, order: Array, power: Array, cycle: float) -> Spectrum:
+        """From `lines_between`; ``cycle`` is the length of one, s."""
+        smallest = np.finfo(float).tiny
+        parts = _bins(order)
+        middle = np.array([np.mean(order[p]) for p in parts]) / cycle
+        logs = np.array([np.log(max(np.median(power[p]) / np.log(2), smallest)) for p in parts])
+        variance = np.array([_SCATTER**2 / (p.stop - p.start) for p in parts])
+        off = (logs - np.average(logs, weights=1 / variance)) / np.sqrt(variance)
+        if np.abs(off).max() < _WHITE and off @ off < chi2.isf(_CHANCE, len(off)):
+            return cls(np.zeros(1), np.array([level_of(power)]))
+        return cls(middle, np.exp(_smoothed(logs, variance)))
+
+
+def lines_between(x: Array, cycle: float) -> tuple[Array, Array]:
+    """Frequencies over the fundamental, and the spectrum there, where a smooth motion is blind.
+
+    ``cycle`` in samples.
+    """
+    n = len(x)
+    window = np.hanning(n)
+    power = np.abs(np.fft.rfft(x * window)) ** 2 / np.sum(window**2)
+    order = np.arange(len(power)) * cycle / n
+    between = (np.abs(order % 1 - 0.5) < 0.25) | (order > HARMONICS + 0.5)
+    between[: min(3, len(between))] = False
+    between[-3:] = False  # near half the sampling rate a window mirrors its line into itself
+    return order[between], power[between]
+
+
+def _bins(order: Array) -> list[slice]:
+    """Neighbouring lines that share a median."""
+    parts, first = [], 0
+    for i in range(len(order)):
+        wide = order[i] - order[first] >= max(_WIDTH, _RELATIVE * order[i])
+        if wide and i + 1 - first >= _LEAST and len(order) - i > _LEAST:
+            parts.append(slice(first, i + 1))
+            first = i + 1
+    return [*parts, slice(first, len(order))]
+
+
+def _smoothed(y: Array, variance: Array) -> Array:
+    """Smoothing spline through values of known variance, its roughness the most likely one.
+
+    G. Wahba, Spline Models for Observational Data (1990), ch. 4: second differences are normal with
+    mean zero, and their variance is that of the largest marginal likelihood.
+    """
+    weight = 1 / np.sqrt(variance)
+    bend = np.diff(np.eye(len(y)), 2, axis=0) / weight
+    stiffness, modes = np.linalg.eigh(bend.T @ bend)
+    stiffness = np.maximum(stiffness, 0.0)
+    part = modes.T @ (weight * y)
+    rough = slice(2, None)  # straight lines do not bend
+
+    def surprise(softness: float) -> float:
+        spread = 1 + softness / stiffness[rough]
+        return float(np.sum(np.log(spread) + part[rough] ** 2 / spread))
+
+    softness = min(np.geomspace(1e-8, 1e4, 61), key=surprise)
+    return (modes @ (part * softness / (softness + stiffness))) / weight
+
+
+def level_of(power: Array) -> float:
+    """Mean of a white spectrum from its lower 95 %, which a few lines do not move."""
+    cut = np.quantile(power, 0.95)
+    tail = -np.log(0.05)
+    return float(np.mean(power[power <= cut]) / (1 - 0.05 * tail / 0.95))
+
+
+def strong_lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]:
+    """Peaks that stand out of the spectrum round them as noise never does, strongest first."""
+    # What does not stand out of the whole spectrum adds nothing to the noise.
+    floor = np.maximum(median_filter(power, 2 * _NEAR + 1, mode="nearest"), np.median(power) / 2)
+    left, found = np.where(order > 0.5, power, 0.0), []
+    while np.any(left > _LINE * floor):
+        peak = int(np.argmax(left / np.maximum(floor, 1e-300)))
+        # The window spreads a line over four lines of the spectrum; a decaying one over more.
+        around = slice(max(peak - 5, 0), peak + 6)
+        energy = np.sum(np.maximum(left[around] - floor[around] / np.log(2), 0.0))
+        found.append(Line(float(order[peak] / cycle), float(np.sqrt(2 * energy / n))))
+        left[slice(max(peak - _NEAR, 0), peak + _NEAR + 1)] = 0.0
+    return tuple(sorted(found, key=lambda line: -line.rms))
