@@ -147,14 +147,16 @@ def parameter_effects(
     amplitude: float,
     shift: float = 0.0,
     names: Collection[str] | None = None,
+    at: float | None = None,
 ) -> tuple[ParameterEffect, ...]:
     """Effects of the parameters that a beam has, up to some coordinate (kg^0.5 m).
 
     ``shift`` is by how much omega^2 was found to differ, 1/s^2: the differences are taken over the
     change of each parameter that would cause this, so that they are exact there. Without
-    ``names``, those that are looked for where nothing is said about them.
+    ``names``, those that are looked for where nothing is said about them. Mass is added at ``at``,
+    m; by default where the first mode moves most.
     """
-    at = seen.basis.point(1)
+    at = seen.basis.point(1) if at is None else at
     start = seen_coefficients(seen, seen.beam, amplitude)
 
     def effect(p: _Parameter, step: float) -> ParameterEffect:
