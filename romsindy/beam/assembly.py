@@ -201,7 +201,7 @@ class Assembly:
         return powers
 
     def smooth_acceleration(self, x: np.ndarray, v: np.ndarray, stiffening: float) -> np.ndarray:
-        """Return the acceleration in x with velocity v, without axial and shear waves of short period.
+        """Return the acceleration in x with velocity v, without short axial and shear waves.
 
         Solve (M + stiffening^2 D) a = -r, where D is the axial and shear stiffness alone.  A force
         that is suddenly taken away starts waves; those much faster than `stiffening` [s] have died

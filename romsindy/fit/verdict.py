@@ -79,6 +79,9 @@ SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-4, 1e-2, FLOOR
 # Standard errors from which on a difference is no chance: seven spans, of three values each, are
 # looked at in every record.
 SURE = 3.5
-# A beam whose coordinate moves at this part of its largest speed at the first sample was not let
-# go from rest: the amplitude would be 5 % off.
-MOVING = 0.3
+# A beam whose modes move, or are displaced, by less than this part of their largest at the first
+# sample was let go from rest, or hit at rest: more must be read from the sensors.
+MOVING = 0.1
+# Rms over the noise up to which a simulation as it was is not searched for what it lacks: the level
+# of white noise is known to half of what is beyond 1.
+NOTHING_LEFT = 1.01

@@ -10,20 +10,21 @@ taken off, a fit of the reduced model is one of the beam (defect correction, [1]
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.beam import Beam
+from romsindy.beam import Beam, NoEquilibriumError
 from romsindy.diagnosis.on_beam.doubts import Doubt, changes_of
-from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
+from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
-from romsindy.diagnosis.on_beam.release import load_at_release
+from romsindy.diagnosis.on_beam.release import Release, read_release
 from romsindy.fit.collocation import integrate
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import ExtendedEquation, Part, read
+from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -31,10 +32,11 @@ from romsindy.typing import Array
 
 
 class Corrected(NamedTuple):
-    """A decay without the defect, and the displacements (n, n_sensors) of the beam in it."""
+    """A decay without the defect, what the sensors of the beam in it read, and its release."""
 
     decay: Decay
-    readings: Array
+    readings: Array  # (n, n_sensors), in what was measured
+    release: Release
 
 
 def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
@@ -50,8 +52,17 @@ def effects_of(parts: Sequence[Part]) -> list[Any]:
 
 
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
-    """The beam with the effects of some parts."""
-    return reduce(Beam.with_effect, effects_of(parts), beam)
+    """The beam with the effects of some parts.
+
+    Raises
+    ------
+    NoEquilibriumError
+        If there can be no such beam.
+    """
+    try:
+        return reduce(Beam.with_effect, effects_of(parts), beam)
+    except ValueError as error:
+        raise NoEquilibriumError(f"there is no such beam: {error}") from error
 
 
 def corrected(
@@ -60,28 +71,33 @@ def corrected(
     parts: Sequence[Part],
     record: Record,
     decay: Decay,
-    load: Array | None = None,
+    release: Release | None = None,
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
 
-    Only the coordinate of the release is fitted. The record is that of the coordinate, the decay
-    holds the displacements of the sensors, m. The nodal load (n_nodes, 3) that held the beam is
-    read from the sensors where none is given.
+    Only the coordinate and its rate at the start are fitted. The record is that of the coordinate,
+    the decay holds what the sensors measured, m and s. The release is read from the sensors where
+    none is given.
     """
     parts = on_the_beam(parts)
     beam = beam_with(seen.beam, parts)
     solution = fit(model, parts, [record], fixed=True, iterations=25)
-    start = solution.motions[0].q[:1]
-    if not np.isfinite(solution.chi_squared):
-        start = record.motion.q[:1]
-    shown = float(read(parts, 0, record.t[:1], start)[0][0])
-    dt = record.decay.dt
-    if load is None:
-        measured = decay.between(record.decay.t[0], record.decay.t[-1]).q
-        load = load_at_release(seen, beam, shown, measured, dt)
-    readings = seen.readings(beam, shown, float(record.t[-1]) + 0.5 * dt, dt, load)
+    start = solution.motions[0].start if solution.finite else record.motion.start
     equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
-    motion = integrate(equation, (float(start[0, 0]), 0.0), record.motion.grid)
-    reduced = read(parts, 0, record.t, sampled(motion))[0]
-    q = record.signal - (seen.coordinate(readings) - reduced)
-    return Corrected(Decay(record.decay.t, q, unit=UNIT), readings)
+    reduced = integrate(equation, start, record.motion.grid)
+    dt, own = record.decay.dt, decay.between(record.decay.t[0], record.decay.t[-1])
+    q, q_dot = float(start[0]), float(start[1])
+    if release is None:
+        release = read_release(seen, beam, (q, q_dot), own.signal, dt, own.derivative)
+    duration = float(record.t[-1]) + 0.5 * dt
+    moved = seen.motion(beam, q, duration, dt, release.load, q_dot=q_dot, push=release.push)
+
+    def left(measured: Array, derivative: int) -> Array:
+        """A signal without what the beam does beside its reduced model."""
+        beside = seen.coordinate(moved[derivative]) - sampled(reduced, derivative)[:, 0]
+        return np.asarray(measured - beside)
+
+    signals: dict[str, Any] = {
+        n: left(x, SIGNALS.index(n)) for n, x in signals_of(record.decay).items()
+    }
+    return Corrected(replace(record.decay, **signals), moved[record.derivative], release)

@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect
@@ -22,7 +23,6 @@ from romsindy.diagnosis.screening import screen
 from romsindy.effects import Gain
 from romsindy.effects.base import TermEffect
 from romsindy.effects.mounting import Mounting
-from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
@@ -173,21 +173,21 @@ def _changes(doubt: Doubt, x: Array) -> tuple[Any, ...]:
     return tuple(p.on_beam(change) for p, change in pairs)
 
 
-def adjusted(solution: Solution) -> tuple[Adjusted, ...]:
+def adjusted(found: Hypothesis) -> tuple[Adjusted, ...]:
     """What the parameters within tolerances became: x = V z, and its covariance.
 
     Empty where the data did not move them.
     """
-    chosen = [i for i, p in enumerate(solution.parts) if isinstance(p.effect, Doubt)]
-    found, at = [solution.parts[i] for i in chosen], [solution.slices()[i].start for i in chosen]
-    z = np.array([p.strengths[0, 0] for p in found])
-    effects = [cast(Doubt, part.effect) for part in found]
+    chosen = [i for i, p in enumerate(found.parts) if isinstance(p.effect, Doubt)]
+    at = [found.solution.slices()[i].start for i in chosen]
+    z = np.array([found.parts[i].strengths[0, 0] for i in chosen])
+    effects = [cast(Doubt, found.parts[i].effect) for i in chosen]
     felt = np.array([e.felt for e in effects])
     if not np.sum((felt * z) ** 2) > EQUIVALENT:
         return ()
     of, deviations = effects[0].of, effects[0].deviations
     vectors = np.array([e.vector for e in effects]).T
-    learned = vectors @ (np.eye(len(z)) - solution.covariance[np.ix_(at, at)]) @ vectors.T
+    learned = vectors @ (np.eye(len(z)) - found.covariance[np.ix_(at, at)]) @ vectors.T
     std = np.sqrt(np.clip(1.0 - np.diag(learned), 0.0, 1.0))
     shown, own = vectors @ (felt**2 * z), vectors**2 @ felt**2
     alone = shown / np.maximum(own, 1e-300)

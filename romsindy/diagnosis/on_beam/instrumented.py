@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
 from romsindy.beam import Beam, Shape, StaticCurve
+from romsindy.beam.assembly import factorise, solve
 from romsindy.beam.modes import ModalBasis
+from romsindy.beam.motion import History
 from romsindy.beam.sensors import SensorArray
 from romsindy.beam.statics import hold
 from romsindy.record.decay import Decay
@@ -19,9 +22,26 @@ UNIT = "kg^0.5 m"
 _CASES, _GRID, _MARGIN = 41, 121, 1.15  # of the static curve
 
 
+_ELEMENTS = 20  # of a beam that is simulated: three modes to 1e-5, whatever was asked for
+_MODES = 3  # that are told apart: of what is let go or hit, higher ones move little and die soon
+
+
+SIGNALS = ("q", "q_dot", "q_ddot")
+
+
+def signals_of(decay: Decay) -> dict[str, Any]:
+    """Displacement, velocity and acceleration of a decay, as far as it has them, by name."""
+    return {n: getattr(decay, n) for n in SIGNALS if getattr(decay, n) is not None}
+
+
 def projected_modes(n_sensors: int) -> int:
     """Modes that so many sensors tell apart, with some sensors to spare."""
-    return max(1, min(2, n_sensors - 2))
+    return max(1, min(_MODES, n_sensors - 2))
+
+
+def coarse(beam: Beam) -> Beam:
+    """A beam with as few elements as the first modes need."""
+    return replace(beam, elements=min(beam.elements, _ELEMENTS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +54,7 @@ class InstrumentedBeam:
     @cached_property
     def basis(self) -> ModalBasis:
         """Modes about the equilibrium."""
-        return self.beam.modes(count=max(3, projected_modes(len(self.sensors.sensors))))
+        return self.beam.modes(count=_MODES)
 
     @cached_property
     def shapes(self) -> Array:
@@ -46,8 +66,9 @@ class InstrumentedBeam:
         return np.asarray(displacements @ np.linalg.pinv(self.shapes)[0])
 
     def decay(self, decay: Decay) -> Decay:
-        """Displacements of the sensors as a decay of the first modal coordinate."""
-        return Decay(decay.t, self.coordinate(decay.q), unit=UNIT)
+        """What the sensors measured as a decay of the first modal coordinate."""
+        signals: dict[str, Any] = {n: self.coordinate(x) for n, x in signals_of(decay).items()}
+        return replace(decay, unit=UNIT, **signals)
 
     def seen(self, fields: Array) -> Array:
         """Coordinate of nodal displacements (..., n_nodes, 3) from the equilibrium."""
@@ -76,21 +97,58 @@ class InstrumentedBeam:
 
     def sensors_on(self, beam: Beam) -> SensorArray:
         """The sensors on a changed beam; those beyond the end of a shorter one sit there."""
-        if beam.length == self.beam.length:
+        if (beam.length, beam.elements) == (self.beam.length, self.beam.elements):
             return self.sensors
         placed = [replace(s, at=min(s.at, beam.length)) for s in self.sensors.sensors]
         return beam.sensors(placed)
+
+    def pushed(self, beam: Beam, shape: Shape, q_dot: float, push: Array | None = None) -> Array:
+        """Velocity (n_nodes, 3) with which the first mode of a beam moves at ``q_dot``.
+
+        It goes with the shapes that a nodal load, (n_nodes, 3) and of any size, would bend the beam
+        into from where it is; by default the modal force of its first mode.
+        """
+        momentum, a = beam.modes(count=1).momenta[0], beam.assembly
+        stiffness, _ = a.tangents(shape.displacement)
+        pattern = momentum if push is None else push
+        moved = solve(factorise(stiffness, a.fixed), np.where(a.fixed, 0.0, pattern))
+        reading = momentum
+        if push is None:
+            reading = self.coordinate(self.sensors_on(beam).rows.T).reshape(momentum.shape)
+        return np.asarray(q_dot * moved / np.vdot(reading, moved))
 
     def readings(
         self, beam: Beam, q: float, duration: float, step: float, load: Array | None = None
     ) -> Array:
         """Displacements (n, n_sensors), m, of a beam that is let go as `held`."""
+        return self.motion(beam, q, duration, step, load).displacement
+
+    def motion(
+        self,
+        beam: Beam,
+        q: float,
+        duration: float,
+        step: float,
+        load: Array | None = None,
+        *,
+        q_dot: float = 0.0,
+        push: Array | None = None,
+    ) -> History:
+        """What the sensors read, (n, n_sensors) each, of a beam that starts `held` and `pushed`."""
         shape, sensors = self.held(beam, q, load), self.sensors_on(beam)
+        velocity = self.pushed(beam, shape, q_dot, push) if q_dot else None
         # Only what the sensors read is kept, so one mode is enough to record.
         motion = beam.simulate(
-            shape, duration, step, sensors=sensors, modes=beam.modes(count=1), progress=False
+            shape,
+            duration,
+            step,
+            sensors=sensors,
+            modes=beam.modes(count=1),
+            velocity=velocity,
+            progress=False,
         )
-        return sensors.measure(motion)
+        # What is kept beside the modes is what the sensors read.
+        return cast(History, motion.sensors)
 
     def keeping(self, channels: Sequence[int]) -> InstrumentedBeam:
         """The same with some of the sensors."""

@@ -9,16 +9,17 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.beam import Beam, NoEquilibriumError, SensorArray, Shape, StepTooLongError
-from romsindy.diagnosis.on_beam.checks import check_release, checked_readings
+from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
 from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt
-from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam
+from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
     parameter_effects,
     standard_deviations,
 )
+from romsindy.diagnosis.on_beam.release import Release
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.report import DiagnosisReport
@@ -67,13 +68,11 @@ def diagnose_beam(
     free_names = {_FREE[str(name)] for name in free}
     near = standard_deviations(beam, tolerances)
     everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
-    seen = InstrumentedBeam(beam, sensors)
-    for i, decay in enumerate(everything):
-        check_release(Record.loud(seen.decay(decay), options.floor), i)
+    seen = InstrumentedBeam(coarse(beam), sensors)
     seen, own, faults, decays = _with_right_sensors(seen, everything, len(measured))
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(measured)]
-    model, rough = calibrated(beam, own)
+    model = calibrated(seen.beam, own)
     effects = _effects(seen, model, training, float(np.abs(own.q).max()), options.catalogue)
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in options.catalogue if e.name not in unneeded]
@@ -82,64 +81,67 @@ def diagnose_beam(
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
     look_for = replace(options, catalogue=(*general, *effects))
     parallel = Parallel(options.n_jobs)
+    releases: list[Release | None] = [None if load is None else Release(load)] * len(records)
 
-    def look(decays: Sequence[Decay], most: int, floor: float) -> DiagnosisReport:
+    def look(found: Sequence[Corrected], most: int) -> DiagnosisReport:
+        decays = [c.decay for c in found]
         test = decays[-1] if held_out is not None else None
-        chosen = replace(look_for, max_effects=most, floor=floor)
+        chosen = replace(look_for, max_effects=most)
         return diagnose_model(model, decays[: len(measured)], test, unsure, {}, chosen)
 
     def simulate(parts: Sequence[Part]) -> list[Corrected]:
         added = " + ".join(p.effect.name for p in parts) or "nothing more"
         options.progress(f"the beam with {added}")
-        pairs = zip(records, decays, strict=True)
-        return list(parallel(delayed(corrected)(seen, model, parts, r, d, load) for r, d in pairs))
+        rows = zip(records, decays, releases, strict=True)
+        found = list(parallel(delayed(corrected)(seen, model, parts, *row) for row in rows))
+        releases[:] = [c.release for c in found]
+        return found
 
     try:
-        before = corrected(seen, model, (), records[-1], decays[-1], load)
+        before = simulate(())
     except _FAILURES as error:
         raise ValueError(
             f"the beam as it is cannot be simulated over the decays ({error}): check its values,"
             " or let it go from less"
         ) from error
-    first = look(coordinates, 1, max(rough, options.floor))
-    report, trouble = _looked_again(first, look, simulate, options)
-    parts = () if trouble else on_the_beam(report.best.solution.parts)
-    after = before
-    if parts:
-        try:
-            after = corrected(seen, model, parts, records[-1], decays[-1], load)
-        except _FAILURES as error:
-            parts, trouble = (), str(error)
-    errors = _sensor_errors(seen, decays[-1], (before, after))
-    return BeamReport(report, faults, seen, parts, errors, trouble)
+    report, parts, after, trouble = _looked_again(before, look, simulate, options)
+    errors = _sensor_errors(seen, decays[-1], (before[-1], after[-1]))
+    whole = InstrumentedBeam(beam, seen.sensors_on(beam))
+    return BeamReport(report, faults, whole, parts, errors, trouble)
 
 
 def _looked_again(
-    report: DiagnosisReport,
-    look: Callable[[Sequence[Decay], int, float], DiagnosisReport],
+    before: list[Corrected],
+    look: Callable[[Sequence[Corrected], int], DiagnosisReport],
     simulate: Callable[[Sequence[Part]], list[Corrected]],
     options: Options,
-) -> tuple[DiagnosisReport, str]:
+) -> tuple[DiagnosisReport, tuple[Part, ...], list[Corrected], str]:
     """Simulate what was found, take the defect off and look again, until nothing changes.
 
-    One effect that closes the gap counts more than several that fit a little better. Where the
-    beam cannot be simulated with what was found, the reason comes back with the report.
+    One effect that closes the gap counts more than several that fit a little better. Returns the
+    report, what is on the beam that was simulated, and this. Where the beam cannot be simulated
+    with what was found, the reason comes back.
     """
-    most = 1
+    most, found = 1, before
+    simulated: tuple[Part, ...] = ()
+    report = look(found, most)
     for _ in range(_ROUNDS):
         if report.interrupted:
-            return report, "interrupted"
-        parts = on_the_beam(report.best.solution.parts)
-        try:
-            found = simulate(parts)
-        except _FAILURES as error:
-            return report, str(error)
-        report = look([c.decay for c in found], most, options.floor)
-        if _settled(parts, report):
+            return report, (), before, "interrupted"
+        parts = on_the_beam(report.best.parts)
+        if not parts and not simulated:
+            return report, (), before, ""
+        if _settled(simulated, report):
             if report.verdict != "unknown" or most == options.max_effects:
                 break
             most = options.max_effects
-    return report, ""
+        else:
+            try:
+                found, simulated = simulate(parts), parts
+            except _FAILURES as error:
+                return report, (), before, str(error)
+        report = look(found, most)
+    return report, simulated, found, ""
 
 
 def _with_right_sensors(
@@ -147,16 +149,19 @@ def _with_right_sensors(
 ) -> tuple[InstrumentedBeam, Decay, tuple[SensorFault, ...], list[Decay]]:
     """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others."""
     training = decays[:n_training]
-    largest = max(training, key=lambda d: float(np.abs(seen.coordinate(d.q)[0])))
-    start = float(seen.coordinate(largest.q[0]))
-    own = seen.readings(seen.beam, start, float(largest.t[-1] - largest.t[0]), largest.dt)
+    reaches = [float(np.abs(seen.coordinate(d.q)).max()) for d in training]
+    reach, largest = max(reaches), training[int(np.argmax(reaches))]
+    own = seen.readings(seen.beam, reach, float(largest.t[-1] - largest.t[0]), largest.dt)
     labels = seen.sensors.labels
     fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels)
     kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
     seen = seen.keeping(kept)
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
-    kept_decays = [Decay(d.t, d.q[:, kept], unit=d.unit) for d in decays]
-    return seen, simulated, () if fault is None else (fault,), kept_decays
+    return seen, simulated, () if fault is None else (fault,), [_channels(d, kept) for d in decays]
+
+
+def _channels(decay: Decay, kept: Sequence[int]) -> Decay:
+    return replace(decay, **{n: x[:, kept] for n, x in signals_of(decay).items()})
 
 
 def _effects(
@@ -199,7 +204,7 @@ def _sensor_errors(
 ) -> tuple[SensorError, ...]:
     """Every sensor against the beam before and after, in one record."""
     t = both[0].decay.t
-    readings = decay.between(t[0], t[-1]).q
+    readings = decay.between(t[0], t[-1]).signal
     noise = np.array([noise_std(y) for y in readings.T])
     errors = [np.sqrt(np.mean((readings - c.readings) ** 2, axis=0)) / noise for c in both]
     return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *errors, strict=True))
@@ -207,7 +212,7 @@ def _sensor_errors(
 
 def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
     """Whether the effects that were simulated are those found, within a standard error."""
-    after = {(p.effect.name, p.effect.variant): p for p in on_the_beam(report.best.solution.parts)}
+    after = {(p.effect.name, p.effect.variant): p for p in on_the_beam(report.best.parts)}
     before = {(p.effect.name, p.effect.variant): p for p in parts}
     if set(before) != set(after):
         return False
@@ -218,11 +223,10 @@ def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
     )
 
 
-def calibrated(beam: Beam, simulated: Decay) -> tuple[ReducedModel, float]:
-    """Reduced model of a beam that follows its own simulated decay, and what it leaves.
+def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:
+    """Reduced model of a beam that follows its own simulated decay.
 
-    The static reduction is the start; the highest inertia terms stay as they are there. Twice the
-    rms of what is left, as a part of the amplitude, is the floor of a first diagnosis.
+    The static reduction is the start; the highest inertia terms stay as they are there.
     """
     reach = float(np.abs(simulated.q).max())
     static = beam.reduce(order=_ORDER, amplitude=1.05 * reach).coefficients
@@ -230,8 +234,7 @@ def calibrated(beam: Beam, simulated: Decay) -> tuple[ReducedModel, float]:
     damping = {"c_linear": beam.alpha + beam.eta * omega2, "c_q^2 q_dot": 0.0}
     start = ReducedModel.from_coefficients({**static, **damping}, unit=UNIT)
     fitted = refine(start, simulated, fixed=("Upsilon_6", "Upsilon_7"))
-    left = float(np.std(fitted.residuals[0])) / reach
-    return replace(fitted.model, amplitude_range=None), 2 * left
+    return replace(fitted.model, amplitude_range=None)
 
 
 def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:

@@ -1,0 +1,132 @@
+"""The advised test is made by an independent integrator, and tells the rivals apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+import romsindy as rs
+from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment, _Rival
+from romsindy.effects import CubicStiffness, Gain, GrowingDamping, SpeedCubedDamping
+
+OMEGA = 2 * np.pi * 5
+NOMINAL = {"omega^2": OMEGA**2, "gamma_3": 0.2 * OMEGA**2, "c_linear": 0.01 * OMEGA}
+MODEL = rs.ReducedModel.from_coefficients(NOMINAL, unit="rad")
+CATALOGUE = (GrowingDamping(), SpeedCubedDamping(), CubicStiffness(), Gain())
+NOISE = 0.012  # about 30 dB of the first record
+AGAIN, HIGHER = Experiment("again", 1.0), Experiment("from {amplitude}", 1.0, amplitude=2.0)
+
+
+def damping(q, v):
+    return 0.5 * q * q * v
+
+
+def cubic(q, v):
+    return 4.0 * q**3
+
+
+def nothing(q, v):
+    return 0.0
+
+
+def strange(q, v):
+    return 3.0 * np.tanh(20 * q)
+
+
+def decay(amplitude, force, seed, duration=12.0):
+    def rates(t, y):
+        q, v = y
+        known = NOMINAL["omega^2"] * q + NOMINAL["gamma_3"] * q**3 + NOMINAL["c_linear"] * v
+        return [v, -known - force(q, v)]
+
+    t = np.arange(0, duration, 0.005)
+    q = solve_ivp(rates, (0, duration), [amplitude, 0], "DOP853", t, rtol=1e-9, atol=1e-10).y[0]
+    return rs.Decay(t, q + NOISE * np.random.default_rng(seed).standard_normal(len(t)), unit="rad")
+
+
+def diagnosed(force, *more):
+    learn = [decay(a, force, seed) for seed, a in enumerate((1.0, 0.6))]
+    return rs.diagnose(MODEL, [*learn, *more], held_out=decay(0.8, force, 2), catalogue=CATALOGUE)
+
+
+report = cache(diagnosed)  # several tests look at the same diagnosis
+
+
+def rivals_of(found):
+    return [_Rival.of(MODEL, h, found.records, 0) for h in found.rivals]
+
+
+def test_the_advised_test_names_what_was_ambiguous():
+    # q^2 q_dot and q_dot^3 take the same energy from a harmonic motion: a third harmonic, below
+    # the noise at these amplitudes, is all that tells them apart.
+    before = report(damping)
+    assert before.verdict == "ambiguous"
+    assert set(before.equivalent) == {("amplitude_damping",), ("cubic_damping",)}
+    advice = before.next_test
+    assert advice.enough
+    assert f"{advice.action} would separate" in advice.sentence
+    test = advice.test
+    more = [
+        decay(test.amplitude, damping, 7 + i, 12.0 * test.duration) for i in range(test.repetitions)
+    ]
+    after = diagnosed(damping, *more)
+    assert after.verdict == "named"
+    assert after.best.names == ("amplitude_damping",)
+
+
+def test_what_no_test_can_tell_apart_is_said_so():
+    # For a Duffing oscillator a gain g of the sensor is a cubic stiffness over g^2, at any release.
+    found = report(cubic)
+    assert set(found.equivalent) == {("cubic_stiffness",), ("gain",)}
+    assert not found.next_test.enough
+    assert found.next_test.sentence.startswith("no test that was simulated would separate")
+
+
+def test_the_cheapest_of_the_tests_that_tell_is_advised():
+    tests = [AGAIN, replace(HIGHER, cost=2.0), replace(HIGHER, cost=3.0, amplitude=3.0)]
+    assert report(damping).advised(tests).test == tests[1]
+    dear = [AGAIN, replace(HIGHER, cost=4.0), tests[2]]
+    assert report(damping).advised(dear).test == tests[2]
+
+
+def test_the_amplitude_is_stated_in_the_unit_of_the_data():
+    assert report(damping).advised([HIGHER]).action == "from 2 rad"
+
+
+def test_four_repetitions_tell_as_much_as_half_the_noise():
+    found = report(damping)
+    true, other = (replace(r, excess=1.0) for r in rivals_of(found))  # noise alone
+    record = true.shows(HIGHER, found.records[0], None)
+    four, quiet = replace(HIGHER, repetitions=4), replace(HIGHER, noise=0.5)
+    # Both are the same least-squares problem but for rounding.
+    assert_allclose(other.misfit(record, four), other.misfit(record, quiet), rtol=1e-6)
+
+
+def test_a_rival_follows_its_own_motion():
+    found = report(damping)
+    for rival in rivals_of(found):
+        own = replace(rival, weaker=rival.parts).shows(HIGHER, found.records[0], None)
+        # Of 2400 samples: what Newton's method leaves.
+        assert rival.misfit(own, HIGHER) < 1e-6
+
+
+def test_no_test_is_advised_where_none_is_needed():
+    assert report(nothing).next_test is None
+
+
+def test_all_tests_that_are_known_can_be_simulated():
+    found = report(damping)
+    assert all(found.advised([test]) is not None for test in EXPERIMENTS)
+
+
+def test_where_nothing_explains_the_data_the_test_shows_what_comes_nearest():
+    # A spring that yields at once is not looked for.
+    found = report(strange)
+    assert found.verdict == "unknown"
+    advice = found.next_test
+    assert not advice.explained
+    assert "show whether what is missing is nearer to" in advice.sentence
