@@ -1,6 +1,7 @@
 """Find what a simulation lacks: name it, add it, show the gap shrink."""
 
 from romsindy.diagnosis.diagnose import diagnose
+from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.report import DiagnosisReport, FoundEffect
 from romsindy.effects import CATALOGUE

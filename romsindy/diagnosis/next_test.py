@@ -66,6 +66,11 @@ class Experiment:
     noise: float = 1.0
     repetitions: int = 1
 
+    def action(self, largest: float, unit: str | None) -> str:
+        """What to do, in words, where the largest release so far had this amplitude."""
+        size = f"{abs(self.amplitude) * largest:.2g} {unit or ''}".rstrip()
+        return self.words.format(amplitude=size)
+
 
 EXPERIMENTS = (
     Experiment("the same release again", 1.0),
@@ -174,8 +179,7 @@ def next_test(
     if not found:
         return None
     value, test = max(found, key=lambda f: f[0])
-    size = f"{abs(test.amplitude) * records[largest].amplitude:.2g}"
-    action = test.words.format(amplitude=f"{size} {records[largest].decay.unit or ''}".rstrip())
+    action = test.action(records[largest].amplitude, records[largest].decay.unit)
     odds = float(np.exp(min(value, np.log(_MOST_ODDS))))
     return Advice(test, action, odds, tuple(_title(h) for h in rivals), explained)
 
@@ -238,8 +242,9 @@ class _Rival:
         q, q_dot, q_ddot = (sampled(motion, d)[:, 0] for d in range(3))
         decay = Decay(t, q, q_dot, q_ddot, largest.decay.unit, largest.decay.measured)
         valid = np.ones(len(t), bool)
-        spline = HarmonicSpline.fit(t, signal)
-        return Record(decay, signal, valid, largest.noise, spline, motion).until(end)
+        whole = Record(decay, signal, valid, largest.noise, largest.spline, motion)
+        record = whole.until(end)
+        return replace(record, spline=HarmonicSpline.fit(record.t, record.signal))
 
     def misfit(self, record: Record, test: Experiment) -> float:
         """Chi-square that is left of a test, and of what the data so far say, at the least.
@@ -249,7 +254,8 @@ class _Rival:
         n = len(self.information)
         # What is known beforehand is in the data so far.
         parts = tuple(_without_priors(p) for p in self.parts)
-        windows = Windows.of(self.model, parts, 0, record, record.motion)
+        with np.errstate(all="ignore"):
+            windows = Windows.of(self.model, parts, 0, record, record.motion)
         windows = replace(windows, rows=windows.rows / test.noise)
         far = np.abs(windows.rows[:, -1]).max()
         if not far < _LOST * np.abs(record.whitened(record.signal)).max() / test.noise:
