@@ -19,6 +19,7 @@ from scipy.stats import norm
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.form import FormError
+from romsindy.diagnosis.found import titles
 from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
 from romsindy.fit.gauss_newton import fit, limits, moved_parts
 from romsindy.fit.linear_response import sampled
@@ -181,7 +182,7 @@ def next_test(
     value, test = max(found, key=lambda f: f[0])
     action = test.action(records[largest].amplitude, records[largest].decay.unit)
     odds = float(np.exp(min(value, np.log(_MOST_ODDS))))
-    return Advice(test, action, odds, tuple(_title(h) for h in rivals), explained)
+    return Advice(test, action, odds, tuple(titles(h) for h in rivals), explained)
 
 
 @dataclass(frozen=True)
@@ -346,8 +347,3 @@ def _sure(values: Array, share: Array) -> float:
     """Value that is reached whichever is true, but for the least likely."""
     order = np.argsort(values)
     return float(values[order][np.searchsorted(np.cumsum(share[order]), _UNLIKELY)])
-
-
-def _title(hypothesis: Hypothesis) -> str:
-    named = [p.effect for p in hypothesis.solution.parts if p.effect.name in hypothesis.names]
-    return " and ".join(f"{e.label} [{e.variant}]" if e.variant else e.label for e in named)

@@ -192,7 +192,9 @@ class Marginal:
     def solve(self, jump: float, excess: float = 1.0) -> tuple[NormalEquations, Array]:
         """The equations, and the change of all values and states that solves them."""
         system = self.equations(jump, excess)
-        return system, system.bounded_step(held_values(self.parts, False, False), *limits(self.parts))
+        return system, system.bounded_step(
+            held_values(self.parts, False, False), *limits(self.parts)
+        )
 
     def cost(self, jump: float, excess: float = 1.0) -> float:
         """Minus twice the logarithm of the likelihood of the best values, up to a constant."""
