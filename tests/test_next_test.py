@@ -87,6 +87,7 @@ def test_what_no_test_can_tell_apart_is_said_so():
     assert set(found.equivalent) == {("cubic_stiffness",), ("gain",)}
     assert not found.next_test.enough
     assert found.next_test.sentence.startswith("no test that was simulated would separate")
+    assert "a calibration of the sensor" in found.next_test.sentence
 
 
 def test_the_cheapest_of_the_tests_that_tell_is_advised():

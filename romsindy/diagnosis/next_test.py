@@ -20,6 +20,7 @@ from scipy.stats import norm
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.form import FormError
 from romsindy.diagnosis.found import titles
+from romsindy.effects.base import Effect
 from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
 from romsindy.fit.gauss_newton import fit, limits, moved_parts
 from romsindy.fit.linear_response import sampled
@@ -103,6 +104,8 @@ class Advice:
         What it is to tell apart, the best first.
     explained : bool
         Whether they explain the data so far.
+    otherwise : tuple of str
+        What the effects themselves advise, for where no simulated test tells enough.
     """
 
     test: Experiment
@@ -110,6 +113,7 @@ class Advice:
     odds: float
     rivals: tuple[str, ...]
     explained: bool
+    otherwise: tuple[str, ...] = ()
 
     @property
     def cost(self) -> float:
@@ -119,7 +123,7 @@ class Advice:
     @property
     def enough(self) -> bool:
         """Whether the rivals are expected to be told apart."""
-        return 2 * np.log(self.odds) >= EQUIVALENT
+        return bool(2 * np.log(self.odds) >= EQUIVALENT)
 
     @property
     def sentence(self) -> str:
@@ -133,7 +137,8 @@ class Advice:
         if self.enough:
             return f"{self.action} would {aim} {expected}."
         best = f"the best of them is {self.action} {expected}"
-        return f"no test that was simulated would {aim}; {best}."
+        beside = f"; what may: {', or '.join(self.otherwise)}" if self.otherwise else ""
+        return f"no test that was simulated would {aim}; {best}{beside}."
 
 
 def next_test(
@@ -182,7 +187,10 @@ def next_test(
     value, test = max(found, key=lambda f: f[0])
     action = test.action(records[largest].amplitude, records[largest].decay.unit)
     odds = float(np.exp(min(value, np.log(_MOST_ODDS))))
-    return Advice(test, action, odds, tuple(titles(h) for h in rivals), explained)
+    names = tuple(titles(h) for h in rivals)
+    own = [p.effect.advice for h in rivals for p in h.effects]
+    otherwise = tuple(dict.fromkeys(words for words in own if words != Effect.advice))
+    return Advice(test, action, odds, names, explained, otherwise)
 
 
 @dataclass(frozen=True)
