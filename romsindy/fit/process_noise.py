@@ -83,7 +83,7 @@ class Windows:
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
         """Linearise a fit to record ``i`` about a motion, which need not be its own."""
-        equation = ExtendedEquation(model, parts, i, m.grid.step)
+        equation = ExtendedEquation(model, parts, i, m.grid.step, clock=record.clock)
         response = respond(equation, m, equation.by_parameter(*nodes(m)))
         change = response.samples(record.derivative)
         x = sampled(m, record.derivative) + change[..., 0]
