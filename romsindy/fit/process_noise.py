@@ -85,7 +85,7 @@ class Windows:
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
         """Linearise a fit to record ``i`` about a motion."""
-        equation = ExtendedEquation(model, parts, i, m.grid.step)
+        equation = ExtendedEquation(model, parts, i, m.grid.step, clock=record.clock)
         response = respond(equation, m, equation.by_parameter(*nodes(m)))
         change = response.samples(record.derivative)
         x = sampled(m, record.derivative) + change[..., 0]
@@ -105,7 +105,7 @@ class Windows:
             rows,
             steps,
             np.searchsorted(starts, m.grid.sample_step, side="right") - 1,
-            np.linalg.solve(states, unit),
+            np.linalg.pinv(states) @ unit,
             np.kron(np.linalg.cholesky(alike), np.eye(2)),
             np.concatenate([columns_of(parts, i), at_start]),
         )
