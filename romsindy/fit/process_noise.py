@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.fit.collocation import Trajectory
+from romsindy.fit.collocation import Trajectory, TrajectoryError
 from romsindy.fit.gauss_newton import held_values, limits, table
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
@@ -35,6 +35,7 @@ from romsindy.typing import Array, Indices
 _LEAST_CYCLES, _MOST_WINDOWS = 3, 40
 # Jumps are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
+_LOST = 1e4  # a disturbance that grows further than this leads nowhere
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
 # Sizes to choose from: from nothing to a phase that is lost.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -1.4, 0.25)])
@@ -243,10 +244,18 @@ class Departures:
         records: Sequence[Record],
         motions: Sequence[Trajectory],
     ) -> Departures:
-        """Start from the motions of a fit, and let them follow the records."""
+        """Start from the motions of a fit, and let them follow the records.
+
+        Raises
+        ------
+        TrajectoryError
+            If the equation has no motion near them: small disturbances grow without bound.
+        """
         for _ in range(_ROUNDS):
             pairs = enumerate(zip(records, motions, strict=True))
             several = [Windows.of(model, parts, i, record, motion) for i, (record, motion) in pairs]
+            if any(np.abs(w.response.q[..., -2]).max() > _LOST for w in several):
+                raise TrajectoryError("small disturbances of the motion grow without bound")
             marginal = Marginal.of(parts, several)
             jump = marginal.needed()
             step = marginal.solve(jump)[1]
