@@ -83,7 +83,7 @@ class Windows:
     def of(
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion."""
+        """Linearise a fit to record ``i`` about a motion, which need not be its own."""
         equation = ExtendedEquation(model, parts, i, m.grid.step)
         response = respond(equation, m, equation.by_parameter(*nodes(m)))
         change = response.samples(record.derivative)
