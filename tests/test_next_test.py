@@ -99,13 +99,11 @@ def test_the_amplitude_is_stated_in_the_unit_of_the_data():
 
 def test_four_repetitions_tell_as_much_as_half_the_noise():
     found = report(damping)
-    true, other = rivals_of(found)
+    true, other = (replace(r, excess=1.0) for r in rivals_of(found))  # noise alone
     record = true.shows(HIGHER, found.records[0], None)
-    noise = record.noise
-    half = replace(noise, std=noise.std / 2, innovation=noise.innovation / 2)
+    four, quiet = replace(HIGHER, repetitions=4), replace(HIGHER, noise=0.5)
     # Both are the same least-squares problem but for rounding.
-    quiet = replace(record, noise=half)
-    assert_allclose(other.misfit(record, 4), other.misfit(quiet, 1), rtol=1e-6)
+    assert_allclose(other.misfit(record, four), other.misfit(record, quiet), rtol=1e-6)
 
 
 def test_a_rival_follows_its_own_motion():
@@ -113,7 +111,7 @@ def test_a_rival_follows_its_own_motion():
     for rival in rivals_of(found):
         own = replace(rival, weaker=rival.parts).shows(HIGHER, found.records[0], None)
         # Of 2400 samples: what Newton's method leaves.
-        assert rival.misfit(own, 1) < 1e-6
+        assert rival.misfit(own, HIGHER) < 1e-6
 
 
 def test_no_test_is_advised_where_none_is_needed():

@@ -146,8 +146,45 @@ def simulated(
     return found
 
 
-def drawn(kind: str, names: list[str], strength: str, noise: str, seed: int) -> tuple[Trial, dict]:
-    """One trial and its truth."""
+@dataclass(frozen=True)
+class Case:
+    """A trial with all that is hidden, from which further records can be made."""
+
+    trial: Trial
+    truth: dict
+    nominal: Nominal
+    effects: list[Hidden]
+    test: Test
+    mains: float  # Hz over that of the oscillator
+    level: float  # rms of the clean records, dimensionless
+
+    def further(
+        self, amplitude: float, duration: float, noise: float, place: int, rng: np.random.Generator
+    ) -> rs.Decay:
+        """One more record: the largest release with amplitude, length and noise changed.
+
+        ``place`` counts such records: each is made as long after the one before as it is long.
+        """
+        largest = max(range(len(self.test.releases)), key=lambda i: abs(self.test.releases[i]))
+        begin, end = self.test.spans[largest]
+        length = duration * (end - begin)
+        start = 0.0 if self.test.own_clocks else self.test.spans[-1][1] + (2 * place + 1) * length
+        made = replace(
+            self.test,
+            releases=(amplitude * self.test.releases[largest],),
+            spans=((start, start + length),),
+            skipped=(0,),
+        )
+        kind = self.truth["noise"]
+        (clean,) = simulated(self.nominal, self.effects, made, rng if kind == "causal" else None)
+        louder = 20 * np.log10(np.sqrt(np.mean(clean**2)) / (noise * self.level))
+        cycles = [len(clean) / made.samples * self.mains]
+        (spoilt,) = noises(kind, [clean], cycles, made.snr_db + louder, rng)
+        return measured(self.nominal, made, [clean + spoilt]).decays()[0]
+
+
+def case_of(kind: str, names: list[str], strength: str, noise: str, seed: int) -> Case:
+    """Draw one trial and what it hides."""
     rng = np.random.default_rng([zlib.crc32(kind.encode()), seed])
     nominal = Nominal.drawn(rng)
     hum = noise == "hum" or "mains_hum" in names
@@ -160,17 +197,7 @@ def drawn(kind: str, names: list[str], strength: str, noise: str, seed: int) -> 
     clean = simulated(nominal, effects, test, rng if noise == "causal" else None)
     cycles = [len(x) / test.samples * mains for x in clean]
     spoilt = noises(noise, clean, cycles, test.snr_db, rng)
-    omega = _TURN * test.hertz
-    unit = test.size * omega ** QUANTITIES.index(test.measured)
-    step = 1 / (test.hertz * test.samples)
-    starts = [s / omega + k * step for (s, _), k in zip(test.spans, test.skipped, strict=True)]
-    trial = Trial(
-        nominal.coefficients(omega, test.size),
-        [s + step * np.arange(len(x)) for s, x in zip(starts, clean, strict=True)],
-        [unit * (x + n) for x, n in zip(clean, spoilt, strict=True)],
-        test.measured,
-        test.held_out,
-    )
+    trial = measured(nominal, test, [x + n for x, n in zip(clean, spoilt, strict=True)])
     truth = {
         "effects": {e.name: e.truth for e in effects},
         "strength": strength,
@@ -179,7 +206,29 @@ def drawn(kind: str, names: list[str], strength: str, noise: str, seed: int) -> 
         "zeta": nominal.zeta,
         "hertz": test.hertz,
     }
-    return trial, truth
+    level = float(np.sqrt(np.mean(np.concatenate(clean) ** 2)))
+    return Case(trial, truth, nominal, effects, test, mains, level)
+
+
+def measured(nominal: Nominal, test: Test, signals: list[np.ndarray]) -> Trial:
+    """Dimensionless signals with the units and times of a test."""
+    omega = _TURN * test.hertz
+    unit = test.size * omega ** QUANTITIES.index(test.measured)
+    step = 1 / (test.hertz * test.samples)
+    starts = [s / omega + k * step for (s, _), k in zip(test.spans, test.skipped, strict=True)]
+    return Trial(
+        nominal.coefficients(omega, test.size),
+        [s + step * np.arange(len(x)) for s, x in zip(starts, signals, strict=True)],
+        [unit * x for x in signals],
+        test.measured,
+        test.held_out,
+    )
+
+
+def drawn(kind: str, names: list[str], strength: str, noise: str, seed: int) -> tuple[Trial, dict]:
+    """One trial and its truth."""
+    case = case_of(kind, names, strength, noise, seed)
+    return case.trial, case.truth
 
 
 def chosen(kind: str, seed: int) -> tuple[list[str], str, str]:

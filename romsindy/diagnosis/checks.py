@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,20 @@ from romsindy.typing import Array
 FREE = ("omega^2", "c_linear")
 # Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
 _ASYMMETRY_CYCLES = 20.0
+
+
+def decays_of(name: str, given: object) -> list[Decay]:
+    """One decay or several, as a list; other things are refused by the name of the argument."""
+    several = [given] if isinstance(given, Decay) else given
+    if not isinstance(several, Iterable) or isinstance(several, (str, bytes)):
+        raise ValueError(f"{name} = {given!r} must be a Decay, or several of them in a list")
+    several = list(several)
+    for one in several:
+        if not isinstance(one, Decay):
+            raise ValueError(
+                f"{name} holds a {type(one).__name__}: give Decay objects, as load_decay reads them"
+            )
+    return several
 
 
 def check_request(

@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
-from romsindy.diagnosis.checks import FREE
+from romsindy.diagnosis.checks import FREE, decays_of
+from romsindy.diagnosis.form import NO_FORM_ERROR
+from romsindy.diagnosis.on_beam.checks import checked_readings
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.what_matters import (
+    of_estimate,
+    of_reference,
+    of_repeats,
+    stated,
+)
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect
+from romsindy.fit.estimate import Estimate
+from romsindy.fit.refine import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
 
 def diagnose(
-    model: ReducedModel | Beam,
+    model: ReducedModel | Estimate | Beam,
     measured: Decay | Sequence[Decay],
     *,
     sensors: SensorArray | None = None,
@@ -27,6 +42,9 @@ def diagnose(
     release: Shape | None = None,
     free: Sequence[str | Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
+    tolerance: Tolerance | float | Mapping[str, float] | None = None,
+    repeats: Sequence[Decay] | None = None,
+    reference: Decay | Sequence[Decay] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
@@ -38,16 +56,17 @@ def diagnose(
 
     Parameters
     ----------
-    model : ReducedModel or Beam
-        The simulation.
+    model : ReducedModel, Estimate or Beam
+        The simulation. A `Fit`, an `Identification` or another `Estimate` stands for its model,
+        and knows how far that may be off.
     measured : Decay or sequence of Decay
         For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
         [m], one channel per sensor; the beam is let go from rest at the first sample.
     sensors : SensorArray, optional
         Where the displacements of a beam were measured; needed for a beam, and for it alone.
     held_out : Decay, optional
-        A decay to judge by, which takes no part otherwise. Without it the last quarter of each
-        record is held out, if it holds six cycles.
+        A decay to judge by, which takes no part otherwise. Without it every fourth stretch of a few
+        cycles of each record is held out, if it has 18 cycles.
     release : Shape, optional
         The shape that a beam is let go from, as of `Beam.release_shape`: its load, of any size,
         held the beam in every record. By default the load is read from the sensors.
@@ -61,6 +80,15 @@ def diagnose(
         Relative standard deviations of other coefficients of a model, or of parameters of a beam:
         "bending_stiffness", "point_masses", "spring_stiffness", "pre_tension", "mass_damping",
         "material_damping".
+    tolerance : Tolerance, float or mapping of str to float, optional
+        Difference that does not matter: relative, of the frequency; or of "frequency", "damping"
+        (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
+        amplitude). Where the simulation is within it, nothing is looked for. By default 0.01 %,
+        1 % and ``floor``.
+    repeats : sequence of Decay, optional
+        The same test, measured two times or more: what these differ by does not matter.
+    reference : Decay or sequence of Decay, optional
+        What a reduced model was identified from: what it leaves there does not matter elsewhere.
     catalogue : sequence of Effect
         What to look for; add your own. On a beam an effect is looked for at its ``mounting``.
     false_alarm : float
@@ -91,22 +119,49 @@ def diagnose(
     strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
     if strange:
         raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
+    estimate = model if isinstance(model, Estimate) else None
+    simulation = model.model if isinstance(model, Estimate) else model
+    if not isinstance(simulation, (ReducedModel, Beam)):
+        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
+    several = decays_of("measured", measured)
+    again = decays_of("repeats", repeats) if repeats is not None else None
+    references = decays_of("reference", reference) if reference is not None else []
+    given = Tolerance(signal=floor) if tolerance is None else stated(tolerance)
     options = Options(
         tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or (lambda _: None)
     )
-    several = [measured] if isinstance(measured, Decay) else list(measured)
     near = tolerances or {}
-    if isinstance(model, Beam):
+    if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(
                 "sensors = None: a Beam needs the sensors that measured it, such as"
                 " sensors=beam.sensors([0.2, 0.45])"
             )
-        return diagnose_beam(model, several, sensors, held_out, release, free or (), near, options)
-    if not isinstance(model, ReducedModel):
-        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
+        if references:
+            raise ValueError("reference = ... belongs to a ReducedModel: leave it out for a Beam")
+        if again is not None:
+            seen = InstrumentedBeam(simulation, sensors)
+            again = [
+                checked_readings(d, i, sensors, simulation.length) for i, d in enumerate(again)
+            ]
+            given = given.or_more(of_repeats([seen.decay(d) for d in again], floor))
+        options = replace(options, tolerance=given)
+        unsure = free or ()
+        return diagnose_beam(simulation, several, sensors, held_out, release, unsure, near, options)
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
     if release is not None:
         raise ValueError("release = ... belongs to a Beam: leave it out for a ReducedModel")
-    return diagnose_model(model, several, held_out, FREE if free is None else free, near, options)
+    if again is not None:
+        given = given.or_more(of_repeats(again, floor))
+    form = NO_FORM_ERROR
+    if estimate is not None:
+        largest = max((float(np.abs(d.single().q).max()) for d in several), default=1.0)
+        given = given.or_more(of_estimate(estimate, largest))
+        references += estimate.decays if isinstance(estimate, Fit) else ()
+    for decay in references:
+        left, needed = of_reference(simulation, decay, floor)
+        given, form = given.or_more(left), form.joined(needed)
+    options = replace(options, tolerance=given)
+    unsure = FREE if free is None else free
+    return diagnose_model(simulation, several, held_out, unsure, near, options, form)

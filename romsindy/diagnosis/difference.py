@@ -8,18 +8,20 @@ the scatter of the cycles themselves, whatever the colour of the noise.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import savgol_filter
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.tolerance import KINDS, Tolerance
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import QUIET, SURE
 from romsindy.record.demodulation import Cycles
@@ -71,14 +73,27 @@ class Difference:
     @classmethod
     def of(cls, record: Record, simulated: Array) -> Difference:
         """Compare a simulated signal (n,) with the record that it stands for."""
-        pair = _paired(record, simulated)
+        lines = float(np.sqrt(sum(line.rms**2 for line in record.noise.lines)))
+        pair = _paired(record, _cycles_of(record.t, simulated), lines)
+        return _apart(record, simulated) if pair is None else _of_parts(pair)
+
+    @classmethod
+    def between(cls, record: Record, other: Record) -> Difference:
+        """Compare a record with a second one of the same test.
+
+        Raises
+        ------
+        ValueError
+            If they share fewer than four cycles of the same amplitude.
+        """
+        said = Cycles.of(other.t, other.signal, np.asarray(other.spline.phase(other.t)))
+        pair = _paired(record, said, lines=0.0)
         if pair is None:
-            return _apart(record, simulated)
-        n = len(pair.t)
-        counts = [k for k in (2, 4) if n >= k * _SPAN]
-        pieces = [s for k in counts for s in np.array_split(np.arange(n), k)]
-        parts = tuple(_difference(pair, piece) for piece in pieces)
-        return replace(_difference(pair, np.arange(n)), parts=parts)
+            raise ValueError(
+                f"decays of up to {record.amplitude:.3g} and {other.amplitude:.3g} share fewer than"
+                f" {_LEAST} cycles of the same amplitude: release them alike, in the same unit"
+            )
+        return _of_parts(pair)
 
     def exceeds(self, tolerance: Tolerance) -> bool:
         """Whether it, or a part of it, is surely beyond a tolerance."""
@@ -86,11 +101,15 @@ class Difference:
 
     def excess(self, tolerance: Tolerance) -> float:
         """By how many standard errors the worst of its values is beyond a tolerance."""
-        return max(
-            _excess(self.frequency, self.frequency_std, tolerance.frequency),
-            _excess(self.damping, self.damping_std, tolerance.damping),
-            _excess(self.signal, self.signal_std, tolerance.signal),
-        )
+        return max(self.excess_of(kind, tolerance) for kind in KINDS)
+
+    def excess_of(self, kind: str, tolerance: Tolerance) -> float:
+        """The same of one of its values: "frequency", "damping" or "signal"."""
+        value, std = getattr(self, kind), getattr(self, f"{kind}_std")
+        if np.isnan(value):
+            return -np.inf  # the signal says it
+        beyond = abs(value) - getattr(tolerance, kind)
+        return float(beyond / max(std, np.finfo(float).tiny))
 
     def largest(self, tolerance: Tolerance) -> Difference:
         """The part that is most surely beyond a tolerance; all of it where no part is more so."""
@@ -109,20 +128,14 @@ class Difference:
     ) -> Iterator[tuple[float, float, float, float]]:
         """Sizes before and after, standard error and tolerance of each value."""
         others = after.parts if len(after.parts) == len(self.parts) else ()
-        for x, y in zip((self, *self.parts), (after, *others), strict=False):
-            yield _size(x.frequency), _size(y.frequency), y.frequency_std, tolerance.frequency
-            yield _size(x.damping), _size(y.damping), y.damping_std, tolerance.damping
-            yield x.signal, y.signal, y.signal_std, tolerance.signal
+        pairs = zip((self, *self.parts), (after, *others), strict=False)
+        for (x, y), kind in itertools.product(pairs, KINDS):
+            sizes = (_size(getattr(d, kind)) for d in (x, y))
+            yield *sizes, getattr(y, f"{kind}_std"), getattr(tolerance, kind)
 
 
 def _size(value: float) -> float:
     return float("inf") if np.isnan(value) else abs(value)
-
-
-def _excess(value: float, std: float, tolerance: float) -> float:
-    if np.isnan(value):
-        return -np.inf  # the signal says it
-    return (abs(value) - tolerance) / max(std, np.finfo(float).tiny)
 
 
 class _Pair(NamedTuple):
@@ -141,19 +154,18 @@ class _Pair(NamedTuple):
     noise: float
 
 
-def _paired(record: Record, simulated: Array) -> _Pair | None:
+def _paired(record: Record, said: Cycles | None, lines: float) -> _Pair | None:
     """None where fewer than four cycles can be compared."""
     t = record.t
-    said = _cycles_of(t, simulated)
-    true = Cycles.of(t, record.signal, record.spline.phase(t))
-    if said is None or len(true) < _LEAST:
+    true = Cycles.of(t, record.signal, np.asarray(record.spline.phase(t)))
+    if said is None or min(len(said), len(true)) < _LEAST:
         return None
     peak = float(true.amplitude.max())
     per_cycle = len(t) / len(true)
     sizes, order = np.unique(said.amplitude, return_index=True)
     low, high = sizes[[0, -1]] * (1 - _SHARED, 1 + _SHARED)
     loud = true.amplitude > _LOUD * record.noise.std * np.sqrt(2 / per_cycle)
-    shared = loud & (true.amplitude >= low) & (true.amplitude <= high)
+    shared = loud & (true.amplitude >= low) & (true.amplitude <= high) & _takes_part(record, true)
     if np.count_nonzero(shared) < _LEAST:
         return None
     # The noise of single cycles must not add up along the record.
@@ -169,7 +181,6 @@ def _paired(record: Record, simulated: Array) -> _Pair | None:
     wander = [_fitted(true.t[shared], x, np.ones(len(waveform)), 0)[1] for x in waveform.T]
     ahead = cumulative_simpson(omega, x=true.t, initial=0) - true.angle
     louder = -cumulative_simpson(decay, x=true.t, initial=0) - np.log(true.amplitude)
-    lines = float(np.sqrt(sum(line.rms**2 for line in record.noise.lines)))
     return _Pair(
         true.t[shared],
         at[shared] / record.rate**record.derivative,
@@ -183,6 +194,16 @@ def _paired(record: Record, simulated: Array) -> _Pair | None:
         lines / peak,
         record.noise.std / peak,
     )
+
+
+def _takes_part(record: Record, cycles: Cycles) -> NDArray[np.bool_]:
+    """Which cycles have windows that take part in a comparison as a whole."""
+    if record.part is None:
+        return np.ones(len(cycles), bool)
+    count = np.concatenate([[0], np.cumsum(record.part)])
+    window = 2 * np.pi / cycles.rates()[0]
+    start, end = (np.searchsorted(record.t, cycles.t + s * 0.99 * window) for s in (-1, 1))
+    return np.asarray(count[end] - count[start] == end - start)
 
 
 def _columns(waveform: Array) -> Array:
@@ -201,8 +222,15 @@ def _cycles_of(t: Array, x: Array) -> Cycles | None:
         phase = HarmonicSpline.fit(t[:end], x[:end]).phase(t[:end])
     except ValueError:  # fewer than three cycles
         return None
-    cycles = Cycles.of(t[:end], x[:end], np.asarray(phase))
-    return cycles if len(cycles) >= _LEAST else None
+    return Cycles.of(t[:end], x[:end], np.asarray(phase))
+
+
+def _of_parts(pair: _Pair) -> Difference:
+    n = len(pair.t)
+    counts = [k for k in (2, 4) if n >= k * _SPAN]
+    pieces = [s for k in counts for s in np.array_split(np.arange(n), k)]
+    parts = tuple(_difference(pair, piece) for piece in pieces)
+    return replace(_difference(pair, np.arange(n)), parts=parts)
 
 
 def _difference(pair: _Pair, which: Indices) -> Difference:

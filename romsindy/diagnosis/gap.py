@@ -15,6 +15,11 @@ from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 
+def name_of(record: int) -> str:
+    """What a measured record is called: they are counted from 1."""
+    return f"record {record + 1}"
+
+
 @dataclass(frozen=True)
 class Prediction:
     """A held-out record beside the simulation before and after, (n,) signals."""
@@ -22,11 +27,23 @@ class Prediction:
     record: Record
     before: Array
     after: Array
+    name: str
 
     def error(self, simulated: Array) -> float:
         """Rms of the misfit over the noise; 1 is perfect."""
         misfit = self.record.whitened(self.record.signal - simulated)
         return float(np.sqrt(np.sum(misfit**2) / self.record.count))
+
+    def misfit(self, simulated: Array) -> Array:
+        """Measured minus simulated, (n,); nan where a sample takes no part."""
+        part = self.record.part
+        misfit = self.record.signal - simulated
+        return misfit if part is None else np.where(part, misfit, np.nan)
+
+    def beyond_noise(self, simulated: Array) -> float:
+        """Rms of the misfit without the part of the noise, over the largest amplitude."""
+        power = np.nanmean(self.misfit(simulated) ** 2) - self.record.noise.std**2
+        return float(np.sqrt(np.maximum(power, 0.0)) / np.abs(self.record.signal).max())
 
     def backbone(self, signal: Array) -> Backbone | None:
         """Backbone of a signal (n,); None where it dies out at once, so that it has no cycles."""
@@ -35,26 +52,6 @@ class Prediction:
         except ValueError:
             return None
 
-    def backbone_errors(self, simulated: Array) -> tuple[float, float]:
-        """Rms of the relative error of frequency, and of the error of the damping ratio.
-
-        Cycle by cycle at equal amplitude, over the amplitudes that both have; nan where the
-        simulation has no cycles to read.
-        """
-        true, said = (self.backbone(x) for x in (self.record.signal, simulated))
-        if true is None or said is None:
-            return float("nan"), float("nan")
-        order = np.argsort(said.amplitude)
-        a = said.amplitude[order]
-        inside = (true.amplitude >= a[0]) & (true.amplitude <= a[-1])
-        inside &= true.certain
-        if not np.any(inside):
-            return float("nan"), float("nan")
-        at = true.amplitude[inside]
-        frequency = np.interp(at, a, said.frequency[order]) / true.frequency[inside] - 1
-        damping = np.interp(at, a, said.damping_ratio[order]) - true.damping_ratio[inside]
-        return float(np.sqrt(np.mean(frequency**2))), float(np.sqrt(np.mean(damping**2)))
-
 
 @dataclass(frozen=True, repr=False)
 class Gap:
@@ -62,6 +59,19 @@ class Gap:
 
     predictions: tuple[Prediction, ...]
     unseen: bool  # False where records were too short to hold any part out
+
+    @property
+    def where(self) -> str:
+        """What it was measured on, in words."""
+        if not self.unseen:
+            return "the records themselves, which are too short to hold a part out"
+        whole = all(p.record.part is None for p in self.predictions)
+        return "the record that took no part" if whole else "the stretches that took no part"
+
+    @property
+    def worst(self) -> int:
+        """Number of the record with the largest error afterwards."""
+        return int(np.argmax([p.error(p.after) for p in self.predictions]))
 
     @property
     def before(self) -> float:
@@ -76,11 +86,11 @@ class Gap:
     @property
     def closed(self) -> float:
         """Part of the squared error beyond the noise that is closed, 0 to 1."""
-        n = sum(len(p.record.signal) for p in self.predictions)
+        n = sum(p.record.count for p in self.predictions)
 
         def beyond(signals: list[Array]) -> float:
             pairs = zip(self.predictions, signals, strict=True)
-            return sum(len(x) * p.error(x) ** 2 for p, x in pairs) / n - 1
+            return sum(p.record.count * p.error(x) ** 2 for p, x in pairs) / n - 1
 
         before = beyond([p.before for p in self.predictions])
         after = beyond([p.after for p in self.predictions])
@@ -113,11 +123,23 @@ class Gap:
     def table(self) -> list[list[str]]:
         """Rows of text: what, before, after."""
         rows = [["held out" if self.unseen else "fitted", "before", "after"]]
-        for i, p in enumerate(self.predictions, 1):
-            name = f"record {i}: " if len(self.predictions) > 1 else ""
-            errors = [p.error(x) for x in (p.before, p.after)]
-            rows.append([f"{name}error over noise", *(f"{e:.3g}" for e in errors)])
-            lines = [p.backbone_errors(x) for x in (p.before, p.after)]
-            rows.append([f"{name}frequency error, %", *(f"{100 * e[0]:.3g}" for e in lines)])
-            rows.append([f"{name}damping ratio error, %", *(f"{100 * e[1]:.3g}" for e in lines)])
+        both = (self.differences_before, self.differences_after)
+        for p, *differences in zip(self.predictions, *both, strict=True):
+            name = f"{p.name}: " if len(self.predictions) > 1 else ""
+            errors = [f"{p.error(x):.3g}" for x in (p.before, p.after)]
+            rows.append([f"{name}error over noise", *errors])
+            for kind, title in _ROWS.items():
+                rows.append([f"{name}{title}", *(_percent(d, kind) for d in differences)])
         return rows
+
+
+_ROWS = {
+    "frequency": "frequency, % off",
+    "damping": "damping ratio, % off",
+    "signal": "waveform, % of amplitude",
+}
+
+
+def _percent(difference: Difference, kind: str) -> str:
+    value, error = (100 * getattr(difference, k) for k in (kind, f"{kind}_std"))
+    return f"{value:.3g} +- {error:.1g}"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.diagnosis.gap import Gap, Prediction
+from romsindy.diagnosis.gap import Gap, Prediction, name_of
 from romsindy.diagnosis.prediction import predict
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import ExtendedEquation, Part
@@ -92,24 +92,28 @@ def record_errors(
     As in the table of the gap, "before" is the simulation as it was: only the initial state follows
     the record.
     """
-    predictions = [predict(model, parts, record) for record in records]
-    names = [f"record {i + 1}" for i in range(len(records))]
+    predictions = [predict(model, parts, r, name_of(i)) for i, r in enumerate(records)]
+    names = [p.name for p in predictions]
     if gap.unseen:
-        n = len(gap.predictions)
+        whole = any(p.record.part is None for p in gap.predictions)
+        names = names if whole else [f"{name}, fitted" for name in names]
         predictions += gap.predictions
-        names += ["held out"] if n == 1 else [f"held out {i + 1}" for i in range(n)]
+        names += [p.name if whole else f"{p.name}, held out" for p in gap.predictions]
     before = np.array([p.error(p.before) for p in predictions])
     after = np.array([p.error(p.after) for p in predictions])
     return names, before, after
 
 
 def errors_per_cycle(p: Prediction) -> tuple[Array, Array, Array]:
-    """Times of the cycles of a record, and their error over noise before and after."""
+    """Times of the cycles of a record that are compared, and their error over noise each time."""
     cycle = np.floor(p.record.spline.phase(p.record.t) / (2 * np.pi)).astype(int)
     cycle -= cycle.min()
-    count = np.maximum(np.bincount(cycle), 1)
+    taken = np.ones(len(cycle), bool) if p.record.part is None else p.record.part
+    count = np.bincount(cycle, taken)
+    # A cycle that takes part in a few samples says little.
+    some = count > 0.5 * np.median(np.bincount(cycle))
     rms = [
-        np.sqrt(np.bincount(cycle, p.record.whitened(p.record.signal - x) ** 2) / count)
+        np.sqrt(np.bincount(cycle, p.record.whitened(p.record.signal - x) ** 2)[some] / count[some])
         for x in (p.before, p.after)
     ]
-    return np.bincount(cycle, p.record.t) / count, rms[0], rms[1]
+    return np.bincount(cycle, p.record.t * taken)[some] / count[some], rms[0], rms[1]

@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
+from romsindy.diagnosis.form import FormError
 from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
-from romsindy.fit.gauss_newton import Solution, fit, limits, moved_parts, table
-from romsindy.fit.linear_response import nodes, respond, sampled
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import ExtendedEquation, Part, columns_of, prior_cost, read
+from romsindy.fit.gauss_newton import fit, limits, moved_parts
+from romsindy.fit.linear_response import sampled
+from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
+from romsindy.fit.process_noise import Marginal, Windows
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT, QUIET
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
+from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 
 _QUARTILE = float(norm.ppf(0.75))  # one in four comes out worse than what is promised
@@ -35,6 +37,8 @@ _RIVALS = 4
 _UNLIKELY = 0.1  # rivals that share so little of the weight may stay untold
 _STEPS = 12  # a cycle: truth and rival share their error
 _LEAST_CYCLES = 6
+_TURN = 2 * np.pi
+_LOST = 1e4  # a linearised motion that goes so many amplitudes astray says nothing
 _GROWN = 1.5  # a motion that goes so far beyond its release escapes
 
 
@@ -157,13 +161,12 @@ def next_test(
         return None
     largest = max(range(len(records)), key=lambda i: records[i].amplitude)
     several = [_Rival.of(model, h, records, largest) for h in rivals]
-    excess = rivals[0].excess
-    scores = np.array([h.score(excess) if explained else 0.0 for h in rivals])
+    scores = np.array([h.score if explained else 0.0 for h in rivals])
     shares = weights(rivals) if explained else np.full(len(rivals), 1 / len(rivals))
     found: list[tuple[float, Experiment]] = []
     for cost in sorted({test.cost for test in tests}):
         for test in (test for test in tests if test.cost == cost):
-            told = _log_odds(several, scores, excess, records[largest], test)
+            told = _log_odds(several, scores, records[largest], test)
             if told is not None:
                 found.append((_sure(told, shares), test))
         if any(2 * value >= EQUIVALENT for value, _ in found):
@@ -186,25 +189,28 @@ class _Rival:
     weaker: tuple[Part, ...]  # with the effect a quartile weaker, as these data allow
     start: Array  # state at the largest release so far
     information: Array  # of the data so far on the values
+    form: FormError
+    excess: float
 
     @classmethod
     def of(
         cls, model: ReducedModel, hypothesis: Hypothesis, records: Sequence[Record], largest: int
     ) -> _Rival:
         """The hypothesis without the values of the simulation that did not move."""
-        solution = _without_unmoved(model, hypothesis, records)
+        fitted = _without_unmoved(model, hypothesis, records)
         parts = tuple(
             replace(p, strengths=p.own(largest)[None]) if p.effect.per_record else p
-            for p in solution.parts
+            for p in fitted.parts
         )
-        own = columns_of(solution.parts, largest)
-        covariance = solution.covariance[np.ix_(own, own)]
+        own = columns_of(fitted.parts, largest)
+        covariance = fitted.covariance[np.ix_(own, own)]
         # What differs from record to record is not known of the next one.
         known = ~_strengths(parts, [p.effect.per_record for p in parts])
         information = np.zeros_like(covariance)
         information[np.ix_(known, known)] = _inverse(covariance[np.ix_(known, known)])
         weaker = moved_parts(parts, _weakening(hypothesis, parts, covariance))
-        return cls(model, parts, weaker, solution.motions[largest].start, information)
+        start = fitted.solution.motions[largest].start
+        return cls(model, parts, weaker, start, information, fitted.form, fitted.excess)
 
     def shows(self, test: Experiment, largest: Record, guess: Trajectory | None) -> Record | None:
         """A test without noise, were this the truth; None where it has too few cycles.
@@ -212,7 +218,7 @@ class _Rival:
         ``guess`` is the motion of another rival.
         """
         t = largest.decay.dt * np.arange(round(test.duration * len(largest.t)))
-        grid = Grid.over(t, 2 * np.pi / largest.rate, _STEPS)
+        grid = Grid.over(t, _TURN / largest.rate, _STEPS)
         equation = ExtendedEquation(self.model, self.weaker, 0, grid.step)
         try:
             motion = integrate(equation, test.amplitude * self.start, grid, guess)
@@ -223,50 +229,61 @@ class _Rival:
         x = sampled(motion, largest.derivative)
         t = t[: len(x)]
         signal = read(self.weaker, 0, t, x)[0]
-        std, innovation = (test.noise * x for x in (largest.noise.std, largest.noise.innovation))
         swing = np.abs(signal - np.median(signal))
-        end = float(t[np.flatnonzero(swing >= max(QUIET * swing.max(), 3 * std))[-1:]].sum())
+        quiet = max(QUIET * swing.max(), 3 * test.noise * largest.noise.std)
+        end = float(t[np.flatnonzero(swing >= quiet)[-1:]].sum())
         escaped = np.abs(motion.q).max() > _GROWN * abs(test.amplitude) * largest.amplitude
-        if escaped or end * largest.rate < 2 * np.pi * _LEAST_CYCLES:
+        if escaped or end * largest.rate < _TURN * _LEAST_CYCLES:
             return None
         q, q_dot, q_ddot = (sampled(motion, d)[:, 0] for d in range(3))
         decay = Decay(t, q, q_dot, q_ddot, largest.decay.unit, largest.decay.measured)
-        noise = replace(largest.noise, std=std, innovation=innovation)
         valid = np.ones(len(t), bool)
-        return Record(decay, signal, valid, noise, largest.spline, motion).until(end)
+        spline = HarmonicSpline.fit(t, signal)
+        return Record(decay, signal, valid, largest.noise, spline, motion).until(end)
 
-    def misfit(self, record: Record, repetitions: int) -> float:
-        """Chi-square that is left of a test, and of what the data so far say, at the least."""
-        n, motion = len(self.information), record.motion
-        equation = ExtendedEquation(self.model, self.parts, 0, motion.grid.step)
-        response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
-        change = response.samples(record.derivative)
-        x = sampled(motion, record.derivative) + change[..., 0]
-        rows = table(self.parts, 0, record, x, change[..., 1:])
-        system = NormalEquations(n, repetitions)
-        for i in range(repetitions):
-            system.add(np.concatenate([np.arange(n), system.states_of(i)]), rows)
-        system.matrix[:n, :n] += self.information
-        if not system.finite:
+    def misfit(self, record: Record, test: Experiment) -> float:
+        """Chi-square that is left of a test, and of what the data so far say, at the least.
+
+        It is infinite where no motion near that of the test is its own.
+        """
+        n = len(self.information)
+        # What is known beforehand is in the data so far.
+        parts = tuple(_without_priors(p) for p in self.parts)
+        windows = Windows.of(self.model, parts, 0, record, record.motion)
+        windows = replace(windows, rows=windows.rows / test.noise)
+        far = np.abs(windows.rows[:, -1]).max()
+        if not far < _LOST * np.abs(record.whitened(record.signal)).max() / test.noise:
             return np.inf
-        step = system.bounded_step(np.zeros(n, bool), *limits(self.parts))
-        return system.chi_squared(step)
+        several = [
+            replace(windows, where=np.concatenate([np.arange(n), n + 2 * i + np.arange(2)]))
+            for i in range(test.repetitions)
+        ]
+        # Structure is in proportion to the amplitude, and counts in proportion to the noise.
+        excess = 1 + (self.excess - 1) * (test.amplitude / test.noise) ** 2
+        system = Marginal.of(parts, several).equations(self.form.jump, excess)
+        system.matrix[:n, :n] += self.information
+        return system.chi_squared(system.bounded_step(np.zeros(n, bool), *limits(parts)))
+
+
+def _without_priors(part: Part) -> Part:
+    known = tuple(replace(p, spread=None) for p in part.parameters)
+    return replace(part, tolerance=None, parameters=known)
 
 
 def _without_unmoved(
     model: ReducedModel, hypothesis: Hypothesis, records: Sequence[Record]
-) -> Solution:
-    """The fit without what the simulation was unsure of and that did not move.
+) -> Hypothesis:
+    """The hypothesis without what the simulation was unsure of and that did not move.
 
     With it a hypothesis would follow any other that moves it.
     """
-    fitted, needed = hypothesis.solution, (*hypothesis.moved, *hypothesis.names)
-    parts = [p for p in fitted.parts if p.tolerance is not None or p.effect.name in needed]
-    if len(parts) == len(fitted.parts):
-        return fitted
-    again = fit(model, parts, records, fitted.motions)
-    held = again.chi_squared - prior_cost(again.parts) < hypothesis.misfit + EQUIVALENT
-    return again if held else fitted
+    free, needed = hypothesis.parts[: hypothesis.n_free], hypothesis.moved
+    kept = [p for p in free if p.tolerance is not None or p.effect.name in needed]
+    if len(kept) == len(free):
+        return hypothesis
+    solution = fit(model, (*kept, *hypothesis.effects), records, hypothesis.solution.motions)
+    again = Hypothesis.of(model, solution, len(kept), records).at(hypothesis.form)
+    return again if again.misfit < hypothesis.misfit + EQUIVALENT else hypothesis
 
 
 def _strengths(parts: Sequence[Part], chosen: Sequence[bool]) -> NDArray[np.bool_]:
@@ -294,7 +311,7 @@ def _weakening(hypothesis: Hypothesis, parts: Sequence[Part], covariance: Array)
 
 
 def _log_odds(
-    rivals: Sequence[_Rival], scores: Array, excess: float, largest: Record, test: Experiment
+    rivals: Sequence[_Rival], scores: Array, largest: Record, test: Experiment
 ) -> Array | None:
     """Logarithm of the odds for each rival against the next, were it true, (n,).
 
@@ -309,7 +326,9 @@ def _log_odds(
         against = []
         for other, its_score in zip(rivals, scores, strict=True):
             if other is not true:
-                misfit = max(other.misfit(record, test.repetitions), 0.0) / excess
+                misfit = max(other.misfit(record, test), 0.0)
+                if not np.isfinite(misfit):
+                    return None
                 # Noise moves it by twice its root.
                 misfit -= 2 * _QUARTILE * np.sqrt(misfit)
                 against.append(0.5 * (misfit + its_score - score))

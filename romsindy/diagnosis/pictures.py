@@ -9,6 +9,7 @@ import numpy as np
 
 from romsindy.diagnosis.gap import Gap, Prediction
 from romsindy.diagnosis.missing_force import MissingForce, errors_per_cycle, record_errors
+from romsindy.diagnosis.words import percent
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
@@ -21,9 +22,9 @@ def pictures(
     model: ReducedModel, parts: Sequence[Part], records: Sequence[Record], gap: Gap
 ) -> Iterator[Picture]:
     """What a simulation missed, and what it misses with the parts that were fitted to records."""
-    prediction = gap.predictions[0]
+    prediction = gap.predictions[gap.worst]
     yield _in_time(prediction, gap)
-    yield _by_amplitude(prediction)
+    yield _by_amplitude(prediction, gap)
     before, after = (MissingForce.of(model, p, records[0]) for p in ((), parts))
     yield _by_phase(before)
     yield _by_harmonic(before.harmonics(), after.harmonics())
@@ -32,24 +33,25 @@ def pictures(
 
 
 def _in_time(p: Prediction, gap: Gap) -> Picture:
-    what = "On what was held out" if gap.unseen else "On the records themselves"
+    worst = f"; drawn is {p.name}, the worst afterwards" if len(gap.predictions) > 1 else ""
     caption = (
-        f"{what} the error goes from {gap.before:.3g} to {gap.after:.3g} times the noise; drawn"
-        " is the first of them."
+        f"On {gap.where} the error is {gap.before:.3g} times the noise before,"
+        f" {gap.after:.3g} times after{worst}."
     )
-    signals = (p.record.t, p.record.signal, p.before, p.after, p.record.decay.unit)
-    return Picture("gap", "Before and after", caption, partial(show.draw_errors_in_time, *signals))
+    signals = (p.record.t, p.record.signal, p.misfit(p.before), p.misfit(p.after))
+    draw = partial(show.draw_errors_in_time, *signals, p.record.decay.unit)
+    return Picture("gap", "Before and after", caption, draw)
 
 
-def _by_amplitude(p: Prediction) -> Picture:
+def _by_amplitude(p: Prediction, gap: Gap) -> Picture:
     signals = {"measured": p.record.signal, "before": p.before, "after": p.after}
     read = {name: p.backbone(signal) for name, signal in signals.items()}
     backbones = {name: backbone for name, backbone in read.items() if backbone is not None}
-    before, after = (p.backbone_errors(x) for x in (p.before, p.after))
+    before, after = (d[gap.worst] for d in (gap.differences_before, gap.differences_after))
     caption = (
-        f"At equal amplitude the frequency is off by {100 * before[0]:.2g} % rms before,"
-        f" {100 * after[0]:.2g} % after; the damping ratio by {100 * before[1]:.2g} and"
-        f" {100 * after[1]:.2g} % of critical."
+        f"At equal amplitude, in {p.name}, the frequency is off by {percent(before.frequency)}"
+        f" before, {percent(after.frequency)} after; the damping ratio by"
+        f" {percent(before.damping)} and {percent(after.damping)} of itself."
     )
     unit = p.record.decay.unit
     return Picture(
@@ -72,7 +74,7 @@ def _by_phase(missing: MissingForce) -> Picture:
     return Picture(
         "phase",
         "By phase",
-        f"The missing force reaches {top:.2g} % of the largest restoring force; {text}",
+        f"Before, the missing force reaches {top:.2g} % of the largest restoring force; {text}",
         partial(show.draw_plane, radius, angle, force),
     )
 

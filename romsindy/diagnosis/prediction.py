@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from romsindy.diagnosis.gap import Prediction
+from romsindy.diagnosis.gap import Prediction, name_of
 from romsindy.fit.collocation import TrajectoryError, integrate
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
@@ -21,12 +21,14 @@ _ITERATIONS = 25
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
 
 
-def predict(model: ReducedModel, parts: Sequence[Part], record: Record) -> Prediction:
-    """What the simulation before and after says about a record that took no part."""
+def predict(
+    model: ReducedModel, parts: Sequence[Part], record: Record, name: str = name_of(0)
+) -> Prediction:
+    """What the simulation before and after says about a record; only its start follows it."""
     before = after = _simulated(model, (), record)
     if parts:
         after = _simulated(model, [replace(p, strengths=p.strengths[:1]) for p in parts], record)
-    return Prediction(record, before, after)
+    return Prediction(record, before, after, name)
 
 
 def _simulated(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:

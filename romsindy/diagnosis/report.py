@@ -12,21 +12,26 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from romsindy.diagnosis import words
+from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.form import NO_FORM_ERROR
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
+from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.part import Part
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EXPLAINED, PREDICTED
+from romsindy.fit.verdict import PREDICTED
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
+
+_ADVICE = ("action", "odds", "cost", "rivals")
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
 
@@ -44,59 +49,6 @@ def verdict_of(best: Hypothesis, rivals: Sequence[Hypothesis], left: Adequacy, g
     if len(rivals) > 1 or len(best.moved) > 1:
         return "ambiguous"
     return "named"
-
-
-@dataclass(frozen=True)
-class FoundEffect:
-    """One effect with its values.
-
-    Attributes
-    ----------
-    name, label, family : str
-    variant : str
-        What tells apart effects of the same name: "above" or "below", the side of a stop or a
-        magnet where q is larger or smaller, or the name of a coefficient; empty where there is but
-        one.
-    values, standard_errors : dict of str to float
-        Strength and shape values by name, in the unit of q and seconds.
-    weight : float
-        Posterior probability among the hypotheses compared.
-    advice : str
-        What would separate it from its rivals.
-    units : dict of str to str
-        Of the values; empty where one has none.
-    """
-
-    name: str
-    label: str
-    family: str
-    variant: str
-    values: dict[str, float]
-    standard_errors: dict[str, float]
-    weight: float
-    advice: str
-    units: dict[str, str]
-
-    def __str__(self) -> str:
-        text = ", ".join(f"{k} {self._value(k)}" for k in self.values)
-        weight = f"; posterior {self.weight:.2f}" if self.weight > 0 else ""
-        return f"{self.title} ({text}{weight})"
-
-    @property
-    def title(self) -> str:
-        """The label, with the variant if there is one."""
-        return f"{self.label} [{self.variant}]" if self.variant else self.label
-
-    def _value(self, name: str) -> str:
-        text = _pm(self.values[name], self.standard_errors[name])
-        return f"{text} {self.units[name]}".rstrip()
-
-
-def _pm(value: float, error: float) -> str:
-    if not error > 0:
-        return f"{value:.4g}"
-    digits = max(int(np.floor(np.log10(max(abs(value), 1e-300) / error))) + 2, 2)
-    return f"{value:.{min(digits, 8)}g} +- {error:.2g}"
 
 
 @dataclass(frozen=True)
@@ -120,10 +72,16 @@ class DiagnosisReport:
         What the best leaves of the records it was fitted to.
     gap : Gap
         Before and after, on what took no part.
+    differences : tuple of Difference
+        Of the simulation as it was, from every record as a whole.
+    tolerance : Tolerance
+        What does not matter.
     records : tuple of Record
     scales : Scales
     interrupted : bool
         Whether the search was stopped before its end: what it had compared is all there is.
+    form : FormError
+        Of the model, as its reference record shows it.
     """
 
     verdict: Verdict
@@ -135,9 +93,12 @@ class DiagnosisReport:
     base: Hypothesis
     remainder: Adequacy
     gap: Gap
+    differences: tuple[Difference, ...]
+    tolerance: Tolerance
     records: tuple[Record, ...]
     scales: Scales
     interrupted: bool = False
+    form: FormError = NO_FORM_ERROR
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
@@ -147,9 +108,36 @@ class DiagnosisReport:
     @property
     def moved(self) -> tuple[FoundEffect, ...]:
         """Values that the simulation was unsure of and that moved, beside the effects."""
-        if not self.best.effects:
-            return ()
-        return tuple(self._effect(self.best, i) for i in _moved(self.best))
+        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal.unit)
+
+    def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
+        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal.unit)
+
+    @property
+    def next_best(self) -> Hypothesis | None:
+        """The best of what was compared that says something else than the best."""
+        said = set(self.best.names)
+        others = (h for h in self.compared if not said <= set(h.names))
+        return next(others, None) if said else None
+
+    @property
+    def odds(self) -> float:
+        """Of the best hypothesis against the next; infinite where nothing else was compared."""
+        other = self.next_best
+        return float(np.exp(self._log_odds(other))) if other is not None else float("inf")
+
+    def _log_odds(self, other: Hypothesis) -> float:
+        return min((other.score - self.best.score) / 2, np.log(np.finfo(float).max))
+
+    @property
+    def left(self) -> Literal["noise", "tolerance", "form", "effect"]:
+        """What is left: noise, what does not matter, the form of the model, or more than that."""
+        if self.remainder.explained and self.gap.after <= PREDICTED:
+            return "noise"
+        if not any(d.exceeds(self.tolerance) for d in self.gap.differences_after):
+            return "tolerance"
+        needed = NO_FORM_ERROR if self.best.weighed is None else self.best.weighed.needed
+        return "form" if needed.joined(self.form) == self.form else "effect"
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:
@@ -177,86 +165,55 @@ class DiagnosisReport:
             return next_test(list(nearest.values()), *given, explained=False)
         return None
 
-    def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
-        effects = range(hypothesis.n_free, len(hypothesis.solution.parts))
-        return tuple(self._effect(hypothesis, i) for i in effects or _moved(hypothesis))
-
-    def _effect(self, hypothesis: Hypothesis, index: int) -> FoundEffect:
-        solution = hypothesis.solution
-        part, where = hypothesis.parts[index], solution.slices()[index]
-        # Where the residual is above the noise, the errors grow with it.
-        grow = max(self.remainder.ratio, 1.0) if hypothesis.form == NO_FORM_ERROR else 1.0
-        std = grow * np.sqrt(np.diag(hypothesis.covariance[where, where]))
-        names = _value_names(part)
-        shares = zip(self.rivals, weights(self.rivals), strict=True)
-        weight = sum(share for h, share in shares if part.effect.name in h.names)
-        return FoundEffect(
-            part.effect.name,
-            part.effect.label,
-            part.effect.family,
-            part.effect.variant,
-            dict(zip(names, part.values.tolist(), strict=True)),
-            dict(zip(names, std.tolist(), strict=True)),
-            float(weight),
-            part.effect.advice,
-            dict(zip(names, _units(part, self.nominal.unit), strict=True)),
-        )
-
     # -- words ---------------------------------------------------------------------------------
 
     @property
     def sentence(self) -> str:
-        """The finding in one or two sentences."""
+        """The finding, a line for each question: do they differ, what is missing, left, next?"""
+        lines = [
+            words.difference(self.differences, self.tolerance, self.nominal.unit),
+            f"Missing: {self._missing}",
+            f"Left: {words.remainder(self.gap, self.left)}",
+        ]
         if self.interrupted:
-            return f"Interrupted when {len(self.compared)} were compared. {self._finding}"
-        return self._finding
+            n = len(self.compared)
+            lines.insert(0, f"Interrupted when {n} explanations were compared: not the last word.")
+        if self.next_test is not None:
+            lines.append(f"Next: {self.next_test.sentence}")
+        return "\n".join(lines)
 
     @property
-    def _finding(self) -> str:
-        before, after = self.gap.before, self.gap.after
-        where = "what was held out" if self.gap.unseen else "the records themselves"
-        change = "falls" if after < before else "goes"
-        gap = f"the error on {where} {change} from {before:.3g} to {after:.3g} times the noise"
+    def _missing(self) -> str:
         if self.verdict == "none":
-            return (
-                "The simulation lacks nothing that these data can show: what it leaves is"
-                f" {self.remainder.ratio:.3g} times the noise, {after:.3g} times on {where}."
-            )
+            matters = any(d.exceeds(self.tolerance) for d in self.differences)
+            return "nothing that these data show." if matters else "nothing that matters."
         found = " and ".join(map(str, self.effects))
+        other = self.next_best
+        odds = f" ({words.odds(self._log_odds(other), titles(other))})" if other else ""
         also = "".join(f" Fitted beside it: {e}." for e in self.moved)
+        gap = words.closing(self.gap, self.tolerance, "It" if len(self.effects) < 2 else "They")
         if self.verdict == "unknown":
-            near = f" The nearest is {found}, but it does not close the gap: {gap}." * bool(found)
-            return f"Nothing in the catalogue explains the gap: {self._character}.{near}{also}"
-        if len(self.rivals) == 1 and len(self.best.moved) > 1:
+            if not found:
+                return "nothing in the catalogue explains it."
             return (
-                f"The simulation lacks {found}: with it, {gap}. Linear stiffness and damping moved"
-                " together: one cause may stand behind both, such as a viscoelastic support or a"
-                " small mass that vibrates along; decays at another frequency would tell."
+                f"nothing in the catalogue explains it; the nearest is {found}{odds}. {gap}{also}"
             )
-        if self.verdict == "named":
-            return f"The simulation lacks {found}: with it, {gap}.{also}"
-        each = (" and ".join(e.title for e in self._found(h)) for h in self.rivals[1:])
-        others = ", or ".join(each)
-        advice = self._found(self.rivals[0])[0].advice
-        return (
-            f"The simulation lacks {found}, or {others}; these data do not tell them apart."
-            f" With the first, {gap}. To separate them: {advice}.{also}"
-        )
+        if len(self.rivals) > 1:
+            others = ", or ".join(titles(h) for h in self.rivals[1:])
+            gap = words.closing(self.gap, self.tolerance, "The first")
+            return f"{found}, or {others}; these data do not tell them apart{odds}. {gap}{also}"
+        if len(self.best.moved) > 1 and not self.best.effects:
+            also += (
+                " One cause may stand behind both, such as a viscoelastic support or a small mass"
+                " that vibrates along; decays at another frequency would tell."
+            )
+        return f"{found}{odds}. {gap}{also}"
 
-    @property
-    def _character(self) -> str:
-        left = self.remainder
-        parts = []
-        if left.ratio > EXPLAINED:
-            parts.append(f"the residual is {left.ratio:.3g} times the noise")
-        if left.structured:
-            parts.append(f"it repeats with the vibration ({left.structure:.3g} times by chance)")
-        if self.gap.after > PREDICTED:
-            parts.append(f"the error to be predicted stays at {self.gap.after:.3g} times the noise")
-        return ", ".join(parts) or "the residual is not noise"
+    def __str__(self) -> str:
+        return self.sentence
 
     def __repr__(self) -> str:
-        return f"<DiagnosisReport: {self.verdict}: {self.sentence}>"
+        return f"<DiagnosisReport: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
 
     # -- tables and files ------------------------------------------------------------------------
 
@@ -273,16 +230,30 @@ class DiagnosisReport:
         return rows
 
     def to_json(self) -> str:
-        """Verdict, effects, explanations and gap as JSON text."""
+        """All that was found as JSON text."""
+        other, advice = self.next_best, self.next_test
         content = {
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "interrupted": self.interrupted,
+            "differences": [_without_parts(d) for d in self.differences],
+            "tolerance": vars(self.tolerance),
             "effects": [vars(e) for e in self.effects],
             "moved": [vars(e) for e in self.moved],
             "equivalent": [list(names) for names in self.equivalent],
+            "odds": {"against": list(other.names), "odds": self.odds} if other else None,
             "adequacy": self.remainder.ratio,
             "structure": self.remainder.structure,
-            "gap": {"before": self.gap.before, "after": self.gap.after},
+            "gap": {
+                "on": self.gap.where,
+                "before": self.gap.before,
+                "after": self.gap.after,
+                "closed": self.gap.closed,
+                "differences_before": [_without_parts(d) for d in self.gap.differences_before],
+                "differences_after": [_without_parts(d) for d in self.gap.differences_after],
+            },
+            "left": self.left,
+            "next": None if advice is None else {k: getattr(advice, k) for k in _ADVICE},
             "model": json.loads(self.model.to_json()),
         }
         return json_text(content)
@@ -329,21 +300,5 @@ class DiagnosisReport:
         }
 
 
-def _moved(hypothesis: Hypothesis) -> list[int]:
-    """Which of its unsure parts moved."""
-    parts = hypothesis.solution.parts[: hypothesis.n_free]
-    return [i for i, p in enumerate(parts) if p.effect.name in hypothesis.moved]
-
-
-def _units(part: Part, of_q: str | None) -> list[str]:
-    own = part.effect.strength_unit(of_q)
-    shapes = [(of_q or "") if p.unit == "q" else p.unit for p in part.parameters]
-    return ["" if own == "1" else own] * part.strengths.size + shapes
-
-
-def _value_names(part: Part) -> list[str]:
-    k = part.effect.n_strengths
-    kinds = ["strength"] if k == 1 else ["cosine", "sine"] if k == 2 else list(map(str, range(k)))
-    sets = len(part.strengths)
-    names = [f"{n} {i + 1}" if sets > 1 else n for i in range(sets) for n in kinds]
-    return names + [p.name for p in part.parameters]
+def _without_parts(difference: Difference) -> dict[str, Any]:
+    return {k: v for k, v in vars(difference).items() if k != "parts"}

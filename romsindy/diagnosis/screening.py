@@ -18,7 +18,7 @@ from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
-from romsindy.fit.record import Record, strongest_tones
+from romsindy.fit.record import Record, combs, strongest_tones
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
@@ -111,7 +111,8 @@ def screen(
     tuned = _with_tones(model, parts, records, scales, motions)
     trials = [
         Part.of(e, tuned, n_records, start)
-        for e in effects
+        for effect in effects
+        for e in effect.forms(tuned)
         for start in itertools.product(*(p.starts for p in e.parameters(tuned)))
     ]
     n_base = first = n_parts + 2 * n_records
@@ -191,7 +192,7 @@ def _with_tones(
             beats = abs(tone / scales.omega - 1) < _BEATS
             if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
                 tones.append(tone)
-    return scales._replace(tones=tuple(tones))
+    return scales._replace(tones=tuple(tones), combs=combs(record.noise.lines, record.t))
 
 
 def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.diagnosis.evidence import Hypothesis, ranked
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
+from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy, examine
@@ -39,6 +40,7 @@ class Options:
     floor: float
     n_jobs: int
     progress: Callable[[str], None]
+    tolerance: Tolerance = field(default_factory=Tolerance)
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 
 KINDS = ("frequency", "damping", "signal")
+DEFAULT = "default"
 
 
 @dataclass(frozen=True)
@@ -22,13 +23,13 @@ class Tolerance:
     signal : float
         Of the waveform: rms as a part of the largest amplitude.
     source : str
-        Where it comes from: "default", "stated", "repeats" or "reference".
+        Where it comes from: "default", or "stated", "repeats", "reference", joined by "and".
     """
 
     frequency: float = SAME_FREQUENCY
     damping: float = SAME_DAMPING
     signal: float = SAME_SIGNAL
-    source: str = "default"
+    source: str = DEFAULT
 
     def __post_init__(self) -> None:
         for name in KINDS:
@@ -40,17 +41,10 @@ class Tolerance:
                 )
 
     def or_more(self, other: Tolerance) -> Tolerance:
-        """The larger of each, with the source of the other."""
+        """The larger of each, with the sources of both unless one is but the default."""
         larger = {k: max(getattr(self, k), getattr(other, k)) for k in KINDS}
-        return Tolerance(**larger, source=other.source)
-
-    def __str__(self) -> str:
-        values = ", ".join(
-            f"{100 * getattr(self, f.name):.2g} % in {f.name}"
-            for f in fields(self)
-            if f.name != "source"
-        )
-        return f"{values} ({self.source})"
+        known = [x for x in dict.fromkeys((self.source, other.source)) if x != DEFAULT]
+        return replace(self, **larger, source=" and ".join(known) or DEFAULT)
 
 
 def _is_size(value: object) -> bool:

@@ -9,22 +9,21 @@ import numpy as np
 
 from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.gap import Gap, name_of
+from romsindy.diagnosis.held_out import parted
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport, verdict_of
-from romsindy.diagnosis.search import Options, Search
+from romsindy.diagnosis.search import Finding, Options, Search
+from romsindy.diagnosis.tolerance import DEFAULT
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
-from romsindy.fit.verdict import ROUNDED
+from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
-from romsindy.record.signals import fundamental_frequency
-
-_TRAINING = 0.75  # of each record, where no other record is held out
-_LEAST_CYCLES = 6  # of a part that is held out
 
 
 def diagnose_model(
@@ -34,26 +33,36 @@ def diagnose_model(
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     options: Options,
+    form: FormError = NO_FORM_ERROR,
 ) -> DiagnosisReport:
     """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
     check_request(model, measured, held_out, free, tolerances, options.false_alarm)
     several = [over_shared_amplitudes(model, d) for d in measured]
-    training, late = _split(several, held_out)
-    records = checked_records(model, training, options.floor)
-    tests = [Record.loud(d, options.floor) for d in late] or records
+    records = checked_records(model, several, options.floor)
+    tests = {} if held_out is None else {"held out": Record.loud(held_out, options.floor)}
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
+    everything = (*records, *tests.values())
+    as_it_was = Gap(tuple(predict(model, (), record) for record in everything), unseen=True)
+    if held_out is None:
+        records, tests = _parted(records)
     parts = _unsure(model, free, tolerances, all_scales, len(records))
     names = {p.effect.name for p in parts}
     looked_for = tuple(e for e in options.catalogue if e.name not in names)
-    search = Search(model, records, parts, replace(options, catalogue=looked_for))
-    found = search.run()
+    search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
+    exact = replace(search, free=()).hypothesis([])
+    found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
     rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
     left = search.remainder(best)
-    gap = Gap(tuple(predict(model, best.parts, test) for test in tests), bool(late))
+    judged = tests or {name_of(i): record for i, record in enumerate(records)}
+    predictions = [predict(model, best.parts, record, name) for name, record in judged.items()]
+    gap = Gap(tuple(predictions), bool(tests))
+    verdict = verdict_of(best, rivals, left, gap)
+    if found.interrupted and verdict == "named":
+        verdict = "ambiguous"  # with what was not compared
     return DiagnosisReport(
-        verdict=verdict_of(best, rivals, left, gap),
+        verdict=verdict,
         nominal=model,
         model=extended(model, best.parts),
         best=best,
@@ -62,28 +71,35 @@ def diagnose_model(
         base=found.base,
         remainder=left,
         gap=gap,
+        differences=as_it_was.differences_before,
+        tolerance=options.tolerance,
         records=tuple(records),
         scales=all_scales,
         interrupted=found.interrupted,
+        form=form,
     )
 
 
-def _split(
-    several: Sequence[Decay], held_out: Decay | None
-) -> tuple[Sequence[Decay], Sequence[Decay]]:
+def _parted(records: Sequence[Record]) -> tuple[list[Record], dict[str, Record]]:
     """Records to learn from, and what takes no part: nothing where all are too short."""
-    if held_out is not None:
-        return several, [held_out]
-    early, late = [], []
-    for decay in several:
-        cut = decay.t[0] + _TRAINING * (decay.t[-1] - decay.t[0])
-        cycles = fundamental_frequency(decay.single().q, decay.dt) * (decay.t[-1] - cut)
-        if cycles < _LEAST_CYCLES:
-            early.append(decay)
-        else:
-            early.append(decay.between(end=cut))
-            late.append(decay.between(start=cut))
-    return early, late
+    pairs = [parted(record) or (record, None) for record in records]
+    judges = {name_of(i): judge for i, (_, judge) in enumerate(pairs) if judge is not None}
+    return [learns for learns, _ in pairs], judges
+
+
+def _agree(search: Search, exact: Hypothesis, as_it_was: Gap) -> bool:
+    """Whether the simulation as it was is within the tolerance of all records.
+
+    A tolerance that was asked for says what matters. Where it is but the default, what repeats with
+    the vibration must not stand out of the noise either.
+    """
+    tolerance = search.options.tolerance
+    if as_it_was.matters(tolerance):
+        return False
+    if tolerance.source != DEFAULT:
+        return True
+    left = search.remainder(exact)
+    return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
 
 
 def _smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:

@@ -52,12 +52,16 @@ class State(NamedTuple):
 
 
 class Scales(NamedTuple):
-    """What parameters are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s)."""
+    """What parameters are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s).
+
+    ``combs`` are lines that are harmonics of one frequency (rad/s), and how many there may be.
+    """
 
     amplitude: float
     omega: float
     duration: float
     tones: tuple[float, ...] = ()
+    combs: tuple[tuple[float, int], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,10 @@ class Effect(ABC):
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         """Fields that a fit may change."""
         return ()
+
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """What differs in more than shape values, such as the number of harmonics."""
+        return (self,)
 
     def shaped(self, values: Mapping[str, float]) -> Effect:
         """The same with other values of some of its fields."""
@@ -195,7 +203,8 @@ class TermEffect(Effect):
         q, q_dot, q_ddot = state[1:4]
         if isinstance(law, FrictionLaw) and not law.smooth:
             _, by_q, by_q_dot, by_change = law.averaged(q, q_dot, *_changes(state))
-            return s * by_q, s * by_q_dot, s * by_change * state.step / 3
+            # What is about to be held would have no mass left; half of it is enough to go on.
+            return s * by_q, s * by_q_dot, np.maximum(s * by_change * state.step / 3, -0.5)
         by_q = (
             law.inertia_dq(q) * q_ddot
             + law.convection_dq(q) * q_dot**2

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import Parameter, ReadingEffect, Scales, TimedEffect
+from romsindy.effects.base import Effect, Parameter, ReadingEffect, Scales, TimedEffect
 from romsindy.typing import Array
+
+# Steady lines that are slower are a drifting offset (`romsindy.record.drift`): noise.
+_SLOWEST = 0.2
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class SuddenChange(TimedEffect):
 def _tone(scales: Scales) -> Parameter:
     omega = scales.omega
     return Parameter(
-        "frequency", scales.tones, 0.02 * omega, 60 * omega, reach=0.04 * omega, unit="rad/s"
+        "frequency", scales.tones, _SLOWEST * omega, 60 * omega, reach=0.04 * omega, unit="rad/s"
     )
 
 
@@ -81,20 +84,37 @@ class BaseExcitation(TimedEffect):
 
 @dataclass(frozen=True)
 class Hum(ReadingEffect):
-    """A steady line in the sensor."""
+    """Steady lines in the sensor: a frequency, and its harmonics where there are any."""
 
     frequency: float = 1.0
+    harmonics: int = 1
 
-    name, family, per_record, n_strengths = "mains_hum", "outside", True, 2
+    name, family, per_record = "mains_hum", "outside", True
     resembles = ("second_mode",)
     label = "mains hum in the sensor"
     advice = "a record with the structure at rest"
 
+    @property
+    def n_strengths(self) -> int:  # type: ignore[override]
+        """Two for every harmonic."""
+        return 2 * self.harmonics
+
+    @property
+    def variant(self) -> str:
+        """How many lines it has."""
+        return "" if self.harmonics == 1 else f"{self.harmonics} harmonics"
+
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """One line, and the combs that there are."""
+        return (Hum(), *(Hum(frequency, n) for frequency, n in scales.combs))
+
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        return (_tone(scales),)
+        tone = _tone(scales)
+        return (tone if self.harmonics == 1 else replace(tone, starts=(self.frequency,)),)
 
     def readings(self, t: Array, q: Array) -> Array:
-        return np.stack([np.cos(self.frequency * t), np.sin(self.frequency * t)])
+        angle = self.frequency * np.arange(1, self.harmonics + 1)[:, None] * t
+        return np.concatenate([np.cos(angle), np.sin(angle)])
 
 
 @dataclass(frozen=True)

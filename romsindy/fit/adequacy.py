@@ -22,6 +22,7 @@ from romsindy.typing import Array
 _CYCLES = 8  # in a window
 _HARMONICS = 5
 _DEGREE = 1  # of the drift of amplitudes in a window
+_TAKES_PART = 0.2  # of the samples of a window, at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +201,13 @@ class _Energies:
 def _windows(record: Record, residual: Array) -> list[_Energies]:
     bounds = record.cycles[:: min(_CYCLES, len(record.cycles) - 1)]
     slices = [slice(int(a), int(b)) for a, b in itertools.pairwise(bounds)]
-    return [_energies(record, residual[s], s) for s in slices]
+    # Of a window that takes part in part, the rest may be like it.
+    shares = [1.0 if record.part is None else float(np.mean(record.part[s])) for s in slices]
+    return [
+        _energies(record, residual[s] / np.sqrt(share), s)
+        for s, share in zip(slices, shares, strict=True)
+        if share > _TAKES_PART
+    ]
 
 
 def _energies(record: Record, x: Array, samples: slice) -> _Energies:

@@ -82,7 +82,7 @@ class Windows:
     def of(
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion."""
+        """Linearise a fit to record ``i`` about a motion, which need not be its own."""
         equation = ExtendedEquation(model, parts, i, m.grid.step)
         response = respond(equation, m, equation.by_parameter(*nodes(m)))
         change = response.samples(record.derivative)
@@ -192,7 +192,9 @@ class Marginal:
     def solve(self, jump: float, excess: float = 1.0) -> tuple[NormalEquations, Array]:
         """The equations, and the change of all values and states that solves them."""
         system = self.equations(jump, excess)
-        return system, system.bounded_step(held_values(self.parts, False, False), *limits(self.parts))
+        return system, system.bounded_step(
+            held_values(self.parts, False, False), *limits(self.parts)
+        )
 
     def cost(self, jump: float, excess: float = 1.0) -> float:
         """Minus twice the logarithm of the likelihood of the best values, up to a constant."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,9 +19,12 @@ from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
 from romsindy.record.signals import noise_std
 from romsindy.record.smoothing import HarmonicSpline, swing
+from romsindy.record.spectrum import Line
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
+# Of a comb of lines: which line may be its first harmonics, the highest, and combs to be tried.
+_STRONGEST, _HIGHEST, _COMBS = 3, 6, 2
 _LOUDER = 1.1  # so far the level of white noise is known
 
 
@@ -40,6 +44,9 @@ class Record:
         Of the signal.
     motion : Trajectory
         Smooth displacement on the steps of the simulation; times from the start of the record.
+    part : (n,) array of bool, optional
+        Which of the whitened samples take part in a fit or a comparison; all by default. The
+        motion goes through the others all the same.
     """
 
     decay: Decay
@@ -48,6 +55,7 @@ class Record:
     noise: Noise
     spline: HarmonicSpline
     motion: Trajectory
+    part: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(cls, decay: Decay, floor: float) -> Record:
@@ -122,7 +130,8 @@ class Record:
     @property
     def count(self) -> float:
         """Samples that tell anything; of noise beyond a filter, which is none, few do."""
-        return float(np.sum(self.valid)) * self.noise.share(len(self.signal))
+        valid = self.valid if self.part is None else self.valid & self.part
+        return float(np.sum(valid)) * self.noise.share(len(self.signal))
 
     def until(self, end: float) -> Record:
         """The first seconds of the record, with the noise of all of it."""
@@ -143,7 +152,11 @@ class Record:
     def whitened(self, x: Array) -> Array:
         """Misfits or their derivatives (n, ...) over the noise, made white."""
         valid = self.valid if x.ndim == 1 else self.valid[:, None]
-        return self.noise(x * valid)
+        white = self.noise(x * valid)
+        if self.part is None:
+            return white
+        # White samples are independent: those left out tell nothing about the others.
+        return white * (self.part if x.ndim == 1 else self.part[:, None])
 
 
 def _steps_per_cycle(noise_share: float) -> int:
@@ -217,3 +230,23 @@ def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]
         width = max(int(apart / step), 16)
         power[max(k - width, 0) : k + width] = 0.0
     return found
+
+
+def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
+    """Lines that are harmonics of one frequency: that in rad/s, and the number of the highest.
+
+    Any of the strongest may be the first, second or third harmonic, whichever leaves fewest alone.
+    """
+    width = 1 / (t[-1] - t[0])  # Hz, of a line
+    found: dict[tuple[int, ...], tuple[float, int]] = {}
+    for line, number in itertools.product(lines[:_STRONGEST], (1, 2, 3)):
+        first = line.frequency / number
+        order = np.array([other.frequency / first for other in lines])
+        nearest = np.round(order)
+        at = (np.abs(order - nearest) * first < (1 + nearest / number) * width) & (nearest > 0)
+        at &= nearest <= _HIGHEST
+        if np.count_nonzero(at) > 1:
+            members = tuple(map(int, np.flatnonzero(at)))
+            found.setdefault(members, (2 * np.pi * first, int(nearest[at].max())))
+    most = sorted(found, key=len, reverse=True)
+    return tuple(found[members] for members in most[:_COMBS])

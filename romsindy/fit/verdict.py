@@ -82,3 +82,6 @@ SURE = 3.5
 # A beam whose modes move, or are displaced, by less than this part of their largest at the first
 # sample was let go from rest, or hit at rest: more must be read from the sensors.
 MOVING = 0.1
+# Rms over the noise up to which a simulation as it was is not searched for what it lacks: the level
+# of white noise is known to half of what is beyond 1.
+NOTHING_LEFT = 1.01

@@ -1,9 +1,9 @@
 """Offset that drifts: what is slower than a vibration, and no mean of it.
 
-A vibration with asymmetric stiffness or damping has a mean of its own, which follows its amplitude:
-a power series in the amplitude, of any size, takes no part here. What is left of the slow part of a
-record, in its cosine transform, is noise that goes on at low frequencies, power that rises
-towards slow frequencies (a random walk: 1/f^2), and slow lines (a temperature that swings).
+A vibration with asymmetric stiffness has a mean of its own, which follows its amplitude: even
+powers of it, of any size, take no part here. What is left of the slow part of a record, in its
+cosine transform, is noise that goes on at low frequencies, power that rises towards slow
+frequencies (a random walk: 1/f^2), and slow lines (a temperature that swings).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from scipy.stats import chi2
 from romsindy.record.spectrum import TOGETHER, Spectrum
 from romsindy.typing import Array, Indices
 
-_DEGREE = 4  # of the series in the amplitude
+_MEAN = (2, 4, 6, 8)  # powers of the amplitude
+_LEAST = 15  # cosines that tell a drift from such a mean
 _SLOW, _LINES = 0.4, 0.2  # fundamentals: what is slow, and up to where slow lines are drift
 _POWERS = (0.0, 1.0, 2.0, 3.0, 4.0)
 _SIZES = np.geomspace(1e-2, 1e10, 61)  # of the slowest cosine, over the noise
@@ -45,11 +46,11 @@ def drift(
     """
     n = len(slow)
     count = int(2 * n * dt * _SLOW / cycle)
-    if count < 3 * (_DEGREE + 1):
+    if count < _LEAST:
         return None
     k = np.arange(_REACH * count)
     frequency = k / (2 * n * dt)
-    series = (amplitude / amplitude.max())[:, None] ** np.arange(1, _DEGREE + 1)
+    series = (amplitude / amplitude.max())[:, None] ** np.array(_MEAN)
     # The first cosine is a constant: an offset that stays is no drift, and free here.
     y, x = (dct(z, norm="ortho", axis=0)[1:count] for z in (slow, series))
     quiet = noise(frequency)

@@ -23,13 +23,19 @@ _LOOKS: dict[str, dict[str, Any]] = {
 def draw_errors_in_time(
     t: Array, measured: Array, before: Array, after: Array, unit: str | None, figure: Figure
 ) -> None:
-    """A record, and what a simulation misses of it before and after; all (n,)."""
-    ax = figure.subplots()
-    ax.plot(t, measured, color="0.75", lw=1.5, label="measured")
-    ax.plot(t, before - measured, color=BEFORE, lw=0.6, label="error before")
-    ax.plot(t, after - measured, color=AFTER, lw=0.6, label="error after")
-    ax.set(xlabel="time (s)", ylabel=f"q ({unit or 'its own unit'})")
-    ax.legend(frameon=False, loc="upper right", fontsize="small")
+    """A record, and what a simulation misses of it before and after; all (n,).
+
+    nan where nothing is compared.
+    """
+    axes = figure.subplots(2, 1, sharex=True, sharey=True)
+    for ax, error, name, color in zip(
+        axes, (before, after), ("before", "after"), (BEFORE, AFTER), strict=True
+    ):
+        ax.plot(t, measured, color="0.8", lw=1, label="measured")
+        ax.plot(t, error, color=color, lw=0.7, label=f"error {name}")
+        ax.legend(frameon=False, loc="upper right", fontsize="small", ncols=2)
+    axes[1].set_xlabel("time (s)")
+    figure.supylabel(f"q ({unit or 'its own unit'})", fontsize="medium")
 
 
 def draw_backbones(backbones: Mapping[str, Backbone], unit: str | None, figure: Figure) -> None:
@@ -74,8 +80,9 @@ def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
 def draw_cycles(t: Array, before: Array, after: Array, figure: Figure) -> None:
     """Error over noise of every cycle, (n,) each."""
     ax = figure.subplots()
-    ax.plot(t, before, color=BEFORE, lw=1, label="before")
-    ax.plot(t, after, color=AFTER, lw=1, label="after")
+    # Thick and thin lines, and dots of two sizes: after never hides before.
+    ax.plot(t, before, "o-", color=BEFORE, lw=2.4, ms=4, label="before")
+    ax.plot(t, after, "o-", color=AFTER, lw=1, ms=2, label="after")
     ax.axhline(1.0, color="0.5", lw=0.8)
     ax.set(xlabel="time (s)", ylabel="error per cycle over noise")
     log_ratio(ax)

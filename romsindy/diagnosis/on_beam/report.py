@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.beam import Beam
+from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
-from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
+from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
-from romsindy.diagnosis.report import DiagnosisReport, FoundEffect, Verdict
+from romsindy.diagnosis.report import DiagnosisReport, Verdict
 from romsindy.fit.part import Part
 from romsindy.physics.serial import json_text
 from romsindy.text import TextTable
@@ -127,16 +128,19 @@ class BeamReport:
     @property
     def sentence(self) -> str:
         """The finding in words, sensors first."""
-        left_out = "".join(f"The {fault} and was left out. " for fault in self.faults)
-        found = self.reduced.sentence.replace("The simulation", "The beam", 1)
+        lines = [f"The {fault} and was left out." for fault in self.faults]
+        lines += self.reduced.sentence.splitlines()
         if self.trouble:
-            found += f" The beam could not be simulated with this: {self.trouble}."
+            lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_on_beam:
-            found += f" Not on the improved beam: {', '.join(self.not_on_beam)}."
-        return " ".join(filter(None, [left_out + found, in_words(self.adjusted)]))
+            lines.append(f"Not on the improved beam: {', '.join(self.not_on_beam)}.")
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.sentence
 
     def __repr__(self) -> str:
-        return f"<BeamReport: {self.verdict}: {self.sentence}>"
+        return f"<BeamReport: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
 
     def table(self) -> list[list[str]]:
         """Rows of text: every explanation that the data allow, with its values."""

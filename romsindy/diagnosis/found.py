@@ -1,0 +1,143 @@
+"""Effects that were found, with their values as numbers and as words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.diagnosis.evidence import Hypothesis, weights
+from romsindy.diagnosis.form import NO_FORM_ERROR
+from romsindy.fit.part import Part
+
+_STRENGTH = "strength"
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """One effect with its values.
+
+    Attributes
+    ----------
+    name, label, family : str
+    variant : str
+        What tells apart effects of the same name: "above" or "below", the side of a stop or a
+        magnet where q is larger or smaller, or the name of a coefficient; empty where there is but
+        one.
+    values, standard_errors : dict of str to float
+        Strength and shape values by name, in the unit of q and seconds.
+    weight : float
+        Posterior probability among the hypotheses compared.
+    advice : str
+        What would separate it from its rivals.
+    units : dict of str to str
+        Of the values; empty where one has none.
+    """
+
+    name: str
+    label: str
+    family: str
+    variant: str
+    values: dict[str, float]
+    standard_errors: dict[str, float]
+    weight: float
+    advice: str
+    units: dict[str, str]
+
+    def __str__(self) -> str:
+        texts = [self._value(k) if k == _STRENGTH else f"{k} {self._value(k)}" for k in self.values]
+        return ", ".join([self.title, *texts])
+
+    @property
+    def title(self) -> str:
+        """The label, with the variant if there is one."""
+        return f"{self.label} [{self.variant}]" if self.variant else self.label
+
+    def _value(self, name: str) -> str:
+        text = _with_error(self.values[name], self.standard_errors[name])
+        return f"{text} {self.units[name]}".rstrip()
+
+
+def effects_of(
+    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, unit: str | None
+) -> tuple[FoundEffect, ...]:
+    """Effects of a hypothesis; the values that moved where it has none.
+
+    ``ratio`` is what is left over the noise, ``unit`` that of q.
+    """
+    effects = range(hypothesis.n_free, len(hypothesis.parts))
+    found = effects or _moved(hypothesis)
+    return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in found)
+
+
+def moved_of(
+    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, unit: str | None
+) -> tuple[FoundEffect, ...]:
+    """Values that the simulation was unsure of and that moved, beside effects."""
+    found = _moved(hypothesis) if hypothesis.effects else []
+    return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in found)
+
+
+def titles(hypothesis: Hypothesis) -> str:
+    """Labels of what a hypothesis says is missing."""
+    parts = hypothesis.effects or [hypothesis.parts[i] for i in _moved(hypothesis)]
+    effects = [p.effect for p in parts]
+    return (
+        " and ".join(f"{e.label} [{e.variant}]" if e.variant else e.label for e in effects)
+        or "nothing"
+    )
+
+
+def _effect(
+    hypothesis: Hypothesis,
+    index: int,
+    rivals: Sequence[Hypothesis],
+    ratio: float,
+    unit: str | None,
+) -> FoundEffect:
+    part, where = hypothesis.parts[index], hypothesis.solution.slices()[index]
+    # Where the residual is above the noise, the errors grow with it.
+    grow = max(ratio, 1.0) if hypothesis.form == NO_FORM_ERROR else 1.0
+    std = grow * np.sqrt(np.diag(hypothesis.covariance[where, where]))
+    names = _value_names(part)
+    shares = zip(rivals, weights(rivals), strict=True)
+    weight = sum(share for h, share in shares if part.effect.name in h.names)
+    return FoundEffect(
+        part.effect.name,
+        part.effect.label,
+        part.effect.family,
+        part.effect.variant,
+        dict(zip(names, part.values.tolist(), strict=True)),
+        dict(zip(names, std.tolist(), strict=True)),
+        float(weight),
+        part.effect.advice,
+        dict(zip(names, _units(part, unit), strict=True)),
+    )
+
+
+def _moved(hypothesis: Hypothesis) -> list[int]:
+    """Which of its unsure parts moved."""
+    parts = hypothesis.parts[: hypothesis.n_free]
+    return [i for i, p in enumerate(parts) if p.effect.name in hypothesis.moved]
+
+
+def _with_error(value: float, error: float) -> str:
+    if not error > 0:
+        return f"{value:.4g}"
+    digits = max(int(np.floor(np.log10(max(abs(value), 1e-300) / error))) + 2, 2)
+    return f"{value:.{min(digits, 8)}g} +- {error:.2g}"
+
+
+def _units(part: Part, of_q: str | None) -> list[str]:
+    own = part.effect.strength_unit(of_q)
+    shapes = [(of_q or "") if p.unit == "q" else p.unit for p in part.parameters]
+    return ["" if own == "1" else own] * part.strengths.size + shapes
+
+
+def _value_names(part: Part) -> list[str]:
+    k = part.effect.n_strengths
+    kinds = [_STRENGTH] if k == 1 else ["cosine", "sine"] if k == 2 else list(map(str, range(k)))
+    sets = len(part.strengths)
+    names = [f"{n} {i + 1}" if sets > 1 else n for i in range(sets) for n in kinds]
+    return names + [p.name for p in part.parameters]

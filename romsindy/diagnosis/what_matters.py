@@ -1,0 +1,101 @@
+"""Where tolerances come from: what was stated, repeat runs, and what a model is known to leave."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from numbers import Real
+
+import numpy as np
+
+from romsindy.diagnosis.checks import checked_records
+from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.form import FormError
+from romsindy.diagnosis.prediction import predict
+from romsindy.diagnosis.tolerance import KINDS, Tolerance
+from romsindy.fit.estimate import Estimate
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import SURE
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+
+_FROM = 0.1  # of the largest amplitude: bands of an estimate are wide below
+_BAND = 2.0  # standard errors
+
+
+def stated(tolerance: object) -> Tolerance:
+    """A tolerance as a user gives it: of the frequency, or by kind, or ready.
+
+    Raises
+    ------
+    ValueError
+        If it is none of these.
+    """
+    if isinstance(tolerance, Tolerance):
+        return tolerance
+    if isinstance(tolerance, Real) and not isinstance(tolerance, bool):
+        return Tolerance(frequency=float(tolerance), source="stated")
+    if isinstance(tolerance, Mapping) and set(tolerance) <= set(KINDS):
+        return Tolerance(**tolerance, source="stated")
+    raise ValueError(
+        f"tolerance = {tolerance!r} must be a relative size of the frequency, such as 0.001, or a"
+        f" mapping of {list(KINDS)} to such sizes"
+    )
+
+
+def of_repeats(repeats: Sequence[Decay], floor: float) -> Tolerance:
+    """How far decays that were measured again are from each other, at equal amplitude.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two, or two of them share no amplitudes.
+    """
+    if len(repeats) < 2:
+        raise ValueError(f"repeats holds {len(repeats)} decay: give two or more of the same test")
+    records = [Record.loud(d, floor) for d in repeats]
+    found = [Difference.between(a, b) for a, b in itertools.combinations(records, 2)]
+    return _largest(found, "repeats")
+
+
+def of_reference(
+    model: ReducedModel, reference: Decay, floor: float
+) -> tuple[Tolerance, FormError]:
+    """What a model leaves on a record that it was identified from.
+
+    Raises
+    ------
+    ValueError
+        If the record cannot be that of the model.
+    """
+    try:
+        (record,) = checked_records(model, [reference], floor)
+        form = FormError.of(model, reference, floor)
+    except ValueError as error:
+        raise ValueError(f"the reference is no record of the model: {error}") from error
+    prediction = predict(model, (), record)
+    return _largest([Difference.of(record, prediction.before)], "reference"), form
+
+
+def of_estimate(estimate: Estimate, largest: float) -> Tolerance:
+    """How far the curves of an estimate may be off, up to an amplitude (unit of q)."""
+    band = estimate.band(np.geomspace(_FROM * largest, largest, 12))
+    frequency = band.frequency_std / band.frequency
+    damping = np.abs(band.damping_ratio_std / band.damping_ratio)
+    widest = [_BAND * float(np.nanmax(x, initial=0.0)) for x in (frequency, damping)]
+    return Tolerance(widest[0], widest[1], 0.0, "reference")
+
+
+def _largest(differences: Sequence[Difference], source: str) -> Tolerance:
+    """The largest difference that is sure, or what all cycles leave open."""
+    sizes = dict.fromkeys(KINDS, 0.0)
+    for kind, d in itertools.product(KINDS, differences):
+        value, std = _value(d, kind)
+        parts = [_value(p, kind) for p in d.parts]
+        sure = [abs(v) + s for v, s in parts if abs(v) > SURE * s]
+        sizes[kind] = max([sizes[kind], abs(value) + std, *sure])
+    return Tolerance(sizes["frequency"], sizes["damping"], sizes["signal"], source)
+
+
+def _value(difference: Difference, kind: str) -> tuple[float, float]:
+    return getattr(difference, kind), getattr(difference, f"{kind}_std")
