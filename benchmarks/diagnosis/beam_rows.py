@@ -1,4 +1,4 @@
-"""Rows of beams: what Exudyn simulated, diagnosed by a beam that is exact or wrong within tolerance."""
+"""Rows of beams that Exudyn simulated: the diagnosis is told them exactly, or within tolerances."""
 
 from __future__ import annotations
 
