@@ -18,10 +18,9 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import null_space
 
 from romsindy.beam import Beam
-from romsindy.beam.structure import FREE
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
-from romsindy.diagnosis.on_beam.parameters import ParameterEffect
+from romsindy.diagnosis.on_beam.parameters import ParameterEffect, points
 from romsindy.effects.base import State
 from romsindy.effects.load import PointMass
 from romsindy.effects.mounting import AtPoint
@@ -30,12 +29,47 @@ from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.typing import Array
 
-_POINTS, _FINE = 7, 301
-# Parts of the length over which it is looked for: nearer to a support nothing moves.
-_WITH_FREE_END, _BETWEEN = (0.3, 1.0), (0.15, 0.85)
+_FINE = 301
 _GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
+_FREQUENCY = 2e-4  # relative standard deviation of the frequency of a higher mode, at the least
+_DAMPING = 0.2  # the same of its damping
 _CONFIDENCE = 3.84  # chi-square of one value, 95 %
 _TOLD = 1 / 3  # of the length: a wider interval says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Slack:
+    """What the sensors and the higher modes may do beside what is simulated: standard deviations.
+
+    Attributes
+    ----------
+    gains : (n_sensors,) array
+        Relative, of the sensors.
+    frequencies : (n_modes,) array
+        Relative, of the modes above the first that are told apart.
+    rates : (n_modes,) array
+        Of their damping, 1/s.
+    """
+
+    gains: Array
+    frequencies: Array
+    rates: Array
+
+    @property
+    def spreads(self) -> Array:
+        """All, as the columns that they belong to."""
+        pairs = np.stack([self.frequencies, self.rates], axis=1).ravel()
+        return np.concatenate([self.gains, pairs])
+
+    @classmethod
+    def of(cls, seen: InstrumentedBeam, doubtful: Sequence[Beam], gains: Array) -> Slack:
+        """Slack of a beam, given what it would be if each doubtful parameter were another."""
+        count = seen.shapes.shape[1]
+        omega = seen.basis.omega[:count]
+        shifts = [b.modes(count=count).omega / omega - 1 for b in doubtful]
+        spread = np.sqrt(_FREQUENCY**2 + sum(x**2 for x in shifts))
+        rates = _DAMPING * (seen.beam.alpha + seen.beam.eta * omega**2) / 2
+        return cls(np.hypot(_GAINS, gains), (spread * np.ones(count))[1:], rates[1:])
 
 
 @dataclass(frozen=True)
@@ -77,12 +111,6 @@ def can_be_anywhere(part: Part) -> bool:
     return isinstance(effect, ParameterEffect) and effect.change is PointMass
 
 
-def points(beam: Beam) -> Array:
-    """Where an effect is tried, m."""
-    between = _WITH_FREE_END if beam.right == FREE else _BETWEEN
-    return beam.length * np.linspace(*between, _POINTS)
-
-
 def moved_to(seen: InstrumentedBeam, part: Part, at: float, record: Record) -> Part:
     """An effect elsewhere, where it does the same to the first mode in a record."""
     effect, strength = part.effect, float(part.strengths[0, 0])
@@ -113,7 +141,7 @@ def find_place(
     records: Sequence[Record],
     measured: Sequence[Array],
     simulated: Sequence[Sequence[Array]],
-    gains: Array,
+    slack: Slack,
 ) -> Place:
     """Where an effect acts.
 
@@ -126,21 +154,20 @@ def find_place(
         What the sensors read in each.
     simulated : sequence of sequences of (n, n_sensors) arrays
         The same for the effect at each of the `points`.
-    gains : (n_sensors,) array
-        Standard deviations of the gains of the sensors, beside what is usual.
+    slack : Slack
     """
-    at, n_sensors = points(seen.beam), len(seen.sensors.sensors)
-    gram = np.zeros((1 + _POINTS + n_sensors,) * 2)
+    at = np.array(points(seen.beam))
+    m, spreads = 1 + len(at), slack.spreads
+    gram = np.zeros((m + len(spreads),) * 2)
     samples = 0
     for record, y, readings in zip(records, measured, simulated, strict=True):
         table = _table(seen, record, y, readings)
         gram += table.T @ table
         samples += len(table)
-    known = gram[1 + _POINTS :, 1 + _POINTS :] + np.diag(1 / np.hypot(_GAINS, gains) ** 2)
-    cross = gram[1 + _POINTS :, : 1 + _POINTS]
-    left = gram[: 1 + _POINTS, : 1 + _POINTS] - cross.T @ np.linalg.solve(known, cross)
+    known, cross = gram[m:, m:] + np.diag(1 / spreads**2), gram[m:, :m]
+    left = gram[:m, :m] - cross.T @ np.linalg.solve(known, cross)
     fine = np.linspace(at[0], at[-1], _FINE)
-    v = np.column_stack([np.ones(_FINE), -CubicSpline(at, np.eye(_POINTS))(fine)])
+    v = np.column_stack([np.ones(_FINE), -CubicSpline(at, np.eye(len(at)))(fine)])
     chi_squared = np.einsum("ij,jk,ik->i", v, left, v)
     noise = max(float(chi_squared.min()) / samples, 1.0)
     inside = fine[chi_squared < chi_squared.min() + _CONFIDENCE * noise]
@@ -151,12 +178,16 @@ def find_place(
 def _table(
     seen: InstrumentedBeam, record: Record, measured: Array, simulated: Sequence[Array]
 ) -> Array:
-    """Whitened columns, of the sensors beside the first mode: measured, simulated, gains."""
+    """Whitened columns of the sensors beside the first mode: measured, simulated, slack."""
     noise = _level(record, measured - simulated[-1])
     beside = null_space((seen.shapes[:, 0] / noise)[None])
     usual = simulated[len(simulated) // 2]
-    gains = [np.outer(usual[:, s] / noise[s], beside[s]) for s in range(len(noise))]
-    columns = [*((y / noise) @ beside for y in (measured, *simulated)), *gains]
+    own = [np.outer(usual[:, s], row) for s, row in enumerate(np.eye(len(noise)))]
+    modal, t = usual @ np.linalg.pinv(seen.shapes).T, record.t
+    for k, shape in list(enumerate(seen.shapes.T))[1:]:
+        rate = np.gradient(modal[:, k], t)
+        own += [np.outer(t * rate, shape), np.outer(t * modal[:, k], shape)]
+    columns = [(y / noise) @ beside for y in (measured, *simulated, *own)]
     white = [record.whitened(c) for c in columns]
     return np.stack([w.ravel() for w in white], axis=1)
 

@@ -19,7 +19,8 @@ from romsindy.diagnosis.on_beam.defect import (
     simulated,
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.place import Place, find_place, moved_to, points
+from romsindy.diagnosis.on_beam.parameters import points
+from romsindy.diagnosis.on_beam.place import Place, Slack, find_place, moved_to
 from romsindy.diagnosis.on_beam.release import Release
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
@@ -30,7 +31,6 @@ from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
-from romsindy.typing import Array
 
 FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 _ROUNDS = 5
@@ -148,12 +148,12 @@ class Rounds:
         training = decays[: self.n_training]
         return diagnose_model(self.model, training, test, self.unsure, {}, chosen)
 
-    def place_of(self, part: Part, outcome: Outcome, gains: Array) -> Place:
-        """Where one of the effects that were found acts; gains as for `find_place`."""
+    def place_of(self, part: Part, outcome: Outcome, slack: Slack) -> Place:
+        """Where one of the effects that were found acts; see `find_place`."""
         others = [p for p in outcome.parts if p.effect.name != part.effect.name]
         beams = [
             beam_with(self.seen.beam, [*others, moved_to(self.seen, part, at, self.records[0])])
-            for at in points(self.seen.beam).tolist()
+            for at in points(self.seen.beam)
         ]
         rows = list(zip(self.records, self.raw, outcome.corrected, self.calm, strict=True))
         rows = rows[: self.n_training]
@@ -171,7 +171,7 @@ class Rounds:
             t = record.decay.t
             measured.append(self.seen.thinned(decay).between(t[0], t[-1]).signal)
             heard.append(replace(record, valid=record.valid & (t >= calm)))
-        return find_place(self.seen, heard, measured, moved, gains)
+        return find_place(self.seen, heard, measured, moved, slack)
 
 
 def _rings(corrected: Decay, record: Record) -> bool:

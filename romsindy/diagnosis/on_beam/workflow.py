@@ -24,7 +24,7 @@ from romsindy.diagnosis.on_beam.parameters import (
     parameter_effects,
     standard_deviations,
 )
-from romsindy.diagnosis.on_beam.place import can_be_anywhere, moved_to
+from romsindy.diagnosis.on_beam.place import Slack, can_be_anywhere, moved_to
 from romsindy.diagnosis.on_beam.release import Release
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
@@ -97,8 +97,12 @@ def diagnose_beam(
     found, place = rounds.run(effects, before), None
     movable = [p for p in found.parts if can_be_anywhere(p)]
     if len(movable) == 1 and len(found.report.best.effects) == 1:
+        doubtful = [
+            seen.beam.with_effect(p.on_beam(near[p.name]))
+            for p in parameter_effects(seen, curve.reach, names=near)
+        ]
         gains = position_gains(seen, near.get("sensor_positions", 0.0))
-        place = rounds.place_of(movable[0], found, gains)
+        place = rounds.place_of(movable[0], found, Slack.of(seen, doubtful, gains))
         if place.told:
             parts = tuple(
                 moved_to(seen, p, place.at, records[0]) if p is movable[0] else p
