@@ -105,7 +105,8 @@ class Windows:
             rows,
             steps,
             np.searchsorted(starts, m.grid.sample_step, side="right") - 1,
-            np.linalg.pinv(np.nan_to_num(states)) @ unit,  # inf shows in the rows
+            np.linalg.pinv(np.nan_to_num(states, posinf=0.0, neginf=0.0))
+            @ unit,  # inf shows in the rows
             np.kron(np.linalg.cholesky(alike), np.eye(2)),
             np.concatenate([columns_of(parts, i), at_start]),
         )
