@@ -413,9 +413,9 @@ def test_command_line(tmp_path, monkeypatch):
     arguments += [str(tmp_path / "model.json"), "--report", str(tmp_path / "page.html")]
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 0, done.output
-    assert "air drag" in done.output and (tmp_path / "page.html").is_file()
+    assert "drag in air" in done.output and (tmp_path / "page.html").is_file()
     exact = CliRunner().invoke(main, [*arguments, "--free", "nothing"])
-    assert exact.exit_code == 0 and "air drag" in exact.output
+    assert exact.exit_code == 0 and "drag in air" in exact.output
     # A floor of 0 is a floor: nothing is too small to matter.
     seen = {}
 

@@ -12,7 +12,14 @@ import pytest
 import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.beam.sensors import Sensor
-from romsindy.effects import BEAM_CATALOGUE, CATALOGUE, AtPoint, TermEffect, look_alikes
+from romsindy.effects import (
+    BEAM_CATALOGUE,
+    CATALOGUE,
+    AtPoint,
+    MemoryEffect,
+    TermEffect,
+    look_alikes,
+)
 from romsindy.effects.base import Scales, State
 from romsindy.effects.table import page, rows
 from romsindy.physics.stiffness import Stiffness
@@ -113,7 +120,11 @@ def test_it_is_simulated_and_named_on_a_beam():
 # -- every effect -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS.keys())
+# What remembers has no slopes of its own at one instant: see test_memory.py.
+OF_THE_INSTANT = {k: e for k, e in EFFECTS.items() if not isinstance(e, MemoryEffect)}
+
+
+@pytest.mark.parametrize("effect", OF_THE_INSTANT.values(), ids=OF_THE_INSTANT.keys())
 def test_slopes_are_those_of_the_force(effect):
     """Central differences of forces and readings, off every kink."""
     scales = Scales(1.0, 30.0, 10.0, (100.0,))

@@ -13,7 +13,7 @@ import numpy as np
 # says that they are not told apart.
 ALIKE = ({"linear_frequency", "added_mass"},)
 # Effects that laws of the generator are cases of.
-ALSO_CALLED = {"jenkins": {"iwan"}}
+ALSO_CALLED = {"jenkins": {"micro_slip"}, "iwan": {"micro_slip"}}
 
 
 @dataclass(frozen=True)

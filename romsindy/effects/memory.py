@@ -82,7 +82,7 @@ class MicroSlip(MemoryEffect):
         slips = (0.4 * a, 0.1 * a, 0.2 * a, 0.8 * a)
         return (
             Parameter("slip", slips, 0.01 * a, 2 * a, unit="q"),
-            Parameter("scatter", (0.0, 2.0), 0.0, 4.0),
+            Parameter("scatter", (0.0, 0.7, 2.0), 0.0, 4.0),
         )
 
 
@@ -105,8 +105,8 @@ class SofteningLoop(MemoryEffect):
         slips = (0.3 * a, 0.1 * a, 0.7 * a)
         return (
             Parameter("slip", slips, 0.02 * a, 2 * a, unit="q"),
-            Parameter("sharpness", (1.3,), 0.7, 4.0, 0.5),
-            Parameter("loss", (0.6,), 0.5, 1.0, 0.1),
+            Parameter("sharpness", (1.5,), 0.7, 4.0, 0.5),
+            Parameter("loss", (0.7,), 0.3, 1.4, 0.2),
         )
 
 

@@ -7,6 +7,7 @@ from dataclasses import fields
 
 from romsindy.effects import BEAM_CATALOGUE, CATALOGUE, look_alikes
 from romsindy.effects.base import Effect, TermEffect
+from romsindy.effects.memory import MemoryEffect
 
 _HEAD = ("name", "what is missing", "class", "force", "on a beam", "looks like", "to tell apart")
 _PAGE = """# Effects
@@ -24,7 +25,7 @@ def rows(catalogue: Iterable[Effect] = (*CATALOGUE, *BEAM_CATALOGUE)) -> list[tu
 
 
 def _row(effect: Effect, effects: list[Effect]) -> tuple[str, ...]:
-    law = effect.term()
+    law = effect.law if isinstance(effect, MemoryEffect) else effect.term()
     shape = ", ".join(f.name for f in fields(effect))  # type: ignore[arg-type]
     mounting = effect.mounting if isinstance(effect, TermEffect) else None
     return (

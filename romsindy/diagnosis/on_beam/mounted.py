@@ -63,12 +63,12 @@ class MountedEffect(BeamEffect):
         return self.effect.strength_on_beam(self.mounting)
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        """Those of the effect, in metres; textbook exponents are exact on a beam."""
+        """Those of the effect, in metres; exponents that are but guesses are exact on a beam."""
         at_rest = self.mounting.zeroed(_at_rest(self.curve, self.mounting))
         ends = np.array([-self.curve.reach, self.curve.reach])
         d = _Path.of(self.curve, at_rest).displacement(ends)
         metres = scales._replace(amplitude=float(np.abs(d).min()))
-        known = [p for p in self.effect.parameters(metres) if p.name != "exponent"]
+        known = [p for p in self.effect.parameters(metres) if p.name != "exponent" or not p.spread]
         return tuple(replace(p, unit="m") if p.unit == "q" else p for p in known)
 
     def shaped(self, values: Mapping[str, float]) -> MountedEffect:
@@ -123,7 +123,9 @@ class MountedEffect(BeamEffect):
         by_q = bend * force + slope * (by_d * slope + by_w * bend * state.q_dot[:, None])
         by_q_dot = slope * slope * by_w
         by_q_ddot = slope * slope * by_change * state.step / 3
-        return tuple(strengths[0] * (x @ path.weights) for x in (by_q, by_q_dot, by_q_ddot))
+        s = strengths[0]
+        mass = np.maximum(s * (by_q_ddot @ path.weights), -0.5)  # as in `TermEffect.slopes`
+        return s * (by_q @ path.weights), s * (by_q_dot @ path.weights), mass
 
     def readings(self, t: Array, q: Array) -> Array | None:
         """Displacements are counted from the equilibrium, which a force at rest moves."""

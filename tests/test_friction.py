@@ -1,0 +1,106 @@
+"""Dry friction that stops and holds a motion, against strokes that are integrated one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import romsindy as rs
+from romsindy.effects import DryFriction
+from romsindy.effects.base import State, TimedEffect
+from romsindy.fit.collocation import Grid, TrajectoryError, integrate
+from romsindy.fit.linear_response import sampled
+from romsindy.fit.part import ExtendedEquation, Part
+
+VALUES = {"omega^2": 900.0, "gamma_3": 100.0, "c_linear": 0.18}
+MODEL = rs.ReducedModel.from_coefficients(VALUES)
+T = np.arange(0, 4, 0.0025)
+
+
+def rubbed(strength):
+    """The model with friction in it."""
+    return rs.ReducedModel.from_coefficients(VALUES | {"c_coulomb": strength})
+
+
+def followed(start, strength, *others):
+    """q by collocation."""
+    grid = Grid.over(T, 2 * np.pi / 33, 40)
+    parts = (Part(DryFriction(), (), np.array([[strength]])), *others)
+    return sampled(integrate(ExtendedEquation(MODEL, parts, 0, grid.step), start, grid))[:, 0]
+
+
+@pytest.mark.parametrize("strength", [5.0, 12.0, 25.0, 80.0])
+@pytest.mark.parametrize("amplitude", [1.0, 0.7, 0.6])
+def test_motion_is_followed_to_its_rest(amplitude, strength):
+    true = rubbed(strength).simulate(amplitude, 0.0, T)
+    found = followed([amplitude, 0.0], strength)
+    # The jump is averaged over a third of a step: 2e-5 of the friction's own displacement, a turn.
+    assert np.abs(found - true.q).max() < 1e-3 * max(1, strength / 25)
+    if np.all(true.q_dot[-400:] == 0):
+        assert np.ptp(found[-400:]) == 0
+
+
+def test_friction_holds_from_the_start():
+    assert np.all(followed([0.05, 0.0], 60.0) == 0.05)  # 900 * 0.05 is 45
+
+
+@dataclass(frozen=True)
+class Push(TimedEffect):
+    """A force from an instant on."""
+
+    time: float = 2.0
+
+    name, label, family = "push", "a push", "outside"
+
+    def pull(self, t, q):
+        return -1.0 * (t > self.time)[None]
+
+
+def test_what_is_held_breaks_away_when_it_is_pushed():
+    push = Part(Push(2.0), (), np.array([[150.0]]))
+    found = followed([0.6, 0.0], 25.0, push)
+    before = rubbed(25.0).simulate(0.6, 0.0, T[T <= 2.0])
+    assert np.abs(found[T <= 2.0] - before.q).max() < 1e-3
+    # From there on the strokes about the place to which the push moves the middle.
+    late = T[T > 2.0]
+    pushed = rs.ReducedModel.from_coefficients(VALUES | {"c_coulomb": 25.0, "f_constant": -150.0})
+    after = pushed.simulate(before.q[-1], 0.0, late - 2.0)
+    assert np.ptp(after.q) > 0.1
+    # The push comes within a step of 0.0025 s, at 130 of acceleration.
+    assert np.abs(found[T > 2.0] - after.q).max() < 3e-3
+
+
+def test_what_diverges_is_not_held():
+    falling = rs.ReducedModel.from_coefficients({"omega^2": 900.0, "gamma_3": -1200.0})
+    grid = Grid.over(T, 2 * np.pi / 33, 40)
+    parts = (Part(DryFriction(), (), np.array([[1.0]])),)
+    with pytest.raises(TrajectoryError):
+        integrate(ExtendedEquation(falling, parts, 0, grid.step), [1.0, 0.0], grid)
+
+
+@pytest.mark.parametrize("share", [-0.6, 0.3])
+def test_averaged_friction_knows_how_it_follows_the_acceleration(share):
+    """Central differences, where the speed is less than its change over the step."""
+    a, h = np.array([7.0]), 1e-6
+    v = share * a * 1e-3 / 3
+
+    def force(more):
+        return DryFriction().forces(State(np.zeros(1), 0.3 + 0 * a, v, a + more, 1e-3))[0]
+
+    slope = DryFriction().slopes(State(np.zeros(1), 0.3 + 0 * a, v, a, 1e-3), np.ones(1))[2]
+    np.testing.assert_allclose(slope, (force(h) - force(-h)) / (2 * h), rtol=1e-6)
+
+
+def test_decays_that_end_at_rest_are_diagnosed_and_predicted():
+    """Friction ends the vibration after a few cycles, and holds the mass away from the middle."""
+    t = np.arange(0, 8, 0.0025)
+    decays = [
+        rs.add_noise(rs.Decay(t, rubbed(25.0).simulate(a, 0.0, t).q), 40, i)
+        for i, a in enumerate((1.0, 0.6, 0.8))
+    ]
+    report = rs.diagnose(MODEL, decays[:2], held_out=decays[2])
+    assert report.verdict == "named" and report.best.names == ("dry_friction",)
+    assert report.effects[0].values["strength"] == pytest.approx(25.0, rel=0.01)
+    assert report.gap.after < 1.2

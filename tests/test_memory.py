@@ -1,0 +1,249 @@
+"""Forces with a memory: against their inner state as a differential equation, and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import romsindy as rs
+from romsindy.effects import (
+    Backlash,
+    MicroSlip,
+    SmallMass,
+    SofteningLoop,
+    Viscoelastic,
+)
+from romsindy.effects.base import Scales, State
+from romsindy.fit.collocation import Grid, integrate
+from romsindy.fit.linear_response import nodes
+from romsindy.fit.part import ExtendedEquation, Part
+
+OMEGA = 30.0
+
+
+def slider(z, v, limit):
+    """A slider that is dragged along at its limit."""
+    return 0.0 if (z >= limit and v > 0) or (z <= -limit and v < 0) else v
+
+
+def iwan(slips):
+    return lambda q, v, z: [slider(x, v, s) for x, s in zip(z, slips, strict=True)]
+
+
+def bouc_wen(slip, n, loss):
+    def rates(q, v, z):
+        return [v * (1 - (abs(z[0]) / slip) ** n * (1 - loss + loss * np.sign(v * z[0])))]
+
+    return rates
+
+
+def absorber(w, zeta):
+    return lambda q, v, z: [z[1], -w * w * (z[0] - q) - 2 * zeta * w * (z[1] - v)]
+
+
+W, ZETA = 0.96 * OMEGA, 0.02
+SLIPS = 0.5 * ((np.arange(16) + 0.5) / 16) ** 2
+# Effect, rates of its inner state, its force for a unit of strength, how many inner states, and a
+# strength that shifts the damping ratio or the frequency by about 0.003.
+CASES = {
+    "jenkins": (MicroSlip(0.3), iwan([0.3]), lambda q, v, z: z[0], 1, 20.0),
+    "iwan": (MicroSlip(0.5, 2.0), iwan(SLIPS), lambda q, v, z: np.mean(z, axis=0), 16, 20.0),
+    "bouc_wen": (
+        SofteningLoop(0.3, 1.4, 0.6),
+        bouc_wen(0.3, 1.4, 0.6),
+        lambda q, v, z: z[0],
+        1,
+        20.0,
+    ),
+    "play": (
+        Backlash(0.2),
+        lambda q, v, z: [slider(z[0], v, 0.2)],
+        lambda q, v, z: q - z[0],
+        1,
+        12.0,
+    ),
+    "maxwell": (
+        Viscoelastic(0.04),
+        lambda q, v, z: [v - z[0] / 0.04],
+        lambda q, v, z: z[0],
+        1,
+        8.0,
+    ),
+    "tuned_mass": (
+        SmallMass(W, ZETA),
+        absorber(W, ZETA),
+        lambda q, v, z: -(W**2) * (z[0] - q) - 2 * ZETA * W * (z[1] - v),
+        2,
+        2e-3,
+    ),
+}
+MODEL = rs.ReducedModel.from_coefficients(
+    {"omega^2": OMEGA**2, "gamma_3": 90.0, "Upsilon_3": 0.1, "c_linear": 0.3}
+)
+
+
+def held(name, amplitude):
+    """Inner state at rest, after a slow pull from 0."""
+    _, rates, _, n, _ = CASES[name]
+    if name in ("maxwell", "tuned_mass"):
+        return [0.0] if n == 1 else [amplitude, 0.0]
+    pull = solve_ivp(lambda q, z: rates(q, 1.0, z), (0, amplitude), np.zeros(n), max_step=1e-4)
+    return list(pull.y[:, -1])
+
+
+def motion(name, amplitude, t):
+    """q of the oscillator with the force, by an integration of all states."""
+    _, rates, force, _, strength = CASES[name]
+    c = MODEL.coefficients
+
+    def all_rates(_, y):
+        q, v, z = y[0], y[1], y[2:]
+        mass = 1 + c["Upsilon_3"] * q * q
+        push = q * (c["omega^2"] + c["gamma_3"] * q * q) + c["Upsilon_3"] * q * v * v
+        push += c["c_linear"] * v + strength * force(q, v, z)
+        return [v, -push / mass, *rates(q, v, z)]
+
+    # A step beyond a slider's limit may be no longer than this: errors of 1e-6.
+    return solve_ivp(
+        all_rates,
+        (t[0], t[-1]),
+        [amplitude, 0.0, *held(name, amplitude)],
+        t_eval=t,
+        rtol=1e-8,
+        atol=1e-9,
+        max_step=2e-3,
+    ).y[0]
+
+
+def vibration(n=20 * 120, amplitude=1.0):
+    """A steady vibration, 120 samples a cycle as at the Gauss points of 40 steps."""
+    t = np.arange(n) * 2 * np.pi / OMEGA / 120
+    q, v = amplitude * np.cos(OMEGA * t), -amplitude * OMEGA * np.sin(OMEGA * t)
+    return State(t, q, v, -(OMEGA**2) * q, 0.0, OMEGA)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_force_along_a_decay_is_that_of_the_inner_state(name):
+    effect, rates, force, _, _ = CASES[name]
+    t = vibration().t
+    rate = complex(-0.2, OMEGA)
+
+    def q_and_v(s):
+        z = np.exp(rate * s) * (1 - rate.real / (1j * rate.imag))  # let go at rest
+        return z.real, (rate * z).real
+
+    inner = solve_ivp(
+        lambda s, z: rates(*q_and_v(s), z),
+        (0, t[-1]),
+        held(name, 1.0),
+        t_eval=t,
+        rtol=1e-9,
+        atol=1e-11,
+        max_step=1e-3,
+    ).y
+    q, v = q_and_v(t)
+    expected = force(q, v, inner)
+    state = State(t, q, v, 0 * t, 0.0, OMEGA)
+    found = effect.forces(state)[0]
+    # The parabola between two samples at a turning point errs by 1e-4, and slips are offset by it.
+    np.testing.assert_allclose(found, expected, atol=2e-4 * np.abs(expected).max())
+    cut = 1111  # it goes on from what it remembers
+    first = State(t[:cut], q[:cut], v[:cut], 0 * t[:cut], 0.0, OMEGA)
+    rest = State(
+        t[cut:], q[cut:], v[cut:], 0 * t[cut:], 0.0, OMEGA, memory=effect.remembered(first)
+    )
+    parts = np.concatenate([effect.forces(first)[0], effect.forces(rest)[0]])
+    np.testing.assert_allclose(parts, found, atol=1e-9 * np.abs(found).max())
+
+
+def _absorbed(a):
+    response = (W**2 + 2j * ZETA * W * OMEGA) / (W**2 - OMEGA**2 + 2j * ZETA * W * OMEGA)
+    return -np.pi * a**2 * OMEGA**2 * response.imag
+
+
+LOSSES = {
+    "jenkins": lambda a: 4 * 0.3 * (a - 0.3),
+    # Mean over the slips s = 0.5 p^2 of 4 s (a - s).
+    "iwan": lambda a: 4 * (0.5 * a / 3 - 0.25 / 5),
+    "play": lambda a: -4 * 0.2 * (a - 0.2),
+    "maxwell": lambda a: np.pi * a**2 * 1.2 / (1 + 1.2**2),  # omega times relaxation is 1.2
+    "tuned_mass": _absorbed,
+}
+
+
+@pytest.mark.parametrize("amplitude", [0.8, 1.3])
+@pytest.mark.parametrize("name", LOSSES)
+def test_energy_lost_in_a_cycle_is_the_closed_form(name, amplitude):
+    state = vibration(130 * 120, amplitude)
+    force = CASES[name][0].forces(state)[0]
+    last = slice(-120, None)
+    loss = np.mean(force[last] * state.q_dot[last]) * 2 * np.pi / OMEGA
+    # 120 samples on a kink: (2 pi / 120)^2; 16 sliders: (1/16)^2 / 2
+    assert loss == pytest.approx(LOSSES[name](amplitude), rel=4e-3)
+
+
+def test_iwan_loses_by_the_power_of_its_scatter():
+    """D ~ a^(3 + chi) with scatter 1 / (1 + chi) [Segalman 2005], far from full slip."""
+    a = np.array([0.2, 0.4])
+    losses = []
+    for x in a:
+        state = vibration(10 * 120, x)
+        force = MicroSlip(1.0, 2.0).forces(state)[0]
+        losses.append(np.mean((force * state.q_dot)[-120:]))
+    power = np.log(losses[1] / losses[0]) / np.log(2)
+    assert power == pytest.approx(3 - 0.5, abs=0.05)  # few of the 16 sliders slip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_slopes_are_those_of_slow_changes_of_a_vibration(name):
+    """Of amplitude and phase together: force of the changed motion less that of the motion."""
+    effect = CASES[name][0]
+    state = vibration(100 * 120)
+    size, turn = 3e-5, 2e-5  # of the amplitude, and in rad
+    changed = np.exp(1j * OMEGA * state.t) * (1 + size + 1j * turn)
+    q, v = changed.real, (1j * OMEGA * changed).real
+    moved = effect.forces(state._replace(q=q, q_dot=v))[0]
+    by_q, by_v, by_a = effect.slopes(state, np.ones(1))
+    expected = by_q * (q - state.q) + by_v * (v - state.q_dot)
+    steady = slice(-2400, None)
+    error = (moved - effect.forces(state)[0] - expected)[steady]
+    # At the kinks, one or two of 30 samples between them, the slope is neither of both.
+    assert np.sqrt(np.mean(error**2)) < 0.12 * np.sqrt(np.mean(expected[steady] ** 2))
+    assert by_a == 0.0
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_simulation_is_that_of_the_inner_state(name):
+    t = np.arange(0, 8, 0.005)
+    true = motion(name, 1.0, t)
+    effect, strength = CASES[name][0], CASES[name][4]
+    grid = Grid.over(t, 2 * np.pi / 31.5, 40)
+    equation = ExtendedEquation(MODEL, (Part(effect, (), np.array([[strength]])),), 0, grid.step)
+    found = integrate(equation, [1.0, 0.0], grid)
+    # 46 dB of noise are 5e-3; the turning points cost 1e-4 of the force, which is 1e-2.
+    error = found.samples(equation)[:, 0] - true
+    assert np.abs(error).max() < 5e-4
+    again = integrate(equation, [1.0, 0.0], grid, guess=found)
+    np.testing.assert_allclose(again.q, found.q, atol=1e-8)
+    residual = equation.linearise(*nodes(found)).residual
+    assert np.abs(residual).max() < 1e-6 * OMEGA**2
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_it_is_named(name, seed):
+    t = np.arange(0, 12, 0.005)
+    decays = [
+        rs.add_noise(rs.Decay(t, motion(name, a, t)), 40, 10 * seed + i)
+        for i, a in enumerate((1.0, 0.6, 0.8))
+    ]
+    report = rs.diagnose(MODEL, decays[:2], held_out=decays[2])
+    effect = CASES[name][0]
+    assert report.verdict == "named" and report.best.names == (effect.name,)
+    assert report.gap.after < 1.1
+    (found,) = report.effects
+    scales = Scales(1.0, OMEGA, 12.0)
+    for p in effect.parameters(scales):
+        if found.standard_errors[p.name] < 0.1 * effect.value(p.name):
+            assert found.values[p.name] == pytest.approx(effect.value(p.name), rel=0.1)
