@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
-from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.gauss_newton import Solution, moved_parts
 from romsindy.fit.part import Part, prior_cost
 from romsindy.fit.record import Record
@@ -47,10 +46,7 @@ class Hypothesis:
         cls, model: ReducedModel, solution: Solution, n_free: int, records: Sequence[Record]
     ) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
-        try:
-            weighed = Weighed.of(model, solution, records) if solution.finite else None
-        except TrajectoryError:
-            weighed = None
+        weighed = Weighed.of(model, solution, records)
         return cls(solution, n_free, sum(r.count for r in records), weighed)
 
     def at(self, form: FormError) -> Hypothesis:
