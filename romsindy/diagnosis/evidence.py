@@ -46,7 +46,7 @@ class Hypothesis:
         cls, model: ReducedModel, solution: Solution, n_free: int, records: Sequence[Record]
     ) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
-        weighed = Weighed.of(model, solution, records) if solution.finite else None
+        weighed = Weighed.of(model, solution, records)
         return cls(solution, n_free, sum(r.count for r in records), weighed)
 
     def at(self, form: FormError) -> Hypothesis:

@@ -56,13 +56,13 @@ class FormError:
         """
         records = [Record.loud(reference, floor)]
         parts = [Part.of(e, scales(records), 1) for e in (LinearFrequency(), Viscous())]
-        solution = fit(model, parts, records)
-        if not solution.finite:
+        weighed = Weighed.of(model, fit(model, parts, records), records)
+        if weighed is None:
             raise ValueError(
                 "the model has no motion near its reference: give the record that it was"
                 " identified from, in the same unit"
             )
-        return Weighed.of(model, solution, records).needed
+        return weighed.needed
 
 
 NO_FORM_ERROR = FormError()
@@ -85,11 +85,17 @@ class Weighed:
     gain: float
 
     @classmethod
-    def of(cls, model: ReducedModel, solution: Solution, records: Sequence[Record]) -> Weighed:
-        """Weigh a fit that has come to a motion."""
+    def of(
+        cls, model: ReducedModel, solution: Solution, records: Sequence[Record]
+    ) -> Weighed | None:
+        """Weigh a fit; None where it has no motion."""
+        if not solution.finite:
+            return None
         free = Departures.of(model, solution.parts, records, solution.motions)
+        if free is None:
+            return None
         left = examine_white(records, free.left, solution.n_values)
-        power = sum(len(r.signal) * (r.amplitude / r.noise.std) ** 2 for r in records)
+        power = sum(r.count * (r.amplitude / r.noise.std) ** 2 for r in records)
         gain = power / max(left.n_functions, 1)
         structure = float(np.sqrt(max(left.structure - 1, 0.0) / gain))
         return cls(free.marginal, FormError(free.jump, structure), gain)

@@ -19,6 +19,8 @@ from scipy.stats import norm
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.form import FormError
+from romsindy.diagnosis.found import titles
+from romsindy.effects.base import Effect
 from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
 from romsindy.fit.gauss_newton import fit, limits, moved_parts
 from romsindy.fit.linear_response import sampled
@@ -66,6 +68,11 @@ class Experiment:
     noise: float = 1.0
     repetitions: int = 1
 
+    def action(self, largest: float, unit: str | None) -> str:
+        """What to do, in words, where the largest release so far had this amplitude."""
+        size = f"{abs(self.amplitude) * largest:.2g} {unit or ''}".rstrip()
+        return self.words.format(amplitude=size)
+
 
 EXPERIMENTS = (
     Experiment("the same release again", 1.0),
@@ -97,6 +104,8 @@ class Advice:
         What it is to tell apart, the best first.
     explained : bool
         Whether they explain the data so far.
+    otherwise : tuple of str
+        What the effects themselves advise, for where no simulated test tells enough.
     """
 
     test: Experiment
@@ -104,6 +113,7 @@ class Advice:
     odds: float
     rivals: tuple[str, ...]
     explained: bool
+    otherwise: tuple[str, ...] = ()
 
     @property
     def cost(self) -> float:
@@ -113,7 +123,7 @@ class Advice:
     @property
     def enough(self) -> bool:
         """Whether the rivals are expected to be told apart."""
-        return 2 * np.log(self.odds) >= EQUIVALENT
+        return bool(2 * np.log(self.odds) >= EQUIVALENT)
 
     @property
     def sentence(self) -> str:
@@ -127,7 +137,8 @@ class Advice:
         if self.enough:
             return f"{self.action} would {aim} {expected}."
         best = f"the best of them is {self.action} {expected}"
-        return f"no test that was simulated would {aim}; {best}."
+        beside = f"; what may: {', or '.join(self.otherwise)}" if self.otherwise else ""
+        return f"no test that was simulated would {aim}; {best}{beside}."
 
 
 def next_test(
@@ -174,10 +185,12 @@ def next_test(
     if not found:
         return None
     value, test = max(found, key=lambda f: f[0])
-    size = f"{abs(test.amplitude) * records[largest].amplitude:.2g}"
-    action = test.words.format(amplitude=f"{size} {records[largest].decay.unit or ''}".rstrip())
+    action = test.action(records[largest].amplitude, records[largest].decay.unit)
     odds = float(np.exp(min(value, np.log(_MOST_ODDS))))
-    return Advice(test, action, odds, tuple(_title(h) for h in rivals), explained)
+    names = tuple(titles(h) for h in rivals)
+    own = [p.effect.advice for h in rivals for p in h.effects]
+    otherwise = tuple(dict.fromkeys(words for words in own if words != Effect.advice))
+    return Advice(test, action, odds, names, explained, otherwise)
 
 
 @dataclass(frozen=True)
@@ -238,8 +251,9 @@ class _Rival:
         q, q_dot, q_ddot = (sampled(motion, d)[:, 0] for d in range(3))
         decay = Decay(t, q, q_dot, q_ddot, largest.decay.unit, largest.decay.measured)
         valid = np.ones(len(t), bool)
-        spline = HarmonicSpline.fit(t, signal)
-        return Record(decay, signal, valid, largest.noise, spline, motion).until(end)
+        whole = Record(decay, signal, valid, largest.noise, largest.spline, motion)
+        record = whole.until(end)
+        return replace(record, spline=HarmonicSpline.fit(record.t, record.signal))
 
     def misfit(self, record: Record, test: Experiment) -> float:
         """Chi-square that is left of a test, and of what the data so far say, at the least.
@@ -249,7 +263,8 @@ class _Rival:
         n = len(self.information)
         # What is known beforehand is in the data so far.
         parts = tuple(_without_priors(p) for p in self.parts)
-        windows = Windows.of(self.model, parts, 0, record, record.motion)
+        with np.errstate(all="ignore"):
+            windows = Windows.of(self.model, parts, 0, record, record.motion)
         windows = replace(windows, rows=windows.rows / test.noise)
         far = np.abs(windows.rows[:, -1]).max()
         if not far < _LOST * np.abs(record.whitened(record.signal)).max() / test.noise:
@@ -340,8 +355,3 @@ def _sure(values: Array, share: Array) -> float:
     """Value that is reached whichever is true, but for the least likely."""
     order = np.argsort(values)
     return float(values[order][np.searchsorted(np.cumsum(share[order]), _UNLIKELY)])
-
-
-def _title(hypothesis: Hypothesis) -> str:
-    named = [p.effect for p in hypothesis.solution.parts if p.effect.name in hypothesis.names]
-    return " and ".join(f"{e.label} [{e.variant}]" if e.variant else e.label for e in named)

@@ -77,7 +77,7 @@ def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
 def odds(log_odds: float, other: str) -> str:
     """Odds against the next explanation, by its name."""
     size = f"{_two_digits(float(np.exp(min(log_odds, _MOST_ODDS))))} : 1"
-    return f"odds {'above ' * (log_odds > _MOST_ODDS)}{size} against the next, {other}"
+    return f"odds {'above ' if log_odds > _MOST_ODDS else ''}{size} against the next, {other}"
 
 
 def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:

@@ -185,7 +185,7 @@ def _linearised(
     system = NormalEquations(sum(p.size for p in parts), len(records))
     responses = []
     for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
-        equation = ExtendedEquation(model, parts, i, motion.grid.step)
+        equation = ExtendedEquation(model, parts, i, motion.grid.step, clock=record.clock)
         response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
         change = response.samples(record.derivative)
         x = sampled(motion, record.derivative) + change[..., 0]

@@ -1,16 +1,17 @@
 """How likely data are where the equation of motion is only nearly right.
 
 No equation is exact: other modes move along, a series ends too early. Its motion is allowed to
-depart from it, from one window of a few cycles to the next, by jumps of the state: process noise. Jumps of size tau
-are as large as if frequency (relatively) and damping ratio were off by tau over the window before.
-Integrated out of a fit that is linear about its motion, jumps B s with s ~ N(0, tau^2 A) leave
+depart from it: process noise that changes the state over every window of a few cycles. Departures
+of size tau turn and stretch the state as if frequency (relatively) and damping ratio were off by
+tau in the window. Integrated out of a fit that is linear about its motion, departures B s with
+s ~ N(0, tau^2 A) leave
 
     r ~ N(J x, I + tau^2 B A B')
 
 of the whitened misfit r, for any size tau at the cost of small matrices. What makes a motion depart
-changes slowly with amplitude: jumps of neighbouring windows are correlated, so that a misfit that
-grows over a whole decay counts once. With tau = 0 this is the chi-square of the fit. It is
-weak-constraint data assimilation [1].
+changes slowly with amplitude: neighbouring windows depart alike, so that a misfit that grows over a
+whole decay counts once. With tau = 0 this is the chi-square of the fit. It is weak-constraint data
+assimilation [1].
 
 [1] Y. Tremolet, "Accounting for an imperfect model in 4D-Var", Q. J. R. Meteorol. Soc. 132 (2006).
 """
@@ -33,9 +34,10 @@ from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
 _LEAST_CYCLES, _MOST_WINDOWS = 3, 40
-# Jumps are alike over so many e-folds of the amplitude.
+# Departures are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
+_LOST = 1e100  # products of columns that lead nowhere
 # Sizes to choose from: from nothing to a phase that is lost.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -1.4, 0.25)])
 
@@ -60,12 +62,12 @@ class Windows:
         Whitened derivatives by m values and by both initial states, and the misfit.
     steps : (K + 1,) array of int
         At which windows begin, and where the last one ends.
-    first : (K + 1,) array of int
-        The same in samples.
-    jumps : (K - 1, 2, 2) array
-        Initial states that stand for a jump of unit size at the start of every later window.
-    roots : (2 (K - 1), 2 (K - 1)) array
-        Independent standard normal values times this are jumps of unit size.
+    window : (n,) array of int
+        Window of each sample.
+    jumps : (K, 2, 2) array
+        Changes of the initial state that stand for a departure of unit size in each window.
+    roots : (2 K, 2 K) array
+        Independent standard normal values times this are departures of unit size.
     where : array of int
         Places of the columns among all values and states.
     """
@@ -73,7 +75,7 @@ class Windows:
     response: Response
     rows: Array
     steps: Indices
-    first: Indices
+    window: Indices
     jumps: Array
     roots: Array
     where: Indices
@@ -82,63 +84,83 @@ class Windows:
     def of(
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion, which need not be its own."""
-        equation = ExtendedEquation(model, parts, i, m.grid.step)
+        """Linearise a fit to record ``i`` about a motion."""
+        equation = ExtendedEquation(model, parts, i, m.grid.step, clock=record.clock)
         response = respond(equation, m, equation.by_parameter(*nodes(m)))
         change = response.samples(record.derivative)
         x = sampled(m, record.derivative) + change[..., 0]
         rows = table(parts, i, record, x, change[..., 1:])
         steps = window_steps(record)
-        later = steps[1:-1]
-        states = np.stack([response.q[later, 0, -2:], response.q_dot[later, 0, -2:]], axis=1)
-        amplitude = np.array(
-            [np.abs(m.q[a:b]).max() for a, b in zip(steps[:-1], steps[1:], strict=True)]
-        )
-        phase = np.maximum(np.diff(record.phase(m.grid.step * steps)), 0.0)
-        size = (amplitude * phase)[:-1]
-        unit = size[:, None, None] * np.diag([1.0, record.rate])
-        apart = np.log(amplitude[:-1, None] / amplitude[None, :-1])
-        alike = np.exp(-np.abs(apart) / _ALIKE)
-        roots = np.kron(np.linalg.cholesky(alike + 1e-9 * np.eye(len(alike))), np.eye(2))
+        starts = steps[:-1]
+        states = np.stack([response.q[starts, 0, -2:], response.q_dot[starts, 0, -2:]], axis=1)
+        # A departure turns the state, and stretches it.
+        q, v = m.q[starts, 0], m.q_dot[starts, 0] / record.rate
+        unit = np.array([[v, q], [-record.rate * q, record.rate * v]]).transpose(2, 0, 1)
+        unit *= np.diff(record.phase(m.grid.step * steps))[:, None, None]
+        apart = np.log(np.hypot(q, v)[:, None] / np.hypot(q, v))
+        alike = np.exp(-np.abs(apart) / _ALIKE) + 1e-9 * np.eye(len(starts))
         at_start = sum(p.size for p in parts) + 2 * i + np.arange(2)
-        where = np.concatenate([columns_of(parts, i), at_start])
-        first = np.searchsorted(m.grid.sample_step, steps)
-        return cls(response, rows, steps, first, np.linalg.solve(states, unit), roots, where)
+        return cls(
+            response,
+            rows,
+            steps,
+            np.searchsorted(starts, m.grid.sample_step, side="right") - 1,
+            np.linalg.pinv(np.nan_to_num(states, posinf=0.0, neginf=0.0))
+            @ unit,  # inf shows in the rows
+            np.kron(np.linalg.cholesky(alike), np.eye(2)),
+            np.concatenate([columns_of(parts, i), at_start]),
+        )
+
+    @property
+    def _ramp(self) -> Array:
+        """How much of the departure in its window has gathered at each sample, (n,)."""
+        grid = self.response.motion.grid
+        place = grid.sample_step + grid.fraction - self.steps[self.window]
+        return np.asarray(place / np.diff(self.steps)[self.window])
 
     def products(self) -> tuple[Array, Array]:
-        """Products of the rows, and of the jumps, with the jumps: (m + 3, k) and (k, k)."""
-        grams = np.array([x.T @ x for x in np.split(self.rows, self.first[1:-1])])
-        # A jump acts from its window on: sums from the end.
-        later = np.cumsum(grams[1:][::-1], axis=0)[::-1]
-        m, n = self.rows.shape[1], len(later)
-        with_rows = later[:, :, -3:-1] @ self.jumps
-        last = np.maximum.outer(np.arange(n), np.arange(n))
-        inner = later[last][..., -3:-1, -3:-1]
+        """Products of the rows, and of the departures, with the departures: (m + 3, k), (k, k)."""
+        wide = np.column_stack([self.rows, self._ramp[:, None] * self.rows[:, -3:-1]])
+        n, m = len(self.jumps), self.rows.shape[1]
+        first = np.searchsorted(self.window, np.arange(1, n))
+        grams = np.array([x.T @ x for x in np.split(wide, first)])
+        # A departure gathers in its window and stays: sums from the end.
+        later = np.cumsum(grams[::-1], axis=0)[::-1] - grams
+        whole, part = slice(m - 3, m - 1), slice(m, m + 2)
+        with_rows = (grams[:, :m, part] + later[:, :m, whole]) @ self.jumps
+        k, last = np.arange(n), np.maximum.outer(np.arange(n), np.arange(n))
+        inner = (grams[:, whole, part] + later[:, whole, whole])[last]
+        above = np.less.outer(k, k)[..., None, None]
+        inner = np.where(above, inner, inner.swapaxes(2, 3))
+        inner[k, k] = grams[:, part, part] + later[:, whole, whole]
         each = np.einsum("kpi,klpq,lqj->kilj", self.jumps, inner, self.jumps)
         return with_rows.transpose(1, 0, 2).reshape(m, 2 * n), each.reshape(2 * n, 2 * n)
 
-    def states(self, jumps: Array) -> Array:
-        """Initial states that stand for each window after jumps (k,): (K, 2)."""
-        later = (self.jumps @ jumps.reshape(-1, 2, 1))[..., 0]
-        return np.cumsum(np.concatenate([np.zeros((1, 2)), later]), axis=0)
+    def states(self, departures: Array) -> tuple[Array, Array]:
+        """Changes of the initial state that act from each window on, and those in it: (K, 2)."""
+        own = (self.jumps @ departures.reshape(-1, 2, 1))[..., 0]
+        return np.cumsum(own, axis=0) - own, own
 
-    def left(self, step: Array, jumps: Array) -> Array:
-        """Whitened misfit (n,) after a change of values and states, and jumps."""
-        each = np.repeat(self.states(jumps), np.diff(self.first), axis=0)
+    def left(self, step: Array, departures: Array) -> Array:
+        """Whitened misfit (n,) after a change of values and states, and departures."""
+        before, own = self.states(departures)
+        state = before[self.window] + self._ramp[:, None] * own[self.window]
         joined = self.rows[:, -1] - self.rows[:, :-1] @ step[self.where]
-        return joined - np.sum(self.rows[:, -3:-1] * each, axis=1)
+        return joined - np.sum(self.rows[:, -3:-1] * state, axis=1)
 
-    def moved(self, step: Array, jumps: Array) -> Trajectory:
-        """The motion after a change of values and states, and jumps: it need not join."""
-        m = self.response.moved(np.concatenate([[1.0], step[self.where]]))
-        each = np.repeat(self.states(jumps), np.diff(self.steps), axis=0)
-        ends = np.concatenate([each, each[-1:]])[:, :, None]
-        own = self.response
+    def moved(self, step: Array, departures: Array) -> Trajectory:
+        """The motion after a change of values and states, and departures: it need not join."""
+        whole = self.response
+        m = whole.moved(np.concatenate([[1.0], step[self.where]]))
+        before, own = self.states(departures)
+        ends = np.concatenate([before, before[-1:] + own[-1:]])
+        at = np.arange(self.steps[-1] + 1)
+        state = np.stack([np.interp(at, self.steps, x) for x in ends.T], axis=1)
         return replace(
             m,
-            q=m.q + (own.q[..., -2:] @ ends)[..., 0],
-            q_dot=m.q_dot + (own.q_dot[..., -2:] @ ends)[..., 0],
-            q_ddot=m.q_ddot + (own.q_ddot[..., -2:] @ each[:, None, :, None])[..., 0],
+            q=m.q + np.einsum("trp,tp->tr", whole.q[..., -2:], state),
+            q_dot=m.q_dot + np.einsum("trp,tp->tr", whole.q_dot[..., -2:], state),
+            q_ddot=m.q_ddot + np.einsum("tnrp,tp->tnr", whole.q_ddot[..., -2:], state[:-1]),
         )
 
 
@@ -153,9 +175,9 @@ class Marginal:
     gram : (m + 1, m + 1) array
         Products of all columns: derivatives by values and states, and the misfit.
     shared : (m + 1, k) array
-        Products of these with jumps of unit size, in their principal directions.
+        Products of these with departures of unit size, in their principal directions.
     powers : (k,) array
-        Products of the jumps with themselves.
+        Products of the departures with themselves.
     """
 
     parts: tuple[Part, ...]
@@ -181,7 +203,7 @@ class Marginal:
         return cls(parts, len(several), gram, np.hstack(shared), np.concatenate(powers))
 
     def equations(self, jump: float, excess: float) -> NormalEquations:
-        """Of all values and states, with jumps of a size and noise of ``excess`` times its power."""
+        """Of all values and states; noise has ``excess`` times its power."""
         system = NormalEquations(sum(p.size for p in self.parts), self.n_records)
         weight = jump**2 / (excess + jump**2 * self.powers)
         gram = (self.gram - (self.shared * weight) @ self.shared.T) / excess
@@ -192,17 +214,16 @@ class Marginal:
     def solve(self, jump: float, excess: float = 1.0) -> tuple[NormalEquations, Array]:
         """The equations, and the change of all values and states that solves them."""
         system = self.equations(jump, excess)
-        return system, system.bounded_step(
-            held_values(self.parts, False, False), *limits(self.parts)
-        )
+        held = held_values(self.parts, fixed=False, first=False)
+        return system, system.bounded_step(held, *limits(self.parts))
 
     def cost(self, jump: float, excess: float = 1.0) -> float:
         """Minus twice the logarithm of the likelihood of the best values, up to a constant."""
         system, step = self.solve(jump, excess)
         return system.chi_squared(step) + float(np.sum(np.log1p(jump**2 * self.powers / excess)))
 
-    def jumps(self, several: Sequence[Windows], jump: float, step: Array) -> list[Array]:
-        """Most probable jumps in every record, (k,) each, after a change of values and states."""
+    def departures(self, several: Sequence[Windows], jump: float, step: Array) -> list[Array]:
+        """Most probable ones of every record, (k,), after a change of values and states."""
         found = []
         for windows in several:
             with_rows, each = windows.products()
@@ -213,7 +234,7 @@ class Marginal:
         return found
 
     def needed(self) -> float:
-        """Least size of jumps that the data do not tell from the most likely one."""
+        """Least size of departures that the data do not tell from the most likely one."""
         costs = np.array([self.cost(jump) for jump in _JUMPS])
         return float(_JUMPS[np.argmax(costs <= costs.min() + EQUIVALENT)])
 
@@ -226,9 +247,9 @@ class Departures:
     ----------
     marginal : Marginal
     jump : float
-        Least size of jumps that the data ask for.
+        Least size that the data ask for.
     left : tuple of (n,) arrays
-        Whitened misfit of every record that these jumps do not explain.
+        Whitened misfit of every record that these departures do not explain.
     """
 
     marginal: Marginal
@@ -242,20 +263,28 @@ class Departures:
         parts: tuple[Part, ...],
         records: Sequence[Record],
         motions: Sequence[Trajectory],
-    ) -> Departures:
-        """Start from the motions of a fit, and let them follow the records."""
+    ) -> Departures | None:
+        """Start from the motions of a fit, and let them follow the records.
+
+        None where small disturbances of the motions grow without bound.
+        """
+        found = None
         for _ in range(_ROUNDS):
             pairs = enumerate(zip(records, motions, strict=True))
-            several = [Windows.of(model, parts, i, record, motion) for i, (record, motion) in pairs]
-            marginal = Marginal.of(parts, several)
+            with np.errstate(all="ignore"):
+                several = [Windows.of(model, parts, i, *pair) for i, pair in pairs]
+                marginal = Marginal.of(parts, several)
+            if not np.abs(marginal.gram).max() < _LOST:
+                break
             jump = marginal.needed()
             step = marginal.solve(jump)[1]
-            jumps = marginal.jumps(several, jump, step)
-            left = tuple(w.left(step, s) for w, s in zip(several, jumps, strict=True))
+            own = marginal.departures(several, jump, step)
+            left = tuple(w.left(step, s) for w, s in zip(several, own, strict=True))
+            found = cls(marginal, jump, left)
             before = motions
-            motions = [w.moved(step, s) for w, s in zip(several, jumps, strict=True)]
+            motions = [w.moved(step, s) for w, s in zip(several, own, strict=True)]
             changes = zip(records, before, motions, strict=True)
             # The linear problem holds near its motion: elsewhere it is set up anew.
             if all(np.abs(b.q - a.q).max() < _NEAR * r.amplitude for r, a, b in changes):
                 break
-        return cls(marginal, jump, left)
+        return found

@@ -28,7 +28,11 @@ from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
+from romsindy.record.signals import downsample
 from romsindy.typing import Array
+
+# A cycle is left out that differs by so many times the median of so many later ones.
+_RESTLESS, _NEXT = 1.3, 8
 
 
 class Corrected(NamedTuple):
@@ -72,25 +76,32 @@ def corrected(
     record: Record,
     decay: Decay,
     release: Release | None = None,
+    smooth: Record | None = None,
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
 
-    Only the coordinate and its rate at the start are fitted. The record is that of the coordinate,
-    the decay holds what the sensors measured, m and s. The release is read from the sensors where
-    none is given.
+    Only the coordinate and its rate at the start are fitted: to the record of the coordinate, or to
+    one that was corrected before, from which higher modes are gone. The decay holds what the
+    sensors measured, m and s, as fast as they did. The release is read from the sensors where none
+    is given.
     """
     parts = on_the_beam(parts)
     beam = beam_with(seen.beam, parts)
-    solution = fit(model, parts, [record], fixed=True, iterations=25)
-    start = solution.motions[0].start if solution.finite else record.motion.start
+    smooth = smooth or record
+    solution = fit(model, parts, [smooth], fixed=True, iterations=25)
+    start = solution.motions[0].start if solution.finite else smooth.motion.start
     equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
     reduced = integrate(equation, start, record.motion.grid)
-    dt, own = record.decay.dt, decay.between(record.decay.t[0], record.decay.t[-1])
+    own = decay.between(record.decay.t[0])
     q, q_dot = float(start[0]), float(start[1])
     if release is None:
-        release = read_release(seen, beam, (q, q_dot), own.signal, dt, own.derivative)
-    duration = float(record.t[-1]) + 0.5 * dt
-    moved = seen.motion(beam, q, duration, dt, release.load, q_dot=q_dot, push=release.push)
+        release = read_release(seen, beam, (q, q_dot), own.signal, own.dt, own.derivative)
+    dt = record.decay.dt
+    finer = round(dt / own.dt) if own.derivative else 1  # displacements hardly show fast modes
+    step = dt / finer
+    duration = float(record.t[-1]) + 0.5 * step
+    motion = seen.motion(beam, q, duration, step, release.load, q_dot=q_dot, push=release.push)
+    moved = [downsample(x, finer) for x in motion]
 
     def left(measured: Array, derivative: int) -> Array:
         """A signal without what the beam does beside its reduced model."""
@@ -101,3 +112,16 @@ def corrected(
         n: left(x, SIGNALS.index(n)) for n, x in signals_of(record.decay).items()
     }
     return Corrected(replace(record.decay, **signals), moved[record.derivative], release)
+
+
+def calm_from(record: Record, readings: Array) -> float:
+    """Time from which on a simulated beam, seen in the coordinate, follows a record well.
+
+    Modes that are too fast to be read from the sensors ring in the first cycles.
+    """
+    cycles = np.split(readings - record.signal, record.cycles)
+    rms = np.array([np.std(x) for x in cycles[1:-1]])
+    first = 0
+    while first < len(rms) // 4 and rms[first] > _RESTLESS * np.median(rms[first + 1 :][:_NEXT]):
+        first += 1
+    return float(record.decay.t[record.cycles[first] if first else 0])

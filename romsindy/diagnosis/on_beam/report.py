@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
 from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -119,6 +121,20 @@ class BeamReport:
     def gap(self) -> Gap:
         """Before and after, in the coordinate of the first mode, on what took no part."""
         return self.reduced.gap
+
+    @cached_property
+    def next_test(self) -> Advice | None:
+        """The test that would best tell apart what these data do not; None where none is needed.
+
+        Its amplitude is that of the sensor that moves most.
+        """
+        advice = self.reduced.next_test
+        if advice is None:
+            return None
+        shape, labels = np.abs(self.seen.shapes[:, 0]), self.seen.sensors.labels
+        largest = shape.max() * max(record.amplitude for record in self.reduced.records)
+        where = labels[int(np.argmax(shape))]
+        return replace(advice, action=advice.test.action(largest, f"m in {where}"))
 
     @property
     def interrupted(self) -> bool:

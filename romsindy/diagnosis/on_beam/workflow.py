@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 
 from romsindy.beam import Beam, NoEquilibriumError, SensorArray, Shape, StepTooLongError
 from romsindy.diagnosis.on_beam.checks import checked_readings
-from romsindy.diagnosis.on_beam.defect import Corrected, corrected, on_the_beam
+from romsindy.diagnosis.on_beam.defect import Corrected, calm_from, corrected, on_the_beam
 from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
@@ -38,6 +38,7 @@ from romsindy.typing import Array
 
 _ORDER = 7
 _ROUNDS = 5
+_LOUD = 0.5  # of the noise: what is taken off, if the start is read again
 _FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
@@ -69,7 +70,8 @@ def diagnose_beam(
     near = standard_deviations(beam, tolerances)
     everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
     seen = InstrumentedBeam(coarse(beam), sensors)
-    seen, own, faults, decays = _with_right_sensors(seen, everything, len(measured))
+    seen, own, faults, raw = _with_right_sensors(seen, everything, len(measured))
+    decays = [seen.thinned(d) for d in raw]
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(measured)]
     model = calibrated(seen.beam, own)
@@ -82,9 +84,10 @@ def diagnose_beam(
     look_for = replace(options, catalogue=(*general, *effects))
     parallel = Parallel(options.n_jobs)
     releases: list[Release | None] = [None if load is None else Release(load)] * len(records)
+    smooth = list(records)
 
     def look(found: Sequence[Corrected], most: int) -> DiagnosisReport:
-        decays = [c.decay for c in found]
+        decays = [c.decay.between(start) for c, start in zip(found, calm, strict=True)]
         test = decays[-1] if held_out is not None else None
         chosen = replace(look_for, max_effects=most)
         return diagnose_model(model, decays[: len(measured)], test, unsure, {}, chosen)
@@ -92,20 +95,25 @@ def diagnose_beam(
     def simulate(parts: Sequence[Part]) -> list[Corrected]:
         added = " + ".join(p.effect.name for p in parts) or "nothing more"
         options.progress(f"the beam with {added}")
-        rows = zip(records, decays, releases, strict=True)
+        rows = zip(records, raw, releases, smooth, strict=True)
         found = list(parallel(delayed(corrected)(seen, model, parts, *row) for row in rows))
         releases[:] = [c.release for c in found]
+        smooth[:] = [Record.of(c.decay, options.floor) for c in found]
         return found
 
     try:
         before = simulate(())
+        if any(_rings(c.decay, r) for c, r in zip(before, records, strict=True)):
+            before = simulate(())  # from a start that is read without the ringing
     except _FAILURES as error:
         raise ValueError(
             f"the beam as it is cannot be simulated over the decays ({error}): check its values,"
             " or let it go from less"
         ) from error
+    sensed = [(r, seen.coordinate(c.readings)) for r, c in zip(records, before, strict=True)]
+    calm = [calm_from(record, readings) for record, readings in sensed]
     report, parts, after, trouble = _looked_again(before, look, simulate, options)
-    errors = _sensor_errors(seen, decays[-1], (before[-1], after[-1]))
+    errors = _sensor_errors(seen, decays[-1].between(calm[-1]), (before[-1], after[-1]))
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
     return BeamReport(report, faults, whole, parts, errors, trouble)
 
@@ -199,14 +207,19 @@ def _within_tolerances(
     return found + list(doubts(model, records, alike, deviations) if alike else ())
 
 
+def _rings(corrected: Decay, record: Record) -> bool:
+    """Whether what was taken off stands out of the noise."""
+    return bool(np.std(record.signal - corrected.signal) > _LOUD * record.noise.std)
+
+
 def _sensor_errors(
     seen: InstrumentedBeam, decay: Decay, both: Sequence[Corrected]
 ) -> tuple[SensorError, ...]:
     """Every sensor against the beam before and after, in one record."""
-    t = both[0].decay.t
-    readings = decay.between(t[0], t[-1]).signal
+    readings = decay.between(end=both[0].decay.t[-1]).signal
     noise = np.array([noise_std(y) for y in readings.T])
-    errors = [np.sqrt(np.mean((readings - c.readings) ** 2, axis=0)) / noise for c in both]
+    left = [readings - c.readings[-len(readings) :] for c in both]
+    errors = [np.sqrt(np.mean(x**2, axis=0)) / noise for x in left]
     return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *errors, strict=True))
 
 
