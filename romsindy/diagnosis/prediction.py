@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +29,13 @@ def predict(
     if parts:
         after = _simulated(model, [replace(p, strengths=p.strengths[:1]) for p in parts], record)
     return Prediction(record, before, after, name)
+
+
+def misfit_of(model: ReducedModel, parts: Sequence[Part], records: Iterable[Record]) -> float:
+    """Chi-square that a simulation with parts leaves of records; only their starts follow them."""
+    parts = [replace(p, strengths=p.strengths[:1]) for p in parts]
+    left = [(r, r.signal - _simulated(model, parts, r)) for r in records]
+    return float(sum(np.sum(r.whitened(x) ** 2) for r, x in left))
 
 
 def _simulated(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:

@@ -64,6 +64,9 @@ EQUIVALENT = 7.0
 ROUNDED = 4.0
 # Where the gap stays open, another effect must bring the misfit down by this factor to count.
 WORTH = 2.0
+# By how much an effect must bring chi-square down on data that took no part, where chance gains
+# nothing: odds of exp(7 / 2) = 33 to 1.
+GAINED = 7.0
 # What is left is of the size of the form error of the model up to this factor: both are estimates
 # from some ten windows, good to a third, on a grid of quarters of a decade.
 SAME_SIZE = 2.0
