@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.fit.collocation import Trajectory
+from romsindy.fit.collocation import Trajectory, TrajectoryError
 from romsindy.fit.gauss_newton import held_values, limits, table
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
@@ -37,7 +37,8 @@ _LEAST_CYCLES, _MOST_WINDOWS = 3, 40
 # Departures are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
-_LOST = 1e100  # products of columns that lead nowhere
+_ROUNDING = 1e-13  # of products, by which they must not become negative
+_LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
 # Sizes to choose from: from nothing to a phase that is lost.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -1.4, 0.25)])
 
@@ -84,15 +85,26 @@ class Windows:
     def of(
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion."""
+        """Linearise a fit to record ``i`` about a motion.
+
+        Raises
+        ------
+        TrajectoryError
+            If small disturbances of the motion grow without bound.
+        """
         equation = ExtendedEquation(model, parts, i, m.grid.step)
-        response = respond(equation, m, equation.by_parameter(*nodes(m)))
-        change = response.samples(record.derivative)
-        x = sampled(m, record.derivative) + change[..., 0]
-        rows = table(parts, i, record, x, change[..., 1:])
+        with np.errstate(all="ignore"):
+            response = respond(equation, m, equation.by_parameter(*nodes(m)))
+        distance = np.abs(response.q[:, 0, [0, -2]] / [record.amplitude, 1.0]).max()
         steps = window_steps(record)
         starts = steps[:-1]
         states = np.stack([response.q[starts, 0, -2:], response.q_dot[starts, 0, -2:]], axis=1)
+        in_rates = states * [[1.0, record.rate], [1 / record.rate, 1.0]]
+        if not distance < _LOST or not np.linalg.cond(in_rates).max() < _LOST:
+            raise TrajectoryError("small disturbances of the motion grow without bound")
+        change = response.samples(record.derivative)
+        x = sampled(m, record.derivative) + change[..., 0]
+        rows = table(parts, i, record, x, change[..., 1:])
         # A departure turns the state, and stretches it.
         q, v = m.q[starts, 0], m.q_dot[starts, 0] / record.rate
         unit = np.array([[v, q], [-record.rate * q, record.rate * v]]).transpose(2, 0, 1)
@@ -198,14 +210,15 @@ class Marginal:
             own = np.zeros((n, len(power)))
             own[at] = with_rows @ windows.roots @ principal
             shared.append(own)
-            powers.append(np.maximum(power, 0.0))
+            powers.append(np.maximum(power, _ROUNDING * power[-1]))
         return cls(parts, len(several), gram, np.hstack(shared), np.concatenate(powers))
 
     def equations(self, jump: float, excess: float) -> NormalEquations:
         """Of all values and states; noise has ``excess`` times its power."""
         system = NormalEquations(sum(p.size for p in self.parts), self.n_records)
         weight = jump**2 / (excess + jump**2 * self.powers)
-        gram = (self.gram - (self.shared * weight) @ self.shared.T) / excess
+        rounding = _ROUNDING * np.diag(np.diag(self.gram))
+        gram = (self.gram - (self.shared * weight) @ self.shared.T + rounding) / excess
         system.matrix, system.right, system.power = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
         system.add_priors(self.parts)
         return system
@@ -270,11 +283,11 @@ class Departures:
         found = None
         for _ in range(_ROUNDS):
             pairs = enumerate(zip(records, motions, strict=True))
-            with np.errstate(all="ignore"):
+            try:
                 several = [Windows.of(model, parts, i, *pair) for i, pair in pairs]
-                marginal = Marginal.of(parts, several)
-            if not np.abs(marginal.gram).max() < _LOST:
+            except TrajectoryError:
                 break
+            marginal = Marginal.of(parts, several)
             jump = marginal.needed()
             step = marginal.solve(jump)[1]
             own = marginal.departures(several, jump, step)
