@@ -10,7 +10,10 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
+from romsindy.beam import Beam
+from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment, _Rival
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.effects import CubicStiffness, Gain, GrowingDamping, SpeedCubedDamping
 
 OMEGA = 2 * np.pi * 5
@@ -84,6 +87,7 @@ def test_what_no_test_can_tell_apart_is_said_so():
     assert set(found.equivalent) == {("cubic_stiffness",), ("gain",)}
     assert not found.next_test.enough
     assert found.next_test.sentence.startswith("no test that was simulated would separate")
+    assert "a calibration of the sensor" in found.next_test.sentence
 
 
 def test_the_cheapest_of_the_tests_that_tell_is_advised():
@@ -130,3 +134,13 @@ def test_where_nothing_explains_the_data_the_test_shows_what_comes_nearest():
     advice = found.next_test
     assert not advice.explained
     assert "show whether what is missing is nearer to" in advice.sentence
+
+
+def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
+    beam = Beam.cantilever()
+    seen = InstrumentedBeam(beam, beam.sensors([0.2, 0.45]))
+    found = BeamReport(report(damping), (), seen, (), ())
+    tip = beam.modes(count=1).shapes[0][-1, 1]  # m for a coordinate of 1
+    advice = found.next_test
+    assert advice.odds == report(damping).next_test.odds
+    assert advice.action == f"a decay from {advice.test.amplitude * abs(tip):.2g} m in y(0.45)"

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 import romsindy as rs
 from romsindy.diagnosis.simulated import model_of_simulation
@@ -94,6 +96,65 @@ def clamped_beam(folder: Path) -> tuple[rs.DiagnosisReport, float, float]:
     squares = model.coefficients["omega^2"] + np.array([0.0, shift])
     before, after = np.sqrt(squares) / (2 * np.pi)
     return report, float(before), float(after)
+
+
+def _ship_runs(folder: Path) -> list[rs.Decay]:
+    content = np.load(folder / "kvlcc2_roll_decay.npz")
+    runs = []
+    for run, start in (("21338", 9.5), ("21337", 26.5)):
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="t is not uniform")
+            t, phi = (content[f"test_{run}_0kn_{k}"] for k in ("t", "phi"))
+            runs.append(rs.Decay(t, phi, unit="rad").between(start).free())
+    return runs
+
+
+def _swing(folder: Path, angle: int, start: float) -> rs.Decay:
+    content = np.load(folder / "pendulum_free_swing.npz")
+    q = np.deg2rad(content[f"release_{angle}deg_theta_deg"])
+    return rs.Decay(np.arange(len(q)) / 1000, q, unit="rad").between(start)
+
+
+def _impacts(folder: Path, runs: tuple[int, ...]) -> list[rs.Decay]:
+    """Hammer decays of the double beam, their first mode alone."""
+    content = np.load(folder / "double_beam_train.npz")
+    columns = [int(np.flatnonzero(content["run"] == r)[0]) for r in runs]
+    v = sosfiltfilt(butter(4, [60, 180], "bandpass", fs=5120, output="sos"), content["v"], axis=0)
+    return [rs.Decay.from_velocity(content["t"], v[:, c], unit="m") for c in columns]
+
+
+# What stands for the simulation, what is measured, and further repeats of the same test.
+REPEATS = {
+    "ship 21338 and 21337": lambda f: _ship_runs(f),
+    "ship 21337 and 21338": lambda f: _ship_runs(f)[::-1],
+    **{
+        f"pendulum {angle} degrees and itself": lambda f, a=angle, s=start: [_swing(f, a, s)] * 2
+        for angle, start in ((45, 0.29), (90, 0.54), (135, 0.41))
+    },
+    **{
+        f"double beam, runs {a}, {b}": lambda f, runs=(a, b, *rest): _impacts(f, runs)
+        for a, b, *rest in ((1, 3, 4), (3, 4, 1), (5, 7, 8), (7, 8, 5), (9, 11, 12), (11, 12, 9))
+    },
+}
+
+
+def against_repeat(name: str, folder: Path) -> Callable[[], rs.DiagnosisReport]:
+    """Diagnosis of a run beside the model of another; of three, the spread of two is known.
+
+    The first mode of the double beam is identified; the others are taken for a simulated file.
+    """
+    first, second, *third = REPEATS[name](folder)
+    if third:
+        known = rs.identify(first)
+        return lambda: rs.diagnose(known, second, repeats=[first, *third])
+    simulated = model_of_simulation(first)
+    return lambda: rs.diagnose(
+        simulated.model,
+        second,
+        tolerances=simulated.tolerances,
+        floor=simulated.floor,
+        reference=first,
+    )
 
 
 def main(folder: Path) -> None:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import time
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+from beam_rows import any_of, beams
 from generator import trial_of, truth_of
-from memory import OUTSIDE
+from marked import asked_of
+from measured import REPEATS, against_repeat
 from noises import KINDS
-from score import Said, marks, of_a_stranger
 
 import romsindy as rs
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.physics.example import EXAMPLE_MODEL
 
 
 @dataclass(frozen=True)
@@ -28,50 +24,6 @@ class Row:
     count: int
     asked: str
     one: Callable[[int, Path], dict]
-
-
-def told(report: Any, seconds: float, truth: dict) -> dict:
-    """What is kept of a report, with its marks."""
-    said = Said.of(report)
-    excused = ("mains_hum",) if truth["noise"] == "hum" else ()
-    hidden = list(truth["effects"])
-    return {
-        "verdict": said.verdict,
-        "names": said.names,
-        "equivalent": said.equivalent,
-        "moved": said.moved,
-        "before": report.gap.before,
-        "after": report.gap.after,
-        "sentence": report.sentence,
-        "seconds": seconds,
-        "hidden": hidden,
-        "about": f"{truth['strength']} {truth['noise']} {truth.get('snr_db', 0):.0f} dB",
-        **(
-            of_a_stranger(said) if hidden and hidden[0] in OUTSIDE else marks(said, hidden, excused)
-        ),
-    }
-
-
-def asked_of(diagnosis: Callable[[], Any], truth: dict) -> dict:
-    """Time a diagnosis and mark it; one that is refused is marked as unknown."""
-    start = time.perf_counter()
-    try:
-        report = diagnosis()
-    except Exception as error:
-        nothing = {"verdict": "failed", "names": [], "equivalent": [], "moved": []}
-        failed = {"right": False, "in_set": False, "wrong": False, "before": np.nan}
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        return {
-            **nothing,
-            **failed,
-            "after": np.nan,
-            "sentence": "",
-            "seconds": time.perf_counter() - start,
-            "hidden": list(truth["effects"]),
-            "about": f"{truth['strength']} {truth['noise']}",
-            "error": f"{type(error).__name__} in {where.name}: {error}",
-        }
-    return told(report, time.perf_counter() - start, truth)
 
 
 def reduced(kind: str) -> Callable[[int, Path], dict]:
@@ -119,31 +71,36 @@ def other_seed(seed: int, folder: Path) -> dict:
     return asked_of(diagnosis, NOTHING)
 
 
-def exact_example(seed: int, folder: Path) -> dict:
-    """The model of the example oscillator itself, beside its decay."""
-    return asked_of(lambda: rs.diagnose(EXAMPLE_MODEL, rs.example_decay(35.0, seed)), NOTHING)
+def repeated(seed: int, folder: Path) -> dict:
+    """A measured run beside another of the same test; the data lie in the folder's "measured"."""
+    name = list(REPEATS)[seed % len(REPEATS)]
+    result = asked_of(against_repeat(name, folder / "measured"), NOTHING)
+    return result | {"about": name}
 
 
+def _null(kind: str) -> Row:
+    asked = '"none" in 235 of the 240, named 0'
+    asked = '"none", or the hum itself' if kind == "hum" else asked
+    return Row(f"null_{kind}", 40, asked, reduced(f"null_{kind}"))
+
+
+_NO_EFFECT = "a parameter or none; an effect named in at most 1 of the 80"
+_OTHERS = ("tip", "hit", "clamped")
 ROWS = {
     row.name: row
     for row in (
-        *(
-            Row(
-                f"null_{kind}",
-                40,
-                '"none", or the hum itself'
-                if kind == "hum"
-                else '"none" in 235 of the 240, named 0',
-                reduced(f"null_{kind}"),
-            )
-            for kind in KINDS
-        ),
+        *map(_null, KINDS),
         Row("hidden", 200, "92 / 97 / at most 1 %, 1.3 names in a set", reduced("hidden")),
         Row("weak", 50, "65 / 88 / at most 4 %, 1.3 names in a set", reduced("weak")),
         Row("itself", 50, '"none" in all', against_itself),
         Row("example", 50, '"none" in all', other_seed),
-        Row(
-            "outside", 30, '"unknown" or "ambiguous" in 25, named in at most 1', reduced("outside")
-        ),
+        Row("repeats", len(REPEATS), '"none" in all', repeated),
+        Row("outside", 30, '"unknown" or "ambiguous" in 25, named in 1', reduced("outside")),
+        Row("beam_exact", 60, "92 / 97 / 1 %, 1.3 names in a set", beams("modal", "exact")),
+        Row("beam_wrong", 60, "80 / 93 / 2 %, 1.8 names in a set", beams("modal", "wrong")),
+        Row("beam_null_exact", 40, _NO_EFFECT, beams("modal_null", "exact")),
+        Row("beam_null_wrong", 40, _NO_EFFECT, beams("modal_null", "wrong")),
+        Row("beam_others", 60, "51 / 57 / at most 1 of 60", any_of(_OTHERS)),
+        Row("beam_others_null", 30, "no effect named", any_of([f"{k}_null" for k in _OTHERS])),
     )
 }

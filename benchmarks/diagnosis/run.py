@@ -5,7 +5,8 @@
 Trials are made once and stored in the folder, and so are the results, line by line in
 FOLDER/<row>.jsonl: a run that was interrupted goes on where it stopped, and one with --again
 diagnoses the stored trials afresh. --list shows what was not right. Seeds below 50000 are for
-development.
+development. Rows of beams need `pip install exudyn`; "repeats" looks for measured files (see
+measured.py) in FOLDER/measured.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ import argparse
 import json
 from pathlib import Path
 
+from beam_rows import place_line
 from joblib import Parallel, delayed
 from rows import ROWS
 from score import line, problems
+
+_PLACED = ("beam_exact", "beam_others")  # rows whose forces have a place
 
 
 def results_of(name: str, seeds: list[int], folder: Path, jobs: int, again: bool) -> list[dict]:
@@ -54,13 +58,17 @@ def main() -> None:
     if unknown:
         parser.error(f"no row called {unknown}; there are {list(ROWS)}")
     chosen.cache.mkdir(parents=True, exist_ok=True)
+    placed: list[dict] = []
     for name in chosen.rows:
         count = chosen.count or ROWS[name].count
         seeds = list(range(chosen.first, chosen.first + count))
         results = results_of(name, seeds, chosen.cache, chosen.jobs, chosen.again)
         print(line(name, results, ROWS[name].asked), flush=True)
+        placed += results if name in _PLACED else []
         for text in problems(results) if chosen.list else ():
             print(text, flush=True)
+    if placed:
+        print(place_line(placed))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from romsindy.diagnosis.diagnose import diagnose
 from romsindy.diagnosis.found import FoundEffect
+from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.effects import CATALOGUE

@@ -52,7 +52,9 @@ class MissingForce:
         cycles = min(max(n_cycles / 10, _CYCLES[0]), _CYCLES[1])
         spline = HarmonicSpline.along(phase, record.t, record.decay.q, cycles, HARMONICS)
         q, q_dot, q_ddot = spline(t)
-        equation = ExtendedEquation(model, tuple(parts), index, record.motion.grid.step)
+        equation = ExtendedEquation(
+            model, tuple(parts), index, record.motion.grid.step, clock=record.clock
+        )
         # What is missing on the right side: positive pushes towards positive q.
         state = (x[:, None] for x in (q, q_dot, q_ddot))
         force = equation.linearise(t, *state).residual[:, 0]

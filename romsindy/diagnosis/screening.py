@@ -125,6 +125,7 @@ def screen(
     for i, record in enumerate(records):
         where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
         system.add(np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int), rows)
+    system.add_priors(parts)
     return Screening(system, n_base, tuple(candidates), tuned)
 
 
@@ -138,7 +139,7 @@ def _rows(
     motion: Trajectory,
 ) -> tuple[list[Indices], Array]:
     """Places of the values that act in one record, and the columns of these, states and misfit."""
-    equation = ExtendedEquation(model, parts, i, motion.grid.step)
+    equation = ExtendedEquation(model, parts, i, motion.grid.step, clock=record.clock)
     at = nodes(motion)
     state = equation.state(*at)
     own = equation.by_parameter(*at)
@@ -177,7 +178,7 @@ def _with_tones(
     """The strongest lines: beside the harmonics, and in what the parts leave."""
     record, motion = records[0], motions[0]
     rest = record.signal - record.spline(record.t)[0]
-    equation = ExtendedEquation(model, parts, 0, motion.grid.step)
+    equation = ExtendedEquation(model, parts, 0, motion.grid.step, clock=record.clock)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
     change = response.samples(record.derivative)[:, 0]
     left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]

@@ -39,7 +39,8 @@ class State(NamedTuple):
     """Where the motion is, (n,) each; ``t`` from the start of the record, ``step`` between them.
 
     ``rate`` (rad/s) is that of small vibrations, ``memory`` what an effect remembers of the motion
-    before, None where the motion begins.
+    before, None where the motion begins; ``clock`` (s) is what the clock of all records shows at
+    the start of this one.
     """
 
     t: Array
@@ -49,12 +50,15 @@ class State(NamedTuple):
     step: float
     rate: float = 1.0
     memory: Memory | None = None
+    clock: float = 0.0
 
 
 class Scales(NamedTuple):
     """What parameters are measured by: largest amplitude, rad/s, s, and spectral lines (rad/s).
 
-    ``combs`` are lines that are harmonics of one frequency (rad/s), and how many there may be.
+    ``combs`` are lines that are harmonics of one frequency (rad/s), and how many there may be;
+    ``spans`` begin and end of every record, in their order, on the clock that all share (s): none
+    where records overlap, as those that all begin at 0 do.
     """
 
     amplitude: float
@@ -62,6 +66,7 @@ class Scales(NamedTuple):
     duration: float
     tones: tuple[float, ...] = ()
     combs: tuple[tuple[float, int], ...] = ()
+    spans: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -263,13 +268,17 @@ class TimedEffect(Effect):
         """Derivative of `pull` with respect to q."""
         return np.zeros((self.n_strengths, len(q)))
 
+    def times(self, state: State) -> Array:
+        """Times that it counts from, (n,): by default, from the start of each record."""
+        return state.t
+
     def forces(self, state: State) -> Array:
         """The pull at the times of the state."""
-        return self.pull(state.t, state.q)
+        return self.pull(self.times(state), state.q)
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """It depends on q alone."""
-        return strengths @ self.pull_dq(state.t, state.q), 0.0, 0.0
+        return strengths @ self.pull_dq(self.times(state), state.q), 0.0, 0.0
 
 
 class ReadingEffect(Effect):

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import Effect, Parameter, ReadingEffect, Scales, TimedEffect
+from romsindy.effects.base import (
+    Effect,
+    Parameter,
+    ReadingEffect,
+    Scales,
+    State,
+    TimedEffect,
+)
 from romsindy.typing import Array
 
 # Steady lines that are slower are a drifting offset (`romsindy.record.drift`): noise.
@@ -14,8 +22,22 @@ _SLOWEST = 0.2
 
 
 @dataclass(frozen=True)
-class Drift(TimedEffect):
-    """Stiffness that changes slowly; ``duration`` (s) is the time for one strength."""
+class OnClock(TimedEffect):
+    """A change of stiffness since each release or, with ``origin`` (s), on one clock for all."""
+
+    origin: float | None = None
+
+    def times(self, state: State) -> Array:
+        """From the origin on, or from the start of each record."""
+        return state.t if self.origin is None else state.clock + state.t - self.origin
+
+    def pull(self, t: Array, q: Array) -> Array:
+        return self.pull_dq(t, q) * q
+
+
+@dataclass(frozen=True)
+class Drift(OnClock):
+    """Stiffness that grows with a power of time."""
 
     exponent: float = 1.0
 
@@ -24,37 +46,63 @@ class Drift(TimedEffect):
     label = "a stiffness that drifts in time"
     advice = "the same decay repeated: a drift goes on, an amplitude effect comes back"
 
+    @property
+    def variant(self) -> str:
+        """Whether it goes on from record to record."""
+        return "" if self.origin is None else "over all records"
+
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """After each release afresh or, where records follow one another, over all of them."""
+        over_all = (replace(self, origin=min(scales.spans)[0]),) if scales.spans else ()
+        return (self, *over_all)
+
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         return (Parameter.near("exponent", 1.0, 0.07),)
-
-    def pull(self, t: Array, q: Array) -> Array:
-        return self.pull_dq(t, q) * q
 
     def pull_dq(self, t: Array, q: Array) -> Array:
         return np.maximum(t, 0.0)[None] ** self.exponent
 
 
 @dataclass(frozen=True)
-class SuddenChange(TimedEffect):
-    """Stiffness that jumps at one instant."""
+class SuddenChange(OnClock):
+    """Stiffness that jumps at one instant, within ``length`` (s); 0 where it is known."""
 
     time: float = 1.0
+    length: float | None = None  # by default, that of the longest record
+    rise: float = 0.002  # s: smooth over a short while, so that the instant can be fitted
 
     name, family = "sudden_change", "time"
     label = "a sudden change of stiffness"
     advice = "the same decay repeated after an inspection"
 
+    @property
+    def variant(self) -> str:
+        """When it happens, where it does so once for all records."""
+        if self.origin is None:
+            return ""
+        if self.length == 0:
+            return f"once, between two records at {self.origin:.6g} s"
+        return f"once, in the record from {self.origin:.6g} s on"
+
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """After each release, once within a record, and once between two."""
+        any_time = replace(self, rise=1e-3 * scales.duration)
+        spans = sorted(scales.spans)
+        within = (replace(any_time, origin=a, length=b - a) for a, b in spans)
+        # Any instant between two records is the same.
+        middles = ((a[1] + b[0]) / 2 for a, b in itertools.pairwise(spans))
+        between = (replace(any_time, origin=m, time=0.0, length=0.0) for m in middles)
+        return (any_time, *within, *between)
+
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
-        end = scales.duration
+        end = scales.duration if self.length is None else self.length
+        if end == 0:
+            return ()
         starts = tuple(end * np.linspace(0.05, 0.9, 18))
         return (Parameter("time", starts, 0.02 * end, 0.97 * end, unit="s"),)
 
-    def pull(self, t: Array, q: Array) -> Array:
-        return self.pull_dq(t, q) * q
-
     def pull_dq(self, t: Array, q: Array) -> Array:
-        # Smooth over a short while, so that the instant can be fitted.
-        return 0.5 + 0.5 * np.tanh((t / self.time - 1) * 500)[None]
+        return 0.5 + 0.5 * np.tanh((t - self.time) / self.rise)[None]
 
 
 def _tone(scales: Scales) -> Parameter:

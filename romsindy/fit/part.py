@@ -121,6 +121,7 @@ class ExtendedEquation:
     record: int
     step: float
     memories: tuple[Memory | None, ...] = ()  # of each part; none where the motion begins
+    clock: float = 0.0  # at the start of the record, s
 
     @cached_property
     def rate(self) -> float:
@@ -131,7 +132,8 @@ class ExtendedEquation:
 
     def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
         """What the effects take, (n,) each, from (n, 1) states."""
-        return State(t, q[:, 0], q_dot[:, 0], q_ddot[:, 0], self.step, self.rate)
+        motion = (q[:, 0], q_dot[:, 0], q_ddot[:, 0])
+        return State(t, *motion, self.step, self.rate, clock=self.clock)
 
     def _states(self, *motion: Array) -> list[State]:
         """What the effect of each part takes, with its memory."""

@@ -102,6 +102,11 @@ class Record:
         return self.decay.t - self.decay.t[0]
 
     @property
+    def clock(self) -> float:
+        """Time of the start of the record as it was recorded, s."""
+        return float(self.decay.t[0])
+
+    @property
     def derivative(self) -> int:
         """0, 1, 2 where displacement, velocity or acceleration was measured."""
         return self.decay.derivative
@@ -194,11 +199,16 @@ def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:
 
 
 def scales(records: Sequence[Record]) -> Scales:
-    """Scales of all records together, with the strongest lines beside the harmonics."""
+    """Scales of all records together, without lines."""
     longest = max(records, key=lambda r: r.t[-1])
     n_turns = longest.spline.phase(longest.t[-1]) - longest.spline.phase(0.0)
+    spans = tuple((r.clock, r.clock + float(r.t[-1])) for r in records)
+    in_turn = all(a[1] < b[0] for a, b in itertools.pairwise(sorted(spans)))
     return Scales(
-        max(r.amplitude for r in records), float(n_turns / longest.t[-1]), float(longest.t[-1])
+        max(r.amplitude for r in records),
+        float(n_turns / longest.t[-1]),
+        float(longest.t[-1]),
+        spans=spans if in_turn and len(spans) > 1 else (),
     )
 
 
@@ -248,5 +258,5 @@ def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
         if np.count_nonzero(at) > 1:
             members = tuple(map(int, np.flatnonzero(at)))
             found.setdefault(members, (2 * np.pi * first, int(nearest[at].max())))
-    most = sorted(found, key=len, reverse=True)
-    return tuple(found[members] for members in most[:_COMBS])
+    whole = [m for m in found if not any(set(m) < set(other) for other in found)]
+    return tuple(found[m] for m in sorted(whole, key=len, reverse=True)[:_COMBS])

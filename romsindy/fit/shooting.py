@@ -50,8 +50,10 @@ class _Problem:
     def at(self, values: Array) -> tuple[tuple[Part, ...], list[ExtendedEquation]]:
         """Parts and equations with other values."""
         parts = moved_parts(self.parts, values[: self.n_values] - self.start[: self.n_values])
-        steps = [r.motion.grid.step for r in self.records]
-        return parts, [ExtendedEquation(self.model, parts, i, h) for i, h in enumerate(steps)]
+        return parts, [
+            ExtendedEquation(self.model, parts, i, r.motion.grid.step, clock=r.clock)
+            for i, r in enumerate(self.records)
+        ]
 
     def simulate(self, values: Array) -> list[Trajectory]:
         """Motions from the initial states among the values."""

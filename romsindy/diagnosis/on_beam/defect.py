@@ -28,7 +28,11 @@ from romsindy.fit.part import ExtendedEquation, Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
+from romsindy.record.signals import downsample
 from romsindy.typing import Array
+
+# A cycle is left out that differs by so many times the median of so many later ones.
+_RESTLESS, _NEXT = 1.3, 8
 
 
 class Corrected(NamedTuple):
@@ -36,6 +40,7 @@ class Corrected(NamedTuple):
 
     decay: Decay
     readings: Array  # (n, n_sensors), in what was measured
+    start: tuple[float, float]  # coordinate and its rate
     release: Release
 
 
@@ -72,25 +77,27 @@ def corrected(
     record: Record,
     decay: Decay,
     release: Release | None = None,
+    smooth: Record | None = None,
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
 
-    Only the coordinate and its rate at the start are fitted. The record is that of the coordinate,
-    the decay holds what the sensors measured, m and s. The release is read from the sensors where
-    none is given.
+    Only the coordinate and its rate at the start are fitted: to the record of the coordinate, or to
+    one that was corrected before, from which higher modes are gone. The decay holds what the
+    sensors measured, m and s, as fast as they did. The release is read from the sensors where none
+    is given.
     """
     parts = on_the_beam(parts)
     beam = beam_with(seen.beam, parts)
-    solution = fit(model, parts, [record], fixed=True, iterations=25)
-    start = solution.motions[0].start if solution.finite else record.motion.start
+    smooth = smooth or record
+    solution = fit(model, parts, [smooth], fixed=True, iterations=25)
+    start = solution.motions[0].start if solution.finite else smooth.motion.start
     equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
     reduced = integrate(equation, start, record.motion.grid)
-    dt, own = record.decay.dt, decay.between(record.decay.t[0], record.decay.t[-1])
-    q, q_dot = float(start[0]), float(start[1])
+    own = decay.between(record.decay.t[0])
+    state = (float(start[0]), float(start[1]))
     if release is None:
-        release = read_release(seen, beam, (q, q_dot), own.signal, dt, own.derivative)
-    duration = float(record.t[-1]) + 0.5 * dt
-    moved = seen.motion(beam, q, duration, dt, release.load, q_dot=q_dot, push=release.push)
+        release = read_release(seen, beam, state, own.signal, own.dt, own.derivative)
+    moved = simulated(seen, beam, record, own, state, release)
 
     def left(measured: Array, derivative: int) -> Array:
         """A signal without what the beam does beside its reduced model."""
@@ -100,4 +107,37 @@ def corrected(
     signals: dict[str, Any] = {
         n: left(x, SIGNALS.index(n)) for n, x in signals_of(record.decay).items()
     }
-    return Corrected(replace(record.decay, **signals), moved[record.derivative], release)
+    return Corrected(replace(record.decay, **signals), moved[record.derivative], state, release)
+
+
+def simulated(
+    seen: InstrumentedBeam,
+    beam: Beam,
+    record: Record,
+    decay: Decay,
+    start: tuple[float, float],
+    release: Release,
+) -> list[Array]:
+    """What the sensors read of a beam: displacements, velocities, accelerations.
+
+    At the times of a record; the decay holds what was measured, as fast as it was.
+    """
+    dt = record.decay.dt
+    finer = round(dt / decay.dt) if decay.derivative else 1  # displacements hardly show fast modes
+    step, (q, q_dot) = dt / finer, start
+    duration = float(record.t[-1]) + 0.5 * step
+    motion = seen.motion(beam, q, duration, step, release.load, q_dot=q_dot, push=release.push)
+    return [downsample(x, finer) for x in motion]
+
+
+def calm_from(record: Record, readings: Array) -> float:
+    """Time from which on a simulated beam, seen in the coordinate, follows a record well.
+
+    Modes that are too fast to be read from the sensors ring in the first cycles.
+    """
+    cycles = np.split(readings - record.signal, record.cycles)
+    rms = np.array([np.std(x) for x in cycles[1:-1]])
+    first = 0
+    while first < len(rms) // 4 and rms[first] > _RESTLESS * np.median(rms[first + 1 :][:_NEXT]):
+        first += 1
+    return float(record.decay.t[record.cycles[first] if first else 0])

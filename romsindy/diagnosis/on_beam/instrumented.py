@@ -16,6 +16,7 @@ from romsindy.beam.motion import History
 from romsindy.beam.sensors import SensorArray
 from romsindy.beam.statics import hold
 from romsindy.record.decay import Decay
+from romsindy.record.signals import downsample
 from romsindy.typing import Array
 
 UNIT = "kg^0.5 m"
@@ -26,6 +27,7 @@ _ELEMENTS = 20  # of a beam that is simulated: three modes to 1e-5, whatever was
 _MODES = 3  # that are told apart: of what is let go or hit, higher ones move little and die soon
 
 
+_SAMPLES = 16  # per cycle of the first mode, at least
 SIGNALS = ("q", "q_dot", "q_ddot")
 
 
@@ -69,6 +71,18 @@ class InstrumentedBeam:
         """What the sensors measured as a decay of the first modal coordinate."""
         signals: dict[str, Any] = {n: self.coordinate(x) for n, x in signals_of(decay).items()}
         return replace(decay, unit=UNIT, **signals)
+
+    def thinned(self, decay: Decay) -> Decay:
+        """A decay without what only modes do that the sensors do not tell apart.
+
+        Accelerations show them louder than displacements by the square of their frequencies.
+        """
+        beyond = len(self.shapes.T)
+        f = self.beam.modes(count=beyond + 1).omega[[0, beyond]] / (2 * np.pi)
+        factor = min(np.ceil(0.5 / f[1] / decay.dt), np.floor(1 / (_SAMPLES * f[0]) / decay.dt))
+        factor = max(int(factor), 1)
+        signals: dict[str, Any] = {n: downsample(x, factor) for n, x in signals_of(decay).items()}
+        return replace(decay, t=decay.t[::factor], **signals)
 
     def seen(self, fields: Array) -> Array:
         """Coordinate of nodal displacements (..., n_nodes, 3) from the equilibrium."""

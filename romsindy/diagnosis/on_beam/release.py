@@ -17,7 +17,7 @@ from romsindy.fit.verdict import MOVING
 from romsindy.record.signals import noise_std
 from romsindy.typing import Array
 
-_HIGHER = 3  # modes beside the first whose part in the release is looked for
+_HIGHER = 4  # modes beside the first whose part in the release is looked for
 _AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
 _RESOLVED = 0.8  # of the largest frequency that the sampling shows
 _STEP = 0.02  # amplitude of a higher mode, relative to the first, for differences

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +15,11 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
-from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted
+from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.place import Place
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport, Verdict
 from romsindy.fit.part import Part
@@ -57,6 +60,8 @@ class BeamReport:
         On the record that was held out, or the last: the beam before and after.
     trouble : str
         Why the beam could not be simulated with what was found; empty where it could.
+    place : Place or None
+        Where the effect acts, if it is one that can be anywhere.
     """
 
     reduced: DiagnosisReport
@@ -65,6 +70,7 @@ class BeamReport:
     parts: tuple[Part, ...]
     sensor_errors: tuple[SensorError, ...]
     trouble: str = ""
+    place: Place | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -120,6 +126,20 @@ class BeamReport:
         """Before and after, in the coordinate of the first mode, on what took no part."""
         return self.reduced.gap
 
+    @cached_property
+    def next_test(self) -> Advice | None:
+        """The test that would best tell apart what these data do not; None where none is needed.
+
+        Its amplitude is that of the sensor that moves most.
+        """
+        advice = self.reduced.next_test
+        if advice is None:
+            return None
+        shape, labels = np.abs(self.seen.shapes[:, 0]), self.seen.sensors.labels
+        largest = shape.max() * max(record.amplitude for record in self.reduced.records)
+        where = labels[int(np.argmax(shape))]
+        return replace(advice, action=advice.test.action(largest, f"m in {where}"))
+
     @property
     def interrupted(self) -> bool:
         """Whether the search was stopped before its end."""
@@ -134,7 +154,9 @@ class BeamReport:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_on_beam:
             lines.append(f"Not on the improved beam: {', '.join(self.not_on_beam)}.")
-        return "\n".join(lines)
+        if self.place is not None and not self.trouble:
+            lines.append(f"Place: {self.place}.")
+        return "\n".join([*lines, *filter(None, [in_words(self.adjusted)])])
 
     def __str__(self) -> str:
         return self.sentence
@@ -157,6 +179,7 @@ class BeamReport:
         content |= {"verdict": self.verdict, "sentence": self.sentence}
         content["faults"] = [vars(f) for f in self.faults]
         content["adjusted"] = [vars(a) for a in self.adjusted]
+        content["place"] = None if self.place is None else vars(self.place)
         content["sensors"] = [vars(e) for e in self.sensor_errors]
         return json_text(content)
 
