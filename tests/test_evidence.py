@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import cache
 
@@ -91,7 +92,7 @@ def test_likelihood_is_that_of_a_dense_gaussian():
     # its motion, by a part that grows with time, and stays.
     at = motion.grid.step * window_steps(record)
     columns, levels = [], []
-    for start, end in zip(at[:-1], at[1:], strict=True):
+    for start, end in itertools.pairwise(at):
         q, v = expm(a * start) @ motion.start
         phase = np.ptp(record.phase(np.array([start, end])))
         back = expm(-a * start)

@@ -124,7 +124,7 @@ class Hypothesis:
         marginal, jump = self.weighed.marginal, self.form.jump
         system, step = marginal.solve(jump, self.excess)
         if jump:
-            parts, misfit = moved_parts(solution.parts, step[:n]), marginal.cost(jump, self.excess)
+            parts, misfit = moved_parts(marginal.parts, step[:n]), marginal.cost(jump, self.excess)
         else:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / self.excess + known

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.fit.collocation import Trajectory, TrajectoryError
-from romsindy.fit.gauss_newton import held_values, limits, table
+from romsindy.fit.gauss_newton import held_values, limits, moved_parts, table
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of
@@ -276,7 +276,7 @@ class Departures:
         records: Sequence[Record],
         motions: Sequence[Trajectory],
     ) -> Departures | None:
-        """Start from the motions of a fit, and let them follow the records.
+        """Start from the values and motions of a fit, and let them follow the records.
 
         None where small disturbances of the motions grow without bound.
         """
@@ -289,14 +289,15 @@ class Departures:
                 break
             marginal = Marginal.of(parts, several)
             jump = marginal.needed()
-            step = marginal.solve(jump)[1]
+            system, step = marginal.solve(jump)
             own = marginal.departures(several, jump, step)
             left = tuple(w.left(step, s) for w, s in zip(several, own, strict=True))
             found = cls(marginal, jump, left)
-            before = motions
+            parts, before = moved_parts(parts, step), motions
             motions = [w.moved(step, s) for w, s in zip(several, own, strict=True)]
             changes = zip(records, before, motions, strict=True)
-            # The linear problem holds near its motion: elsewhere it is set up anew.
-            if all(np.abs(b.q - a.q).max() < _NEAR * r.amplitude for r, a, b in changes):
+            near = all(np.abs(b.q - a.q).max() < _NEAR * r.amplitude for r, a, b in changes)
+            # The linear problem holds near its motion and values: elsewhere it is set up anew.
+            if near and np.all(np.abs(step) <= np.sqrt(np.diag(system.covariance()))):
                 break
         return found
