@@ -58,7 +58,12 @@ class Hypothesis:
 
     def settled(self, known: FormError) -> Hypothesis:
         """The same with the form error that is known, or as much more as it needs."""
-        return self.at(known if self.weighed is None else known.joined(self.weighed.needed))
+        return self.at(known.joined(self.needs))
+
+    @property
+    def needs(self) -> FormError:
+        """Form error that its own misfit asks for."""
+        return FormError(np.inf, np.inf) if self.weighed is None else self.weighed.needed
 
     @property
     def excess(self) -> float:
@@ -119,7 +124,7 @@ class Hypothesis:
         marginal, jump = self.weighed.marginal, self.form.jump
         system, step = marginal.solve(jump, self.excess)
         if jump:
-            parts, misfit = moved_parts(solution.parts, step[:n]), marginal.cost(jump, self.excess)
+            parts, misfit = moved_parts(marginal.parts, step[:n]), marginal.cost(jump, self.excess)
         else:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / self.excess + known

@@ -274,8 +274,10 @@ class _Rival:
         n = len(self.information)
         # What is known beforehand is in the data so far.
         parts = tuple(_without_priors(p) for p in self.parts)
-        with np.errstate(all="ignore"):
+        try:
             windows = Windows.of(self.model, parts, 0, record, record.motion)
+        except TrajectoryError:
+            return np.inf
         windows = replace(windows, rows=windows.rows / test.noise)
         far = np.abs(windows.rows[:, -1]).max()
         if not far < _LOST * np.abs(record.whitened(record.signal)).max() / test.noise:

@@ -27,7 +27,9 @@ def predict(
     """What the simulation before and after says about a record; only its start follows it."""
     before = after = _simulated(model, (), record)
     if parts:
-        after = _simulated(model, [replace(p, strengths=p.strengths[:1]) for p in parts], record)
+        same = [replace(p, strengths=p.strengths[:1]) for p in parts]
+        with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
+            after = _simulated(model, same, record)
     return Prediction(record, before, after, name)
 
 

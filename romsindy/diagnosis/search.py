@@ -120,7 +120,8 @@ class Search:
         ]
         if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
-        best, *_ = self._ranked([best])
+        alike = [h for h in seen if len(h.effects) == len(best.effects)]
+        best = self._ranked([best, *alike])[0]
         compared = sorted((h.at(best.form) for h in seen), key=lambda h: h.score)
         return Finding(self._rivals(best, compared), compared, base.at(best.form), interrupted)
 
