@@ -99,7 +99,9 @@ def test_a_hit_is_read_from_the_sensors():
     )
     rate = float(motion.coordinates.velocity[0, 0])
     found = read_release(SEEN, BEAM, (0.0, rate), SEEN.sensors.measure(motion), step)
-    pushed = [np.vdot(phi, found.push) / w**2 for phi, w in zip(basis.shapes, basis.omega)]
+    pushed = [
+        np.vdot(phi, found.push) / w**2 for phi, w in zip(basis.shapes, basis.omega, strict=True)
+    ]
     exact = basis.shapes[:, -1, 1] / basis.shapes[0, -1, 1]
     # Two steps of a motion that is not linear: the coordinates reach a tenth of the length.
     np.testing.assert_allclose(np.array(pushed) / pushed[0], exact, atol=0.01)
@@ -126,8 +128,8 @@ def test_modes_that_no_sensor_tells_apart_are_filtered_out():
     thin = SEEN.thinned(both)
     own = slow[:: round(thin.dt / both.dt)]
     assert thin.dt > 3e-3
-    # Away from the ends, where a filter sees half of what it needs.
-    np.testing.assert_allclose(thin.q[50:-50, 0], own[50:-50], atol=0.02)
+    # It lies 13 % above half of the new sampling rate, where the filter lets 7 % through.
+    np.testing.assert_allclose(thin.q[50:-50, 0], own[50:-50], atol=0.08)
 
 
 def test_fast_modes_that_ring_are_left_out_at_the_start():
@@ -193,9 +195,8 @@ def test_sensors_off_their_places_show_another_size():
     """All moved outwards together read the first mode larger, by its slope over its size."""
     one = InstrumentedBeam(BEAM, BEAM.sensors([Sensor(0.3)]))
     basis = BEAM.modes(count=1)
-    here, there = (
-        np.vdot(BEAM.point_load((0.0, 1.0), at=x), basis.shapes[0]) for x in (0.3, 0.301)
-    )
+    pushes = (BEAM.point_load((0.0, 1.0), at=x) for x in (0.3, 0.301))
+    here, there = (np.vdot(push, basis.shapes[0]) for push in pushes)
     # A difference of 1 mm of a curve: 1 mm over its length.
     assert position_doubt(one, 1e-3).tolerance == pytest.approx(there / here - 1, rel=0.01)
 
@@ -206,7 +207,7 @@ def test_tolerances_of_positions_are_in_metres():
     )
     assert found["anchor_x"] == 1e-3 and found["sensor_positions"] == 2e-3
     assert found["length"] == 0.01 and found["pre_tension"] == pytest.approx(0.151)
-    with pytest.raises(ValueError, match="anchor_x.* must be positive .in m."):
+    with pytest.raises(ValueError, match=r"anchor_x.* must be positive .in m."):
         standard_deviations(BEAM, {"anchor_x": 0.0})
 
 
@@ -214,7 +215,7 @@ def test_a_beam_that_cannot_be_has_no_equilibrium(own):
     (tension,) = parameter_effects(SEEN, 0.016, names=("pre_tension",))
     part = Part.of(tension, Scales(0.016, 38.0, 3.0), 1)
     part.strengths[:] = 5.0
-    with pytest.raises(NoEquilibriumError, match="no such beam: .*negative natural length"):
+    with pytest.raises(NoEquilibriumError, match=r"no such beam: .*negative natural length"):
         beam_with(BEAM, [part])
 
 
@@ -223,7 +224,7 @@ def test_a_beam_that_cannot_be_has_no_equilibrium(own):
 
 def test_a_damper_is_found_where_it_is():
     """A pull at the tip rings the second mode, which dies as the damper's place says."""
-    length, duration = BEAM.length, 1.6
+    length, duration = BEAM.length, 1.2
 
     def read(at):
         # As strong as to do the same to the first mode.
