@@ -61,7 +61,8 @@ def diagnose(
         and knows how far that may be off.
     measured : Decay or sequence of Decay
         For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
-        [m], one channel per sensor; the beam is let go from rest at the first sample.
+        [m], one channel per sensor; held or hit
+        before the first sample; velocities or accelerations where a decay says so.
     sensors : SensorArray, optional
         Where the displacements of a beam were measured; needed for a beam, and for it alone.
     held_out : Decay, optional
@@ -78,8 +79,10 @@ def diagnose(
         simulation is taken as exact.
     tolerances : mapping of str to float, optional
         Relative standard deviations of other coefficients of a model, or of parameters of a beam:
-        "bending_stiffness", "point_masses", "spring_stiffness", "pre_tension", "mass_damping",
-        "material_damping".
+        "length", "thickness", "width", "density", "modulus", "bending_stiffness",
+        "axial_stiffness", "point_masses", "rotary_inertia", "spring_stiffness", "pre_tension",
+        "clamp_compliance" (of a rigid clamp in rad/(N m)), "mass_damping", "material_damping"; in
+        m those of positions, "anchor_x", "anchor_y" and "sensor_positions".
     tolerance : Tolerance, float or mapping of str to float, optional
         Difference that does not matter: relative, of the frequency; or of "frequency", "damping"
         (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
