@@ -2,15 +2,15 @@
 
 Every candidate test is simulated under each rival in turn, and each other rival is fitted to it
 within what the data so far allow. What it cannot follow decides: half of that misfit, over the
-noise, is the expected logarithm of the odds against it [1]. All is linearised about the motion of
-the rival that is taken for the truth, so a test costs about as much as one step of a fit.
+noise, is the expected logarithm of the odds against it [1]. First all is linearised about the
+motion of the rival that is taken for the truth; a test that would tell is then tried by fits.
 
 [1] G. Box, W. Hill, Technometrics 9 (1967), "Discrimination among mechanistic models".
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.form import FormError
 from romsindy.diagnosis.found import titles
 from romsindy.effects.base import Effect
 from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
@@ -30,12 +29,14 @@ from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT, QUIET
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
+from romsindy.record.noise import Noise
 from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.spectrum import Spectrum
 from romsindy.typing import Array
 
 _QUARTILE = float(norm.ppf(0.75))  # one in four comes out worse than what is promised
 _MOST_ODDS = 1000.0  # more depends on what no rival knows of
-_RIVALS = 4
+_RIVALS = 3
 _UNLIKELY = 0.1  # rivals that share so little of the weight may stay untold
 _STEPS = 12  # a cycle: truth and rival share their error
 _LEAST_CYCLES = 6
@@ -181,17 +182,14 @@ def next_test(
     now = max(end for _, end in spans) if spans else None
     scores = np.array([h.score if explained else 0.0 for h in rivals])
     shares = weights(rivals) if explained else np.full(len(rivals), 1 / len(rivals))
-    found: list[tuple[float, Experiment]] = []
-    for cost in sorted({test.cost for test in tests}):
-        for test in (test for test in tests if test.cost == cost):
-            told = _log_odds(several, scores, records[largest], test, now)
-            if told is not None:
-                found.append((_sure(told, shares), test))
-        if any(2 * value >= EQUIVALENT for value, _ in found):
-            break
-    if not found:
+
+    def log_odds(test: Experiment, exact: bool) -> float:
+        told = _log_odds(several, scores, records, largest, test, now, exact)
+        return -np.inf if told is None else _sure(told, shares)
+
+    value, test = _best(tests, log_odds)
+    if test is None:
         return None
-    value, test = max(found, key=lambda f: f[0])
     action = test.action(records[largest].amplitude, records[largest].decay.unit)
     odds = float(np.exp(min(value, np.log(_MOST_ODDS))))
     names = tuple(titles(h) for h in rivals)
@@ -200,17 +198,36 @@ def next_test(
     return Advice(test, action, odds, names, explained, otherwise)
 
 
+def _best(
+    tests: Sequence[Experiment], log_odds: Callable[[Experiment, bool], float]
+) -> tuple[float, Experiment | None]:
+    """The cheapest test that tells, and its log odds; else the one that comes nearest.
+
+    Of tests that cost the same, those that promise most are tried by fits first.
+    """
+    best: tuple[float, Experiment | None] = (-np.inf, None)
+    for cost in sorted({test.cost for test in tests}):
+        near = [(log_odds(test, False), test) for test in tests if test.cost == cost]
+        for value, test in sorted(near, key=lambda found: -found[0]):
+            if 2 * value >= EQUIVALENT:
+                value = min(value, log_odds(test, True))
+            if value > best[0]:
+                best = (value, test)
+            if 2 * value >= EQUIVALENT:
+                return best
+    return best
+
+
 @dataclass(frozen=True)
 class _Rival:
     """A hypothesis and what it says of a record that is still to be made."""
 
     model: ReducedModel
+    fitted: Hypothesis
     parts: tuple[Part, ...]  # with the values that fit the data so far
     weaker: tuple[Part, ...]  # with the effect a quartile weaker, as these data allow
     start: Array  # state at the largest release so far
     information: Array  # of the data so far on the values
-    form: FormError
-    excess: float
 
     @classmethod
     def of(
@@ -230,7 +247,7 @@ class _Rival:
         information[np.ix_(known, known)] = _inverse(covariance[np.ix_(known, known)])
         weaker = moved_parts(parts, _weakening(hypothesis, parts, covariance))
         start = fitted.solution.motions[largest].start
-        return cls(model, parts, weaker, start, information, fitted.form, fitted.excess)
+        return cls(model, fitted, parts, weaker, start, information)
 
     def shows(
         self, test: Experiment, largest: Record, now: float | None, guess: Trajectory | None = None
@@ -254,7 +271,8 @@ class _Rival:
         t = t[: len(x)]
         signal = read(self.weaker, 0, t, x)[0]
         swing = np.abs(signal - np.median(signal))
-        quiet = max(QUIET * swing.max(), 3 * test.noise * largest.noise.std)
+        noise = _louder(largest.noise, test.noise)
+        quiet = max(QUIET * swing.max(), 3 * noise.std)
         end = float(t[np.flatnonzero(swing >= quiet)[-1:]].sum())
         escaped = np.abs(motion.q).max() > _GROWN * abs(test.amplitude) * largest.amplitude
         if escaped or end * largest.rate < _TURN * _LEAST_CYCLES:
@@ -262,7 +280,7 @@ class _Rival:
         q, q_dot, q_ddot = (sampled(motion, d)[:, 0] for d in range(3))
         decay = Decay(clock + t, q, q_dot, q_ddot, largest.decay.unit, largest.decay.measured)
         valid = np.ones(len(t), bool)
-        whole = Record(decay, signal, valid, largest.noise, largest.spline, motion)
+        whole = Record(decay, signal, valid, noise, largest.spline, motion)
         record = whole.until(end)
         return replace(record, spline=HarmonicSpline.fit(record.t, record.signal))
 
@@ -274,21 +292,48 @@ class _Rival:
         n = len(self.information)
         # What is known beforehand is in the data so far.
         parts = tuple(_without_priors(p) for p in self.parts)
-        with np.errstate(all="ignore"):
-            windows = Windows.of(self.model, parts, 0, record, record.motion)
-        windows = replace(windows, rows=windows.rows / test.noise)
+        try:
+            with np.errstate(all="ignore"):
+                windows = Windows.of(self.model, parts, 0, record, record.motion)
+        except TrajectoryError:
+            return np.inf
         far = np.abs(windows.rows[:, -1]).max()
-        if not far < _LOST * np.abs(record.whitened(record.signal)).max() / test.noise:
+        if not far < _LOST * np.abs(record.whitened(record.signal)).max():
             return np.inf
         several = [
             replace(windows, where=np.concatenate([np.arange(n), n + 2 * i + np.arange(2)]))
             for i in range(test.repetitions)
         ]
-        # Structure is in proportion to the amplitude, and counts in proportion to the noise.
-        excess = 1 + (self.excess - 1) * (test.amplitude / test.noise) ** 2
-        system = Marginal.of(parts, several).equations(self.form.jump, excess)
+        system = Marginal.of(parts, several).equations(self.fitted.form.jump, self._excess(test))
         system.matrix[:n, :n] += self.information
         return system.chi_squared(system.bounded_step(np.zeros(n, bool), *limits(parts)))
+
+    def exact_misfit(
+        self, record: Record, test: Experiment, records: Sequence[Record], largest: int
+    ) -> float:
+        """The same by a fit to all records, without jumps: values may go where they are needed."""
+        so_far, n = self.fitted.solution, test.repetitions
+        parts = tuple(
+            replace(p, strengths=np.concatenate([p.strengths, p.own(largest)[None].repeat(n, 0)]))
+            if p.effect.per_record
+            else p
+            for p in so_far.parts
+        )
+        motions = [*so_far.motions, *[record.motion] * n]
+        solution = fit(self.model, parts, [*records, *[record] * n], motions)
+        return (solution.chi_squared - so_far.chi_squared) / self._excess(test)
+
+    def _excess(self, test: Experiment) -> float:
+        # Structure is in proportion to the amplitude, and counts in proportion to the noise.
+        return 1 + (self.fitted.excess - 1) * (test.amplitude / test.noise) ** 2
+
+
+def _louder(noise: Noise, by: float) -> Noise:
+    def power(of: Spectrum) -> Spectrum:
+        return replace(of, power=by**2 * of.power)
+
+    slow = None if noise.drift is None else power(noise.drift)
+    return replace(noise, std=by * noise.std, spectrum=power(noise.spectrum), drift=slow)
 
 
 def _without_priors(part: Part) -> Part:
@@ -339,9 +384,11 @@ def _weakening(hypothesis: Hypothesis, parts: Sequence[Part], covariance: Array)
 def _log_odds(
     rivals: Sequence[_Rival],
     scores: Array,
-    largest: Record,
+    records: Sequence[Record],
+    largest: int,
     test: Experiment,
     now: float | None,
+    exact: bool,
 ) -> Array | None:
     """Logarithm of the odds for each rival against the next, were it true, (n,).
 
@@ -349,19 +396,22 @@ def _log_odds(
     """
     told, motion = [], None
     for true, score in zip(rivals, scores, strict=True):
-        record = true.shows(test, largest, now, motion)
+        record = true.shows(test, records[largest], now, motion)
         if record is None:
             return None
         motion = record.motion
         against = []
         for other, its_score in zip(rivals, scores, strict=True):
-            if other is not true:
-                misfit = max(other.misfit(record, test), 0.0)
-                if not np.isfinite(misfit):
-                    return None
-                # Noise moves it by twice its root.
-                misfit -= 2 * _QUARTILE * np.sqrt(misfit)
-                against.append(0.5 * (misfit + its_score - score))
+            if other is true:
+                continue
+            misfit = other.misfit(record, test)
+            if exact:
+                misfit = min(misfit, other.exact_misfit(record, test, records, largest))
+            if not np.isfinite(misfit):
+                return None
+            # Noise moves it by twice its root.
+            misfit = max(misfit, 0.0)
+            against.append(0.5 * (misfit + its_score - score) - _QUARTILE * float(np.sqrt(misfit)))
         told.append(min(against))
     return np.array(told)
 
