@@ -378,7 +378,9 @@ def _weakening(hypothesis: Hypothesis, parts: Sequence[Part], covariance: Array)
     std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     named = _strengths(parts, [p.effect.name in hypothesis.names for p in parts])
     i = int(np.argmax(np.where(named, np.abs(values) / std, -1.0)))
-    return -_QUARTILE * np.sign(values[i]) * covariance[i] / std[i]
+    # A strength that is hardly known is halved, no more.
+    weaker = min(_QUARTILE, 0.5 * abs(values[i]) / std[i])
+    return -weaker * np.sign(values[i]) * covariance[i] / std[i]
 
 
 def _log_odds(
