@@ -12,8 +12,9 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
-from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment, _Rival
+from romsindy.diagnosis.experiment import EXPERIMENTS, Experiment
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.rival import Rival
 from romsindy.effects import (
     CubicStiffness,
     Gain,
@@ -67,7 +68,7 @@ report = cache(diagnosed)  # several tests look at the same diagnosis
 
 
 def rivals_of(found):
-    return [_Rival.of(MODEL, h, found.records, 0) for h in found.rivals]
+    return [Rival.of(MODEL, h, found.records, 0) for h in found.rivals]
 
 
 def test_the_advised_test_names_what_was_ambiguous():
