@@ -10,7 +10,8 @@ motion of the rival that is taken for the truth; a test that would tell is then 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -59,17 +60,15 @@ def next_test(
     if len(rivals) < 2:
         return None
     largest = max(range(len(records)), key=lambda i: records[i].amplitude)
-    several = [Rival.of(model, h, records, largest) for h in rivals]
-    spans = scales(records).spans
-    now = max(end for _, end in spans) if spans else None
-    scores = np.array([h.score if explained else 0.0 for h in rivals])
     shares = weights(rivals) if explained else np.full(len(rivals), 1 / len(rivals))
-
-    def log_odds(test: Experiment, exact: bool) -> float:
-        told = _log_odds(several, scores, records, largest, test, now, exact)
-        return -np.inf if told is None else _sure(told, shares)
-
-    value, test = _best(tests, log_odds)
+    compared = _Comparison(
+        [Rival.of(model, h, records, largest) for h in rivals],
+        np.array([h.score if explained else 0.0 for h in rivals]),
+        shares,
+        records,
+        largest,
+    )
+    value, test = _best(tests, compared)
     if test is None:
         return None
     action = test.action(records[largest].amplitude, records[largest].decay.unit)
@@ -80,62 +79,74 @@ def next_test(
     return Advice(test, action, odds, names, explained, otherwise)
 
 
-def _best(
-    tests: Sequence[Experiment], log_odds: Callable[[Experiment, bool], float]
-) -> tuple[float, Experiment | None]:
+def _best(tests: Sequence[Experiment], compared: _Comparison) -> tuple[float, Experiment | None]:
     """The cheapest test that tells, and its log odds; else the one that comes nearest.
 
-    Of tests that cost the same, those that promise most are tried by fits first.
+    Of tests that cost the same, the one that promises most is tried by fits.
     """
     best: tuple[float, Experiment | None] = (-np.inf, None)
     for cost in sorted({test.cost for test in tests}):
-        near = [(log_odds(test, False), test) for test in tests if test.cost == cost]
-        for value, test in sorted(near, key=lambda found: -found[0]):
-            if 2 * value >= EQUIVALENT:
-                value = min(value, log_odds(test, True))
-            if value > best[0]:
-                best = (value, test)
-            if 2 * value >= EQUIVALENT:
-                return best
+        near = [(compared.log_odds(test), test) for test in tests if test.cost == cost]
+        value, test = max(near, key=lambda found: found[0])
+        if 2 * value >= EQUIVALENT:
+            value = min(value, compared.log_odds(test, exact=True))
+        if value > best[0]:
+            best = (value, test)
+        if 2 * value >= EQUIVALENT:
+            break
     return best
 
 
-def _log_odds(
-    rivals: Sequence[Rival],
-    scores: Array,
-    records: Sequence[Record],
-    largest: int,
-    test: Experiment,
-    now: float | None,
-    exact: bool,
-) -> Array | None:
-    """Logarithm of the odds for each rival against the next, were it true, (n,).
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """Rivals, minus twice the logarithms of their evidence so far, and their weights, (n,)."""
 
-    None where it cannot be simulated.
-    """
-    told, motion = [], None
-    for true, score in zip(rivals, scores, strict=True):
-        record = true.shows(test, records[largest], now, motion)
-        if record is None:
-            return None
-        motion = record.motion
-        against = []
-        for other, its_score in zip(rivals, scores, strict=True):
-            if other is true:
-                continue
-            misfit = other.misfit(record, test)
-            if exact:
-                misfit = min(misfit, other.exact_misfit(record, test, records, largest))
-            if not np.isfinite(misfit):
-                return None
-            # Noise moves it by twice its root.
-            misfit = max(misfit, 0.0)
-            against.append(0.5 * (misfit + its_score - score) - QUARTILE * float(np.sqrt(misfit)))
-        told.append(min(against))
-    return np.array(told)
+    rivals: Sequence[Rival]
+    scores: Array
+    shares: Array
+    records: Sequence[Record]
+    largest: int  # which of the records has the largest amplitude
+    shown: dict[tuple, list[Record | None]] = field(default_factory=dict)
 
+    def log_odds(self, test: Experiment, exact: bool = False) -> float:
+        """Logarithm of the odds for the right rival against the next, whichever it is.
 
-def _sure(values: Array, share: Array) -> float:
-    """Value that is reached whichever is true, but for the least likely."""
-    order = np.argsort(values)
-    return float(values[order][np.searchsorted(np.cumsum(share[order]), _UNLIKELY)])
+        But for the least likely; minus infinity where the test cannot be simulated.
+        """
+        told = []
+        shown = self._shown(test)
+        for i, record in enumerate(shown):
+            if record is None:
+                return -np.inf
+            odds = [self._against(i, j, record, test, exact) for j in range(len(shown)) if j != i]
+            told.append(min(odds))
+        order = np.argsort(told)
+        at = np.searchsorted(np.cumsum(self.shares[order]), _UNLIKELY)
+        return float(told[order[at]])
+
+    def _against(self, i: int, j: int, record: Record, test: Experiment, exact: bool) -> float:
+        """The same for rival i against j, were i the truth."""
+        other = self.rivals[j]
+        misfit = other.misfit(record, test)
+        if exact:
+            so_far = (self.records, self.largest)
+            misfit = min(misfit, other.exact_misfit(record, test, *so_far))
+        if not np.isfinite(misfit):
+            return -np.inf
+        misfit = max(misfit, 0.0)
+        # Noise moves it by twice its root.
+        noise = QUARTILE * float(np.sqrt(misfit))
+        return 0.5 * float(misfit + self.scores[j] - self.scores[i]) - noise
+
+    def _shown(self, test: Experiment) -> list[Record | None]:
+        """What the test shows, were each of the rivals true; tests may share it."""
+        spans = scales(self.records).spans
+        now = max(end for _, end in spans) if spans else None
+        key = (test.amplitude, test.duration, test.noise, now and test.wait)
+        if key not in self.shown:
+            found: list[Record | None] = []
+            for rival in self.rivals:
+                guess = found[-1].motion if found and found[-1] else None
+                found.append(rival.shows(test, self.records[self.largest], now, guess))
+            self.shown[key] = found
+        return self.shown[key]
