@@ -15,10 +15,11 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis, weights
+from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
+from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.verdict import Left, Verdict, left_of
 from romsindy.effects.base import Scales

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.beam import Beam
+from romsindy.diagnosis.experiment import Advice
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
 from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
