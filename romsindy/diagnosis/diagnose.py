@@ -119,6 +119,8 @@ def diagnose(
     strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
     if strange:
         raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
+    if not 0 < floor < 1:
+        raise ValueError(f"floor = {floor!r} must be a part of the largest amplitude, below 1")
     estimate = model if isinstance(model, Estimate) else None
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (ReducedModel, Beam)):

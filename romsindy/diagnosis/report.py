@@ -287,6 +287,7 @@ class DiagnosisReport:
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if e.name not in terms)
         note = "Not a term of the equation of motion, so not in it: "
+        rows = self.table()
         return {
             "title": "What the simulation lacks",
             "verdict": self.verdict,
@@ -296,7 +297,7 @@ class DiagnosisReport:
             "equation_note": f"{note}{outside}." if outside else "",
             "tables": [
                 TextTable("The gap, before and after", self.gap.table()),
-                TextTable("Explanations that the data allow", self.table()),
+                *([TextTable("Explanations that the data allow", rows)] if rows[1:] else []),
             ],
             "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
         }

@@ -43,9 +43,7 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
         range(len(differences)), key=lambda i: differences[i].largest(tolerance).excess(tolerance)
     )
     worst = differences[which].largest(tolerance)
-    low, high = (f"{a:.2g}" for a in worst.amplitude)
-    over = f"over {low} to {high} {unit or '[q]'}"
-    over += f" in record {which + 1}" if len(differences) > 1 else ""
+    over = _over(worst, unit) + (f" in record {which + 1}" if len(differences) > 1 else "")
     if np.isnan(worst.frequency):
         if differences[which].exceeds(tolerance):
             return (
@@ -57,9 +55,15 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
     known = _known(tolerance, sure or KINDS)
     if sure:
         return f"They differ: {_sizes(worst, sure)} {over} ({known})."
+    worst = differences[which]  # all of it: chance is smaller there than in a part
     errors = {k: abs(getattr(worst, k)) + getattr(worst, f"{k}_std") for k in KINDS}
     within = listed([f"{percent(errors[k])} {_WHERE[k]}" for k in KINDS])
-    return f"They agree within {within} {over} ({known})."
+    return f"They agree within {within} {_over(worst, unit)} ({known})."
+
+
+def _over(found: Difference, unit: str | None) -> str:
+    low, high = (f"{a:.2g}" for a in found.amplitude)
+    return f"over {low} to {high} {unit or '[q]'}"
 
 
 def _sizes(found: Difference, kinds: Sequence[str]) -> str:
