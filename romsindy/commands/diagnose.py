@@ -30,16 +30,22 @@ _ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
 _ARGUMENT = re.compile(rf"^(?:the )?({_ARGUMENTS})(?: ==?)?(?= )")
 
 
-def _sizes(_: click.Context, __: click.Parameter, values: tuple[str, ...]) -> dict[str, float]:
+def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, float]:
     sizes = {}
+    alone = "frequency" if option.name == "tolerance" else ""  # what a size without a name is of
     for value in values:
         name, _sep, number = value.rpartition("=")
         try:
-            sizes[name.strip() or "frequency"] = float(number)
+            size = float(number)
         except ValueError:
+            size = -1.0
+        name = name.strip() or alone
+        if not (name and size >= 0):
             raise click.BadParameter(
-                f"{value!r} is not NAME=SIZE with a relative size, such as damping=0.05"
-            ) from None
+                f"{value!r} is not NAME=SIZE with a relative size, such as"
+                f" {'damping' if alone else 'gamma_3'}=0.05"
+            )
+        sizes[name] = size
     return sizes
 
 

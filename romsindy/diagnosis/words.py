@@ -81,8 +81,8 @@ def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
 def odds(log_odds: float, other: str) -> str:
     """Odds against the next explanation, by its name."""
     more = "above " if log_odds > _MOST_ODDS else ""
-    size = _two_digits(float(np.exp(min(log_odds, _MOST_ODDS))))
-    return f"odds {more}{size} : 1 against the next, {other}"
+    size = float(_two_digits(float(np.exp(min(log_odds, _MOST_ODDS)))))
+    return f"odds {more}{size:.9g} : 1 against the next, {other}"
 
 
 def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:

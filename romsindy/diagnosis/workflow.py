@@ -59,12 +59,16 @@ def diagnose_model(
     predictions = [predict(model, best.parts, record, name) for name, record in judged.items()]
     gap = Gap(tuple(predictions), bool(tests))
     verdict = verdict_of(best, rivals, left, gap)
+    added = best.parts
+    if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
+        added, gap = (), gap.unchanged()
     if found.interrupted and verdict == "named":
         verdict = "ambiguous"  # with what was not compared
     return DiagnosisReport(
         verdict=verdict,
         nominal=model,
-        model=extended(model, best.parts),
+        model=extended(model, added),
+        added=added,
         best=best,
         rivals=tuple(rivals),
         compared=tuple(found.compared),
