@@ -64,6 +64,9 @@ EQUIVALENT = 7.0
 ROUNDED = 4.0
 # Where the gap stays open, another effect must bring the misfit down by this factor to count.
 WORTH = 2.0
+# What is left is of the size of the form error of the model up to this factor: both are estimates
+# from some ten windows, good to a third, on a grid of quarters of a decade.
+SAME_SIZE = 2.0
 # A record that took no part is predicted where its error is at most this many times the noise:
 # `EXPLAINED`, and as much again for the errors of the fitted values and of the amplitudes beyond.
 PREDICTED = 1.25
