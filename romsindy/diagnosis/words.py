@@ -47,8 +47,8 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
     if np.isnan(worst.frequency):
         if differences[which].exceeds(tolerance):
             return (
-                f"They differ: the simulation has no cycles of the amplitudes {over};"
-                f" {percent(worst.signal)} of the amplitude is apart."
+                f"They differ by {percent(worst.signal)} of the amplitude {over}, and share hardly"
+                " any cycles of the same amplitude."
             )
         return f"They agree within {percent(worst.signal)} of the amplitude {over}."
     sure = [k for k in KINDS if worst.excess_of(k, tolerance) > SURE]

@@ -37,7 +37,7 @@ def diagnose_model(
     form: FormError = NO_FORM_ERROR,
 ) -> DiagnosisReport:
     """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
-    check_request(model, measured, held_out, free, tolerances, options.false_alarm)
+    check_request(model, measured, held_out, free, tolerances)
     several = [over_shared_amplitudes(model, d) for d in measured]
     records = checked_records(model, several, options.floor)
     tests = {} if held_out is None else {"held out": Record.loud(held_out, options.floor)}
