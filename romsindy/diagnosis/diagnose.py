@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
-from romsindy.diagnosis.checks import FREE, decays_of
+from romsindy.diagnosis.checks import FREE, check_numbers, decays_of
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -119,9 +119,18 @@ def diagnose(
         with it: other unit, sign, scale or mode, too few cycles, noise alone. The message names the
         remedy.
     """
+    if isinstance(catalogue, str) or not isinstance(catalogue, Iterable):
+        raise ValueError(
+            f"catalogue = {catalogue!r} must be a list of effects"
+        )
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {progress!r} must be a function of a line of text")
     strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
     if strange:
         raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
+    check_numbers(floor, false_alarm, max_effects, n_jobs)
+    if held_out is not None and not isinstance(held_out, Decay):
+        raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
     estimate = model if isinstance(model, Estimate) else None
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (ReducedModel, Beam)):
