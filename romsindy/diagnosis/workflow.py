@@ -21,7 +21,7 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import GAINED, NOTHING_LEFT, ROUNDED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -40,7 +40,10 @@ def diagnose_model(
     check_request(model, measured, held_out, free, tolerances)
     several = [over_shared_amplitudes(model, d) for d in measured]
     records = checked_records(model, several, options.floor)
-    tests = {} if held_out is None else {"held out": Record.loud(held_out, options.floor)}
+    if held_out is not None:
+        records = [*records, Record.loud(held_out, options.floor)]
+    records = sharing_drift(records)
+    tests = {} if held_out is None else {"held out": records.pop()}
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
     everything = (*records, *tests.values())
