@@ -156,7 +156,8 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     price = 0.0
     for p, variance in zip(part.parameters, np.diag(covariance), strict=True):
         prior = p.spread or (p.high - p.low) / np.sqrt(2 * np.pi)
-        price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
+        if prior:  # a value that was rounded costs nothing
+            price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
     return price
 
 
