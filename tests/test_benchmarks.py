@@ -20,6 +20,8 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 @pytest.fixture
 def benchmark(request):
     """A benchmark as a module."""
+    if request.param.startswith("exudyn"):
+        pytest.importorskip("exudyn")
     folders = [str(BENCHMARKS), str(BENCHMARKS / "diagnosis")]
     sys.path[:0] = folders
     try:
@@ -236,3 +238,50 @@ def test_small_run_of_blind_trials(benchmark, tmp_path):
     (second,) = benchmark.results_of("null_white", seeds, tmp_path, 1, False)
     assert second["seconds"] == first["seconds"]
     assert "null_white" in benchmark.line("null_white", [first], "none")
+
+
+@benchmark_of("exudyn_beam")
+def test_witness_of_the_beam_trials(benchmark):
+    """Two codes that share no line agree: frequency, release, and 0.2 s of motion with a damper."""
+    from romsindy.beam import Beam
+    from romsindy.effects import AtPoint, Damper
+
+    spring = benchmark.Spring(24.4, 0.097, 1.51)
+    damper = benchmark.Force("damper", 0.3, {"damping": 0.01})
+    truth = benchmark.BeamTruth(
+        "cantilever", 0.45, 0.025, 0.001, 210e9, 7800.0, 0.37, 1e-5, 0.0008, spring, 0.0, (damper,)
+    )
+    other, moving = (benchmark.ExudynBeam(truth, 24, still) for still in (True, False))
+    rest = other.static()
+    omega, _, pattern = other.mode(rest)
+    beam = Beam.cantilever(elements=12).with_effect(Damper().on_beam(0.01, AtPoint(0.3)))
+    sensors = beam.sensors([0.2, 0.45])
+    assert omega == pytest.approx(beam.modes(count=1).omega[0], rel=1e-5)  # 24 and 12 elements
+    start = other.held_at(pattern, len(other.x) - 1, 0.1, rest)
+    motion = moving.motion(start, 0.2, 5e-4, 10)
+    read = other.read(motion, rest, [0.2, 0.45])
+    own = sensors.measure(
+        beam.simulate(beam.release_shape(0.1, mode=1), 0.2, 5e-3, sensors=sensors)
+    )
+    # (omega h)^2 / 12 of 8 radians, 1 / 4000 of the amplitude
+    np.testing.assert_allclose(read, own[:, ::2], atol=1e-4)
+
+
+@benchmark_of("exudyn_forces")
+def test_size_of_what_is_hidden_in_a_beam(benchmark):
+    """Medium: the witness's own modes shift by half a per cent, times 0.7 to 1.5."""
+    from exudyn_beam import BeamTruth, ExudynBeam
+
+    truth = BeamTruth("cantilever", 0.45, 0.025, 0.001, 210e9, 7800.0, 0.37, 1e-5)
+    plain = ExudynBeam(truth, 20, still=True)
+    rest = plain.static()
+    omega, shape, _ = plain.mode(rest)
+    bend = float((shape[5] - shape[2]) / plain.x[1])
+    mode = benchmark.Mode(omega, plain.x, shape[1::3], rest[1::3], bend, 0.02)
+    for kind in ("mass", "compliance"):
+        for seed in range(3):
+            changed, _ = benchmark.with_hidden(kind, truth, mode, np.random.default_rng(seed))
+            other = ExudynBeam(changed, 20, still=True)
+            shift = other.mode(other.static())[0] / omega - 1
+            # first order of the shift, and the slope of the shape over the first element
+            assert 0.9 * 0.0035 < -shift < 1.1 * 0.0075, (kind, seed)

@@ -76,10 +76,13 @@ class _Slider(NamedTuple):
 class ExudynBeam:
     """The beam as a multibody system; ``elements`` of three nodes each.
 
-    Its statics are those without dry friction: ``loose``.
+    One that is ``still`` is for statics: without dry friction, and held by loads on all nodes. One
+    that moves can be struck at a single node.
     """
 
-    def __init__(self, truth: BeamTruth, elements: int, loose: bool = False) -> None:
+    def __init__(
+        self, truth: BeamTruth, elements: int, still: bool = False, struck: int | None = None
+    ) -> None:
         self.truth = truth
         self.sliders: list[_Slider] = []
         self.n_data = 0
@@ -93,9 +96,10 @@ class ExudynBeam:
         self._elements()
         self._supports()
         self._spring_and_mass()
-        for force in (f for f in truth.forces if not (loose and f.kind == "friction")):
+        for force in (f for f in truth.forces if not (still and f.kind == "friction")):
             _CONNECTORS[force.kind](self, force)
-        self.held = [self._load(i) for i in range(3 * len(self.nodes))]
+        loaded = range(3 * len(self.nodes)) if still else [] if struck is None else [3 * struck + 1]
+        self.loads = [self._load(i) for i in loaded]
         self.readers = [self._reader(node) for node in self.nodes]
         self.mbs.Assemble()
         self.settings = _settings()
@@ -128,7 +132,7 @@ class ExudynBeam:
 
     def add_mass(self, node: int, mass: float) -> None:
         """A heavy point mass."""
-        body = item.ObjectRigidBody2D(nodeNumber=node, physicsMass=mass, physicsInertia=0.0)
+        body = item.ObjectRigidBody2D(nodeNumber=node, mass=mass, inertia=0.0)
         self._weigh(self.mbs.AddObject(body))
 
     def _ground(self) -> int:
@@ -160,15 +164,15 @@ class ExudynBeam:
             length = self.x[i + 2] - self.x[i]
             body = item.ObjectBeamGeometricallyExact2D(
                 nodeNumbers=self.nodes[i : i + 3],
-                physicsLength=length,
-                physicsMassPerLength=t.density * area,
-                physicsCrossSectionInertia=t.density * inertia,
-                physicsBendingStiffness=t.young * inertia,
-                physicsAxialStiffness=t.young * area,
-                physicsShearStiffness=shear,
-                physicsBendingDamping=t.eta * t.young * inertia,
-                physicsAxialDamping=t.eta * t.young * area,
-                physicsShearDamping=t.eta * shear,
+                length=length,
+                massPerLength=t.density * area,
+                crossSectionInertia=t.density * inertia,
+                bendingStiffness=t.young * inertia,
+                axialStiffness=t.young * area,
+                shearStiffness=shear,
+                bendingDamping=t.eta * t.young * inertia,
+                axialDamping=t.eta * t.young * area,
+                shearDamping=t.eta * shear,
             )
             self._weigh(self.mbs.AddObject(body))
             self._external_damping(i, length, t.density * np.array([area, area, inertia]))
@@ -282,8 +286,8 @@ class ExudynBeam:
         return np.setdiff1d(np.arange(n), held)
 
     def _apply(self, load: np.ndarray | None) -> None:
-        values = np.zeros(len(self.held)) if load is None else load
-        for number, value in zip(self.held, values, strict=True):
+        values = np.zeros(len(self.loads)) if load is None else load
+        for number, value in zip(self.loads, values, strict=True):
             self.mbs.SetLoadParameter(number, "load", float(value))
 
     def _initial(self, q: np.ndarray, q_dot: np.ndarray | None = None) -> None:
@@ -309,27 +313,25 @@ class ExudynBeam:
         step: float,
         every: int,
         blow: Callable[[float], float] | None = None,
-        struck: int = 0,
     ) -> np.ndarray:
         """All coordinates, (n_samples, n), every few steps, let go at rest from ``start``.
 
-        ``blow(t)`` is a transverse force on the node ``struck``, N.
+        ``blow(t)`` is the transverse force on the node that is struck, N.
         """
         self._apply(None)
         self._initial(start)
         self._stick(start)
-        number = self.held[3 * struck + 1]
         if blow is not None:
 
             def strike(mbs: Any, t: float) -> bool:
-                mbs.SetLoadParameter(number, "load", blow(t))
+                mbs.SetLoadParameter(self.loads[0], "load", blow(t))
                 return True
 
             self.mbs.SetPreStepUserFunction(strike)
         time = self.settings.timeIntegration
         time.numberOfSteps, time.endTime = round(duration / step), duration
         # every step: longer periods are rounded now and then
-        self.settings.solutionSettings.sensorsWritePeriod = step
+        self.settings.solution.sensors.writePeriod = step
         self.mbs.SolveDynamic(self.settings)
         self.mbs.SetPreStepUserFunction(0)
         columns = [self.mbs.GetSensorStoredData(s)[::every, 1:4] for s in self.readers]
@@ -356,8 +358,8 @@ def _nodes(length: float, elements: int, places: Sequence[float]) -> np.ndarray:
 
 def _settings() -> Any:
     settings = exu.SimulationSettings()
-    settings.linearSolverType = exu.LinearSolverType.EigenSparse
-    settings.solutionSettings.writeSolutionToFile = False
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    settings.solution.file.write = False
     static, time = settings.staticSolver, settings.timeIntegration
     static.newton.residualMode = 1  # forces: their scale is near zero
     static.newton.relativeTolerance = static.newton.absoluteTolerance = 1e-9
@@ -382,7 +384,7 @@ def _friction(beam: ExudynBeam, force: Force) -> None:
     bristle = item.ObjectConnectorCoordinateSpringDamperExt(
         markerNumbers=[beam.ground, beam.marker(node, 1)],
         nodeNumber=beam.memory(),
-        fDynamicFriction=force.values["force"],
+        dynamicFrictionForce=force.values["force"],
         stickingStiffness=1e4,
     )
     beam.mbs.AddObject(bristle)

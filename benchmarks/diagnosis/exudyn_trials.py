@@ -197,7 +197,7 @@ def drawn(kind: str, seed: int) -> tuple[BeamTrial, dict]:
     plain = nominal(supports, rng)
     length, elements = plain.length, FINER * ELEMENTS
     cantilever = supports == "cantilever"
-    first = ExudynBeam(plain, elements)
+    first = ExudynBeam(plain, elements, still=True)
     rest = first.static()
     omega, shape, _ = first.mode(rest)
     # largest release: about a fifth of a cantilever, or the thickness of the others
@@ -255,7 +255,7 @@ def _measured(truth, elements, how, top, point, sensors, omega, rng):
     """Readings of three releases, and the time between samples."""
     from exudyn_beam import ExudynBeam
 
-    beam, moving = (ExudynBeam(truth, elements, loose) for loose in (True, False))
+    beam, moving = (ExudynBeam(truth, elements, still) for still in (True, False))
     rest = beam.static()
     node = int(np.argmin(np.abs(beam.x - point)))
     step, duration, every = how.pace(truth.supports)
@@ -270,7 +270,8 @@ def _measured(truth, elements, how, top, point, sensors, omega, rng):
         if how.release == "hit":
             struck = int(np.argmin(np.abs(beam.x - rng.uniform(0.5, 1) * truth.length)))
             blow, length = _blow(height, shape[1::3], struck, node, omega, rng)
-            motion = moving.motion(rest, duration, step, every, blow, struck)
+            moving = ExudynBeam(truth, elements, struck=struck)
+            motion = moving.motion(rest, duration, step, every, blow)
             motion = motion[int(length / (every * step)) + 1 :]
         else:
             start = beam.held_at(pattern, node, height, rest)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -137,18 +138,22 @@ REPEATS = {
 }
 
 
-def against_repeat(name: str, folder: Path) -> rs.DiagnosisReport:
-    """A run beside the model of another; of three, the spread of the other two is known."""
+def against_repeat(name: str, folder: Path) -> Callable[[], rs.DiagnosisReport]:
+    """Diagnosis of a run beside the model of another; of three, the spread of two is known.
+
+    The first mode of the double beam is identified; the others are taken for a simulated file.
+    """
     first, second, *third = REPEATS[name](folder)
-    known = model_of_simulation(first)
-    repeats = [first, *third] if third else None
-    return rs.diagnose(
-        known.model,
+    if third:
+        known = rs.identify(first)
+        return lambda: rs.diagnose(known, second, repeats=[first, *third])
+    simulated = model_of_simulation(first)
+    return lambda: rs.diagnose(
+        simulated.model,
         second,
-        tolerances=known.tolerances,
-        floor=known.floor,
+        tolerances=simulated.tolerances,
+        floor=simulated.floor,
         reference=first,
-        repeats=repeats,
     )
 
 
