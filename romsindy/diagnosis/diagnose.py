@@ -120,9 +120,7 @@ def diagnose(
         remedy.
     """
     if isinstance(catalogue, str) or not isinstance(catalogue, Iterable):
-        raise ValueError(
-            f"catalogue = {catalogue!r} must be a list of effects"
-        )
+        raise ValueError(f"catalogue = {catalogue!r} must be a list of effects")
     if progress is not None and not callable(progress):
         raise ValueError(f"progress = {progress!r} must be a function of a line of text")
     strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
