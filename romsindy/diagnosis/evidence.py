@@ -176,11 +176,7 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     price = 0.0
     for p, variance in zip(part.parameters, np.diag(covariance), strict=True):
         prior = p.spread or (p.high - p.low) / np.sqrt(2 * np.pi)
-<<<<<<< HEAD
         if prior > 0:  # one that is rounded to the textbook's costs nothing
-=======
-        if prior:  # a value that was rounded costs nothing
->>>>>>> catalogue
             price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
     return price
 
