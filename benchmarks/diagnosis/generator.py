@@ -159,20 +159,20 @@ class Case:
     level: float  # rms of the clean records, dimensionless
 
     def further(
-        self, amplitude: float, duration: float, noise: float, place: int, rng: np.random.Generator
+        self, amplitude: float, duration: float, noise: float, wait: float, rng: np.random.Generator
     ) -> rs.Decay:
         """One more record: the largest release with amplitude, length and noise changed.
 
-        ``place`` counts such records: each is made as long after the one before as it is long.
+        It begins so many lengths of that record after the last one.
         """
         largest = max(range(len(self.test.releases)), key=lambda i: abs(self.test.releases[i]))
         begin, end = self.test.spans[largest]
-        length = duration * (end - begin)
-        start = 0.0 if self.test.own_clocks else self.test.spans[-1][1] + (2 * place + 1) * length
+        length = end - begin
+        start = 0.0 if self.test.own_clocks else self.test.spans[-1][1] + wait * length
         made = replace(
             self.test,
             releases=(amplitude * self.test.releases[largest],),
-            spans=((start, start + length),),
+            spans=((start, start + duration * length),),
             skipped=(0,),
         )
         kind = self.truth["noise"]

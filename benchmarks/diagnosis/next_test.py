@@ -28,7 +28,8 @@ def outcome(case: Case, test: Experiment | None, seed: int) -> tuple[rs.Diagnosi
     if test is not None:
         rng = np.random.default_rng([seed, EXPERIMENTS.index(test)])
         change = test.amplitude, test.duration, test.noise
-        decays += [case.further(*change, i, rng) for i in range(test.repetitions)]
+        waits = test.wait + 2 * test.duration * np.arange(test.repetitions)
+        decays += [case.further(*change, wait, rng) for wait in waits]
     report = rs.diagnose(case.trial.model, decays, held_out=held_out)
     hum = ("mains_hum",) if case.truth["noise"] == "hum" else ()
     mark = marks(Said.of(report), list(case.truth["effects"]), hum)

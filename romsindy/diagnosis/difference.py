@@ -29,7 +29,8 @@ from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array, Indices
 
 _LEAST = 4  # cycles that are compared
-_SPAN = 8  # cycles of a part of a record, at least
+_SPAN = 6  # cycles of a part of a record, at least
+_BENT = 8  # from so many on, a difference may change steadily
 _LOUD = 4.0  # amplitude over the error of that of a cycle, from which on a cycle counts
 _SHARED = 0.03  # by how much the first cycle may be outside of the amplitudes of the simulation
 _SAME_DECAY = 1e-5  # of the angular frequency: less damping is none
@@ -57,7 +58,7 @@ class Difference:
     noise : float
         Rms over the largest amplitude.
     parts : tuple of Difference
-        Of the halves and quarters of a record that is long enough.
+        Of the halves, quarters and eighths of a record that is long enough.
     """
 
     amplitude: tuple[float, float]
@@ -227,7 +228,7 @@ def _cycles_of(t: Array, x: Array) -> Cycles | None:
 
 def _of_parts(pair: _Pair) -> Difference:
     n = len(pair.t)
-    counts = [k for k in (2, 4) if n >= k * _SPAN]
+    counts = [k for k in (2, 4, 8) if n >= k * _SPAN]
     pieces = [s for k in counts for s in np.array_split(np.arange(n), k)]
     parts = tuple(_difference(pair, piece) for piece in pieces)
     return replace(_difference(pair, np.arange(n)), parts=parts)
@@ -288,7 +289,7 @@ def _fitted(t: Array, x: Array, weight: Array, derivative: int) -> tuple[float, 
     A polynomial follows what changes steadily; the scatter about it, with neighbours that err
     alike, is the error.
     """
-    degree = derivative + (1 if len(t) >= _SPAN else 0)
+    degree = derivative + (1 if len(t) >= _BENT else 0)
     middle = np.average(t, weights=weight**2)
     scale = float(np.ptp(t))
     basis = np.vander((t - middle) / scale, degree + 1, increasing=True) * weight[:, None]

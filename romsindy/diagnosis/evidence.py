@@ -26,6 +26,9 @@ from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
+# Standard deviations from which on a value that was known to a tolerance is worth a word: 5 %.
+_FAR = 2.0
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -100,7 +103,13 @@ class Hypothesis:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects; of the values that moved where there are none."""
-        return tuple(p.effect.name for p in self.effects) or self.moved
+        return tuple(p.effect.name for p in self.effects) or (*self.moved, *self.beyond)
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Names of the values that moved by more than their tolerances let expect."""
+        known = [(p.effect.name, p.tolerance, p.strengths) for p in self.parts[: self.n_free]]
+        return tuple(n for n, s, x in known if s is not None and np.any(np.abs(x) > _FAR * s))
 
     @cached_property
     def _worth(self) -> _Worth:

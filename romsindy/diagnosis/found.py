@@ -119,7 +119,9 @@ def _effect(
 def _moved(hypothesis: Hypothesis) -> list[int]:
     """Which of its unsure parts moved."""
     parts = hypothesis.parts[: hypothesis.n_free]
-    return [i for i, p in enumerate(parts) if p.effect.name in hypothesis.moved]
+    return [
+        i for i, p in enumerate(parts) if p.effect.name in (*hypothesis.moved, *hypothesis.beyond)
+    ]
 
 
 def _with_error(value: float, error: float) -> str:

@@ -27,7 +27,7 @@ class Prediction:
     record: Record
     before: Array
     after: Array
-    name: str
+    name: str = name_of(0)
 
     def error(self, simulated: Array) -> float:
         """Rms of the misfit over the noise; 1 is perfect."""

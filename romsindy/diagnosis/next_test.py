@@ -26,7 +26,7 @@ from romsindy.fit.gauss_newton import fit, limits, moved_parts
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
 from romsindy.fit.process_noise import Marginal, Windows
-from romsindy.fit.record import Record
+from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT, QUIET
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -59,6 +59,9 @@ class Experiment:
     duration, noise : float
         Of the record and of its noise over those of the largest.
     repetitions : int
+    wait : float
+        From the end of the last record so far on, in lengths of the largest, where all records
+        share one clock.
     """
 
     words: str
@@ -67,6 +70,7 @@ class Experiment:
     duration: float = 1.0
     noise: float = 1.0
     repetitions: int = 1
+    wait: float = 1.0
 
     def action(self, largest: float, unit: str | None) -> str:
         """What to do, in words, where the largest release so far had this amplitude."""
@@ -81,6 +85,7 @@ EXPERIMENTS = (
     Experiment("a decay from {amplitude}", 1.0, amplitude=1.5),
     Experiment("the same release twice more", 2.0, repetitions=2),
     Experiment("a record twice as long", 2.0, duration=2.0),
+    Experiment("the same release after ten times the length of a record", 2.0, wait=10.0),
     Experiment("a decay from {amplitude}", 2.0, amplitude=2.0),
     Experiment("the same release four times more", 4.0, repetitions=4),
     Experiment("the same release with a sensor of a third of the noise", 4.0, noise=1 / 3),
@@ -172,12 +177,14 @@ def next_test(
         return None
     largest = max(range(len(records)), key=lambda i: records[i].amplitude)
     several = [_Rival.of(model, h, records, largest) for h in rivals]
+    spans = scales(records).spans
+    now = max(end for _, end in spans) if spans else None
     scores = np.array([h.score if explained else 0.0 for h in rivals])
     shares = weights(rivals) if explained else np.full(len(rivals), 1 / len(rivals))
     found: list[tuple[float, Experiment]] = []
     for cost in sorted({test.cost for test in tests}):
         for test in (test for test in tests if test.cost == cost):
-            told = _log_odds(several, scores, records[largest], test)
+            told = _log_odds(several, scores, records[largest], test, now)
             if told is not None:
                 found.append((_sure(told, shares), test))
         if any(2 * value >= EQUIVALENT for value, _ in found):
@@ -225,14 +232,18 @@ class _Rival:
         start = fitted.solution.motions[largest].start
         return cls(model, parts, weaker, start, information, fitted.form, fitted.excess)
 
-    def shows(self, test: Experiment, largest: Record, guess: Trajectory | None) -> Record | None:
+    def shows(
+        self, test: Experiment, largest: Record, now: float | None, guess: Trajectory | None = None
+    ) -> Record | None:
         """A test without noise, were this the truth; None where it has too few cycles.
 
-        ``guess`` is the motion of another rival.
+        ``now`` (s) is the end of the last record on the clock that all share, if they do, and
+        ``guess`` the motion of another rival.
         """
         t = largest.decay.dt * np.arange(round(test.duration * len(largest.t)))
+        clock = largest.clock if now is None else now + test.wait * float(largest.t[-1])
         grid = Grid.over(t, _TURN / largest.rate, _STEPS)
-        equation = ExtendedEquation(self.model, self.weaker, 0, grid.step)
+        equation = ExtendedEquation(self.model, self.weaker, 0, grid.step, clock=clock)
         try:
             motion = integrate(equation, test.amplitude * self.start, grid, guess)
         except TrajectoryError as error:  # diverges, or friction holds it
@@ -249,7 +260,7 @@ class _Rival:
         if escaped or end * largest.rate < _TURN * _LEAST_CYCLES:
             return None
         q, q_dot, q_ddot = (sampled(motion, d)[:, 0] for d in range(3))
-        decay = Decay(t, q, q_dot, q_ddot, largest.decay.unit, largest.decay.measured)
+        decay = Decay(clock + t, q, q_dot, q_ddot, largest.decay.unit, largest.decay.measured)
         valid = np.ones(len(t), bool)
         whole = Record(decay, signal, valid, largest.noise, largest.spline, motion)
         record = whole.until(end)
@@ -326,7 +337,11 @@ def _weakening(hypothesis: Hypothesis, parts: Sequence[Part], covariance: Array)
 
 
 def _log_odds(
-    rivals: Sequence[_Rival], scores: Array, largest: Record, test: Experiment
+    rivals: Sequence[_Rival],
+    scores: Array,
+    largest: Record,
+    test: Experiment,
+    now: float | None,
 ) -> Array | None:
     """Logarithm of the odds for each rival against the next, were it true, (n,).
 
@@ -334,7 +349,7 @@ def _log_odds(
     """
     told, motion = [], None
     for true, score in zip(rivals, scores, strict=True):
-        record = true.shows(test, largest, motion)
+        record = true.shows(test, largest, now, motion)
         if record is None:
             return None
         motion = record.motion

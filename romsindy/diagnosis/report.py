@@ -188,26 +188,28 @@ class DiagnosisReport:
             matters = any(d.exceeds(self.tolerance) for d in self.differences)
             return "nothing that these data show." if matters else "nothing that matters."
         found = " and ".join(map(str, self.effects))
+        also = "".join(f" Fitted beside it: {e}." for e in self.moved)
+        closes = "They close" if len(self.effects) > 1 else "It closes"
+        if self.verdict == "unknown":
+            nothing = "nothing in the catalogue explains it"
+            if not found or not self.gap.closed > 0:
+                return f"{nothing}."
+            return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best
         odds = f" ({words.odds(self._log_odds(other), titles(other))})" if other else ""
-        also = "".join(f" Fitted beside it: {e}." for e in self.moved)
-        gap = words.closing(self.gap, self.tolerance, "It" if len(self.effects) < 2 else "They")
-        if self.verdict == "unknown":
-            if not found:
-                return "nothing in the catalogue explains it."
-            return (
-                f"nothing in the catalogue explains it; the nearest is {found}{odds}. {gap}{also}"
-            )
         if len(self.rivals) > 1:
             others = ", or ".join(titles(h) for h in self.rivals[1:])
-            gap = words.closing(self.gap, self.tolerance, "The first")
-            return f"{found}, or {others}; these data do not tell them apart{odds}. {gap}{also}"
+            closing = self._closing("The first closes")
+            return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
         if len(self.best.moved) > 1 and not self.best.effects:
             also += (
                 " One cause may stand behind both, such as a viscoelastic support or a small mass"
                 " that vibrates along; decays at another frequency would tell."
             )
-        return f"{found}{odds}. {gap}{also}"
+        return f"{found}{odds}. {self._closing(closes)}{also}"
+
+    def _closing(self, closes: str) -> str:
+        return words.closing(self.gap, self.tolerance, closes)
 
     def __str__(self) -> str:
         return self.sentence

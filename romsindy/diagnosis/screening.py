@@ -125,6 +125,7 @@ def screen(
     for i, record in enumerate(records):
         where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
         system.add(np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int), rows)
+    system.add_priors(parts)
     return Screening(system, n_base, tuple(candidates), tuned)
 
 

@@ -134,9 +134,9 @@ class Search:
             tried = self._one_more(best, screening)
             if best is base and tried and not self.remainder(tried[0]).explained:
                 tried = self._ranked([*tried, *self._pairs(screening)])
+            seen += tried
             if not tried or not self._worth(best, tried[0]):
                 break
-            seen += tried
             best = tried[0]
         if best.moved:
             instead = self._instead(base)

@@ -76,16 +76,17 @@ def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
 
 def odds(log_odds: float, other: str) -> str:
     """Odds against the next explanation, by its name."""
-    size = f"{_two_digits(float(np.exp(min(log_odds, _MOST_ODDS))))} : 1"
-    return f"odds {'above ' if log_odds > _MOST_ODDS else ''}{size} against the next, {other}"
+    more = "above " if log_odds > _MOST_ODDS else ""
+    size = _two_digits(float(np.exp(min(log_odds, _MOST_ODDS))))
+    return f"odds {more}{size} : 1 against the next, {other}"
 
 
 def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:
     """How much of the gap closes, on what took no part if there is such."""
     if not gap.matters(tolerance) and gap.before < PREDICTED:
         return f"On {gap.where} the noise hides what it changes."
-    share = round(100 * gap.closed)
-    return f"{what} closes {f'{share} %' if share else 'nothing'} of the gap on {gap.where}."
+    share = {0: "nothing", 100: "all"}.get(round(100 * gap.closed), percent(gap.closed))
+    return f"{what} {share} of the gap on {gap.where}."
 
 
 def remainder(gap: Gap, kind: str) -> str:

@@ -140,7 +140,10 @@ def fit(
         r.signal - read(parts, i, r.t, sampled(m, r.derivative))[0]
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
-    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
+    pairs = list(zip(records, residuals, strict=True))
+    if any(float(np.abs(e).max()) > _LOST * float(np.abs(r.signal).max()) for r, e in pairs):
+        return _failed(parts, motions, n_values)  # the last step led nowhere
+    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs)
     return Solution(
         parts,
         tuple(motions),

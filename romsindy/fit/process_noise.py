@@ -38,6 +38,7 @@ _LEAST_CYCLES, _MOST_WINDOWS = 3, 40
 _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
 _LOST = 1e100  # products of columns that lead nowhere
+_GROWN = 1e6  # so many times a disturbance at the start: no motion that is seen to decay
 # Sizes to choose from: from nothing to a phase that is lost.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -1.4, 0.25)])
 
@@ -274,7 +275,8 @@ class Departures:
             with np.errstate(all="ignore"):
                 several = [Windows.of(model, parts, i, *pair) for i, pair in pairs]
                 marginal = Marginal.of(parts, several)
-            if not np.abs(marginal.gram).max() < _LOST:
+            grown = max(np.abs(w.response.q[..., -2]).max() for w in several)
+            if not (grown < _GROWN and np.abs(marginal.gram).max() < _LOST):
                 break
             jump = marginal.needed()
             step = marginal.solve(jump)[1]

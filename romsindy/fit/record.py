@@ -258,5 +258,5 @@ def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
         if np.count_nonzero(at) > 1:
             members = tuple(map(int, np.flatnonzero(at)))
             found.setdefault(members, (2 * np.pi * first, int(nearest[at].max())))
-    most = sorted(found, key=len, reverse=True)
-    return tuple(found[members] for members in most[:_COMBS])
+    whole = [m for m in found if not any(set(m) < set(other) for other in found)]
+    return tuple(found[m] for m in sorted(whole, key=len, reverse=True)[:_COMBS])

@@ -76,8 +76,8 @@ FLOOR = 2e-4
 # ratio at equal amplitude, and the rms of the waveform over the largest amplitude (74 dB). A tenth
 # of what the weakest effects of the trials do to either.
 SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-4, 1e-2, FLOOR
-# Standard errors from which on a difference is no chance: seven spans, of three values each, are
-# looked at in every record.
+# Standard errors from which on a difference is no chance: up to fifteen spans, of three values each,
+# are looked at in every record.
 SURE = 3.5
 # A beam whose modes move, or are displaced, by less than this part of their largest at the first
 # sample was let go from rest, or hit at rest: more must be read from the sensors.

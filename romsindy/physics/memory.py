@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import ztbtrs
 
 from romsindy.typing import Array
 
@@ -97,12 +97,8 @@ class SlidingLaw(MemoryLaw):
     unit = "1/s^2"
 
     @abstractmethod
-    def risen(self, z: Array, way: Array | float) -> Array:
-        """z after q has risen by ``way`` (>= 0), from z; both (m, n)."""
-
-    def _gone(self, z: Array, way: Array) -> Array:
-        sign = np.where(way < 0, -1.0, 1.0)
-        return sign * self.risen(sign * z, np.abs(way))
+    def moved(self, z: Array, way: Array | float) -> Array:
+        """z after q has gone one way, up or down, by ``way``; both (m, n)."""
 
     @abstractmethod
     def _still(self) -> Array:
@@ -111,8 +107,7 @@ class SlidingLaw(MemoryLaw):
     def begun(self, q: float, q_dot: float, rate: float) -> Array:
         # From the middle to where the stroke began, and along the stroke.
         peak = -np.sign(q_dot) * np.hypot(q, q_dot / rate) if q_dot else q
-        z = self._gone(self._still()[:, None], np.array([peak]))
-        return self._gone(z, np.array([q - peak]))[:, 0]
+        return self.moved(self.moved(self._still()[:, None], peak), q - peak)[:, 0]
 
     def carried(self, t: Array, q: Array, q_dot: Array, inner: Array) -> Array:
         turn = np.flatnonzero(q_dot[:-1] * q_dot[1:] < 0)
@@ -122,12 +117,10 @@ class SlidingLaw(MemoryLaw):
         start = np.concatenate([q[:1], top])
         turns = [inner[:, None]]
         for way in np.diff(start).tolist():
-            # As `_gone`, in plain numbers: there are hundreds of strokes.
-            sign = -1.0 if way < 0 else 1.0
-            turns.append(sign * self.risen(sign * turns[-1], sign * way))
+            turns.append(self.moved(turns[-1], way))
         z = np.concatenate(turns, axis=1)
         stroke = np.searchsorted(turn, np.arange(len(q)))  # the turn comes after its sample
-        return self._gone(z[:, stroke], q - start[stroke])
+        return self.moved(z[:, stroke], q - start[stroke])
 
 
 @dataclass(frozen=True)
@@ -147,6 +140,7 @@ class SlippingJoint(SlidingLaw):
     def expression(self) -> str:
         return "mean of z_i; z_i' = q_dot, |z_i| <= slip_i"
 
+    @cached_property
     def _slips(self) -> Array:
         middle = (np.arange(_SLIDERS) + 0.5) / _SLIDERS
         return (
@@ -154,10 +148,10 @@ class SlippingJoint(SlidingLaw):
         )
 
     def _still(self) -> Array:
-        return np.zeros(len(self._slips()))
+        return np.zeros(len(self._slips))
 
-    def risen(self, z: Array, way: Array | float) -> Array:
-        return np.minimum(z + way, self._slips())
+    def moved(self, z: Array, way: Array | float) -> Array:
+        return np.minimum(np.maximum(z + way, -self._slips), self._slips)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return np.mean(inner, axis=0)
@@ -194,10 +188,10 @@ class BoucWen(SlidingLaw):
         way = np.concatenate([[0.0], np.cumsum(np.diff(x) / rate)])
         return x, way - way[_TABLE - 1]
 
-    def risen(self, z: Array, way: Array | float) -> Array:
+    def moved(self, z: Array, way: Array | float) -> Array:
         at, ways = self._table
-        gone = np.interp(z / self.slip, at, ways) + way / self.slip
-        return self.slip * np.interp(gone, ways, at)
+        up = np.where(np.less(way, 0), -self.slip, self.slip)
+        return up * np.interp(np.interp(z / up, at, ways) + way / up, ways, at)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return inner[0]
@@ -218,8 +212,8 @@ class Play(SlidingLaw):
     def _still(self) -> Array:
         return np.zeros(1)
 
-    def risen(self, z: Array, way: Array | float) -> Array:
-        return np.minimum(z + way, self.half)
+    def moved(self, z: Array, way: Array | float) -> Array:
+        return np.minimum(np.maximum(z + way, -self.half), self.half)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return q - inner[0]
@@ -265,10 +259,10 @@ class FadingLaw(MemoryLaw):
         fade, half = np.exp(self.pole * d), np.exp(self.pole * d / 2)
         # Simpson's rule; z[i + 1] = fade[i] z[i] + gain[i]
         gain = d / 6 * (fade * f[:-1] + 4 * half * f_mid + f[1:])
-        start = complex(inner[0], inner[1])
-        band = np.stack([np.ones(len(q)), np.append(-fade, 0.0)])
-        z = solve_banded((1, 0), band, np.concatenate([[start], gain]))
-        return np.stack([z.real, z.imag])
+        band = np.stack([np.ones(len(q), complex), np.append(-fade, 0.0)])
+        gain = np.concatenate([[complex(inner[0], inner[1])], gain])
+        z, _ = ztbtrs(band, gain[:, None], uplo="L", diag="U")  # ones on its diagonal: it solves
+        return np.stack([z[:, 0].real, z[:, 0].imag])
 
 
 @dataclass(frozen=True)

@@ -58,15 +58,15 @@ def drift(
     lines = _lines(y, x, quiet + added, int(count * _LINES / _SLOW))
     if not np.any(added) and not np.any(lines):
         return None
-    # From a quarter of the fundamental on, the noise between the harmonics holds the drift, too.
-    added = np.where(frequency * cycle > 0.25, np.maximum(added - quiet, 0.0), added) + lines
+    # From half of the fundamental on, the noise between the harmonics holds the drift, too.
+    added = np.where(frequency * cycle > 0.5, np.maximum(added - quiet, 0.0), added) + lines
     nothing = 1e-12 * float(quiet.min())  # beyond the slow part
     beyond = frequency[-1] + frequency[1]
     return Spectrum(np.append(frequency, beyond), np.append(np.maximum(added, nothing), nothing))
 
 
 def _rising(y: Array, x: Array, quiet: Array, k: Indices) -> Array:
-    """The most likely power law of the cosine's number, if it is distinctly likelier than none."""
+    """Power laws of the cosine's number, as likely as each is; none if none is distinctly so."""
     # A constant is as uncertain as half a cosine would be.
     laws = [
         quiet[0] * size / np.maximum(k, 0.5) ** power
@@ -75,7 +75,9 @@ def _rising(y: Array, x: Array, quiet: Array, k: Indices) -> Array:
     slow = slice(1, len(y) + 1)
     found = [_left(y, x, (quiet + law)[slow])[0] for law in laws]
     gain = _left(y, x, quiet[slow])[0] - min(found)
-    return laws[int(np.argmin(found))] if gain > chi2.isf(_CHANCE, 2) else np.zeros(len(k))
+    if gain < chi2.isf(_CHANCE, 2):
+        return np.zeros(len(k))
+    return np.average(laws, axis=0, weights=np.exp(-0.5 * (np.array(found) - min(found))))
 
 
 def _lines(y: Array, x: Array, variance: Array, slowest: int) -> Array:

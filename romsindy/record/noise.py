@@ -90,7 +90,8 @@ class Noise:
         spectrum = replace(spectrum, power=spectrum.power + floor**2)
         every = np.fft.rfftfreq(len(rest), dt)
         std = float(np.sqrt(np.mean(spectrum(every))))
-        slowly = drift(rest + slow, amplitude, spectrum, cycle, dt)
+        beside = spectrum.leaking(len(rest) * dt)
+        slowly = drift(rest + slow, amplitude, beside, cycle, dt)
         return cls(std, spectrum, dt, floor, lines, level, slowly)
 
     def weighing_alike(self) -> Noise:

@@ -40,6 +40,7 @@ class Corrected(NamedTuple):
 
     decay: Decay
     readings: Array  # (n, n_sensors), in what was measured
+    start: tuple[float, float]  # coordinate and its rate
     release: Release
 
 
@@ -93,15 +94,10 @@ def corrected(
     equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
     reduced = integrate(equation, start, record.motion.grid)
     own = decay.between(record.decay.t[0])
-    q, q_dot = float(start[0]), float(start[1])
+    state = (float(start[0]), float(start[1]))
     if release is None:
-        release = read_release(seen, beam, (q, q_dot), own.signal, own.dt, own.derivative)
-    dt = record.decay.dt
-    finer = round(dt / own.dt) if own.derivative else 1  # displacements hardly show fast modes
-    step = dt / finer
-    duration = float(record.t[-1]) + 0.5 * step
-    motion = seen.motion(beam, q, duration, step, release.load, q_dot=q_dot, push=release.push)
-    moved = [downsample(x, finer) for x in motion]
+        release = read_release(seen, beam, state, own.signal, own.dt, own.derivative)
+    moved = simulated(seen, beam, record, own, state, release)
 
     def left(measured: Array, derivative: int) -> Array:
         """A signal without what the beam does beside its reduced model."""
@@ -111,7 +107,27 @@ def corrected(
     signals: dict[str, Any] = {
         n: left(x, SIGNALS.index(n)) for n, x in signals_of(record.decay).items()
     }
-    return Corrected(replace(record.decay, **signals), moved[record.derivative], release)
+    return Corrected(replace(record.decay, **signals), moved[record.derivative], state, release)
+
+
+def simulated(
+    seen: InstrumentedBeam,
+    beam: Beam,
+    record: Record,
+    decay: Decay,
+    start: tuple[float, float],
+    release: Release,
+) -> list[Array]:
+    """What the sensors read of a beam: displacements, velocities, accelerations.
+
+    At the times of a record; the decay holds what was measured, as fast as it was.
+    """
+    dt = record.decay.dt
+    finer = round(dt / decay.dt) if decay.derivative else 1  # displacements hardly show fast modes
+    step, (q, q_dot) = dt / finer, start
+    duration = float(record.t[-1]) + 0.5 * step
+    motion = seen.motion(beam, q, duration, step, release.load, q_dot=q_dot, push=release.push)
+    return [downsample(x, finer) for x in motion]
 
 
 def calm_from(record: Record, readings: Array) -> float:

@@ -116,6 +116,12 @@ class Adjusted:
 
 def position_doubt(seen: InstrumentedBeam, deviation: float) -> PositionDoubt:
     """Sensors that are each off by a standard deviation, m."""
+    of_each = np.linalg.pinv(seen.shapes)[0] * seen.shapes[:, 0] * position_gains(seen, deviation)
+    return PositionDoubt(float(np.linalg.norm(of_each)))
+
+
+def position_gains(seen: InstrumentedBeam, deviation: float) -> Array:
+    """Errors of the gains of sensors that are each off by a standard deviation, m, (n_sensors,)."""
     modes = seen.shapes.shape[1]
     step = _SHIFT * seen.beam.length
     inwards = [
@@ -123,8 +129,8 @@ def position_doubt(seen: InstrumentedBeam, deviation: float) -> PositionDoubt:
         for s in seen.sensors.sensors
     ]
     there = seen.beam.sensors(inwards).mode_shapes(seen.basis, modes)
-    slope = (there[:, 0] - seen.shapes[:, 0]) / step
-    return PositionDoubt(deviation * float(np.linalg.norm(np.linalg.pinv(seen.shapes)[0] * slope)))
+    slope = np.abs(there[:, 0] - seen.shapes[:, 0]) / step
+    return np.asarray(deviation * slope / np.abs(seen.shapes[:, 0]))
 
 
 def doubts(

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.beam import Beam, StaticCurve, changes
+from romsindy.beam import FREE, Beam, StaticCurve, changes
 from romsindy.beam.spring import springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
@@ -26,6 +26,9 @@ _ORDER = 7
 _LEAST = 1e-12  # an effect that must be positive, and is zero
 # Tolerances of positions are in m, all others relative.
 POSITIONS = ("sensor_positions", "anchor_x", "anchor_y")
+# Parts of the length over which an effect is looked for, at so many points: nearer to a support
+# nothing moves.
+_WITH_FREE_END, _BETWEEN, _POINTS = (0.3, 1.0), (0.15, 0.85), 7
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
@@ -147,17 +150,18 @@ def parameter_effects(
     amplitude: float,
     shift: float = 0.0,
     names: Collection[str] | None = None,
+    at: float | None = None,
 ) -> tuple[ParameterEffect, ...]:
     """Effects of the parameters that a beam has, up to some coordinate (kg^0.5 m).
 
     ``shift`` is by how much omega^2 was found to differ, 1/s^2: the differences are taken over the
     change of each parameter that would cause this, so that they are exact there. Without
-    ``names``, those that are looked for where nothing is said about them.
+    ``names``, those that are looked for where nothing is said about them. Mass is added at ``at``,
+    m; by default where the first mode moves most, and at some other `points`.
     """
-    at = seen.basis.point(1)
     start = seen_coefficients(seen, seen.beam, amplitude)
 
-    def effect(p: _Parameter, step: float) -> ParameterEffect:
+    def effect(p: _Parameter, step: float, at: float | None) -> ParameterEffect:
         changed = seen.beam.with_effect(_changed(p.change, step, at))
         there = seen_coefficients(seen, changed, amplitude)
         slopes = tuple((there[key] - start[key]) / step for key in start)
@@ -167,16 +171,24 @@ def parameter_effects(
 
     found = []
     known = _looked_for(seen.beam) if names is None else _parameters_of(seen.beam)
-    for p in known:
-        if names is not None and p.name not in names:
-            continue
-        tangent = effect(p, p.step)
+    # Mass resists otherwise where the beam turns than where it shifts: one column for each place.
+    places = [seen.basis.point(1), *points(seen.beam)[:-1:2]] if at is None else [at]
+    chosen = [p for p in known if names is None or p.name in names]
+    tried = [(p, where) for p in chosen for where in (places if p in _MASS else places[:1])]
+    for p, where in tried:
+        tangent = effect(p, p.step, where)
         slope = tangent.linear_shift(start["omega^2"])
         needed = shift / slope if slope else np.inf
         # Steps that the frequency does not ask for stay small.
         chord = p.step < abs(needed) < _FAR * p.step and needed * max(p.sign, 0) >= 0
-        found.append(effect(p, needed) if chord else tangent)
+        found.append(effect(p, needed, where) if chord else tangent)
     return tuple(found)
+
+
+def points(beam: Beam) -> list[float]:
+    """Where an effect that may be anywhere is tried, m."""
+    between = _WITH_FREE_END if beam.right == FREE else _BETWEEN
+    return (beam.length * np.linspace(*between, _POINTS)).tolist()
 
 
 def _looked_for(beam: Beam) -> tuple[_Parameter, ...]:

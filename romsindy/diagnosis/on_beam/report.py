@@ -17,8 +17,9 @@ from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
-from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted
+from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.place import Place
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport, Verdict
 from romsindy.fit.part import Part
@@ -59,6 +60,8 @@ class BeamReport:
         On the record that was held out, or the last: the beam before and after.
     trouble : str
         Why the beam could not be simulated with what was found; empty where it could.
+    place : Place or None
+        Where the effect acts, if it is one that can be anywhere.
     """
 
     reduced: DiagnosisReport
@@ -67,6 +70,7 @@ class BeamReport:
     parts: tuple[Part, ...]
     sensor_errors: tuple[SensorError, ...]
     trouble: str = ""
+    place: Place | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -150,7 +154,9 @@ class BeamReport:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_on_beam:
             lines.append(f"Not on the improved beam: {', '.join(self.not_on_beam)}.")
-        return "\n".join(lines)
+        if self.place is not None and not self.trouble:
+            lines.append(f"Place: {self.place}.")
+        return "\n".join([*lines, *filter(None, [in_words(self.adjusted)])])
 
     def __str__(self) -> str:
         return self.sentence
@@ -173,6 +179,7 @@ class BeamReport:
         content |= {"verdict": self.verdict, "sentence": self.sentence}
         content["faults"] = [vars(f) for f in self.faults]
         content["adjusted"] = [vars(a) for a in self.adjusted]
+        content["place"] = None if self.place is None else vars(self.place)
         content["sensors"] = [vars(e) for e in self.sensor_errors]
         return json_text(content)
 

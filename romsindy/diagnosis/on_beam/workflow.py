@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from joblib import Parallel, delayed
 
-from romsindy.beam import Beam, NoEquilibriumError, SensorArray, Shape, StepTooLongError
+from romsindy.beam import (
+    Beam,
+    SensorArray,
+    Shape,
+    StaticCurve,
+)
 from romsindy.diagnosis.on_beam.checks import checked_readings
-from romsindy.diagnosis.on_beam.defect import Corrected, calm_from, corrected, on_the_beam
-from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt
+from romsindy.diagnosis.on_beam.defect import Corrected
+from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt, position_gains
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
@@ -19,16 +24,14 @@ from romsindy.diagnosis.on_beam.parameters import (
     parameter_effects,
     standard_deviations,
 )
+from romsindy.diagnosis.on_beam.place import Slack, can_be_anywhere, moved_to
 from romsindy.diagnosis.on_beam.release import Release
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
+from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
-from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
@@ -37,9 +40,6 @@ from romsindy.record.signals import noise_std
 from romsindy.typing import Array
 
 _ORDER = 7
-_ROUNDS = 5
-_LOUD = 0.5  # of the noise: what is taken off, if the start is read again
-_FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 # What a beam explains by its own parameters, and a sensor by comparison with the others.
 _GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 # Parameters of a beam that stand for the coefficients of a reduced model.
@@ -75,81 +75,45 @@ def diagnose_beam(
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(measured)]
     model = calibrated(seen.beam, own)
-    effects = _effects(seen, model, training, float(np.abs(own.q).max()), options.catalogue)
+    curve, shift = seen.curve(float(np.abs(own.q).max())), _frequency_shift(model, training)
+    effects_at = partial(_effects, seen, curve, shift, options.catalogue)
+    effects = effects_at()
     unneeded = {*_GENERIC, *(e.name for e in effects)}
     general = [e for e in options.catalogue if e.name not in unneeded]
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
-    look_for = replace(options, catalogue=(*general, *effects))
-    parallel = Parallel(options.n_jobs)
     releases: list[Release | None] = [None if load is None else Release(load)] * len(records)
-    smooth = list(records)
-
-    def look(found: Sequence[Corrected], most: int) -> DiagnosisReport:
-        decays = [c.decay.between(start) for c, start in zip(found, calm, strict=True)]
-        test = decays[-1] if held_out is not None else None
-        chosen = replace(look_for, max_effects=most)
-        return diagnose_model(model, decays[: len(measured)], test, unsure, {}, chosen)
-
-    def simulate(parts: Sequence[Part]) -> list[Corrected]:
-        added = " + ".join(p.effect.name for p in parts) or "nothing more"
-        options.progress(f"the beam with {added}")
-        rows = zip(records, raw, releases, smooth, strict=True)
-        found = list(parallel(delayed(corrected)(seen, model, parts, *row) for row in rows))
-        releases[:] = [c.release for c in found]
-        smooth[:] = [Record.of(c.decay, options.floor) for c in found]
-        return found
-
+    rounds = Rounds(
+        seen, model, records, raw, held_out is not None, unsure, general, options, releases
+    )
     try:
-        before = simulate(())
-        if any(_rings(c.decay, r) for c, r in zip(before, records, strict=True)):
-            before = simulate(())  # from a start that is read without the ringing
-    except _FAILURES as error:
+        before = rounds.begin()
+    except FAILURES as error:
         raise ValueError(
             f"the beam as it is cannot be simulated over the decays ({error}): check its values,"
             " or let it go from less"
         ) from error
-    sensed = [(r, seen.coordinate(c.readings)) for r, c in zip(records, before, strict=True)]
-    calm = [calm_from(record, readings) for record, readings in sensed]
-    report, parts, after, trouble = _looked_again(before, look, simulate, options)
-    errors = _sensor_errors(seen, decays[-1].between(calm[-1]), (before[-1], after[-1]))
+    found, place = rounds.run(effects, before), None
+    movable = [p for p in found.parts if can_be_anywhere(p)]
+    if len(movable) == 1 and len(found.report.best.effects) == 1:
+        doubtful = [
+            seen.beam.with_effect(p.on_beam(near[p.name]))
+            for p in parameter_effects(seen, curve.reach, names=near)
+        ]
+        gains = position_gains(seen, near.get("sensor_positions", 0.0))
+        place = rounds.place_of(movable[0], found, Slack.of(seen, doubtful, gains))
+        if place.told:
+            parts = tuple(
+                moved_to(seen, p, place.at, records[0]) if p is movable[0] else p
+                for p in found.parts
+            )
+            found = rounds.run(effects_at(place.at), rounds.simulate(parts), parts)
+    errors = _sensor_errors(
+        seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
+    )
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
-    return BeamReport(report, faults, whole, parts, errors, trouble)
-
-
-def _looked_again(
-    before: list[Corrected],
-    look: Callable[[Sequence[Corrected], int], DiagnosisReport],
-    simulate: Callable[[Sequence[Part]], list[Corrected]],
-    options: Options,
-) -> tuple[DiagnosisReport, tuple[Part, ...], list[Corrected], str]:
-    """Simulate what was found, take the defect off and look again, until nothing changes.
-
-    One effect that closes the gap counts more than several that fit a little better. Returns the
-    report, what is on the beam that was simulated, and this. Where the beam cannot be simulated
-    with what was found, the reason comes back.
-    """
-    most, found = 1, before
-    simulated: tuple[Part, ...] = ()
-    report = look(found, most)
-    for _ in range(_ROUNDS):
-        if report.interrupted:
-            return report, (), before, "interrupted"
-        parts = on_the_beam(report.best.parts)
-        if not parts and not simulated:
-            return report, (), before, ""
-        if _settled(simulated, report):
-            if report.verdict != "unknown" or most == options.max_effects:
-                break
-            most = options.max_effects
-        else:
-            try:
-                found, simulated = simulate(parts), parts
-            except _FAILURES as error:
-                return report, (), before, str(error)
-        report = look(found, most)
-    return report, simulated, found, ""
+    return BeamReport(found.report, faults, whole, found.parts, errors, found.trouble, place)
 
 
 def _with_right_sensors(
@@ -174,18 +138,20 @@ def _channels(decay: Decay, kept: Sequence[int]) -> Decay:
 
 def _effects(
     seen: InstrumentedBeam,
-    model: ReducedModel,
-    decays: Sequence[Decay],
-    reach: float,
+    curve: StaticCurve,
+    shift: float,
     catalogue: Sequence[Effect],
+    at: float | None = None,
 ) -> tuple[BeamEffect, ...]:
-    """Effects in the form that they have on this beam; the user's own first."""
-    curve = seen.curve(reach)
-    shift = _frequency_shift(model, decays)
+    """Effects in the form that they have on this beam; the user's own first.
+
+    Those that may be anywhere are at ``at``, m; by default where the first mode moves most.
+    """
     known = {e.name for e in BEAM_CATALOGUE}
     own = [e for e in catalogue if isinstance(e, TermEffect) and e.name not in known]
-    mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE])
-    return (*damping_effects(curve), *mounted, *parameter_effects(seen, reach, shift))
+    mounted = mounted_effects(curve, [*own, *BEAM_CATALOGUE], at)
+    parameters = parameter_effects(seen, curve.reach, shift, at=at)
+    return (*damping_effects(curve), *mounted, *parameters)
 
 
 def _within_tolerances(
@@ -207,11 +173,6 @@ def _within_tolerances(
     return found + list(doubts(model, records, alike, deviations) if alike else ())
 
 
-def _rings(corrected: Decay, record: Record) -> bool:
-    """Whether what was taken off stands out of the noise."""
-    return bool(np.std(record.signal - corrected.signal) > _LOUD * record.noise.std)
-
-
 def _sensor_errors(
     seen: InstrumentedBeam, decay: Decay, both: Sequence[Corrected]
 ) -> tuple[SensorError, ...]:
@@ -221,19 +182,6 @@ def _sensor_errors(
     left = [readings - c.readings[-len(readings) :] for c in both]
     errors = [np.sqrt(np.mean(x**2, axis=0)) / noise for x in left]
     return tuple(SensorError(*row) for row in zip(seen.sensors.labels, *errors, strict=True))
-
-
-def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
-    """Whether the effects that were simulated are those found, within a standard error."""
-    after = {(p.effect.name, p.effect.variant): p for p in on_the_beam(report.best.parts)}
-    before = {(p.effect.name, p.effect.variant): p for p in parts}
-    if set(before) != set(after):
-        return False
-    errors = {e.name: list(e.standard_errors.values()) for e in (*report.effects, *report.moved)}
-    return all(
-        np.all(np.abs(p.values - after[k].values) < errors.get(k[0], [np.inf]))
-        for k, p in before.items()
-    )
 
 
 def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:

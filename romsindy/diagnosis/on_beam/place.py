@@ -1,0 +1,199 @@
+"""Where on a beam a force or a mass acts, from what the higher modes do of it.
+
+Along the curve of the first mode an effect at any point can do the same work: the first coordinate
+tells what acts, and not where. The higher modes are moved by phi_m(a) times the force, so that the
+sensors, beside the first mode, do tell. The beam is simulated with the effect at some points a, as
+strong as the first coordinate asks for there; between them the readings are splines over a. With
+the gains of the sensors marginalised, their misfit is a likelihood of a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import null_space
+
+from romsindy.beam import Beam
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.mounted import MountedEffect
+from romsindy.diagnosis.on_beam.parameters import ParameterEffect, points
+from romsindy.effects.base import State
+from romsindy.effects.load import PointMass
+from romsindy.effects.mounting import AtPoint
+from romsindy.fit.linear_response import sampled
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record
+from romsindy.typing import Array
+
+_FINE = 301
+_GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
+_FREQUENCY = 2e-4  # relative standard deviation of the frequency of a higher mode, at the least
+_DAMPING = 0.2  # the same of its damping
+_CONFIDENCE = 3.84  # chi-square of one value, 95 %
+_TOLD = 1 / 3  # of the length: a wider interval says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Slack:
+    """What the sensors and the higher modes may do beside what is simulated: standard deviations.
+
+    Attributes
+    ----------
+    gains : (n_sensors,) array
+        Relative, of the sensors.
+    frequencies : (n_modes,) array
+        Relative, of the modes above the first that are told apart.
+    rates : (n_modes,) array
+        Of their damping, 1/s.
+    """
+
+    gains: Array
+    frequencies: Array
+    rates: Array
+
+    @property
+    def spreads(self) -> Array:
+        """All, as the columns that they belong to."""
+        pairs = np.stack([self.frequencies, self.rates], axis=1).ravel()
+        return np.concatenate([self.gains, pairs])
+
+    @classmethod
+    def of(cls, seen: InstrumentedBeam, doubtful: Sequence[Beam], gains: Array) -> Slack:
+        """Slack of a beam, given what it would be if each doubtful parameter were another."""
+        count = seen.shapes.shape[1]
+        omega = seen.basis.omega[:count]
+        shifts = [b.modes(count=count).omega / omega - 1 for b in doubtful]
+        spread = np.sqrt(_FREQUENCY**2 + sum(x**2 for x in shifts))
+        rates = _DAMPING * (seen.beam.alpha + seen.beam.eta * omega**2) / 2
+        return cls(np.hypot(_GAINS, gains), (spread * np.ones(count))[1:], rates[1:])
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an effect acts, m.
+
+    Attributes
+    ----------
+    at : float
+        The likeliest point.
+    low, high : float
+        Ends of its 95 % interval.
+    length : float
+        Of the beam.
+    """
+
+    at: float
+    low: float
+    high: float
+    length: float
+
+    @property
+    def told(self) -> bool:
+        """Whether the data can tell where."""
+        return self.high - self.low < _TOLD * self.length
+
+    def __str__(self) -> str:
+        if not self.told:
+            return "these data cannot tell where on the beam it acts"
+        return f"it acts at {self.at:.3g} m ({self.low:.3g} to {self.high:.3g} m)"
+
+
+def can_be_anywhere(part: Part) -> bool:
+    """Whether an effect acts at one point, which was not given."""
+    effect = part.effect
+    if isinstance(effect, MountedEffect):
+        usual = effect.effect.mounting
+        return isinstance(usual, AtPoint) and usual.at is None
+    return isinstance(effect, ParameterEffect) and effect.change is PointMass
+
+
+def moved_to(seen: InstrumentedBeam, part: Part, at: float, record: Record) -> Part:
+    """An effect elsewhere, where it does the same to the first mode in a record."""
+    effect, strength = part.effect, float(part.strengths[0, 0])
+    if isinstance(effect, ParameterEffect):
+        squared = (_lift(seen, effect.at) / _lift(seen, at)) ** 2
+        weights = tuple(w / squared for w in effect.direction.weights)
+        there = replace(effect, at=at, direction=replace(effect.direction, weights=weights))
+        return replace(part, effect=there, strengths=part.strengths * squared)
+    effect = cast(MountedEffect, effect)
+    mounting = cast(AtPoint, effect.mounting)
+    ratio = _lift(seen, at) / _lift(seen, mounting.at)
+    metres = {p.name: effect.value(p.name) * ratio for p in part.parameters if p.unit == "m"}
+    other = replace(effect.shaped(metres), mounting=replace(mounting, at=at))
+    q, q_dot, q_ddot = (sampled(record.motion, k)[:, 0] for k in range(3))
+    state = State(record.t, q, q_dot, q_ddot, record.motion.grid.step)
+    here, elsewhere = effect.forces(state)[0], other.forces(state)[0]
+    share = strength * float(here @ elsewhere) / float(elsewhere @ elsewhere)
+    return replace(part, effect=other, strengths=np.array([[share]]))
+
+
+def _lift(seen: InstrumentedBeam, at: float | None) -> float:
+    """Transverse size of the first mode at a point."""
+    return float(np.vdot(seen.beam.point_load((0.0, 1.0), at=at), seen.basis.shape(1)))
+
+
+def find_place(
+    seen: InstrumentedBeam,
+    records: Sequence[Record],
+    measured: Sequence[Array],
+    simulated: Sequence[Sequence[Array]],
+    slack: Slack,
+) -> Place:
+    """Where an effect acts.
+
+    Parameters
+    ----------
+    seen : InstrumentedBeam
+    records : sequence of Record
+        Of the coordinate: their noise is that of the sensors.
+    measured : sequence of (n, n_sensors) arrays
+        What the sensors read in each.
+    simulated : sequence of sequences of (n, n_sensors) arrays
+        The same for the effect at each of the `points`.
+    slack : Slack
+    """
+    at = np.array(points(seen.beam))
+    m, spreads = 1 + len(at), slack.spreads
+    gram = np.zeros((m + len(spreads),) * 2)
+    samples = 0
+    for record, y, readings in zip(records, measured, simulated, strict=True):
+        table = _table(seen, record, y, readings)
+        gram += table.T @ table
+        samples += len(table)
+    known, cross = gram[m:, m:] + np.diag(1 / spreads**2), gram[m:, :m]
+    left = gram[:m, :m] - cross.T @ np.linalg.solve(known, cross)
+    fine = np.linspace(at[0], at[-1], _FINE)
+    v = np.column_stack([np.ones(_FINE), -CubicSpline(at, np.eye(len(at)))(fine)])
+    chi_squared = np.einsum("ij,jk,ik->i", v, left, v)
+    noise = max(float(chi_squared.min()) / samples, 1.0)
+    inside = fine[chi_squared < chi_squared.min() + _CONFIDENCE * noise]
+    best = float(fine[np.argmin(chi_squared)])
+    return Place(best, float(inside.min()), float(inside.max()), seen.beam.length)
+
+
+def _table(
+    seen: InstrumentedBeam, record: Record, measured: Array, simulated: Sequence[Array]
+) -> Array:
+    """Whitened columns of the sensors beside the first mode: measured, simulated, slack."""
+    noise = _level(record, measured - simulated[-1])
+    beside = null_space((seen.shapes[:, 0] / noise)[None])
+    usual = simulated[len(simulated) // 2]
+    own = [np.outer(usual[:, s], row) for s, row in enumerate(np.eye(len(noise)))]
+    modal, t = usual @ np.linalg.pinv(seen.shapes).T, record.t
+    for k, shape in list(enumerate(seen.shapes.T))[1:]:
+        rate = np.gradient(modal[:, k], t)
+        own += [np.outer(t * rate, shape), np.outer(t * modal[:, k], shape)]
+    columns = [(y / noise) @ beside for y in (measured, *simulated, *own)]
+    white = [record.whitened(c) for c in columns]
+    return np.stack([w.ravel() for w in white], axis=1)
+
+
+def _level(record: Record, left: Array) -> Array:
+    """Noise of the sensors over that of the coordinate, (n_sensors,)."""
+    differences = np.diff(record.whitened(left), axis=0)
+    # Differences of neighbours see noise, and hardly a slow misfit.
+    return np.asarray(np.std(differences, axis=0) / np.sqrt(2))

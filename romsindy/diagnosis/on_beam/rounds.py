@@ -1,0 +1,192 @@
+"""Rounds: simulate a beam, take off what it does beside its reduced model, look again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from romsindy.beam import NoEquilibriumError, StepTooLongError
+from romsindy.diagnosis.on_beam.defect import (
+    Corrected,
+    beam_with,
+    calm_from,
+    corrected,
+    on_the_beam,
+    simulated,
+)
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.parameters import points
+from romsindy.diagnosis.on_beam.place import Place, Slack, find_place, moved_to
+from romsindy.diagnosis.on_beam.release import Release
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.workflow import diagnose_model
+from romsindy.effects.base import Effect
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record
+from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
+
+FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
+_ROUNDS = 5
+_LOUD = 0.5  # of the noise: what is taken off, if the start is read again
+_CYCLES = 25  # of each record: over these the beam is simulated with an effect at several places
+
+
+class Outcome(NamedTuple):
+    """What was found, what is on the beam that was simulated, and this.
+
+    Where the beam cannot be simulated with what was found, ``trouble`` says why.
+    """
+
+    report: DiagnosisReport
+    parts: tuple[Part, ...]
+    corrected: list[Corrected]
+    trouble: str = ""
+
+
+@dataclass(eq=False)
+class Rounds:
+    """A beam and its reduced model beside records.
+
+    Attributes
+    ----------
+    seen : InstrumentedBeam
+    model : ReducedModel
+    records : list of Record
+        Of the coordinate.
+    raw : list of Decay
+        What the sensors measured in each, as fast as they did.
+    held_out : bool
+        Whether the last takes no part.
+    unsure, general : sequences of Effect
+        What follows the data; what is looked for beside effects that a beam can have.
+    options : Options
+    releases : list of Release or None
+        How each record started; None is read from the sensors, once.
+    """
+
+    seen: InstrumentedBeam
+    model: ReducedModel
+    records: list[Record]
+    raw: list[Decay]
+    held_out: bool
+    unsure: Sequence[Effect]
+    general: Sequence[Effect]
+    options: Options
+    releases: list[Release | None]
+    smooth: list[Record] = field(init=False)  # without what the higher modes add
+    calm: list[float] = field(init=False)  # when fast modes have died, s
+
+    def __post_init__(self) -> None:
+        self.smooth = list(self.records)
+        self.parallel = Parallel(self.options.n_jobs)
+
+    @property
+    def n_training(self) -> int:
+        """Number of records to learn from."""
+        return len(self.records) - self.held_out
+
+    def begin(self) -> list[Corrected]:
+        """Simulate the beam as it is."""
+        found = self.simulate(())
+        if any(_rings(c.decay, r) for c, r in zip(found, self.records, strict=True)):
+            found = self.simulate(())  # from a start that is read without the ringing
+        sensed = [self.seen.coordinate(c.readings) for c in found]
+        self.calm = [calm_from(*pair) for pair in zip(self.records, sensed, strict=True)]
+        return found
+
+    def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
+        """Simulate the beam with what was found."""
+        added = " + ".join(p.effect.name for p in parts) or "nothing more"
+        self.options.progress(f"the beam with {added}")
+        rows = zip(self.records, self.raw, self.releases, self.smooth, strict=True)
+        found: list[Corrected] = list(
+            self.parallel(delayed(corrected)(self.seen, self.model, parts, *row) for row in rows)
+        )
+        self.releases = [c.release for c in found]
+        self.smooth = [Record.of(c.decay, self.options.floor) for c in found]
+        return found
+
+    def run(
+        self, effects: Sequence[Effect], before: list[Corrected], parts: tuple[Part, ...] = ()
+    ) -> Outcome:
+        """Simulate what was found, take the defect off and look again, until nothing changes.
+
+        One effect that closes the gap counts more than several that fit a little better. ``parts``
+        are on the beam that was simulated before.
+        """
+        most, found = 1, before
+        report = self._look(effects, found, most)
+        for _ in range(_ROUNDS):
+            if report.interrupted:
+                return Outcome(report, (), before, "interrupted")
+            if _settled(parts, report):
+                if report.verdict != "unknown" or most == self.options.max_effects:
+                    break
+                most = self.options.max_effects
+            else:
+                parts = on_the_beam(report.best.parts)
+                try:
+                    found = self.simulate(parts)
+                except FAILURES as error:
+                    return Outcome(report, (), before, str(error))
+            report = self._look(effects, found, most)
+        return Outcome(report, parts, found)
+
+    def _look(
+        self, effects: Sequence[Effect], found: Sequence[Corrected], most: int
+    ) -> DiagnosisReport:
+        decays = [c.decay.between(start) for c, start in zip(found, self.calm, strict=True)]
+        test = decays[-1] if self.held_out else None
+        chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
+        training = decays[: self.n_training]
+        return diagnose_model(self.model, training, test, self.unsure, {}, chosen)
+
+    def place_of(self, part: Part, outcome: Outcome, slack: Slack) -> Place:
+        """Where one of the effects that were found acts; see `find_place`."""
+        others = [p for p in outcome.parts if p.effect.name != part.effect.name]
+        beams = [
+            beam_with(self.seen.beam, [*others, moved_to(self.seen, part, at, self.records[0])])
+            for at in points(self.seen.beam)
+        ]
+        rows = list(zip(self.records, self.raw, outcome.corrected, self.calm, strict=True))
+        rows = rows[: self.n_training]
+        early = [r.until(min(_CYCLES * 2 * np.pi / r.rate, float(r.t[-1]))) for r, *_ in rows]
+        tasks = [
+            delayed(simulated)(self.seen, beam, record, decay, c.start, c.release)
+            for record, (_, decay, c, _) in zip(early, rows, strict=True)
+            for beam in beams
+        ]
+        found = [x[self.records[0].derivative] for x in self.parallel(tasks)]
+        n = len(beams)
+        moved = [found[n * i :][:n] for i in range(len(rows))]
+        measured, heard = [], []
+        for record, (_, decay, _, calm) in zip(early, rows, strict=True):
+            t = record.decay.t
+            measured.append(self.seen.thinned(decay).between(t[0], t[-1]).signal)
+            heard.append(replace(record, valid=record.valid & (t >= calm)))
+        return find_place(self.seen, heard, measured, moved, slack)
+
+
+def _rings(corrected: Decay, record: Record) -> bool:
+    """Whether what was taken off stands out of the noise."""
+    return bool(np.std(record.signal - corrected.signal) > _LOUD * record.noise.std)
+
+
+def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
+    """Whether the effects that were simulated are those found, within a standard error."""
+    after = {(p.effect.name, p.effect.variant): p for p in on_the_beam(report.best.parts)}
+    before = {(p.effect.name, p.effect.variant): p for p in parts}
+    if set(before) != set(after):
+        return False
+    errors = {e.name: list(e.standard_errors.values()) for e in (*report.effects, *report.moved)}
+    return all(
+        np.all(np.abs(p.values - after[k].values) < errors.get(k[0], [np.inf]))
+        for k, p in before.items()
+    )
