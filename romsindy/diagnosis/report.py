@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import PREDICTED
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
 from romsindy.text import TextTable
@@ -32,23 +32,6 @@ if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
 _ADVICE = ("action", "odds", "cost", "rivals")
-
-Verdict = Literal["none", "named", "ambiguous", "unknown"]
-
-
-def verdict_of(best: Hypothesis, rivals: Sequence[Hypothesis], left: Adequacy, gap: Gap) -> Verdict:
-    """Weigh the best hypothesis, its rivals, and what it leaves.
-
-    Stiffness and damping that move together may have one cause that is in no catalogue: a
-    viscoelastic support, a small mass that vibrates along.
-    """
-    if not left.explained or gap.after > PREDICTED:
-        return "unknown"
-    if not best.names:
-        return "none"
-    if len(rivals) > 1 or len(best.moved) > 1:
-        return "ambiguous"
-    return "named"
 
 
 @dataclass(frozen=True)
@@ -130,14 +113,9 @@ class DiagnosisReport:
         return min((other.score - self.best.score) / 2, np.log(np.finfo(float).max))
 
     @property
-    def left(self) -> Literal["noise", "tolerance", "form", "effect"]:
+    def left(self) -> Left:
         """What is left: noise, what does not matter, the form of the model, or more than that."""
-        if self.remainder.explained and self.gap.after <= PREDICTED:
-            return "noise"
-        if not any(d.exceeds(self.tolerance) for d in self.gap.differences_after):
-            return "tolerance"
-        needed = NO_FORM_ERROR if self.best.weighed is None else self.best.weighed.needed
-        return "form" if needed.joined(self.form) == self.form else "effect"
+        return left_over(self.best, self.remainder, self.gap, self.tolerance, self.form)
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:

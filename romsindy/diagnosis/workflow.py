@@ -13,9 +13,10 @@ from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap, name_of
 from romsindy.diagnosis.held_out import parted
 from romsindy.diagnosis.prediction import predict
-from romsindy.diagnosis.report import DiagnosisReport, verdict_of
+from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
 from romsindy.diagnosis.tolerance import DEFAULT
+from romsindy.diagnosis.verdict import verdict_of
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
@@ -58,7 +59,7 @@ def diagnose_model(
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
     predictions = [predict(model, best.parts, record, name) for name, record in judged.items()]
     gap = Gap(tuple(predictions), bool(tests))
-    verdict = verdict_of(best, rivals, left, gap)
+    verdict = verdict_of(best, rivals, left, gap, options.tolerance, form)
     if found.interrupted and verdict == "named":
         verdict = "ambiguous"  # with what was not compared
     return DiagnosisReport(

@@ -64,6 +64,9 @@ EQUIVALENT = 7.0
 ROUNDED = 4.0
 # Where the gap stays open, another effect must bring the misfit down by this factor to count.
 WORTH = 2.0
+# What is left is of the size of the form error of the model up to this factor: both are estimates
+# from some ten windows, good to a third, on a grid of quarters of a decade.
+SAME_SIZE = 2.0
 # A record that took no part is predicted where its error is at most this many times the noise:
 # `EXPLAINED`, and as much again for the errors of the fitted values and of the amplitudes beyond.
 PREDICTED = 1.25
@@ -76,8 +79,8 @@ FLOOR = 2e-4
 # ratio at equal amplitude, and the rms of the waveform over the largest amplitude (74 dB). A tenth
 # of what the weakest effects of the trials do to either.
 SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-4, 1e-2, FLOOR
-# Standard errors from which on a difference is no chance: up to fifteen spans, of three values each,
-# are looked at in every record.
+# Standard errors from which on a difference is no chance: up to fifteen spans, of three values
+# each, are looked at in every record.
 SURE = 3.5
 # A beam whose modes move, or are displaced, by less than this part of their largest at the first
 # sample was let go from rest, or hit at rest: more must be read from the sensors.
