@@ -149,7 +149,9 @@ def test_forces_do_the_work_of_the_beam():
 
 CURVE = SEEN.curve(0.016)
 FORCES = [
-    f.shaped({p.name: p.starts[len(p.starts) // 2] for p in f.parameters(Scales(0.016, 38.0, 20.0))})
+    f.shaped(
+        {p.name: p.starts[len(p.starts) // 2] for p in f.parameters(Scales(0.016, 38.0, 20.0))}
+    )
     for f in (*mounted_effects(CURVE), *damping_effects(CURVE))
 ]
 

@@ -26,6 +26,7 @@ from romsindy.fit.record import Record
 from romsindy.fit.verdict import QUIET, SURE
 from romsindy.record.demodulation import Cycles
 from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.spectrum import lines_between, strong_lines
 from romsindy.typing import Array, Indices
 
 _LEAST = 4  # cycles that are compared
@@ -74,8 +75,7 @@ class Difference:
     @classmethod
     def of(cls, record: Record, simulated: Array) -> Difference:
         """Compare a simulated signal (n,) with the record that it stands for."""
-        lines = float(np.sqrt(sum(line.rms**2 for line in record.noise.lines)))
-        pair = _paired(record, _cycles_of(record.t, simulated), lines)
+        pair = _paired(record, _cycles_of(record.t, simulated), _beside(record, simulated))
         return _apart(record, simulated) if pair is None else _of_parts(pair)
 
     @classmethod
@@ -153,6 +153,14 @@ class _Pair(NamedTuple):
     wander: Array  # standard error of each column over one cycle
     lines: float  # rms of what vibrates beside, over the largest amplitude
     noise: float
+
+
+def _beside(record: Record, simulated: Array) -> float:
+    """Rms of what vibrates beside the harmonics in what a simulated signal misses."""
+    cycle = 2 * np.pi / record.rate
+    order, power = lines_between(record.signal - simulated, cycle / record.decay.dt)
+    lines = strong_lines(order, power, len(record.signal), cycle)
+    return float(np.sqrt(sum(line.rms**2 for line in lines)))
 
 
 def _paired(record: Record, said: Cycles | None, lines: float) -> _Pair | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +31,13 @@ def predict(
         with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
             after = _simulated(model, same, record)
     return Prediction(record, before, after, name)
+
+
+def misfit_of(model: ReducedModel, parts: Sequence[Part], records: Iterable[Record]) -> float:
+    """Chi-square that a simulation with parts leaves of records; only their starts follow them."""
+    parts = [replace(p, strengths=p.strengths[:1]) for p in parts]
+    left = [(r, r.signal - _simulated(model, parts, r)) for r in records]
+    return float(sum(np.sum(r.whitened(x) ** 2) for r, x in left))
 
 
 def _simulated(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:

@@ -21,7 +21,8 @@ from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.place import Place
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
-from romsindy.diagnosis.report import DiagnosisReport, Verdict
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.verdict import Verdict
 from romsindy.fit.part import Part
 from romsindy.physics.serial import json_text
 from romsindy.text import TextTable
