@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from scipy.linalg import cho_factor, cho_solve, expm
 import romsindy as rs
 from romsindy.diagnosis.evidence import Hypothesis, ranked, weights
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.verdict import left_over, verdict_of
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
@@ -176,3 +179,48 @@ def test_odds_are_honest_where_the_model_wanders():
     # Without process noise most odds are sure, and many of these wrong.
     sure = blind_odds > 20 / 21
     assert np.count_nonzero(sure & (blind == 0)) >= 5
+
+
+# -- the verdict ------------------------------------------------------------------------------
+
+LEAVES = FormError(jump=3e-4, structure=1e-3)
+
+
+def verdict_for(
+    *, needs=NO_FORM_ERROR, explained=True, form=NO_FORM_ERROR, names=("drag",), **more
+):
+    """The verdict on stand-ins that hold what it looks at, and nothing else."""
+    options = {"after": 1.0, "rivals": 1, "moved": (), "improves": True, "matters": True, **more}
+    best = SimpleNamespace(needs=needs, names=names, moved=options["moved"])
+    gap = SimpleNamespace(
+        after=options["after"],
+        differences_after=(SimpleNamespace(exceeds=lambda _: options.get("exceeds", True)),),
+        improves=lambda _: options["improves"],
+        matters=lambda _: options["matters"],
+    )
+    tolerance = Tolerance(source=options.get("source", "default"))
+    left = SimpleNamespace(explained=explained)
+    given = (best, [best] * options["rivals"], left, gap, tolerance, form)
+    return verdict_of(*given), left_over(best, left, gap, tolerance, form)
+
+
+def test_the_verdict_asks_what_is_left():
+    """Noise, what does not matter, or as much as the model leaves of its own reference record."""
+    wrong = {"explained": False, "after": 5.0, "needs": LEAVES}
+    assert verdict_for() == ("named", "noise")
+    assert verdict_for(**wrong) == ("unknown", "effect")
+    assert verdict_for(**wrong, form=LEAVES) == ("named", "form")
+    assert verdict_for(**wrong, form=LEAVES.times(0.6)) == ("named", "form")
+    assert verdict_for(**wrong, form=FormError(1e-3, 1e-4)) == ("unknown", "effect")
+    assert verdict_for(**wrong, source="stated", exceeds=False) == ("named", "tolerance")
+    assert verdict_for(**wrong, source="stated") == ("unknown", "effect")
+    # The default tolerance is too small to be seen in the noise.
+    assert verdict_for(**wrong, exceeds=False) == ("unknown", "effect")
+
+
+def test_an_effect_is_named_only_where_it_matters_and_helps():
+    assert verdict_for(names=()) == ("none", "noise")
+    assert verdict_for(improves=False, matters=False) == ("none", "noise")
+    assert verdict_for(improves=False) == ("unknown", "noise")
+    assert verdict_for(rivals=2) == ("ambiguous", "noise")
+    assert verdict_for(moved=("linear_frequency", "viscous")) == ("ambiguous", "noise")

@@ -21,7 +21,7 @@ from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.verdict import Left, Verdict, left_of
+from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
@@ -120,7 +120,7 @@ class DiagnosisReport:
     @property
     def left(self) -> Left:
         """What is left: noise, what does not matter, the form of the model, or more than that."""
-        return left_of(self.best, self.remainder, self.gap, self.tolerance, self.form)
+        return left_over(self.best, self.remainder, self.gap, self.tolerance, self.form)
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:

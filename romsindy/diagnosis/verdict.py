@@ -10,13 +10,13 @@ from romsindy.diagnosis.form import FormError
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.verdict import FORM_ALIKE, PREDICTED
+from romsindy.fit.verdict import PREDICTED, SAME_SIZE
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
 Left = Literal["noise", "tolerance", "form", "effect"]
 
 
-def left_of(
+def left_over(
     best: Hypothesis, left: Adequacy, gap: Gap, tolerance: Tolerance, form: FormError
 ) -> Left:
     """What the best hypothesis leaves.
@@ -30,7 +30,7 @@ def left_of(
     stated = tolerance.source != DEFAULT
     if stated and not any(d.exceeds(tolerance) for d in gap.differences_after):
         return "tolerance"
-    return "form" if best.needs <= form.times(FORM_ALIKE) else "effect"
+    return "form" if best.needs <= form.times(SAME_SIZE) else "effect"
 
 
 def verdict_of(
@@ -63,7 +63,7 @@ def verdict_of(
         Stiffness and damping that move together may have one cause that is in no catalogue: a
         viscoelastic support, a small mass that vibrates along.
     """
-    if left_of(best, left, gap, tolerance, form) == "effect":
+    if left_over(best, left, gap, tolerance, form) == "effect":
         return "unknown"
     if not best.names:
         return "none"

@@ -70,9 +70,6 @@ GAINED = 7.0
 # A record that took no part is predicted where its error is at most this many times the noise:
 # `EXPLAINED`, and as much again for the errors of the fitted values and of the amplitudes beyond.
 PREDICTED = 1.25
-# The form error of a model on another record than its reference: within this factor it is alike.
-# Its size is estimated from a few tens of correlated windows, on a grid of factors of 1.8.
-FORM_ALIKE = 2.0
 # A gap that an effect may leave in the screening, where its shape is but a guess.
 SCREENED = 0.01
 # Disagreement that does not matter, as a part of the largest amplitude: 74 dB, what the best
