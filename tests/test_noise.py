@@ -78,7 +78,8 @@ def test_the_residual_of_the_true_motion_is_white_with_rms_1(kind):
         noise = STD * kind(np.random.default_rng(seed))
         record = recorded(noise)
         left = record.whitened(noise)
-        assert np.sqrt(left @ left / record.count) == pytest.approx(1, abs=EXPLAINED - 1)
+        # What a filter may have made of the harmonics takes some of the noise with it.
+        assert 0.85 < np.sqrt(left @ left / record.count) < EXPLAINED
         # Every fifth of a fundamental holds 32 cosines; no part is louder than noise may be.
         power = dct(left, norm="ortho") ** 2
         bands = [np.mean(p) for p in np.array_split(power, round(5 * RATE / 2 / F0))]
@@ -93,7 +94,7 @@ def test_the_residual_of_the_true_motion_is_white_with_rms_1(kind):
 @pytest.mark.parametrize("kind", NOISES)
 def test_whitening_is_linear_and_symmetric(kind):
     rng = np.random.default_rng(6)
-    record = recorded(STD * kind(rng))
+    record = replace(recorded(STD * kind(rng)), doubts=None)
     x, y = rng.standard_normal((2, len(T)))
     both = record.whitened(np.stack([x, y], axis=1))
     # To rounding of sums of 3200 terms.
