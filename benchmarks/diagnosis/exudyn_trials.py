@@ -5,8 +5,8 @@
 FOLDER/<kind>_<seed>.npz holds the readings of three releases (two to learn from, one held out), and
 what a diagnosis is told: the beam and the sensors as they are but for what is hidden ("exact"), and
 wrong within stated tolerances ("wrong"). truth/<kind>_<seed>.json holds the rest. Kinds are those
-of `KINDS`, and each with "_null" hides nothing; several take turns, one a seed. Exudyn has three times the elements of the beam
-that is diagnosed.
+of `KINDS`, and each with "_null" hides nothing; several take turns, one a seed. Exudyn has three
+times the elements of the beam that is diagnosed. Needs `pip install exudyn`.
 """
 
 from __future__ import annotations
