@@ -118,7 +118,8 @@ class NormalEquations:
 
 
 def _solved(a: Array, b: Array) -> Array:
-    scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    # Rounding makes a diagonal negative where large products cancel.
+    scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(a)), 1e-300))
     return np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=_RANK)[0] * scale
 
 
