@@ -112,7 +112,7 @@ class NormalEquations:
 
     def covariance(self) -> Array:
         """Inverse of the normal matrix: the curvature of the misfit."""
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        scale = 1 / np.sqrt(np.maximum(np.abs(np.diag(self.matrix)), 1e-300))
         scaled = self.matrix * scale * scale[:, None]
         return np.linalg.pinv(scaled, rcond=_RANK, hermitian=True) * scale * scale[:, None]
 
