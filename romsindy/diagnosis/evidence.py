@@ -59,7 +59,12 @@ class Hypothesis:
 
     def settled(self, known: FormError) -> Hypothesis:
         """The same with the form error that is known, or as much more as it needs."""
-        return self.at(known if self.weighed is None else known.joined(self.weighed.needed))
+        return self.at(known.joined(self.needs))
+
+    @property
+    def needs(self) -> FormError:
+        """Form error that its own misfit asks for."""
+        return FormError(np.inf, np.inf) if self.weighed is None else self.weighed.needed
 
     @property
     def excess(self) -> float:
@@ -120,7 +125,7 @@ class Hypothesis:
         marginal, jump = self.weighed.marginal, self.form.jump
         system, step = marginal.solve(jump, self.excess)
         if jump:
-            parts, misfit = moved_parts(solution.parts, step[:n]), marginal.cost(jump, self.excess)
+            parts, misfit = moved_parts(marginal.parts, step[:n]), marginal.cost(jump, self.excess)
         else:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / self.excess + known
@@ -171,7 +176,8 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     price = 0.0
     for p, variance in zip(part.parameters, np.diag(covariance), strict=True):
         prior = p.spread or (p.high - p.low) / np.sqrt(2 * np.pi)
-        price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
+        if prior > 0:  # one that is rounded to the textbook's costs nothing
+            price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
     return price
 
 

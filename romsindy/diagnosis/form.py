@@ -38,6 +38,14 @@ class FormError:
         """The larger of both, one by one."""
         return FormError(max(self.jump, other.jump), max(self.structure, other.structure))
 
+    def times(self, factor: float) -> FormError:
+        """So many times as large."""
+        return FormError(factor * self.jump, factor * self.structure)
+
+    def __le__(self, other: FormError) -> bool:
+        """Whether it is within another one."""
+        return self.joined(other) == other
+
     @classmethod
     def of(cls, model: ReducedModel, reference: Decay, floor: float) -> FormError:
         """What a model needs on the record that it was identified from.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -105,6 +105,12 @@ class Gap:
     def differences_after(self) -> tuple[Difference, ...]:
         """With the effects added, one a record."""
         return tuple(Difference.of(p.record, p.after) for p in self.predictions)
+
+    def unchanged(self) -> Gap:
+        """The same with nothing added."""
+        return replace(
+            self, predictions=tuple(replace(p, after=p.before) for p in self.predictions)
+        )
 
     def matters(self, tolerance: Tolerance) -> bool:
         """Whether the simulation as it was is surely beyond a tolerance."""

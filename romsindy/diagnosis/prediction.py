@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,8 +27,17 @@ def predict(
     """What the simulation before and after says about a record; only its start follows it."""
     before = after = _simulated(model, (), record)
     if parts:
-        after = _simulated(model, [replace(p, strengths=p.strengths[:1]) for p in parts], record)
+        same = [replace(p, strengths=p.strengths[:1]) for p in parts]
+        with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
+            after = _simulated(model, same, record)
     return Prediction(record, before, after, name)
+
+
+def misfit_of(model: ReducedModel, parts: Sequence[Part], records: Iterable[Record]) -> float:
+    """Chi-square that a simulation with parts leaves of records; only their starts follow them."""
+    parts = [replace(p, strengths=p.strengths[:1]) for p in parts]
+    left = [(r, r.signal - _simulated(model, parts, r)) for r in records]
+    return float(sum(np.sum(r.whitened(x) ** 2) for r, x in left))
 
 
 def _simulated(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
@@ -62,7 +71,7 @@ def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
             return np.zeros_like(record.signal)
         motion = error.motion
     x = sampled(motion, record.derivative)
-    # Friction that is about to hold the motion cannot be followed: it stays where it is.
+    # A motion that cannot be followed further stays where it is.
     held = x[-1:] if record.derivative == 0 else np.zeros((1, 1))
     x = np.concatenate([x, np.repeat(held, len(record.t) - len(x), axis=0)])
     return read(parts, 0, record.t, x)[0]

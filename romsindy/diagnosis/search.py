@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -120,7 +120,8 @@ class Search:
         ]
         if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
-        best, *_ = self._ranked([best])
+        alike = [h for h in seen if len(h.effects) == len(best.effects)]
+        best = self._ranked([best, *alike])[0]
         compared = sorted((h.at(best.form) for h in seen), key=lambda h: h.score)
         return Finding(self._rivals(best, compared), compared, base.at(best.form), interrupted)
 
@@ -238,14 +239,27 @@ class Search:
         """Drop effects that the others have made superfluous."""
         seen: list[Hypothesis] = []
         while len(best.effects) > 1:
-            parts = best.effects
-            fewer = self.fitted([[*parts[:i], *parts[i + 1 :]] for i in range(len(parts))])
+            fewer = self.without_one(best)
             seen += fewer
             shortest = self._ranked(fewer)[0]
             if self._worth(shortest, best):
                 break
             best = shortest
         return best, seen
+
+    def without_one(self, best: Hypothesis, base: Hypothesis | None = None) -> list[Hypothesis]:
+        """What is left of a hypothesis without one of its effects, for each of them."""
+        parts = best.effects
+        if len(parts) == 1 and base is not None:
+            return [base]
+        return self.fitted([[*parts[:i], *parts[i + 1 :]] for i in range(len(parts))])
+
+    def finding(self, best: Hypothesis, found: Finding) -> Finding:
+        """The same finding with another hypothesis for the best."""
+        (best,) = self._ranked([best])
+        compared = sorted((h.at(best.form) for h in found.compared), key=lambda h: h.score)
+        rivals = self._rivals(best, [h for h in compared if len(h.effects) == len(best.effects)])
+        return replace(found, rivals=rivals, compared=compared, base=found.base.at(best.form))
 
     def _replaced(self, best: Hypothesis, first: Screening) -> list[Hypothesis]:
         """Where several effects were accepted: siblings of each in its place."""

@@ -1,4 +1,4 @@
-"""The verdict: does what was found close the gap, and what is left of it?"""
+"""The verdict of a diagnosis: does it matter, is it explained, by what, and what is left?"""
 
 from __future__ import annotations
 
@@ -6,47 +6,67 @@ from collections.abc import Sequence
 from typing import Literal
 
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.form import FormError
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.verdict import PREDICTED, SAME_SIZE
+from romsindy.fit.verdict import FORM_ALIKE, PREDICTED
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
 Left = Literal["noise", "tolerance", "form", "effect"]
 
 
-def left_over(
-    best: Hypothesis, remainder: Adequacy, gap: Gap, tolerance: Tolerance, form: FormError
+def left_of(
+    best: Hypothesis, left: Adequacy, gap: Gap, tolerance: Tolerance, form: FormError
 ) -> Left:
-    """What is left: noise, what does not matter, the form of the model, or more than that."""
-    if remainder.explained and gap.after <= PREDICTED:
+    """What the best hypothesis leaves.
+
+    "noise"; "tolerance": less than what was said not to matter; "form": as much as the model leaves
+    of the record that it was identified from; "effect": more than that, a further effect.
+    """
+    if left.explained and gap.after <= PREDICTED:
         return "noise"
-    if not any(d.exceeds(tolerance) for d in gap.differences_after):
+    # By default next to nothing is tolerated, less than a difference at equal amplitude can show.
+    stated = tolerance.source != DEFAULT
+    if stated and not any(d.exceeds(tolerance) for d in gap.differences_after):
         return "tolerance"
-    needed = NO_FORM_ERROR if best.weighed is None else best.weighed.needed
-    alike = needed.jump <= SAME_SIZE * form.jump and needed.structure <= SAME_SIZE * form.structure
-    return "form" if alike else "effect"
+    return "form" if best.needs <= form.times(FORM_ALIKE) else "effect"
 
 
 def verdict_of(
     best: Hypothesis,
     rivals: Sequence[Hypothesis],
-    remainder: Adequacy,
+    left: Adequacy,
     gap: Gap,
     tolerance: Tolerance,
     form: FormError,
 ) -> Verdict:
     """Weigh the best hypothesis, its rivals, and what it leaves.
 
-    Something is named only where what is left is noise, does not matter, or is of the size by
-    which the model misses the record that it was identified from. Stiffness and damping that move
-    together may have one cause that is in no catalogue: a viscoelastic support, say.
+    Parameters
+    ----------
+    best : Hypothesis
+    rivals : sequence of Hypothesis
+        What the data do not tell apart from the best, itself first.
+    left : Adequacy
+        What the best leaves of the records it was fitted to.
+    gap : Gap
+        Before and after, on what took no part.
+    tolerance : Tolerance
+        Differences that do not matter.
+    form : FormError
+        Of the model, as its reference record shows it.
+
+    Returns
+    -------
+    "none", "named", "ambiguous" or "unknown"
+        Stiffness and damping that move together may have one cause that is in no catalogue: a
+        viscoelastic support, a small mass that vibrates along.
     """
-    if left_over(best, remainder, gap, tolerance, form) == "effect":
+    if left_of(best, left, gap, tolerance, form) == "effect":
         return "unknown"
-    if not best.names or not gap.improves(tolerance):
+    if not best.names:
         return "none"
-    if len(rivals) > 1 or len(best.moved) > 1:
-        return "ambiguous"
-    return "named"
+    if not gap.improves(tolerance):
+        return "unknown" if gap.matters(tolerance) else "none"
+    return "ambiguous" if len(rivals) > 1 or len(best.moved) > 1 else "named"

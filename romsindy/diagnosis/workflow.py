@@ -12,7 +12,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap, name_of
 from romsindy.diagnosis.held_out import parted
-from romsindy.diagnosis.prediction import predict
+from romsindy.diagnosis.prediction import misfit_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
 from romsindy.diagnosis.tolerance import DEFAULT
@@ -21,8 +21,8 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
-from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED
+from romsindy.fit.record import Record, scales, sharing_drift
+from romsindy.fit.verdict import GAINED, NOTHING_LEFT, ROUNDED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -37,10 +37,13 @@ def diagnose_model(
     form: FormError = NO_FORM_ERROR,
 ) -> DiagnosisReport:
     """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
-    check_request(model, measured, held_out, free, tolerances, options.false_alarm)
+    check_request(model, measured, held_out, free, tolerances)
     several = [over_shared_amplitudes(model, d) for d in measured]
     records = checked_records(model, several, options.floor)
-    tests = {} if held_out is None else {"held out": Record.loud(held_out, options.floor)}
+    if held_out is not None:
+        records = [*records, Record.loud(held_out, options.floor)]
+    records = sharing_drift(records)
+    tests = {} if held_out is None else {"held out": records.pop()}
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
     everything = (*records, *tests.values())
@@ -53,6 +56,8 @@ def diagnose_model(
     search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
     exact = replace(search, free=()).hypothesis([])
     found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
+    if tests and not found.interrupted:
+        found = _useful(search, found, tuple(tests.values()))
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
     rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
     left = search.remainder(best)
@@ -60,12 +65,16 @@ def diagnose_model(
     predictions = [predict(model, best.parts, record, name) for name, record in judged.items()]
     gap = Gap(tuple(predictions), bool(tests))
     verdict = verdict_of(best, rivals, left, gap, options.tolerance, form)
+    added = best.parts
+    if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
+        added, gap = (), gap.unchanged()
     if found.interrupted and verdict == "named":
         verdict = "ambiguous"  # with what was not compared
     return DiagnosisReport(
         verdict=verdict,
         nominal=model,
-        model=extended(model, best.parts),
+        model=extended(model, added),
+        added=added,
         best=best,
         rivals=tuple(rivals),
         compared=tuple(found.compared),
@@ -79,6 +88,20 @@ def diagnose_model(
         interrupted=found.interrupted,
         form=form,
     )
+
+
+def _useful(search: Search, found: Finding, tests: Sequence[Record]) -> Finding:
+    """Without effects that gain nothing on data that took no part."""
+    best = found.rivals[0]
+    misfit = misfit_of(search.model, best.parts, tests) if best.effects else np.inf
+    while best.effects:
+        fewer = search.without_one(best, found.base)
+        misfits = [misfit_of(search.model, h.parts, tests) for h in fewer]
+        least = int(np.argmin(misfits))
+        if misfits[least] - misfit > GAINED * best.excess:
+            break
+        best, misfit = fewer[least], misfits[least]
+    return found if best is found.rivals[0] else search.finding(best, found)
 
 
 def _parted(records: Sequence[Record]) -> tuple[list[Record], dict[str, Record]]:

@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.fit.collocation import Trajectory
-from romsindy.fit.gauss_newton import held_values, limits, table
+from romsindy.fit.collocation import Trajectory, TrajectoryError
+from romsindy.fit.gauss_newton import held_values, limits, moved_parts, table
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of
@@ -37,8 +37,8 @@ _LEAST_CYCLES, _MOST_WINDOWS = 3, 40
 # Departures are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
-_LOST = 1e100  # products of columns that lead nowhere
-_GROWN = 1e6  # so many times a disturbance at the start: no motion that is seen to decay
+_ROUNDING = 1e-13  # of products, by which they must not become negative
+_LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
 # Sizes to choose from: from nothing to a phase that is lost.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -1.4, 0.25)])
 
@@ -85,15 +85,26 @@ class Windows:
     def of(
         cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion."""
-        equation = ExtendedEquation(model, parts, i, m.grid.step, clock=record.clock)
-        response = respond(equation, m, equation.by_parameter(*nodes(m)))
-        change = response.samples(record.derivative)
-        x = sampled(m, record.derivative) + change[..., 0]
-        rows = table(parts, i, record, x, change[..., 1:])
+        """Linearise a fit to record ``i`` about a motion.
+
+        Raises
+        ------
+        TrajectoryError
+            If small disturbances of the motion grow without bound.
+        """
+        equation = ExtendedEquation(model, parts, i, m.grid.step)
+        with np.errstate(all="ignore"):
+            response = respond(equation, m, equation.by_parameter(*nodes(m)))
+        distance = np.abs(response.q[:, 0, [0, -2]] / [record.amplitude, 1.0]).max()
         steps = window_steps(record)
         starts = steps[:-1]
         states = np.stack([response.q[starts, 0, -2:], response.q_dot[starts, 0, -2:]], axis=1)
+        in_rates = states * [[1.0, record.rate], [1 / record.rate, 1.0]]
+        if not distance < _LOST or not np.linalg.cond(in_rates).max() < _LOST:
+            raise TrajectoryError("small disturbances of the motion grow without bound")
+        change = response.samples(record.derivative)
+        x = sampled(m, record.derivative) + change[..., 0]
+        rows = table(parts, i, record, x, change[..., 1:])
         # A departure turns the state, and stretches it.
         q, v = m.q[starts, 0], m.q_dot[starts, 0] / record.rate
         unit = np.array([[v, q], [-record.rate * q, record.rate * v]]).transpose(2, 0, 1)
@@ -106,8 +117,7 @@ class Windows:
             rows,
             steps,
             np.searchsorted(starts, m.grid.sample_step, side="right") - 1,
-            np.linalg.pinv(np.nan_to_num(states, posinf=0.0, neginf=0.0))
-            @ unit,  # inf shows in the rows
+            np.linalg.solve(states, unit),
             np.kron(np.linalg.cholesky(alike), np.eye(2)),
             np.concatenate([columns_of(parts, i), at_start]),
         )
@@ -200,14 +210,15 @@ class Marginal:
             own = np.zeros((n, len(power)))
             own[at] = with_rows @ windows.roots @ principal
             shared.append(own)
-            powers.append(np.maximum(power, 0.0))
+            powers.append(np.maximum(power, _ROUNDING * power[-1]))
         return cls(parts, len(several), gram, np.hstack(shared), np.concatenate(powers))
 
     def equations(self, jump: float, excess: float) -> NormalEquations:
         """Of all values and states; noise has ``excess`` times its power."""
         system = NormalEquations(sum(p.size for p in self.parts), self.n_records)
         weight = jump**2 / (excess + jump**2 * self.powers)
-        gram = (self.gram - (self.shared * weight) @ self.shared.T) / excess
+        rounding = _ROUNDING * np.diag(np.diag(self.gram))
+        gram = (self.gram - (self.shared * weight) @ self.shared.T + rounding) / excess
         system.matrix, system.right, system.power = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
         system.add_priors(self.parts)
         return system
@@ -265,28 +276,28 @@ class Departures:
         records: Sequence[Record],
         motions: Sequence[Trajectory],
     ) -> Departures | None:
-        """Start from the motions of a fit, and let them follow the records.
+        """Start from the values and motions of a fit, and let them follow the records.
 
         None where small disturbances of the motions grow without bound.
         """
         found = None
         for _ in range(_ROUNDS):
             pairs = enumerate(zip(records, motions, strict=True))
-            with np.errstate(all="ignore"):
+            try:
                 several = [Windows.of(model, parts, i, *pair) for i, pair in pairs]
-                marginal = Marginal.of(parts, several)
-            grown = max(np.abs(w.response.q[..., -2]).max() for w in several)
-            if not (grown < _GROWN and np.abs(marginal.gram).max() < _LOST):
+            except TrajectoryError:
                 break
+            marginal = Marginal.of(parts, several)
             jump = marginal.needed()
-            step = marginal.solve(jump)[1]
+            system, step = marginal.solve(jump)
             own = marginal.departures(several, jump, step)
             left = tuple(w.left(step, s) for w, s in zip(several, own, strict=True))
             found = cls(marginal, jump, left)
-            before = motions
+            parts, before = moved_parts(parts, step), motions
             motions = [w.moved(step, s) for w, s in zip(several, own, strict=True)]
             changes = zip(records, before, motions, strict=True)
-            # The linear problem holds near its motion: elsewhere it is set up anew.
-            if all(np.abs(b.q - a.q).max() < _NEAR * r.amplitude for r, a, b in changes):
+            near = all(np.abs(b.q - a.q).max() < _NEAR * r.amplitude for r, a, b in changes)
+            # The linear problem holds near its motion and values: elsewhere it is set up anew.
+            if near and np.all(np.abs(step) <= np.sqrt(np.diag(system.covariance()))):
                 break
         return found

@@ -202,14 +202,14 @@ class BeamReport:
         from romsindy.show.page import write_page
 
         page = self.reduced.page()
-        gap, explanations = page["tables"]
+        gap, *explanations = page["tables"]
         sensors = TextTable("Sensors of the beam", self.sensor_table())
         own = {
             "verdict": self.verdict,
             "sentence": self.sentence,
             "equation": self.recipe,
             "equation_note": "",
-            "tables": [gap, sensors, explanations],
+            "tables": [gap, sensors, *explanations],
         }
         write_page(path, "report", pictures=self.pictures().values(), **page | own)
 

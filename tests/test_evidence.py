@@ -1,0 +1,178 @@
+"""Odds that stay honest where no hypothesis is quite right."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+from scipy.linalg import cho_factor, cho_solve, expm
+
+import romsindy as rs
+from romsindy.diagnosis.evidence import Hypothesis, ranked, weights
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
+from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
+from romsindy.fit.gauss_newton import fit
+from romsindy.fit.part import Part
+from romsindy.fit.process_noise import Marginal, Windows, window_steps
+from romsindy.fit.record import Record, scales
+
+OMEGA, ZETA = 2 * np.pi * 5, 0.005
+DECAY = 2 * ZETA * OMEGA
+MODEL = rs.ReducedModel.from_coefficients({"omega^2": OMEGA**2, "c_linear": DECAY})
+EFFECTS = {e.name: e for e in CATALOGUE}
+
+
+def wandering(seed, size, force=lambda q, v: 0.0, snr_db=40):
+    """A decay of a linear oscillator whose frequency and damping ratio wander by a size.
+
+    Piecewise constant over each cycle, alike over an e-fold of the amplitude: integrated here.
+    """
+    rng = np.random.default_rng(seed)
+    t, n_cycles = np.arange(1600) / 100, 80
+    alike = np.exp(-2 * np.pi * ZETA)
+    wander = rng.standard_normal((n_cycles, 2))
+    for k in range(1, n_cycles):
+        wander[k] = alike * wander[k - 1] + np.sqrt(1 - alike**2) * wander[k]
+    q, y = [], [1.0, 0.0]
+    for k in range(n_cycles):
+        rate = OMEGA * (1 + size * wander[k, 0])
+        damping = 2 * (ZETA + size * wander[k, 1]) * OMEGA
+
+        def rates(_, y, rate=rate, damping=damping):
+            return [y[1], -(rate**2) * y[0] - damping * y[1] - force(*y)]
+
+        found = solve_ivp(rates, (0, 0.2), y, "DOP853", np.arange(21) / 100, rtol=1e-9, atol=1e-11)
+        q.append(found.y[0, :-1])
+        y = found.y[:, -1]
+    return rs.add_noise(rs.Decay(t, np.concatenate(q)), snr_db, seed)
+
+
+def fitted(decays, *names):
+    """Fit linear frequency, viscous damping and further effects, with exponents as they are."""
+    records = [Record.loud(d, 2e-4) for d in decays]
+    own = scales(records)
+    effects = [LinearFrequency(), Viscous(), *(EFFECTS[n] for n in names)]
+    parts = []
+    for effect in effects:
+        starts = [p.starts[0] for p in effect.parameters(own)]
+        parts.append(replace(Part.of(effect, own, len(records), starts), parameters=()))
+    return Hypothesis.of(MODEL, fit(MODEL, parts, records, iterations=30), 2, records), records
+
+
+def test_likelihood_is_that_of_a_dense_gaussian():
+    """Columns by the matrix exponential, covariance in full, generalised least squares."""
+    decay = wandering(3, 3e-4)
+    hypothesis, (record,) = fitted([decay])
+    parts, (motion,) = hypothesis.solution.parts, hypothesis.solution.motions
+    windows = Windows.of(MODEL, parts, 0, record, motion)
+    stiffness, damping = (p.strengths[0, 0] for p in parts)
+    a = np.array([[0.0, 1.0], [-(OMEGA**2) - stiffness, -DECAY - damping]])
+    t = record.t
+
+    def free(state, t):
+        powers = [expm(a * (s - t[0])) for s in t]
+        return np.array([p @ state for p in powers])
+
+    motion_there = free(motion.start, t)
+    by_state = np.stack([free(e, t)[:, 0] for e in np.eye(2)], axis=1)
+    by_value = []
+    for i in range(2):  # differences of two matrix exponentials
+        change = np.zeros((2, 2))
+        change[1, i] = -1e-3 * (OMEGA if i == 0 else 1.0)
+        there = np.array([expm((a + change) * s) @ motion.start for s in t])
+        by_value.append((there - motion_there)[:, 0] / (1e-3 * (OMEGA if i == 0 else 1.0)))
+    jacobian = record.whitened(np.column_stack([*by_value, by_state]))
+    misfit = record.whitened(record.signal - motion_there[:, 0])
+    # Of a linear oscillator an error of frequency or damping that lasts a window turns or stretches
+    # its motion, by a part that grows with time, and stays.
+    at = motion.grid.step * window_steps(record)
+    columns, levels = [], []
+    for start, end in itertools.pairwise(at):
+        q, v = expm(a * start) @ motion.start
+        phase = np.ptp(record.phase(np.array([start, end])))
+        back = expm(-a * start)
+        ramp = np.clip((t - start) / (end - start), 0, 1)
+        for state in ([v / record.rate, -q * record.rate], [q, v]):
+            columns.append(ramp * free(back @ state, t)[:, 0] * phase)
+        levels += 2 * [np.log(np.hypot(q, v / record.rate))]
+    departures = record.whitened(np.column_stack(columns))
+    alike = np.exp(-np.abs(np.subtract.outer(levels, levels)))
+    kinds = np.arange(len(levels)) % 2
+    alike *= kinds[:, None] == kinds
+    marginal = Marginal.of(parts, [windows])
+    for jump, excess in ((1e-5, 1.0), (3e-4, 1.0), (3e-3, 2.5)):
+        covariance = excess * np.eye(len(t)) + jump**2 * departures @ alike @ departures.T
+        factor = cho_factor(covariance, lower=True)
+        weighed = cho_solve(factor, np.column_stack([jacobian, misfit]))
+        normal = jacobian.T @ weighed
+        best = np.linalg.solve(normal[:, :-1], normal[:, -1])
+        dense = (misfit - jacobian @ best) @ (weighed[:, -1] - weighed[:, :-1] @ best)
+        dense += 2 * np.sum(np.log(np.diag(factor[0]))) - len(t) * np.log(excess)
+        # White noise: what is left are differences of the derivatives, and the step of the motion.
+        assert marginal.cost(jump, excess) == pytest.approx(dense, rel=2e-4)
+        system, step = marginal.solve(jump, excess)
+        errors = np.sqrt(np.diag(np.linalg.inv(normal[:, :-1])))
+        assert_allclose(np.sqrt(np.diag(system.covariance())), errors, rtol=0.01)
+        assert np.all(np.abs(step - best) < 0.05 * errors)
+
+
+def test_without_form_error_it_is_the_chi_square():
+    hypothesis, records = fitted([wandering(1, 0.0), wandering(2, 0.0)], "quadratic_drag")
+    solution = hypothesis.solution
+    white = [r.whitened(e) for r, e in zip(records, solution.residuals, strict=True)]
+    assert hypothesis.needs.jump == 0
+    assert hypothesis.at(NO_FORM_ERROR).parts == solution.parts
+    free = hypothesis.misfit - sum(float(e @ e) for e in white)
+    # Both unsure values stay at nothing, at the price of a rise within chance.
+    assert 0 <= free < 12 and hypothesis.moved == ()
+    assert_allclose(hypothesis.covariance, solution.covariance, rtol=1e-3, atol=1e-12)
+
+
+@cache
+def trials(size):
+    """Of two rivals one is true: is it preferred, how surely, and how far off is its strength?"""
+    strengths = {"quadratic_drag": 6e-4, "amplitude_damping": 0.075}
+    found = []
+    for seed in range(24):
+        name = list(strengths)[seed % 2]
+        true = strengths[name] * (0.3 + 0.1 * (seed % 14))
+
+        def force(q, v, name=name, true=true):
+            return true * (abs(v) * v if name == "quadratic_drag" else q * q * v)
+
+        decays = [wandering([seed, i], size, force) for i in range(2)]
+        rivals = [fitted(decays, n)[0] for n in strengths]
+        own = rivals[list(strengths).index(name)].at(FormError(size))
+        z = (own.effects[0].strengths[0, 0] - true) / np.sqrt(own.covariance[2, 2])
+        blind = sorted(rivals, key=lambda h: h.at(NO_FORM_ERROR).score)
+        best = ranked(rivals)
+        found.append(
+            (
+                z,
+                best[0].effects[0].effect.name == name,
+                weights(best)[0],
+                blind[0].effects[0].effect.name == name,
+                weights([h.at(NO_FORM_ERROR) for h in blind])[0],
+                best[0].form.jump,
+            )
+        )
+    return np.array(found, float).T
+
+
+def test_odds_are_honest_where_the_model_wanders():
+    """Of two damping laws beside process noise of a known size, which errors of 3e-4 hide."""
+    z, right, odds, blind, blind_odds, size = trials(3e-4)
+    # Of 24 independent standard normal values the rms is 0.72 to 1.29 in 95 %.
+    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.4
+    assert 1e-4 < np.median(size) < 1e-3
+    sure = odds > 20 / 21
+    # One in twenty of such odds is wrong: two of them in 24 with a probability of 0.3.
+    assert np.count_nonzero(sure & (right == 0)) <= 2
+    # Without process noise most odds are sure, and many of these wrong.
+    sure = blind_odds > 20 / 21
+    assert np.count_nonzero(sure & (blind == 0)) >= 5
