@@ -103,7 +103,7 @@ class Weighed:
         if free is None:
             return None
         left = examine_white(records, free.left, solution.n_values)
-        power = sum(r.count * (r.amplitude / r.noise.std) ** 2 for r in records)
+        power = sum(r.count * (np.abs(r.signal).max() / r.noise.std) ** 2 for r in records)
         gain = power / max(left.n_functions, 1)
         structure = float(np.sqrt(max(left.structure - 1, 0.0) / gain))
         return cls(free.marginal, FormError(free.jump, structure), gain)
