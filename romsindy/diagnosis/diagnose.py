@@ -61,8 +61,7 @@ def diagnose(
         and knows how far that may be off.
     measured : Decay or sequence of Decay
         For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
-        [m], one channel per sensor; held or hit
-        before the first sample; velocities or accelerations where a decay says so.
+        [m], one channel per sensor, or velocities or accelerations where a decay says so.
     sensors : SensorArray, optional
         Where the displacements of a beam were measured; needed for a beam, and for it alone.
     held_out : Decay, optional

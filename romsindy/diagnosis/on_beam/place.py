@@ -33,8 +33,7 @@ _FINE = 301
 _GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 _FREQUENCY = 2e-4  # relative standard deviation of the frequency of a higher mode, at the least
 _DAMPING = 0.2  # the same of its damping
-_DRIFTS = 5  # columns of the first mode: its phase and its amplitude may drift by anything
-_CONFIDENCE = 3.84  # chi-square of one value, 95 %
+_CONFIDENCE = 9.0  # three standard errors: readings between the points are interpolated
 _TOLD = 1 / 3  # of the length: a wider interval says nothing
 
 
@@ -60,7 +59,7 @@ class Slack:
     def spreads(self) -> Array:
         """All, as the columns that they belong to."""
         pairs = np.stack([self.frequencies, self.rates], axis=1).ravel()
-        return np.concatenate([self.gains, np.full(_DRIFTS, 1.0), pairs])
+        return np.concatenate([self.gains, pairs])
 
     @classmethod
     def of(cls, seen: InstrumentedBeam, doubtful: Sequence[Beam], gains: Array) -> Slack:
@@ -82,7 +81,7 @@ class Place:
     at : float
         The likeliest point.
     low, high : float
-        Ends of its 95 % interval.
+        Three standard errors to either side.
     length : float
         Of the beam.
     """
@@ -190,21 +189,32 @@ def find_place(
 def _table(
     seen: InstrumentedBeam, record: Record, measured: Array, simulated: Sequence[Array]
 ) -> Array:
-    """Whitened columns of the sensors beside the first mode: measured, simulated, slack."""
+    """Whitened columns of the sensors beside the first mode: measured, simulated, slack.
+
+    The release is known no better than it was read: what a little of the higher modes would do from
+    there, and errors of the phase and the amplitude of the first, are taken off.
+    """
     noise = _level(record, measured - simulated[-1])
     beside = null_space((seen.shapes[:, 0] / noise)[None])
     usual = simulated[len(simulated) // 2]
-    own = [np.outer(usual[:, s], row) for s, row in enumerate(np.eye(len(noise)))]
     modal, t = usual @ np.linalg.pinv(seen.shapes).T, record.t
-    # Along the curve of the first mode an error of its phase or its amplitude moves the others too.
-    rate, share = np.gradient(usual, t, axis=0) / record.rate, (t / t[-1])[:, None]
-    own += [rate, share * rate, share**2 * rate, usual, share * usual]
+    share, rate = (t / t[-1])[:, None], np.gradient(usual, t, axis=0)
+    free = [rate, share * rate, share**2 * rate, usual, share * usual]
+    own = [np.outer(usual[:, s], row) for s, row in enumerate(np.eye(len(noise)))]
     for k, shape in list(enumerate(seen.shapes.T))[1:]:
-        rate = np.gradient(modal[:, k], t)
-        own += [np.outer(t * rate, shape), np.outer(t * modal[:, k], shape)]
-    columns = [(y / noise) @ beside for y in (measured, *simulated, *own)]
-    white = [record.whitened(c) for c in columns]
-    return np.stack([w.ravel() for w in white], axis=1)
+        own += [np.outer(t * np.gradient(modal[:, k], t), shape)]
+        own += [np.outer(t * modal[:, k], shape)]
+        omega = seen.basis.omega[k]
+        ring = np.exp((1j * omega - (seen.beam.alpha + seen.beam.eta * omega**2) / 2) * t)
+        free += [np.outer(ring.real, shape), np.outer(ring.imag, shape)]
+
+    def white(columns: Sequence[Array]) -> Array:
+        parts = [record.whitened((y / noise) @ beside) for y in columns]
+        return np.stack([x.ravel() for x in parts], axis=1)
+
+    basis = np.linalg.qr(white(free))[0]
+    table = white([measured, *simulated, *own])
+    return np.asarray(table - basis @ (basis.T @ table))
 
 
 def _level(record: Record, left: Array) -> Array:
