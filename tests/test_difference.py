@@ -167,3 +167,16 @@ def test_a_gap_that_grows_improves_nothing():
 def test_a_tolerance_that_is_no_size_is_refused(name, value):
     with pytest.raises(ValueError, match=f"tolerance of {name} = .*such as 0.001"):
         Tolerance(**{name: value})
+
+
+@pytest.mark.parametrize("size", [0.001, 0.02])
+def test_a_tone_that_is_explained_is_a_gain(size):
+    """Of 0.001 it is below the noise of a sample, and no line stands out of the spectrum."""
+    tone = size * np.cos(2 * np.pi * 17.3 * T + 0.4)
+    found = gap(signal(), signal() + tone, record(signal() + tone, 0.01))
+    assert found.improves(TOLERANCE)
+
+
+def test_a_tone_that_is_not_there_is_no_gain():
+    tone = 0.001 * np.cos(2 * np.pi * 17.3 * T + 0.4)
+    assert not gap(signal(), signal() + tone, record(noise=0.01)).improves(TOLERANCE)

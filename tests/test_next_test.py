@@ -12,9 +12,17 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
-from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment, _Rival
+from romsindy.diagnosis.experiment import EXPERIMENTS, Experiment
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.effects import CubicStiffness, Gain, GrowingDamping, SpeedCubedDamping
+from romsindy.diagnosis.rival import Rival
+from romsindy.effects import (
+    CubicStiffness,
+    Gain,
+    GrowingDamping,
+    LinearFrequency,
+    MoreMass,
+    SpeedCubedDamping,
+)
 
 OMEGA = 2 * np.pi * 5
 NOMINAL = {"omega^2": OMEGA**2, "gamma_3": 0.2 * OMEGA**2, "c_linear": 0.01 * OMEGA}
@@ -60,7 +68,7 @@ report = cache(diagnosed)  # several tests look at the same diagnosis
 
 
 def rivals_of(found):
-    return [_Rival.of(MODEL, h, found.records, 0) for h in found.rivals]
+    return [Rival.of(MODEL, h, found.records, 0) for h in found.rivals]
 
 
 def test_the_advised_test_names_what_was_ambiguous():
@@ -103,11 +111,16 @@ def test_the_amplitude_is_stated_in_the_unit_of_the_data():
 
 def test_four_repetitions_tell_as_much_as_half_the_noise():
     found = report(damping)
-    true, other = (replace(r, excess=1.0) for r in rivals_of(found))  # noise alone
-    record = true.shows(HIGHER, found.records[0], None)
     four, quiet = replace(HIGHER, repetitions=4), replace(HIGHER, noise=0.5)
+    true, other = rivals_of(found)
+    # Without structure, which no repetition removes.
+    alone = replace(other.fitted, weighed=replace(other.fitted.weighed, gain=0.0))
+    other = replace(other, fitted=alone)
+    many, one = (true.shows(test, found.records[0], None) for test in (four, quiet))
+    end = float(min(many.t[-1], one.t[-1]))  # the quieter is longer above its noise
     # Both are the same least-squares problem but for rounding.
-    assert_allclose(other.misfit(record, four), other.misfit(record, quiet), rtol=1e-6)
+    many, one = many.until(end), one.until(end)
+    assert_allclose(other.misfit(many, four), other.misfit(one, quiet), rtol=1e-6)
 
 
 def test_a_rival_follows_its_own_motion():
@@ -144,3 +157,10 @@ def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
     advice = found.next_test
     assert advice.odds == report(damping).next_test.odds
     assert advice.action == f"a decay from {advice.test.amplitude * abs(tip):.2g} m in y(0.45)"
+
+
+def test_an_effect_that_comes_out_as_nothing_is_no_rival():
+    # Added mass lowers a frequency; where it is higher, none is what fits best.
+    learn = [decay(a, lambda q, v: 0.002 * OMEGA**2 * q, seed) for seed, a in enumerate((1.0, 0.6))]
+    catalogue = (MoreMass(), LinearFrequency())
+    assert rs.diagnose(MODEL, learn, catalogue=catalogue).equivalent == (("linear_frequency",),)

@@ -48,7 +48,7 @@ def any_of(kinds: Sequence[str]) -> Callable[[int, Path], dict]:
     """Trials of several kinds in turn, told exactly."""
 
     def one(seed: int, folder: Path) -> dict:
-        return beams(kinds[seed % len(kinds)], "exact")(seed // len(kinds), folder)
+        return beams(kinds[seed % len(kinds)], "exact")(seed, folder)
 
     return one
 

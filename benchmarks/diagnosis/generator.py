@@ -141,7 +141,7 @@ def simulated(
             if e.reading is not None:
                 x = e.reading(t, x, record)
         if filter_rng is not None:
-            x = filtered(x, filter_rng)
+            x = filtered(x, test.samples, filter_rng)
         found.append(x[test.skipped[record] :])
     return found
 

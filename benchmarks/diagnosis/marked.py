@@ -32,23 +32,22 @@ def asked_of(
     excused = {*excused, "mains_hum"} if truth["noise"] == "hum" else set(excused)
     start = time.perf_counter()
     try:
-        report = diagnosis()
-        said = Said.of(report)
-        error = ""
+        found = _read(diagnosis())
     except Exception as e:  # a failure of one trial is counted, and the others go on
-        report, said = None, Said("failed", (), ())
-        error = f"{type(e).__name__} in {traceback.extract_tb(e.__traceback__)[-1].name}: {e}"
-    judged = (
-        of_a_stranger(said) if hidden and hidden[0] in OUTSIDE else marks(said, hidden, excused)
-    )
+        where = traceback.extract_tb(e.__traceback__)[-1].name
+        found = {"said": Said("failed", (), ()), "error": f"{type(e).__name__} in {where}: {e}"}
+    said = found.pop("said")
+    stranger = hidden and hidden[0] in OUTSIDE
+    judged = of_a_stranger(said) if stranger else marks(said, hidden, excused)
+    return {**known, **vars(said), **judged, "seconds": time.perf_counter() - start, **found}
+
+
+def _read(report: Any) -> dict[str, Any]:
+    """What is kept of a report."""
     return {
-        **known,
-        **vars(said),
-        **judged,
-        "seconds": time.perf_counter() - start,
-        "error": error,
-        "before": report.gap.before if report else 0.0,
-        "after": report.gap.after if report else 0.0,
-        "sentence": report.sentence if report else "",
-        "values": report.effects[0].values if report and report.effects else {},
+        "said": Said.of(report),
+        "before": report.gap.before,
+        "after": report.gap.after,
+        "sentence": report.sentence,
+        "values": report.effects[0].values if report.effects else {},
     }

@@ -18,10 +18,12 @@ from joblib import Parallel, delayed
 from score import Said, marks
 
 import romsindy as rs
-from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment
+from romsindy.diagnosis.experiment import EXPERIMENTS, Experiment
 
 
-def outcome(case: Case, test: Experiment | None, seed: int) -> tuple[rs.DiagnosisReport, str]:
+def outcome(
+    case: Case, test: Experiment | None, seed: int
+) -> tuple[rs.DiagnosisReport | None, str]:
     """A diagnosis of all records, after a test if there is one, and what it is worth."""
     decays = case.trial.decays()
     held_out = decays.pop() if case.trial.held_out else None
@@ -30,7 +32,10 @@ def outcome(case: Case, test: Experiment | None, seed: int) -> tuple[rs.Diagnosi
         change = test.amplitude, test.duration, test.noise
         waits = test.wait + 2 * test.duration * np.arange(test.repetitions)
         decays += [case.further(*change, wait, rng) for wait in waits]
-    report = rs.diagnose(case.trial.model, decays, held_out=held_out)
+    try:
+        report = rs.diagnose(case.trial.model, decays, held_out=held_out)
+    except ValueError:  # what is refused, such as a record that is noise, tells nothing more
+        return None, "ambiguous"
     hum = ("mains_hum",) if case.truth["noise"] == "hum" else ()
     mark = marks(Said.of(report), list(case.truth["effects"]), hum)
     if mark["wrong"]:
@@ -45,7 +50,7 @@ def one(kind: str, seed: int) -> dict | None:
     names, strength, noise = chosen(kind, seed)
     case = case_of(kind, names, strength, noise, seed)
     report, _ = outcome(case, None, seed)
-    if report.verdict != "ambiguous":
+    if report is None or report.verdict != "ambiguous":
         return None
     found = {"hidden": names[0], "seed": seed, "set": ["+".join(s) for s in report.equivalent]}
     advice = report.next_test

@@ -105,7 +105,11 @@ def noises(
     return found
 
 
-def filtered(x: Samples, rng: np.random.Generator) -> Samples:
-    """A signal, held at its first value before, through a causal filter with a stop band."""
-    sos = butter(int(rng.integers(4, 9)), rng.uniform(0.3, 0.8), output="sos")
+def filtered(x: Samples, samples: float, rng: np.random.Generator) -> Samples:
+    """A signal, held at its first value before, through a causal filter with a stop band.
+
+    Of ``samples`` in a cycle; eight harmonics of the vibration pass.
+    """
+    least = min(8 * 2 / samples, 0.8)
+    sos = butter(int(rng.integers(4, 9)), max(rng.uniform(0.3, 0.8), least), output="sos")
     return sosfilt(sos, x, zi=sosfilt_zi(sos) * x[0])[0]

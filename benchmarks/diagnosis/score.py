@@ -90,13 +90,19 @@ def line(name: str, results: Sequence[dict], asked: str) -> str:
     return "  ".join(parts) + f"\n{'':22} asked: {asked}"
 
 
+def _gap(result: dict) -> str:
+    if "error" in result:
+        return result["error"]
+    return f"{result['before']:.3g} -> {result['after']:.3g}"
+
+
 def problems(results: Sequence[dict]) -> list[str]:
     """One line for each diagnosis that was not right first."""
     return [
         f"  {r['trial']:16} {'+'.join(r['hidden']) or 'nothing':18} {r['about']:28}"
         f" {r['verdict']:9} {' | '.join('+'.join(s) for s in r['equivalent'][:4])}"
         f" {'in set' if r['in_set'] else 'WRONG' if r['wrong'] else ''}"
-        f" {r['before']:.3g} -> {r['after']:.3g} {r.get('error', '')}"
+        f" {_gap(r)}"
         for r in results
         if not r["right"]
     ]

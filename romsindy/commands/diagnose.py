@@ -2,22 +2,51 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from romsindy.commands.main import INTERRUPTED
-from romsindy.commands.options import Output, bar
+from romsindy.commands.measurement import Choice, decays_in
+from romsindy.commands.options import Output, bar, reading_options
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.fit.estimate import Estimate
 from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
 from romsindy.text import aligned
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+# Arguments of Python at the start of a message, and the options that stand for them.
+_OPTIONS = {"n_jobs": "jobs", "held_out": "held-out"}
+_ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
+_ARGUMENT = re.compile(rf"^(?:the )?({_ARGUMENTS})(?: ==?)?(?= )")
+
+
+def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, float]:
+    sizes = {}
+    alone = "frequency" if option.name == "tolerance" else ""  # what a size without a name is of
+    for value in values:
+        name, _sep, number = value.rpartition("=")
+        try:
+            size = float(number)
+        except ValueError:
+            size = -1.0
+        name = name.strip() or alone
+        if not (name and size >= 0):
+            raise click.BadParameter(
+                f"{value!r} is not NAME=SIZE with a relative size, such as"
+                f" {'damping' if alone else 'gamma_3'}=0.05"
+            )
+        sizes[name] = size
+    return sizes
 
 
 @click.command()
@@ -25,19 +54,55 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--measured", "measured", multiple=True, required=True, type=_FILE, help="Decay; repeatable."
 )
 @click.option("--simulated", type=_FILE, help="The simulation as a decay in a file.")
-@click.option("--model", "model_file", type=_FILE, help="The simulation as a model (JSON).")
+@click.option(
+    "--model",
+    "model_file",
+    type=_FILE,
+    help="The simulation as a model (JSON), as identify --model or --save writes it.",
+)
 @click.option("--beam", "beam_file", type=_FILE, help="The simulation as a beam (TOML).")
 @click.option("--held-out", type=_FILE, help="Decay to judge by, which takes no part otherwise.")
-@click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...')
-@click.option("--column", help="Name of the measured column.")
-@click.option("--start", type=float, help="Use measured records from this time on, s.")
-@click.option("--end", type=float, help="Use measured records up to this time, s.")
+@reading_options
+@click.option("--mode", type=int, help="Isolate this mode, by its number, see inspect.")
+@click.option("--band", nargs=2, type=float, help="Isolate the mode in these limits, Hz.")
+@click.option("--release", type=int, help="Number of the release, see inspect.  [default: all]")
+@click.option(
+    "--whole", is_flag=True, help="Take files as they are, whatever rings in them: one decay each."
+)
+@click.option(
+    "--tolerance",
+    multiple=True,
+    callback=_sizes,
+    metavar="[NAME=]SIZE",
+    help="Relative difference that does not matter, of frequency, damping or signal; repeatable."
+    "  [default: frequency=0.0001, damping=0.01, signal as --floor]",
+)
+@click.option(
+    "--repeats",
+    multiple=True,
+    type=_FILE,
+    help="The same test measured again, two files or more: their spread does not matter.",
+)
+@click.option(
+    "--reference",
+    multiple=True,
+    type=_FILE,
+    help="Decay that the model was identified from: what it leaves there does not matter.",
+)
 @click.option(
     "--free",
     multiple=True,
     type=click.Choice(["omega^2", "c_linear", "nothing"]),
     help="What the simulation is unsure of; repeatable."
     " [default: omega^2 and c_linear of a model, nothing of a beam]",
+)
+@click.option(
+    "--tolerances",
+    multiple=True,
+    callback=_sizes,
+    metavar="NAME=SIZE",
+    help="Relative standard deviation of a coefficient of the model, or of a parameter of the beam;"
+    " repeatable.",
 )
 @click.option("--floor", type=float, help="Disagreement that does not matter, per amplitude.")
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
@@ -50,49 +115,74 @@ def diagnose(
     model_file: Path | None,
     beam_file: Path | None,
     held_out: Path | None,
-    unit: str | None,
-    column: str | None,
-    start: float | None,
-    end: float | None,
+    repeats: tuple[Path, ...],
+    reference: tuple[Path, ...],
+    mode: int | None,
+    band: tuple[float, float] | None,
+    release: int | None,
+    whole: bool,
+    tolerance: dict[str, float],
+    tolerances: dict[str, float],
     free: tuple[str, ...],
     floor: float | None,
     jobs: int,
     report: Path | None,
     json_file: Path | None,
     csv_file: Path | None,
+    **reading: Any,
 ) -> None:
     """Name what a simulation lacks, from measured free decays.
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
     one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
-    and the damping in proportion to mass. An interruption (Ctrl-C) keeps what was compared.
+    and the damping in proportion to mass. Measured files are taken as they are, one decay of every
+    release; a mode is isolated where several ring, or where --mode or --band asks for it. An
+    interruption (Ctrl-C) keeps what was compared.
     """
     if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
         raise click.UsageError("name one of --simulated, --model and --beam")
     page = report or Output.of(f"{measured[0].stem}_diagnosis.html")
-    simulation, columns = _simulation(simulated, model_file, beam_file, unit, column)
-    decays = [load_decay(f, unit, column=columns, start=start, end=end) for f in measured]
-    test = None if held_out is None else load_decay(held_out, unit, column=columns)
+    choice = Choice(mode, band, release, whole)
+    if beam_file is not None:
+        if choice != Choice(None, None, None, False):
+            raise click.UsageError("--mode, --band, --release and --whole belong to one column")
+        beam, sensors, columns = load_beam(beam_file)
+        simulation: dict[str, Any] = {"model": beam, "sensors": sensors}
+        reading["column"], choice = columns, Choice(None, None, None, True)
+    elif simulated is not None:
+        simulation = model_of_simulation(load_decay(simulated, reading["unit"]))._asdict()
+    else:
+        simulation = {"model": _model(model_file)}  # type: ignore[arg-type]
+    load = partial(decays_in, reading=reading, choice=choice, say=click.echo)
+    learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
+    tests = _loaded(load, [held_out] if held_out is not None else [])
+    if len(tests) > 1:
+        raise click.UsageError(f"--held-out {held_out} holds {len(tests)} decays: choose --release")
     # What was not given stays as the simulation has it; 0 and nothing are given values.
-    unsure = [name for name in free if name != "nothing"] if free else None
-    asked = {"free": unsure, "floor": floor}
+    asked: dict[str, Any] = {"floor": floor, "tolerance": tolerance or None}
+    asked["free"] = [name for name in free if name != "nothing"] if free else None
+    asked["tolerances"] = tolerances or None
+    asked["repeats"] = [d for _, d in again] if repeats else None
+    asked["held_out"] = tests[0][1] if tests else None
+    own = [simulation["reference"]] if "reference" in simulation else []
+    asked["reference"] = [*own, *(d for _, d in known)] or None
     with bar(None, "candidates") as steps:
 
         def progress(candidate: str) -> None:
             steps.set_postfix_str(candidate)
             steps.update()
 
-        result = run_diagnosis(
-            **simulation | {k: v for k, v in asked.items() if v is not None},
-            measured=decays,
-            held_out=test,
-            n_jobs=jobs,
-            progress=progress,
-        )
-    click.echo(f"{result.verdict}: {result.sentence}\n")
-    of_sensors = [result.sensor_table()] if isinstance(result, BeamReport) else []
-    for rows in (result.gap.table(), *of_sensors, result.table()):
-        click.echo(f"{aligned(rows)}\n")
+        try:
+            result = run_diagnosis(
+                **simulation | {k: v for k, v in asked.items() if v is not None},
+                measured=[d for _, d in learnt],
+                n_jobs=jobs,
+                progress=progress,
+            )
+        except ValueError as error:
+            names = [name for name, _ in (*learnt, *tests)]
+            raise ValueError(_on_command_line(str(error), names)) from error
+    _tell(result)
     result.to_html(page)
     click.echo(f"Report: {page}")
     if json_file is not None:
@@ -103,18 +193,39 @@ def diagnose(
         raise click.exceptions.Exit(INTERRUPTED)
 
 
-def _simulation(
-    simulated: Path | None,
-    model_file: Path | None,
-    beam_file: Path | None,
-    unit: str | None,
-    column: str | None,
-) -> tuple[dict[str, Any], str | list[str] | None]:
-    """Arguments of the diagnosis that stand for the simulation, and the columns to measure."""
-    if beam_file is not None:
-        beam, sensors, columns = load_beam(beam_file)
-        return {"model": beam, "sensors": sensors}, columns
-    if simulated is not None:
-        return model_of_simulation(load_decay(simulated, unit))._asdict(), column
-    text = model_file.read_text(encoding="utf-8")  # type: ignore[union-attr]
-    return {"model": ReducedModel.from_json(text)}, column
+def _model(path: Path) -> ReducedModel | Estimate:
+    """A model, with what is known of it if the file says so."""
+    text = path.read_text(encoding="utf-8")
+    try:
+        return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _loaded(load: Callable[[Path], list[Decay]], files: Sequence[Path]) -> list[tuple[str, Decay]]:
+    """Decays with the names of their files, numbered where one holds several."""
+    found = []
+    for file in files:
+        decays = load(file)
+        for i, decay in enumerate(decays, 1):
+            found.append((f"{file}" if len(decays) == 1 else f"{file}, release {i}", decay))
+    return found
+
+
+def _on_command_line(message: str, names: Sequence[str]) -> str:
+    """Files and options in the place of numbers and arguments of Python."""
+
+    def file(found: re.Match[str]) -> str:
+        i = int(found[1])
+        return names[i] if i < len(names) else found[0]
+
+    message = re.sub(r"\bdecay (\d+)\b", file, message)
+    return _ARGUMENT.sub(lambda found: f"--{_OPTIONS.get(found[1], found[1])}", message)
+
+
+def _tell(result: Any) -> None:
+    click.echo(f"{result.verdict}\n{result}\n")
+    of_sensors = [result.sensor_table()] if isinstance(result, BeamReport) else []
+    for rows in (result.gap.table(), *of_sensors, result.table()):
+        if len(rows) > 1:
+            click.echo(f"{aligned(rows)}\n")

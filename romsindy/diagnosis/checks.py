@@ -34,6 +34,8 @@ from romsindy.typing import Array
 
 # What a model is unsure of, where nothing else is said.
 FREE = ("omega^2", "c_linear")
+_WHOLE = (int, np.integer)
+_NUMBER = (*_WHOLE, float, np.floating)
 # Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
 _ASYMMETRY_CYCLES = 20.0
 
@@ -52,37 +54,53 @@ def decays_of(name: str, given: object) -> list[Decay]:
     return several
 
 
+def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: int) -> None:
+    """Raise a ValueError for settings of a search that are no numbers, or not of their range."""
+    if not (isinstance(floor, _NUMBER) and 0 < floor < 1):
+        raise ValueError(f"floor = {floor!r} must be a part of the largest amplitude, below 1")
+    if not (isinstance(false_alarm, _NUMBER) and 0 < false_alarm < 1):
+        raise ValueError(f"false_alarm = {false_alarm!r} must be a probability between 0 and 1")
+    if not (isinstance(max_effects, _WHOLE) and max_effects >= 0):
+        raise ValueError(f"max_effects = {max_effects!r} must be a number of effects, such as 3")
+    if not (isinstance(n_jobs, _WHOLE) and n_jobs != 0):
+        raise ValueError(f"n_jobs = {n_jobs!r} must be a number of processes; -1 uses all cores")
+
+
 def check_request(
     model: ReducedModel,
     measured: Sequence[Decay],
     held_out: Decay | None,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
-    false_alarm: float,
 ) -> None:
     """Raise a ValueError for arguments that cannot be meant."""
     if not measured:
         raise ValueError("measured is empty: give at least one Decay")
-    unknown = [name for name in free if isinstance(name, str) and name not in FREE]
+    if isinstance(free, str) or not isinstance(free, Iterable):
+        raise ValueError(f"free = {free!r} must be a list of names or effects, such as ['omega^2']")
+    unknown = [name for name in free if not isinstance(name, Effect) and name not in FREE]
     if unknown:
         raise ValueError(
             f"free = {list(free)}: {unknown} cannot be free; use names of {list(FREE)}, and"
             " tolerances for other coefficients"
+        )
+    if not isinstance(tolerances, Mapping):
+        raise ValueError(
+            f"tolerances = {tolerances!r} must map names to relative standard deviations, such as"
+            " {'gamma_3': 0.05}"
         )
     for name, relative in tolerances.items():
         if name not in model.coefficients:
             raise ValueError(
                 f"tolerances name {name!r}, but the model has {list(model.coefficients)}"
             )
-        if not relative > 0:
+        if not (isinstance(relative, _NUMBER) and 0 < relative < float("inf")):
             raise ValueError(f"tolerances[{name!r}] = {relative!r} must be positive (relative)")
         if model.coefficients[name] == 0:
             raise ValueError(
                 f"tolerances name {name!r}, which is 0 in the model: a relative tolerance of 0 is"
                 " none; give the coefficient its expected size, or leave it to the catalogue"
             )
-    if not 0 < false_alarm < 1:
-        raise ValueError(f"false_alarm = {false_alarm!r} must be a probability between 0 and 1")
     everything = [*measured, *([held_out] if held_out is not None else [])]
     for i, decay in enumerate(everything):
         if decay.unit is not None and model.unit is not None and decay.unit != model.unit:

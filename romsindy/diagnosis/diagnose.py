@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
-from romsindy.diagnosis.checks import FREE, decays_of
+from romsindy.diagnosis.checks import FREE, check_numbers, decays_of
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -61,7 +61,8 @@ def diagnose(
         and knows how far that may be off.
     measured : Decay or sequence of Decay
         For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
-        [m], one channel per sensor; the beam is let go from rest at the first sample.
+        [m], one channel per sensor; held or hit
+        before the first sample; velocities or accelerations where a decay says so.
     sensors : SensorArray, optional
         Where the displacements of a beam were measured; needed for a beam, and for it alone.
     held_out : Decay, optional
@@ -78,8 +79,10 @@ def diagnose(
         simulation is taken as exact.
     tolerances : mapping of str to float, optional
         Relative standard deviations of other coefficients of a model, or of parameters of a beam:
-        "bending_stiffness", "point_masses", "spring_stiffness", "pre_tension", "mass_damping",
-        "material_damping".
+        "length", "thickness", "width", "density", "modulus", "bending_stiffness",
+        "axial_stiffness", "point_masses", "rotary_inertia", "spring_stiffness", "pre_tension",
+        "clamp_compliance" (of a rigid clamp in rad/(N m)), "mass_damping", "material_damping"; in
+        m those of positions, "anchor_x", "anchor_y" and "sensor_positions".
     tolerance : Tolerance, float or mapping of str to float, optional
         Difference that does not matter: relative, of the frequency; or of "frequency", "damping"
         (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
@@ -116,9 +119,16 @@ def diagnose(
         with it: other unit, sign, scale or mode, too few cycles, noise alone. The message names the
         remedy.
     """
+    if isinstance(catalogue, str) or not isinstance(catalogue, Iterable):
+        raise ValueError(f"catalogue = {catalogue!r} must be a list of effects")
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {progress!r} must be a function of a line of text")
     strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
     if strange:
         raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
+    check_numbers(floor, false_alarm, max_effects, n_jobs)
+    if held_out is not None and not isinstance(held_out, Decay):
+        raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
     estimate = model if isinstance(model, Estimate) else None
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (ReducedModel, Beam)):

@@ -26,7 +26,6 @@ from romsindy.fit.record import Record
 from romsindy.fit.verdict import QUIET, SURE
 from romsindy.record.demodulation import Cycles
 from romsindy.record.smoothing import HarmonicSpline
-from romsindy.record.spectrum import lines_between, strong_lines
 from romsindy.typing import Array, Indices
 
 _LEAST = 4  # cycles that are compared
@@ -58,6 +57,9 @@ class Difference:
         share no amplitudes.
     noise : float
         Rms over the largest amplitude.
+    beside, beside_std : float
+        Rms of what the simulation explains of the record beside the harmonics of the vibration (a
+        tone, hum), over the largest amplitude, and what of it may be chance.
     parts : tuple of Difference
         Of the halves, quarters and eighths of a record that is long enough.
     """
@@ -70,13 +72,25 @@ class Difference:
     signal: float
     signal_std: float
     noise: float
+    beside: float = 0.0
+    beside_std: float = 0.0
     parts: tuple[Difference, ...] = ()
 
     @classmethod
     def of(cls, record: Record, simulated: Array) -> Difference:
         """Compare a simulated signal (n,) with the record that it stands for."""
-        pair = _paired(record, _cycles_of(record.t, simulated), _beside(record, simulated))
-        return _apart(record, simulated) if pair is None else _of_parts(pair)
+        said = _said(record.t, simulated)
+        if said is None:
+            return _apart(record, simulated)
+        cycles, rest = said
+        explained, error = _explained(record, rest)
+        lines = sum(line.rms**2 for line in record.noise.lines)
+        pair = _paired(record, cycles, max(lines - explained, 0.0))
+        if pair is None:
+            return _apart(record, simulated)
+        peak = float(np.abs(record.signal).max())
+        beside = float(np.sqrt(max(explained, 0.0))) / peak
+        return replace(_of_parts(pair), beside=beside, beside_std=error / peak)
 
     @classmethod
     def between(cls, record: Record, other: Record) -> Difference:
@@ -118,6 +132,9 @@ class Difference:
 
     def falls(self, after: Difference, tolerance: Tolerance) -> bool:
         """Whether something is smaller afterwards, by more than a tolerance."""
+        least = max(tolerance.signal, SURE * after.beside_std)
+        if after.beside - self.beside > least:
+            return True
         return any(x - y > tol for x, y, _, tol in self._compared(after, tolerance))
 
     def grows(self, after: Difference, tolerance: Tolerance) -> bool:
@@ -151,23 +168,15 @@ class _Pair(NamedTuple):
     decay: Array  # rate of the simulation, 1/s
     waveform: Array  # simulated less measured: columns whose squares add up to a mean square
     wander: Array  # standard error of each column over one cycle
-    lines: float  # rms of what vibrates beside, over the largest amplitude
+    lines: float  # power of what vibrates beside, over that of the largest amplitude
     noise: float
 
 
-def _beside(record: Record, simulated: Array) -> float:
-    """Rms of what vibrates beside the harmonics in what a simulated signal misses."""
-    cycle = 2 * np.pi / record.rate
-    order, power = lines_between(record.signal - simulated, cycle / record.decay.dt)
-    lines = strong_lines(order, power, len(record.signal), cycle)
-    return float(np.sqrt(sum(line.rms**2 for line in lines)))
-
-
-def _paired(record: Record, said: Cycles | None, lines: float) -> _Pair | None:
+def _paired(record: Record, said: Cycles, lines: float) -> _Pair | None:
     """None where fewer than four cycles can be compared."""
     t = record.t
     true = Cycles.of(t, record.signal, np.asarray(record.spline.phase(t)))
-    if said is None or min(len(said), len(true)) < _LEAST:
+    if min(len(said), len(true)) < _LEAST:
         return None
     peak = float(true.amplitude.max())
     per_cycle = len(t) / len(true)
@@ -200,7 +209,7 @@ def _paired(record: Record, said: Cycles | None, lines: float) -> _Pair | None:
         decay[shared],
         waveform,
         np.sqrt(len(waveform)) * np.array(wander),
-        lines / peak,
+        lines / peak**2,
         record.noise.std / peak,
     )
 
@@ -221,17 +230,30 @@ def _columns(waveform: Array) -> Array:
     return np.column_stack([waveform[:, 0].real, waves.real, waves.imag])
 
 
-def _cycles_of(t: Array, x: Array) -> Cycles | None:
-    """Cycles of a simulated signal; None where it dies, or moves too little to have any."""
+def _said(t: Array, x: Array) -> tuple[Cycles, Array] | None:
+    """Cycles of a simulated signal, and what is beside its harmonics, (n,).
+
+    None where it dies, or moves too little to have any.
+    """
     if not (np.all(np.isfinite(x)) and np.ptp(x) > 0):
         return None
     moving = np.abs(x - x.mean()) > QUIET * np.ptp(x)
     end = int(np.flatnonzero(moving)[-1]) + 1
     try:
-        phase = HarmonicSpline.fit(t[:end], x[:end]).phase(t[:end])
+        spline = HarmonicSpline.fit(t[:end], x[:end])
     except ValueError:  # fewer than three cycles
         return None
-    return Cycles.of(t[:end], x[:end], np.asarray(phase))
+    rest = np.zeros_like(x)
+    rest[:end] = x[:end] - spline(t[:end])[0]
+    return Cycles.of(t[:end], x[:end], np.asarray(spline.phase(t[:end]))), rest
+
+
+def _explained(record: Record, rest: Array) -> tuple[float, float]:
+    """Power that the rest of a simulated signal takes from that of a record; the rms of chance."""
+    own = record.signal - record.spline(record.t)[0]
+    part = slice(None) if record.part is None else record.part
+    power = float(np.mean((own**2 - (own - rest) ** 2)[part]))
+    return power, record.noise.std / float(np.sqrt(len(own[part])))
 
 
 def _of_parts(pair: _Pair) -> Difference:
@@ -255,7 +277,7 @@ def _difference(pair: _Pair, which: Indices) -> Difference:
     values = np.array([_fitted(t, x, np.ones_like(t), 0) for x in pair.waveform[which].T])
     # Slow noise looks steady over a few cycles: all of the record tells how it wanders.
     noise_power = np.sum(np.maximum(values[:, 1], pair.wander / np.sqrt(len(t))) ** 2)
-    power = np.sum(values[:, 0] ** 2) - noise_power + pair.lines**2
+    power = np.sum(values[:, 0] ** 2) - noise_power + pair.lines
     amplitude = pair.amplitude[which]
     return Difference(
         (float(amplitude.min()), float(amplitude.max())),

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
-from romsindy.fit.gauss_newton import Solution, moved_parts
+from romsindy.fit.gauss_newton import Solution, limits, moved_parts
+from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, prior_cost
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
@@ -131,7 +132,9 @@ class Hypothesis:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / self.excess + known
         covariance = system.covariance()[:n, :n]
-        rise, price, moved = _price_of_free(parts[: self.n_free], covariance, self.n_samples)
+        rise, price, moved = _price_of_free(
+            system, step, solution.parts, self.n_free, self.n_samples
+        )
         for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
             k = part.strengths.size
             price += k * np.log(self.n_samples / len(part.strengths))
@@ -148,21 +151,24 @@ class _Worth(NamedTuple):
 
 
 def _price_of_free(
-    parts: Sequence[Part], covariance: Array, n_samples: float
+    system: NormalEquations, step: Array, parts: Sequence[Part], n_free: int, n_samples: float
 ) -> tuple[float, float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free.
 
-    Each costs log n, or the rise of the misfit when it is fixed. Returns rise, price and names.
+    Each costs log n, or the rise of the misfit when it is fixed: effects take its place as far as
+    their limits let them. Returns rise, price and names.
     """
     first = np.cumsum([0, *(p.size for p in parts)])
-    judged = [i for i, p in enumerate(parts) if p.tolerance is None]
-    at, values = first[judged], np.array([parts[i].strengths[0, 0] for i in judged])
+    judged = [i for i in range(n_free) if parts[i].tolerance is None]
     names = [parts[i].effect.name for i in judged]
+    low, high = limits(parts)
     choices = []
     for freed in itertools.product((False, True), repeat=len(judged)):
-        fixed = ~np.array(freed, bool)
-        block = covariance[np.ix_(at[fixed], at[fixed])]
-        rise = float(values[fixed] @ np.linalg.pinv(block, hermitian=True) @ values[fixed])
+        for i, free in zip(judged, freed, strict=True):
+            own = parts[i].limits() if free else (np.zeros(1), np.zeros(1))
+            low[first[i]], high[first[i]] = (x[0] - parts[i].values[0] for x in own)
+        there = system.bounded_step(np.zeros(0, bool), low, high)
+        rise = system.chi_squared(there) - system.chi_squared(step)
         moved = tuple(n for n, f in zip(names, freed, strict=True) if f)
         choices.append((rise, sum(freed) * float(np.log(n_samples)), moved))
     return min(choices, key=lambda c: c[0] + c[1])
@@ -172,7 +178,8 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     price = 0.0
     for p, variance in zip(part.parameters, np.diag(covariance), strict=True):
         prior = p.spread or (p.high - p.low) / np.sqrt(2 * np.pi)
-        price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
+        if prior > 0:  # one that is rounded to the textbook's costs nothing
+            price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
     return price
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -88,13 +88,15 @@ class Gap:
         """Part of the squared error beyond the noise that is closed, 0 to 1."""
         n = sum(p.record.count for p in self.predictions)
 
-        def beyond(signals: list[Array]) -> float:
+        def squared(signals: list[Array]) -> float:
             pairs = zip(self.predictions, signals, strict=True)
-            return sum(p.record.count * p.error(x) ** 2 for p, x in pairs) / n - 1
+            return sum(p.record.count * p.error(x) ** 2 for p, x in pairs) / n
 
-        before = beyond([p.before for p in self.predictions])
-        after = beyond([p.after for p in self.predictions])
-        return float(np.clip(1 - max(after, 0.0) / before, 0.0, 1.0)) if before > 0 else 0.0
+        before = squared([p.before for p in self.predictions])
+        after = squared([p.after for p in self.predictions])
+        # The noise is no larger than what is left.
+        beyond = before - min(after, 1.0)
+        return float(np.clip((before - after) / beyond, 0.0, 1.0)) if beyond > 0 else 0.0
 
     @cached_property
     def differences_before(self) -> tuple[Difference, ...]:
@@ -105,6 +107,12 @@ class Gap:
     def differences_after(self) -> tuple[Difference, ...]:
         """With the effects added, one a record."""
         return tuple(Difference.of(p.record, p.after) for p in self.predictions)
+
+    def unchanged(self) -> Gap:
+        """The same with nothing added."""
+        return replace(
+            self, predictions=tuple(replace(p, after=p.before) for p in self.predictions)
+        )
 
     def matters(self, tolerance: Tolerance) -> bool:
         """Whether the simulation as it was is surely beyond a tolerance."""

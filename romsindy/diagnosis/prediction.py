@@ -71,7 +71,7 @@ def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
             return np.zeros_like(record.signal)
         motion = error.motion
     x = sampled(motion, record.derivative)
-    # Friction that is about to hold the motion cannot be followed: it stays where it is.
+    # A motion that cannot be followed further stays where it is.
     held = x[-1:] if record.derivative == 0 else np.zeros((1, 1))
     x = np.concatenate([x, np.repeat(held, len(record.t) - len(x), axis=0)])
     return read(parts, 0, record.t, x)[0]

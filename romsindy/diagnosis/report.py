@@ -15,14 +15,16 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis, weights
+from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
+from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
@@ -61,6 +63,8 @@ class DiagnosisReport:
         What does not matter.
     records : tuple of Record
     scales : Scales
+    added : tuple of Part
+        What stands behind "after": all parts of the best, or nothing where they explain nothing.
     interrupted : bool
         Whether the search was stopped before its end: what it had compared is all there is.
     form : FormError
@@ -80,6 +84,7 @@ class DiagnosisReport:
     tolerance: Tolerance
     records: tuple[Record, ...]
     scales: Scales
+    added: tuple[Part, ...]
     interrupted: bool = False
     form: FormError = NO_FORM_ERROR
 
@@ -256,15 +261,15 @@ class DiagnosisReport:
         """
         from romsindy.diagnosis.pictures import pictures
 
-        parts = self.best.parts
-        return {p.name: p for p in pictures(self.nominal, parts, self.records, self.gap)}
+        return {p.name: p for p in pictures(self.nominal, self.added, self.records, self.gap)}
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        parts = self.best.parts
+        parts = self.added
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if e.name not in terms)
         note = "Not a term of the equation of motion, so not in it: "
+        rows = self.table()
         return {
             "title": "What the simulation lacks",
             "verdict": self.verdict,
@@ -274,7 +279,7 @@ class DiagnosisReport:
             "equation_note": f"{note}{outside}." if outside else "",
             "tables": [
                 TextTable("The gap, before and after", self.gap.table()),
-                TextTable("Explanations that the data allow", self.table()),
+                *([TextTable("Explanations that the data allow", rows)] if rows[1:] else []),
             ],
             "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
         }

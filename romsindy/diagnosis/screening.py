@@ -18,7 +18,8 @@ from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
-from romsindy.fit.record import Record, combs, strongest_tones
+from romsindy.fit.record import Record
+from romsindy.fit.tones import combs, strongest_tones
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 

@@ -28,6 +28,7 @@ class SimulationModel(NamedTuple):
     model: ReducedModel  # over the amplitudes of the simulation
     tolerances: dict[str, float]  # nonlinear stiffness is known to its own size only
     floor: float  # twice what the richest equation leaves, per amplitude: no better known
+    reference: Decay  # the series itself: what the equation misses of it does not matter
 
 
 def model_of_simulation(simulated: Decay) -> SimulationModel:
@@ -50,7 +51,7 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     amplitudes = extract_backbone(record.decay).amplitude
     reach = (float(amplitudes.min()), float(amplitudes.max()))
     model = ReducedModel(model.terms, model.values, model.unit, reach)
-    return SimulationModel(model, dict.fromkeys(_STIFFNESS, 1.0), max(2 * left, FLOOR))
+    return SimulationModel(model, dict.fromkeys(_STIFFNESS, 1.0), max(2 * left, FLOOR), simulated)
 
 
 def _fitted(start: ReducedModel, names: tuple[str, ...], record: Record) -> Solution:

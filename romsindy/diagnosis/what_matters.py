@@ -53,8 +53,11 @@ def of_repeats(repeats: Sequence[Decay], floor: float) -> Tolerance:
     """
     if len(repeats) < 2:
         raise ValueError(f"repeats holds {len(repeats)} decay: give two or more of the same test")
-    records = [Record.loud(d, floor) for d in repeats]
-    found = [Difference.between(a, b) for a, b in itertools.combinations(records, 2)]
+    try:
+        records = [Record.loud(d, floor) for d in repeats]
+        found = [Difference.between(a, b) for a, b in itertools.combinations(records, 2)]
+    except ValueError as error:
+        raise ValueError(f"repeats of the same test cannot be compared: {error}") from error
     return _largest(found, "repeats")
 
 

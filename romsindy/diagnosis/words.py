@@ -43,23 +43,27 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
         range(len(differences)), key=lambda i: differences[i].largest(tolerance).excess(tolerance)
     )
     worst = differences[which].largest(tolerance)
-    low, high = (f"{a:.2g}" for a in worst.amplitude)
-    over = f"over {low} to {high} {unit or '[q]'}"
-    over += f" in record {which + 1}" if len(differences) > 1 else ""
+    over = _over(worst, unit) + (f" in record {which + 1}" if len(differences) > 1 else "")
     if np.isnan(worst.frequency):
         if differences[which].exceeds(tolerance):
             return (
-                f"They differ: the simulation has no cycles of the amplitudes {over};"
-                f" {percent(worst.signal)} of the amplitude is apart."
+                f"They differ by {percent(worst.signal)} of the amplitude {over}, and share hardly"
+                " any cycles of the same amplitude."
             )
         return f"They agree within {percent(worst.signal)} of the amplitude {over}."
     sure = [k for k in KINDS if worst.excess_of(k, tolerance) > SURE]
     known = _known(tolerance, sure or KINDS)
     if sure:
         return f"They differ: {_sizes(worst, sure)} {over} ({known})."
+    worst = differences[which]  # all of it: chance is smaller there than in a part
     errors = {k: abs(getattr(worst, k)) + getattr(worst, f"{k}_std") for k in KINDS}
     within = listed([f"{percent(errors[k])} {_WHERE[k]}" for k in KINDS])
-    return f"They agree within {within} {over} ({known})."
+    return f"They agree within {within} {_over(worst, unit)} ({known})."
+
+
+def _over(found: Difference, unit: str | None) -> str:
+    low, high = (f"{a:.2g}" for a in found.amplitude)
+    return f"over {low} to {high} {unit or '[q]'}"
 
 
 def _sizes(found: Difference, kinds: Sequence[str]) -> str:
@@ -77,8 +81,8 @@ def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
 def odds(log_odds: float, other: str) -> str:
     """Odds against the next explanation, by its name."""
     more = "above " if log_odds > _MOST_ODDS else ""
-    size = _two_digits(float(np.exp(min(log_odds, _MOST_ODDS))))
-    return f"odds {more}{size} : 1 against the next, {other}"
+    size = float(_two_digits(float(np.exp(min(log_odds, _MOST_ODDS)))))
+    return f"odds {more}{size:.9g} : 1 against the next, {other}"
 
 
 def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:

@@ -21,7 +21,7 @@ from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record, scales
+from romsindy.fit.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import GAINED, NOTHING_LEFT, ROUNDED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -37,10 +37,13 @@ def diagnose_model(
     form: FormError = NO_FORM_ERROR,
 ) -> DiagnosisReport:
     """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
-    check_request(model, measured, held_out, free, tolerances, options.false_alarm)
+    check_request(model, measured, held_out, free, tolerances)
     several = [over_shared_amplitudes(model, d) for d in measured]
     records = checked_records(model, several, options.floor)
-    tests = {} if held_out is None else {"held out": Record.loud(held_out, options.floor)}
+    if held_out is not None:
+        records = [*records, Record.loud(held_out, options.floor)]
+    records = sharing_drift(records)
+    tests = {} if held_out is None else {"held out": records.pop()}
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
     everything = (*records, *tests.values())
@@ -62,12 +65,16 @@ def diagnose_model(
     predictions = [predict(model, best.parts, record, name) for name, record in judged.items()]
     gap = Gap(tuple(predictions), bool(tests))
     verdict = verdict_of(best, rivals, left, gap, options.tolerance, form)
+    added = best.parts
+    if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
+        added, gap = (), gap.unchanged()
     if found.interrupted and verdict == "named":
         verdict = "ambiguous"  # with what was not compared
     return DiagnosisReport(
         verdict=verdict,
         nominal=model,
-        model=extended(model, best.parts),
+        model=extended(model, added),
+        added=added,
         best=best,
         rivals=tuple(rivals),
         compared=tuple(found.compared),

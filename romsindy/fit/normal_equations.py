@@ -112,13 +112,19 @@ class NormalEquations:
 
     def covariance(self) -> Array:
         """Inverse of the normal matrix: the curvature of the misfit."""
-        scale = 1 / np.sqrt(np.maximum(np.diag(self.matrix), 1e-300))
+        scale = _scale(self.matrix)
         scaled = self.matrix * scale * scale[:, None]
         return np.linalg.pinv(scaled, rcond=_RANK, hermitian=True) * scale * scale[:, None]
 
 
+def _scale(a: Array) -> Array:
+    """What makes the diagonal of a normal matrix 1; 0 where nothing, or only rounding, is there."""
+    power = np.diag(a)
+    return np.where(power > 1e-300, 1 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
+
+
 def _solved(a: Array, b: Array) -> Array:
-    scale = 1 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    scale = _scale(a)
     return np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=_RANK)[0] * scale
 
 

@@ -16,15 +16,14 @@ from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
+from romsindy.record.lag import distortion
 from romsindy.record.noise import Noise
 from romsindy.record.signals import noise_std
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.spectrum import Line
+from romsindy.record.spectrum import Spectrum
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
-# Of a comb of lines: which line may be its first harmonics, the highest, and combs to be tried.
-_STRONGEST, _HIGHEST, _COMBS = 3, 6, 2
 _LOUDER = 1.1  # so far the level of white noise is known
 
 
@@ -47,6 +46,9 @@ class Record:
     part : (n,) array of bool, optional
         Which of the whitened samples take part in a fit or a comparison; all by default. The
         motion goes through the others all the same.
+    doubts : (n, m) array, optional
+        What the measuring chain may have added, each by its standard deviation, unit of the signal:
+        see `romsindy.record.lag`.
     """
 
     decay: Decay
@@ -56,6 +58,7 @@ class Record:
     spline: HarmonicSpline
     motion: Trajectory
     part: NDArray[np.bool_] | None = None
+    doubts: Array | None = None
 
     @classmethod
     def of(cls, decay: Decay, floor: float) -> Record:
@@ -76,7 +79,9 @@ class Record:
         shortest = 2 * np.pi / float(spline.phase(t, 1).max())
         grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))
         valid = np.ones(len(t), bool)
-        return cls(decay, signal, valid, noise, spline, _motion(grid, displacement))
+        motion = _motion(grid, displacement)
+        doubts = _doubts(t, spline, noise, cycle)
+        return cls(decay, signal, valid, noise, spline, motion, doubts=doubts)
 
     @classmethod
     def loud(cls, decay: Decay, floor: float) -> Record:
@@ -138,13 +143,24 @@ class Record:
         valid = self.valid if self.part is None else self.valid & self.part
         return float(np.sum(valid)) * self.noise.share(len(self.signal))
 
+    @cached_property
+    def _doubtful(self) -> tuple[Array, Array] | None:
+        """Orthonormal shapes (n, m) of the doubts, whitened, and the share of each that goes."""
+        if self.doubts is None:
+            return None
+        modes, sizes, _ = np.linalg.svd(self.noise(self.doubts), full_matrices=False)
+        return modes, 1 - 1 / np.sqrt(1 + sizes**2)
+
     def until(self, end: float) -> Record:
         """The first seconds of the record, with the noise of all of it."""
         m, grid = self.motion, self.motion.grid.until(end)
         n, steps = len(grid.fraction), grid.n_steps
         motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
         decay = self.decay.between(end=float(self.decay.t[n - 1]))
-        return Record(decay, self.signal[:n], self.valid[:n], self.noise, self.spline, motion)
+        part = None if self.part is None else self.part[:n]
+        doubts = None if self.doubts is None else self.doubts[:n]
+        valid = self.valid[:n]
+        return Record(decay, self.signal[:n], valid, self.noise, self.spline, motion, part, doubts)
 
     def without_faults(self) -> Record:
         """The same for a fit that looks for none: clipped samples take no part, lines are noise."""
@@ -158,10 +174,24 @@ class Record:
         """Misfits or their derivatives (n, ...) over the noise, made white."""
         valid = self.valid if x.ndim == 1 else self.valid[:, None]
         white = self.noise(x * valid)
+        if self._doubtful is not None:
+            modes, share = self._doubtful
+            white = white - modes @ (share * (modes.T @ white).T).T
         if self.part is None:
             return white
         # White samples are independent: those left out tell nothing about the others.
         return white * (self.part if x.ndim == 1 else self.part[:, None])
+
+
+def _doubts(t: Array, spline: HarmonicSpline, noise: Noise, cycle: float) -> Array | None:
+    """What a filter may have made of the harmonics, (n, m); None where the noise shows none."""
+    waves = spline.amplitudes(t)
+    order = np.arange(waves.shape[1])
+    change = distortion(noise.spectrum, noise.dt, 1 / cycle, int(order[-1]))
+    if not np.any(change):
+        return None
+    waves = (waves * np.exp(1j * order * spline.phase(t)[:, None]))[:, 2:] * change
+    return np.concatenate([waves.real, waves.imag], axis=1)
 
 
 def _steps_per_cycle(noise_share: float) -> int:
@@ -212,51 +242,18 @@ def scales(records: Sequence[Record]) -> Scales:
     )
 
 
-def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]:
-    """Angular frequencies of the strongest lines of a signal, rad/s.
+def sharing_drift(records: Sequence[Record]) -> list[Record]:
+    """The same, each with a drift where any has one.
 
-    Parameters
-    ----------
-    t : array
-        Uniform times, s.
-    x : (n,) array
-        Tapered.
-    count : int
-    apart : float
-        Least distance of two lines, rad/s.
+    One sensor measured them: a drift that looks like the mean of a vibration in one record shows in
+    the others.
     """
-    n = 8 * len(x)
-    step = 2 * np.pi / (n * (t[1] - t[0]))
-    power = np.abs(np.fft.rfft(x, n)) ** 2
-    power[: 8 * 2] = power[-1] = 0.0  # two cycles a record at least
-    found = []
-    for _ in range(count):
-        k = int(np.argmax(power))
-        if not 0 < k < len(power) - 1 or power[k] <= 0:
-            break
-        a, b, c = np.log(power[k - 1 : k + 2] + 1e-300)
-        shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c < 0 else 0.0
-        found.append(float(step * (k + np.clip(shift, -1, 1))))
-        width = max(int(apart / step), 16)
-        power[max(k - width, 0) : k + width] = 0.0
-    return found
-
-
-def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
-    """Lines that are harmonics of one frequency: that in rad/s, and the number of the highest.
-
-    Any of the strongest may be the first, second or third harmonic, whichever leaves fewest alone.
-    """
-    width = 1 / (t[-1] - t[0])  # Hz, of a line
-    found: dict[tuple[int, ...], tuple[float, int]] = {}
-    for line, number in itertools.product(lines[:_STRONGEST], (1, 2, 3)):
-        first = line.frequency / number
-        order = np.array([other.frequency / first for other in lines])
-        nearest = np.round(order)
-        at = (np.abs(order - nearest) * first < (1 + nearest / number) * width) & (nearest > 0)
-        at &= nearest <= _HIGHEST
-        if np.count_nonzero(at) > 1:
-            members = tuple(map(int, np.flatnonzero(at)))
-            found.setdefault(members, (2 * np.pi * first, int(nearest[at].max())))
-    whole = [m for m in found if not any(set(m) < set(other) for other in found)]
-    return tuple(found[m] for m in sorted(whole, key=len, reverse=True)[:_COMBS])
+    found = [r.noise.drift for r in records if r.noise.drift is not None]
+    if not found:
+        return list(records)
+    frequency = max((d.frequency for d in found), key=len)
+    usual = Spectrum(frequency, np.mean([d(frequency) for d in found], axis=0))
+    return [
+        r if r.noise.drift is not None else replace(r, noise=replace(r.noise, drift=usual))
+        for r in records
+    ]

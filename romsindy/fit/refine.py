@@ -22,7 +22,7 @@ from romsindy.fit.estimate import Estimate
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.record import Record, sharing_drift
 from romsindy.fit.shooting import LOSSES, shoot
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -208,7 +208,8 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
                 f"decay {i} is the same record as an earlier one: counted twice, it would make"
                 " every error bar too small; give it once"
             )
-    return tuple(Record.of(d.single().free(), _NUMERICS).without_faults() for d in several)
+    records = sharing_drift([Record.of(d.single().free(), _NUMERICS) for d in several])
+    return tuple(record.without_faults() for record in records)
 
 
 def _notes(records: Sequence[Record], solution: Solution) -> tuple[str, ...]:

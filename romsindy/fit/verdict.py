@@ -67,8 +67,8 @@ WORTH = 2.0
 # By how much an effect must bring chi-square down on data that took no part, where chance gains
 # nothing: odds of exp(7 / 2) = 33 to 1.
 GAINED = 7.0
-# What is left is of the size of the form error of the model up to this factor: both are estimates
-# from some ten windows, good to a third, on a grid of quarters of a decade.
+# The form error of a model on another record than its reference: within this factor it is alike.
+# Its size is estimated from a few tens of correlated windows, on a grid of factors of 1.8.
 SAME_SIZE = 2.0
 # A record that took no part is predicted where its error is at most this many times the noise:
 # `EXPLAINED`, and as much again for the errors of the fitted values and of the amplitudes beyond.

@@ -100,7 +100,7 @@ class Noise:
 
     def share(self, n: int) -> float:
         """Part of n samples that tells anything: what lies beyond a filter does not."""
-        return float(np.mean(self._power(self.spectrum, n) / self._weighed(n)))
+        return 1.0 if self.alike else float(np.mean(self._power(n) / self._weighed(n)))
 
     def __call__(self, x: Array) -> Array:
         """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
@@ -114,22 +114,29 @@ class Noise:
 
     def draw(self, n: int, dt: float, rng: np.random.Generator) -> Array:
         """Noise like this one: the same level and colour, lines with phases of their own, (n,)."""
-        x = idct(np.sqrt(self._power(self.spectrum, n)) * rng.standard_normal(n), norm="ortho")
+        x = idct(np.sqrt(self._power(n)) * rng.standard_normal(n), norm="ortho")
         for line in self.lines:
             phase = 2 * np.pi * (line.frequency * dt * np.arange(n) + rng.random())
             x += np.sqrt(2) * line.rms * np.cos(phase)
         return x
 
-    def _power(self, spectrum: Spectrum, n: int) -> Array:
+    def _power(self, n: int) -> Array:
         """Variance of the cosines of n samples, (n,)."""
-        frequency = np.arange(n) / (2 * n * self.dt)
-        power = np.full(n, self.std**2) if self.alike else spectrum(frequency)
-        return power if self.drift is None else power + self.drift(frequency)
+        return self._drifting(self.spectrum(self._frequency(n)))
 
     def _weighed(self, n: int) -> Array:
         """By what they are weighed: no less than what is quiet, or leaks from other cosines."""
-        spectrum = self.spectrum.leaking(n * self.dt)
-        return np.maximum(self._power(spectrum, n), _QUIETEST * self.std**2)
+        if self.alike:
+            return self._drifting(np.full(n, self.std**2))
+        power = self._drifting(self.spectrum.leaking(n * self.dt)(self._frequency(n)))
+        return np.maximum(power, _QUIETEST * self.std**2)
+
+    def _drifting(self, power: Array) -> Array:
+        """Power of cosines, (n,), with that of the drift."""
+        return power if self.drift is None else power + self.drift(self._frequency(len(power)))
+
+    def _frequency(self, n: int) -> Array:
+        return np.arange(n) / (2 * n * self.dt)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ def fundamental_frequency(x: Array, dt: float) -> float:
         half = len(loud) // 2
         if half < _CYCLES_AT_LEAST or loud[half:].var() >= _QUIET * loud[:half].var():
             raise ValueError(
-                f"the record of {len(x) * dt:.4g} s holds fewer than three cycles, or drifts by"
+                f"the record of {len(x)} samples holds fewer than three cycles, or drifts by"
                 " more than it vibrates: record longer, remove the drift, or check the time unit"
             )
         loud = loud[:half]

@@ -27,14 +27,17 @@ def draw_errors_in_time(
 
     nan where nothing is compared.
     """
-    axes = figure.subplots(2, 1, sharex=True, sharey=True)
+    above, *below = figure.subplots(3, 1, sharex=True)
+    above.plot(t, measured, color="0.5", lw=0.8, label="measured")
+    top = 1.1 * float(np.nanmax(np.abs([before, after])))
     for ax, error, name, color in zip(
-        axes, (before, after), ("before", "after"), (BEFORE, AFTER), strict=True
+        below, (before, after), ("before", "after"), (BEFORE, AFTER), strict=True
     ):
-        ax.plot(t, measured, color="0.8", lw=1, label="measured")
         ax.plot(t, error, color=color, lw=0.7, label=f"error {name}")
-        ax.legend(frameon=False, loc="upper right", fontsize="small", ncols=2)
-    axes[1].set_xlabel("time (s)")
+        ax.set_ylim(-top, top)
+    for ax in (above, *below):
+        ax.legend(frameon=False, loc="upper right", fontsize="small")
+    below[1].set_xlabel("time (s)")
     figure.supylabel(f"q ({unit or 'its own unit'})", fontsize="medium")
 
 
@@ -78,8 +81,10 @@ def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
 
 
 def draw_cycles(t: Array, before: Array, after: Array, figure: Figure) -> None:
-    """Error over noise of every cycle, (n,) each."""
+    """Error over noise of every cycle, (n,) each; lines end where cycles were left out."""
     ax = figure.subplots()
+    gaps = np.flatnonzero(np.diff(t) > 1.5 * np.min(np.diff(t), initial=np.inf)) + 1
+    t, before, after = (np.insert(x, gaps, np.nan) for x in (t, before, after))
     # Thick and thin lines, and dots of two sizes: after never hides before.
     ax.plot(t, before, "o-", color=BEFORE, lw=2.4, ms=4, label="before")
     ax.plot(t, after, "o-", color=AFTER, lw=1, ms=2, label="after")

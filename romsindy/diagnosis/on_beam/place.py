@@ -33,6 +33,7 @@ _FINE = 301
 _GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 _FREQUENCY = 2e-4  # relative standard deviation of the frequency of a higher mode, at the least
 _DAMPING = 0.2  # the same of its damping
+_DRIFTS = 5  # columns of the first mode: its phase and its amplitude may drift by anything
 _CONFIDENCE = 3.84  # chi-square of one value, 95 %
 _TOLD = 1 / 3  # of the length: a wider interval says nothing
 
@@ -59,7 +60,7 @@ class Slack:
     def spreads(self) -> Array:
         """All, as the columns that they belong to."""
         pairs = np.stack([self.frequencies, self.rates], axis=1).ravel()
-        return np.concatenate([self.gains, pairs])
+        return np.concatenate([self.gains, np.full(_DRIFTS, 1.0), pairs])
 
     @classmethod
     def of(cls, seen: InstrumentedBeam, doubtful: Sequence[Beam], gains: Array) -> Slack:
@@ -96,6 +97,10 @@ class Place:
         """Whether the data can tell where."""
         return self.high - self.low < _TOLD * self.length
 
+    def untold(self) -> Place:
+        """The same, where nothing else supports it."""
+        return replace(self, low=0.0, high=self.length)
+
     def __str__(self) -> str:
         if not self.told:
             return "these data cannot tell where on the beam it acts"
@@ -109,6 +114,13 @@ def can_be_anywhere(part: Part) -> bool:
         usual = effect.effect.mounting
         return isinstance(usual, AtPoint) and usual.at is None
     return isinstance(effect, ParameterEffect) and effect.change is PointMass
+
+
+def place_now(seen: InstrumentedBeam, part: Part) -> float:
+    """Where an effect that can be anywhere is taken to act, m."""
+    effect = part.effect
+    at = effect.mounting.at if isinstance(effect, MountedEffect) else effect.at  # type: ignore[attr-defined]
+    return seen.beam.length if at is None else float(at)
 
 
 def moved_to(seen: InstrumentedBeam, part: Part, at: float, record: Record) -> Part:
@@ -184,6 +196,9 @@ def _table(
     usual = simulated[len(simulated) // 2]
     own = [np.outer(usual[:, s], row) for s, row in enumerate(np.eye(len(noise)))]
     modal, t = usual @ np.linalg.pinv(seen.shapes).T, record.t
+    # Along the curve of the first mode an error of its phase or its amplitude moves the others too.
+    rate, share = np.gradient(usual, t, axis=0) / record.rate, (t / t[-1])[:, None]
+    own += [rate, share * rate, share**2 * rate, usual, share * usual]
     for k, shape in list(enumerate(seen.shapes.T))[1:]:
         rate = np.gradient(modal[:, k], t)
         own += [np.outer(t * rate, shape), np.outer(t * modal[:, k], shape)]

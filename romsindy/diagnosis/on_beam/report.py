@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.beam import Beam
+from romsindy.diagnosis.experiment import Advice
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.next_test import Advice
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
 from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -202,14 +202,14 @@ class BeamReport:
         from romsindy.show.page import write_page
 
         page = self.reduced.page()
-        gap, explanations = page["tables"]
+        gap, *explanations = page["tables"]
         sensors = TextTable("Sensors of the beam", self.sensor_table())
         own = {
             "verdict": self.verdict,
             "sentence": self.sentence,
             "equation": self.recipe,
             "equation_note": "",
-            "tables": [gap, sensors, explanations],
+            "tables": [gap, sensors, *explanations],
         }
         write_page(path, "report", pictures=self.pictures().values(), **page | own)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -20,7 +20,14 @@ from romsindy.diagnosis.on_beam.defect import (
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.parameters import points
-from romsindy.diagnosis.on_beam.place import Place, Slack, find_place, moved_to
+from romsindy.diagnosis.on_beam.place import (
+    Place,
+    Slack,
+    can_be_anywhere,
+    find_place,
+    moved_to,
+    place_now,
+)
 from romsindy.diagnosis.on_beam.release import Release
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
@@ -35,7 +42,7 @@ from romsindy.record.decay import Decay
 FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 _ROUNDS = 5
 _LOUD = 0.5  # of the noise: what is taken off, if the start is read again
-_CYCLES = 25  # of each record: over these the beam is simulated with an effect at several places
+_CYCLES = 12  # of each record: over these the beam is simulated with an effect at several places
 
 
 class Outcome(NamedTuple):
@@ -147,6 +154,33 @@ class Rounds:
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[: self.n_training]
         return diagnose_model(self.model, training, test, self.unsure, {}, chosen)
+
+    def placed(
+        self,
+        found: Outcome,
+        effects_at: Callable[[float], Sequence[Effect]],
+        slack: Slack,
+    ) -> tuple[Outcome, Place | None]:
+        """Where the effect that was found acts, and what is found with it there.
+
+        Nothing is told where the same effect is not found there again.
+        """
+        movable = [p for p in found.parts if can_be_anywhere(p)]
+        if len(movable) != 1 or len(found.report.best.effects) != 1:
+            return found, None
+        (part,) = movable
+        try:
+            place = self.place_of(part, found, slack)
+            if not place.told or place.low <= place_now(self.seen, part) <= place.high:
+                return found, place
+            moved = moved_to(self.seen, part, place.at, self.records[0])
+            parts = tuple(moved if p is part else p for p in found.parts)
+            there = self.run(effects_at(place.at), self.simulate(parts), parts)
+        except FAILURES:  # elsewhere it would have to be stronger than the beam bears
+            return found, None
+        if there.trouble or there.report.best.names != found.report.best.names:
+            return found, place.untold()
+        return there, place
 
     def place_of(self, part: Part, outcome: Outcome, slack: Slack) -> Place:
         """Where one of the effects that were found acts; see `find_place`."""

@@ -24,7 +24,7 @@ from romsindy.diagnosis.on_beam.parameters import (
     parameter_effects,
     standard_deviations,
 )
-from romsindy.diagnosis.on_beam.place import Slack, can_be_anywhere, moved_to
+from romsindy.diagnosis.on_beam.place import Slack
 from romsindy.diagnosis.on_beam.release import Release
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
@@ -94,21 +94,12 @@ def diagnose_beam(
             f"the beam as it is cannot be simulated over the decays ({error}): check its values,"
             " or let it go from less"
         ) from error
-    found, place = rounds.run(effects, before), None
-    movable = [p for p in found.parts if can_be_anywhere(p)]
-    if len(movable) == 1 and len(found.report.best.effects) == 1:
-        doubtful = [
-            seen.beam.with_effect(p.on_beam(near[p.name]))
-            for p in parameter_effects(seen, curve.reach, names=near)
-        ]
-        gains = position_gains(seen, near.get("sensor_positions", 0.0))
-        place = rounds.place_of(movable[0], found, Slack.of(seen, doubtful, gains))
-        if place.told:
-            parts = tuple(
-                moved_to(seen, p, place.at, records[0]) if p is movable[0] else p
-                for p in found.parts
-            )
-            found = rounds.run(effects_at(place.at), rounds.simulate(parts), parts)
+    doubtful = [
+        seen.beam.with_effect(p.on_beam(near[p.name]))
+        for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
+    ]
+    slack = Slack.of(seen, doubtful, position_gains(seen, near.get("sensor_positions", 0.0)))
+    found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
     errors = _sensor_errors(
         seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
     )

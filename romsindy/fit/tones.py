@@ -1,0 +1,64 @@
+"""Steady lines that may be something else that vibrates, or hum."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from romsindy.record.spectrum import Line
+from romsindy.typing import Array
+
+# Of a comb of lines: which line may be its first harmonics, the highest, and combs to be tried.
+_STRONGEST, _HIGHEST, _COMBS = 3, 6, 2
+
+
+def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]:
+    """Angular frequencies of the strongest lines of a signal, rad/s.
+
+    Parameters
+    ----------
+    t : array
+        Uniform times, s.
+    x : (n,) array
+        Tapered.
+    count : int
+    apart : float
+        Least distance of two lines, rad/s.
+    """
+    n = 8 * len(x)
+    step = 2 * np.pi / (n * (t[1] - t[0]))
+    power = np.abs(np.fft.rfft(x, n)) ** 2
+    power[: 8 * 2] = power[-1] = 0.0  # two cycles a record at least
+    found = []
+    for _ in range(count):
+        k = int(np.argmax(power))
+        if not 0 < k < len(power) - 1 or power[k] <= 0:
+            break
+        a, b, c = np.log(power[k - 1 : k + 2] + 1e-300)
+        shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c < 0 else 0.0
+        found.append(float(step * (k + np.clip(shift, -1, 1))))
+        width = max(int(apart / step), 16)
+        power[max(k - width, 0) : k + width] = 0.0
+    return found
+
+
+def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
+    """Lines that are harmonics of one frequency: that in rad/s, and the number of the highest.
+
+    Any of the strongest may be the first, second or third harmonic, whichever leaves fewest alone.
+    """
+    width = 1 / (t[-1] - t[0])  # Hz, of a line
+    found: dict[tuple[int, ...], tuple[float, int]] = {}
+    for line, number in itertools.product(lines[:_STRONGEST], (1, 2, 3)):
+        first = line.frequency / number
+        order = np.array([other.frequency / first for other in lines])
+        nearest = np.round(order)
+        at = (np.abs(order - nearest) * first < (1 + nearest / number) * width) & (nearest > 0)
+        at &= nearest <= _HIGHEST
+        if np.count_nonzero(at) > 1:
+            members = tuple(map(int, np.flatnonzero(at)))
+            found.setdefault(members, (2 * np.pi * first, int(nearest[at].max())))
+    whole = [m for m in found if not any(set(m) < set(other) for other in found)]
+    return tuple(found[m] for m in sorted(whole, key=len, reverse=True)[:_COMBS])

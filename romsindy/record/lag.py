@@ -1,0 +1,43 @@
+"""What the filter of a measuring chain does to the harmonics of a vibration.
+
+Where noise ends at an edge, a filter took what lies beyond, and the vibration went through it, too.
+A delay is no matter to a free decay; but a filter delays its harmonics differently, the more so the
+nearer they are to the edge. How much follows from the noise, if it was white before the filter and
+the filter is one of minimum phase (Butterworth, Bessel, Chebyshev): then its phase is the Hilbert
+transform of the logarithm of its gain (A. Oppenheim, R. Schafer, Discrete-Time Signal Processing,
+3rd ed., 2010, ch. 12).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from romsindy.record.spectrum import Spectrum
+from romsindy.typing import Array
+
+_EDGE = 0.01  # power of the quietest part over that of the loudest where there is a filter
+_STEEP = 3.0  # power of the frequency that the noise falls with there, at least
+_LINES = 4096
+# The noise says little of how deep a stop band is, and of noise that was not white nothing.
+_DOUBT = 3.0
+
+
+def distortion(noise: Spectrum, dt: float, frequency: float, harmonics: int) -> Array:
+    """Relative change of harmonics 2, 3 ... of a vibration [Hz] that a filter may have made.
+
+    Relative to a delay of them all; zero where the noise shows no filter.
+    """
+    at = np.linspace(0, 0.5 / dt, _LINES + 1)
+    power = noise(at)
+    number = np.arange(1, harmonics + 1)
+    above = at > at[int(np.argmax(power))]
+    slope = -np.gradient(np.log(power[1:]), np.log(at[1:]))
+    if power[above].size == 0 or power[above].min() > _EDGE * power.max() or slope.max() < _STEEP:
+        return np.zeros(harmonics - 1)
+    cepstrum = np.fft.irfft(0.5 * np.log(power))
+    cepstrum[1:_LINES] *= 2
+    cepstrum[_LINES + 1 :] = 0
+    response = np.fft.rfft(cepstrum)
+    gain, phase = (np.interp(number * frequency, at, x) for x in (response.real, response.imag))
+    change = np.exp(gain - gain[0] + 1j * (phase - number * phase[0])) - 1
+    return _DOUBT * np.abs(change[1:])

@@ -1,0 +1,251 @@
+"""What a beam is known to: parameters within tolerances, how it started, where a force acts."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import romsindy as rs
+from romsindy.beam import FREE, Beam, NoEquilibriumError, Section, changes
+from romsindy.beam.sensors import Sensor
+from romsindy.diagnosis.on_beam import InstrumentedBeam
+from romsindy.diagnosis.on_beam.checks import checked_readings
+from romsindy.diagnosis.on_beam.defect import beam_with, calm_from
+from romsindy.diagnosis.on_beam.doubts import adjusted, doubts, in_words, position_doubt
+from romsindy.diagnosis.on_beam.parameters import parameter_effects, points, standard_deviations
+from romsindy.diagnosis.on_beam.place import Slack, find_place
+from romsindy.diagnosis.on_beam.release import read_release
+from romsindy.diagnosis.on_beam.workflow import calibrated
+from romsindy.effects import AtPoint, Damper
+from romsindy.effects.base import Scales
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record
+from romsindy.record.signals import with_noise
+
+PLACES = (0.12, 0.2, 0.28, 0.36, 0.45)
+STEP = 4e-3
+BEAM = Beam.cantilever(elements=8)
+SEEN = InstrumentedBeam(BEAM, BEAM.sensors([Sensor(x) for x in PLACES]))
+# Without weight, spring and mass: omega = 1.875^2 sqrt(EI / m) / L^2.
+PLAIN = Beam(0.45, Section.rectangle(0.025, 0.001, 210e9, 7800.0), 6, gravity=(0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "power"),
+    [
+        (changes.Longer, -2.0),
+        (changes.Thicker, 1.0),
+        (changes.Denser, -0.5),
+        (changes.StifferMaterial, 0.5),
+        (changes.StifferBending, 0.5),
+        (changes.StifferAxially, 0.0),
+        (changes.Wider, 0.0),
+    ],
+)
+def test_frequency_goes_with_powers_of_the_sizes(change, power):
+    """Euler and Bernoulli; rotary inertia and shear of a strip of 1 mm in 450 are 1e-5 of it."""
+    omega = [b.modes(count=1).omega[0] for b in (PLAIN, PLAIN.with_effect(change(0.02)))]
+    assert omega[1] / omega[0] == pytest.approx(1.02**power, rel=1e-5)
+
+
+def test_what_sits_at_the_end_of_a_shorter_beam_stays_on_it():
+    ends = [BEAM.with_effect(Damper().on_beam(0.1, AtPoint(0.45))), BEAM]
+    shorter, default = (b.with_effect(changes.Longer(-0.01)) for b in ends)
+    assert shorter.effects[-1].at is None and shorter.effects[:-1] == default.effects
+    assert SEEN.sensors_on(default).sensors[-1].at == default.length
+    anchors = [BEAM.with_effect(c(1e-3)) for c in (changes.FartherAnchor, changes.HigherAnchor)]
+    assert [b.effects[-1].anchor for b in anchors] == [
+        pytest.approx((0.548, 0.0)),
+        pytest.approx((0.547, 1e-3)),
+    ]
+
+
+def test_a_hit_moves_each_mode_by_its_size_there():
+    """p phi_k(a): a closed form; energy stays what it was but for damping."""
+    basis = BEAM.modes(count=4)
+    velocity = BEAM.struck(0.01, at=0.3, modes=4)
+    push = BEAM.point_load((0.0, 1.0), at=0.3)
+    expected = [0.01 * np.vdot(phi, push) for phi in basis.shapes]
+    motion = BEAM.simulate(
+        BEAM.equilibrium(), 0.1, 2e-3, velocity=velocity, modes=basis, progress=False
+    )
+    np.testing.assert_allclose(motion.coordinates.velocity[0], expected, rtol=1e-9)
+    np.testing.assert_allclose(motion.coordinates.displacement[0], 0.0, atol=1e-15)
+    assert motion.energy.total[0] == pytest.approx(np.sum(np.square(expected)) / 2, rel=1e-9)
+    assert motion.energy.drift < 1e-4  # the tolerance of the integration
+
+
+@pytest.mark.parametrize(
+    ("velocity", "message"),
+    [
+        (np.zeros((3, 3)), r"velocity has shape \(3, 3\): .*such as beam.struck"),
+        (np.ones((17, 3)), "moves what is held"),
+        (np.full((17, 3), np.nan), "give finite values"),
+    ],
+)
+def test_a_velocity_must_be_one_of_the_beam(velocity, message):
+    with pytest.raises(ValueError, match=message):
+        BEAM.simulate(BEAM.equilibrium(), 0.1, velocity=velocity, progress=False)
+
+
+def test_a_hit_is_read_from_the_sensors():
+    """Which modes it pushed: phi_k(a) / phi_1(a), a closed form."""
+    step, basis = 1e-3, BEAM.modes(count=5)
+    velocity = BEAM.struck(0.01, modes=5)
+    motion = BEAM.simulate(
+        BEAM.equilibrium(), 0.2, step, velocity=velocity, sensors=SEEN.sensors, progress=False
+    )
+    rate = float(motion.coordinates.velocity[0, 0])
+    found = read_release(SEEN, BEAM, (0.0, rate), SEEN.sensors.measure(motion), step)
+    pushed = [
+        np.vdot(phi, found.push) / w**2 for phi, w in zip(basis.shapes, basis.omega, strict=True)
+    ]
+    exact = basis.shapes[:, -1, 1] / basis.shapes[0, -1, 1]
+    # Two steps of a motion that is not linear: the coordinates reach a tenth of the length.
+    np.testing.assert_allclose(np.array(pushed) / pushed[0], exact, atol=0.01)
+
+
+def test_velocities_and_accelerations_are_kept():
+    """They were refused; here they are looked at as they are, in the coordinate too."""
+    t = np.linspace(0, 2, 501)
+    q = np.outer(np.cos(38 * t), np.ones(5)) * 0.01
+    decay = rs.Decay(t, q, q_ddot=-(38**2) * q, unit="m", measured="acceleration")
+    kept = checked_readings(decay, 0, SEEN.sensors, BEAM.length)
+    assert kept.measured == "acceleration" and np.array_equal(kept.q_ddot, decay.q_ddot)
+    seen = SEEN.decay(kept)
+    assert seen.derivative == 2 and seen.unit == "kg^0.5 m"
+    np.testing.assert_allclose(seen.signal, -(38**2) * seen.q, rtol=1e-12)
+
+
+def test_modes_that_no_sensor_tells_apart_are_filtered_out():
+    """At 2 kHz a tone of the fourth mode, which five sensors do not tell from the first three."""
+    omega = BEAM.modes(count=4).omega
+    t = np.arange(4000) * 5e-4
+    slow, fast = np.cos(omega[0] * t), np.cos(omega[3] * t)
+    both = rs.Decay(t, np.outer(slow + fast, np.ones(5)))
+    thin = SEEN.thinned(both)
+    own = slow[:: round(thin.dt / both.dt)]
+    assert thin.dt > 3e-3
+    # It lies 13 % above half of the new sampling rate, where the filter lets 7 % through.
+    np.testing.assert_allclose(thin.q[50:-50, 0], own[50:-50], atol=0.08)
+
+
+def test_fast_modes_that_ring_are_left_out_at_the_start():
+    readings = SEEN.coordinate(SEEN.readings(BEAM, 0.016, 2.0, STEP))
+    t = STEP * np.arange(len(readings))
+    record = Record.of(rs.Decay(t, with_noise(readings, 40, 0)), 1e-4)
+    assert calm_from(record, readings) == 0.0
+    rung = calm_from(record, readings + 0.1 * readings.max() * np.exp(-8 * t) * np.cos(300 * t))
+    assert 0.1 < rung <= 0.5  # a quarter of the record at most
+
+
+# -- tolerances ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def own():
+    """The reduced model of the beam, and a record of it."""
+    readings = SEEN.readings(BEAM, 0.016, 3.0, STEP)
+    t = STEP * np.arange(len(readings))
+    model = calibrated(BEAM, rs.Decay(t, SEEN.coordinate(readings), unit="kg^0.5 m"))
+    noisy = rs.Decay(t, SEEN.coordinate(with_noise(readings, 40, 0)), unit="kg^0.5 m")
+    return model, [Record.loud(noisy, 2e-4)]
+
+
+def test_parameters_that_do_the_same_are_one(own):
+    """Bending stiffness is all of the modulus that a free end shows: sd 1 % and 2 %, share 1 : 4.
+
+    With data far more exact than what was known, of a change y of their sum each takes the part of
+    its variance: x_j = y s_j^2 / (s_1^2 + s_2^2).
+    """
+    known = parameter_effects(SEEN, 0.016, names=("bending_stiffness", "modulus"))
+    spread = np.array([0.01, 0.02])
+    found = doubts(*own, known, spread)
+    assert len(found) == 1 and found[0].felt > 30
+    share = found[0].vector * spread
+    assert share[1] / share[0] == pytest.approx(4.0, rel=0.01)
+    part = Part.of(found[0], Scales(0.016, 38.0, 3.0), 1)
+    part.strengths[:] = 0.01 / share.sum()
+    at_hand = SimpleNamespace(
+        parts=(part,),
+        covariance=np.array([[found[0].felt ** -2]]),
+        solution=SimpleNamespace(slices=lambda: [slice(0, 1)]),
+    )
+    stiffness, modulus = adjusted(at_hand)
+    assert stiffness.change == pytest.approx(0.002, rel=0.02)
+    assert modulus.change == pytest.approx(0.008, rel=0.02)
+    # Each alone would have to do it all; what is known of their difference stays as it was.
+    assert stiffness.alone == pytest.approx(0.01, rel=0.02)
+    assert modulus.std == pytest.approx(0.02 / np.sqrt(5), rel=0.02)
+    text = in_words((stiffness, modulus))
+    assert "modulus up 1 % or bending stiffness up 1 %" in text and "one combination" in text
+    section = beam_with(BEAM, [part]).section
+    assert section.EI / BEAM.section.EI - 1 == pytest.approx(0.01, rel=0.02)
+
+
+def test_parameters_that_the_data_do_not_see_are_left_out(own):
+    """Stretching is none of a beam that hangs on a spring."""
+    known = parameter_effects(SEEN, 0.016, names=("axial_stiffness",))
+    assert doubts(*own, known, np.array([0.01])) == ()
+
+
+def test_sensors_off_their_places_show_another_size():
+    """All moved outwards together read the first mode larger, by its slope over its size."""
+    one = InstrumentedBeam(BEAM, BEAM.sensors([Sensor(0.3)]))
+    basis = BEAM.modes(count=1)
+    pushes = (BEAM.point_load((0.0, 1.0), at=x) for x in (0.3, 0.301))
+    here, there = (np.vdot(push, basis.shapes[0]) for push in pushes)
+    # A difference of 1 mm of a curve: 1 mm over its length.
+    assert position_doubt(one, 1e-3).tolerance == pytest.approx(there / here - 1, rel=0.01)
+
+
+def test_tolerances_of_positions_are_in_metres():
+    found = standard_deviations(
+        BEAM, {"anchor_x": 1e-3, "sensor_positions": 2e-3, "length": 0.01, "pre_tension": 0.1}
+    )
+    assert found["anchor_x"] == 1e-3 and found["sensor_positions"] == 2e-3
+    assert found["length"] == 0.01 and found["pre_tension"] == pytest.approx(0.151)
+    with pytest.raises(ValueError, match=r"anchor_x.* must be positive .in m."):
+        standard_deviations(BEAM, {"anchor_x": 0.0})
+
+
+def test_a_beam_that_cannot_be_has_no_equilibrium(own):
+    (tension,) = parameter_effects(SEEN, 0.016, names=("pre_tension",))
+    part = Part.of(tension, Scales(0.016, 38.0, 3.0), 1)
+    part.strengths[:] = 5.0
+    with pytest.raises(NoEquilibriumError, match=r"no such beam: .*negative natural length"):
+        beam_with(BEAM, [part])
+
+
+# -- where ---------------------------------------------------------------------------------------
+
+
+def test_a_damper_is_found_where_it_is():
+    """A pull at the tip rings the second mode, which dies as the damper's place says."""
+    length, duration = BEAM.length, 1.2
+
+    def read(at):
+        # As strong as to do the same to the first mode.
+        shape = BEAM.modes(count=1).shapes[0]
+        lift = np.vdot(BEAM.point_load((0.0, 1.0), at=at), shape)
+        damper = Damper().on_beam(0.4 / lift**2, AtPoint(at))
+        beam = BEAM.with_effect(damper)
+        motion = beam.simulate(
+            beam.release_shape(0.08), duration, STEP, sensors=SEEN.sensors, progress=False
+        )
+        return SEEN.sensors.measure(motion)
+
+    tried = [read(at) for at in points(BEAM)]
+    measured = with_noise(read(0.62 * length), 35, 0)
+    t = STEP * np.arange(len(measured))
+    record = Record.of(rs.Decay(t, SEEN.coordinate(measured), unit="kg^0.5 m"), 2e-4)
+    slack = Slack.of(SEEN, (), np.zeros(5))
+    place = find_place(SEEN, [record], [measured], [tried], slack)
+    assert place.told and abs(place.at - 0.62 * length) < 0.05 * length
+    assert BEAM.right == FREE and f"{place.at:.3g} m" in str(place)
+    # Noise as loud as the second mode leaves nothing to tell.
+    loud = with_noise(measured, 3, 1)
+    record = Record.of(rs.Decay(t, SEEN.coordinate(loud), unit="kg^0.5 m"), 2e-4)
+    assert not find_place(SEEN, [record], [loud], [tried], slack).told

@@ -1,0 +1,208 @@
+"""Which differences matter, what takes no part, and the words for it."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from test_diagnosis import MODEL, OMEGA, decay
+
+import romsindy as rs
+from romsindy.commands.main import main
+from romsindy.diagnosis import diagnose, search
+from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.held_out import SHORTEST, parted
+from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.what_matters import of_repeats, stated
+from romsindy.diagnosis.words import odds, percent
+from romsindy.fit.record import Record
+from romsindy.fit.refine import refine
+
+OTHER = {"c_linear": 1.1 * 0.01 * OMEGA}  # ten per cent more damping
+
+
+@pytest.fixture
+def no_search(monkeypatch):
+    """Whatever is found without a search is found."""
+
+    def refuse(self):
+        raise AssertionError("a search was started")
+
+    monkeypatch.setattr(search.Search, "run", refuse)
+
+
+def test_a_difference_within_the_stated_tolerance_is_none(no_search):
+    found = diagnose(MODEL, decay(1.0, changed=OTHER), tolerance={"damping": 0.2})
+    assert found.verdict == "none" and found.gap.before > 3
+    assert "nothing that matters" in found.sentence and "tolerance: " in found.sentence
+
+
+def test_the_same_difference_matters_without_one():
+    found = diagnose(MODEL, decay(1.0, changed=OTHER))
+    assert found.verdict != "none" and "They differ: " in str(found)
+    sizes = [d.damping for d in found.differences]
+    assert sizes == pytest.approx([1 / 1.1 - 1], abs=0.02)
+
+
+def test_a_file_against_itself_is_none(no_search):
+    run = decay(1.0, changed=OTHER, snr_db=60)
+    known = model_of_simulation(run)
+    assert diagnose(measured=run, **known._asdict()).verdict == "none"
+
+
+def test_repeat_runs_say_what_does_not_matter(no_search):
+    runs = [decay(1.0, seed=i, changed={"c_linear": c}) for i, c in enumerate((0.30, 0.33))]
+    spread = of_repeats(runs, 2e-4)
+    assert spread.damping == pytest.approx(0.03 / 0.33, abs=0.03) and spread.source == "repeats"
+    found = diagnose(MODEL, decay(1.0, seed=3), repeats=runs)
+    assert found.verdict == "none" and "repeat runs differ by" in found.sentence
+
+
+def test_a_fit_knows_what_it_leaves(no_search):
+    """Cubic stiffness alone cannot follow a model with inertia: that is not news of another run."""
+    run = decay(1.0, seed=1)
+    plain = rs.ReducedModel.from_coefficients(
+        {"omega^2": OMEGA**2, "gamma_3": 5.0, "c_linear": 0.01 * OMEGA}
+    )
+    fit = refine(plain, run)
+    left = Difference.of(fit.records[0], fit.records[0].signal - fit.residuals[0])
+    assert left.exceeds(Tolerance())
+    found = diagnose(fit, decay(1.0, seed=2))
+    assert found.verdict == "none" and "its own reference record" in found.sentence
+
+
+def test_tolerances_of_several_sources():
+    one, other = Tolerance(0.1, 0.0, 0.0, "stated"), Tolerance(0.0, 0.2, 0.0, "repeats")
+    assert one.or_more(other) == Tolerance(0.1, 0.2, 0.0, "stated and repeats")
+    assert stated(0.5).frequency == 0.5 and stated(one) is one
+    assert Tolerance().or_more(other).source == "repeats"
+
+
+@pytest.mark.parametrize("cycles", [SHORTEST - 2, 24, 59])
+def test_parts_that_learn_and_judge_span_the_amplitudes(cycles):
+    whole = decay(1.0)
+    record = Record.loud(whole.between(end=cycles / 5.05), 2e-4)
+    parts = parted(record)
+    if cycles < SHORTEST:
+        assert parts is None
+        return
+    learns, judges = parts
+    assert np.array_equal(learns.part, ~judges.part)
+    assert learns.count + judges.count == pytest.approx(record.count)
+    assert 0.15 < judges.count / record.count < 0.4
+    reach = np.abs(record.signal)
+    for part in parts:
+        assert reach[part.part].max() > 0.7 * reach.max()
+        late = np.flatnonzero(part.part)[-1] / len(reach)
+        assert late > 0.6
+    # White misfits of one part tell nothing about the other: they are never both non-zero.
+    x = np.random.default_rng(0).standard_normal(len(reach))
+    assert not np.any(learns.whitened(x) * judges.whitened(x))
+
+
+def test_a_record_that_died_long_ago_is_held_out_where_it_lives():
+    """Its last quarter was held out, and refused: it holds no cycles."""
+    friction = decay(1.0, force=lambda t, q, v: 5.0 * np.tanh(v / 0.01))
+    assert diagnose(MODEL, [friction]).gap.unseen
+
+
+def test_numbers_in_words():
+    assert [percent(x) for x in (0.0123, 1.4, 0.00012)] == ["1.2 %", "140 %", "0.012 %"]
+    assert odds(6.0, "dry friction") == "odds 400 : 1 against the next, dry friction"
+    assert odds(400.0, "play") == "odds above 1000000 : 1 against the next, play"
+
+
+def test_the_sentence_the_table_and_the_files_say_the_same(tmp_path):
+    found = diagnose(MODEL, decay(1.0, changed=OTHER))
+    lines = found.sentence.splitlines()
+    starts = ("They differ: ", "Missing: ", "Left: ", "Next: ")
+    assert all(line.startswith(s) for line, s in zip(lines, starts, strict=False))
+    content = json.loads(found.to_json())
+    assert content["gap"]["closed"] == found.gap.closed and content["left"] == found.left
+    assert content["tolerance"]["source"] == "default"
+    assert content["differences"][0]["damping"] == found.differences[0].damping
+    page = tmp_path / "page.html"
+    found.to_html(page)
+    text = page.read_text()
+    assert lines[0] in text and lines[0] in repr(found)
+    assert found.gap.table()[1][2] in text
+
+
+def test_an_interrupted_diagnosis_names_nothing(monkeypatch):
+    def interrupted(self, base):
+        self.hypothesis([])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(search.Search, "_best_of", interrupted)
+    found = diagnose(MODEL, decay(1.0, changed=OTHER))
+    assert found.interrupted and found.verdict != "named"
+    assert found.sentence.startswith("Interrupted when ")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"tolerance": "x"}, "tolerance = 'x' must be a relative size"),
+        ({"tolerance": {"speed": 1}}, "or a mapping of"),
+        ({"tolerance": -1}, "tolerance of frequency = -1.0"),
+        ({"tolerances": 0.1}, "tolerances = 0.1 must map names"),
+        ({"tolerances": {"gamma_3": "a"}}, "must be positive"),
+        ({"free": 5}, "free = 5 must be a list"),
+        ({"free": "omega^2"}, "must be a list"),
+        ({"held_out": []}, "held_out is a list: give one Decay"),
+        ({"repeats": 5}, "repeats = 5 must be a Decay"),
+        ({"reference": "a"}, "reference = 'a' must be a Decay"),
+        ({"floor": 2}, "floor = 2 must be a part"),
+        ({"false_alarm": "x"}, "false_alarm = 'x' must be a probability"),
+        ({"max_effects": 1.5}, "max_effects = 1.5"),
+        ({"n_jobs": 0}, "n_jobs = 0 must be a number of processes"),
+        ({"catalogue": 3}, "catalogue = 3 must be a list of effects"),
+        ({"progress": 3}, "progress = 3 must be a function"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(given, message):
+    with pytest.raises(ValueError, match=message.replace("^", r"\^")):
+        diagnose(MODEL, decay(1.0), **given)
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, seed in (("a", 1), ("b", 2)):
+        run = decay(1.0, seed=seed)
+        np.savetxt(f"{name}.csv", np.column_stack([run.t, run.q]), delimiter=",", header="t,q")
+    (tmp_path / "model.json").write_text(MODEL.to_json())
+    return tmp_path
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["diagnose", "--model", "model.json", *arguments])
+
+
+def test_the_command_line_knows_tolerance_repeats_and_reference(files, no_search):
+    known = ["--repeats", "b.csv", "--repeats", "a.csv", "--reference", "b.csv"]
+    result = run("--measured", "a.csv", "--tolerance", "damping=0.2", *known, "--json", "a.json")
+    assert result.exit_code == 0, result.output
+    content = json.loads((files / "a.json").read_text())
+    assert content["tolerance"]["source"] == "stated and repeats and reference"
+    assert content["tolerance"]["damping"] == 0.2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--tolerance", "x"], "'x' is not NAME=SIZE"),
+        (["--tolerances", "0.1"], "'0.1' is not NAME=SIZE"),
+        (["--tolerances", "gamma_9=0.1"], "--tolerances name 'gamma_9'"),
+        (["--floor", "2"], "--floor 2.0 must be"),
+        (["--jobs", "0"], "--jobs 0 must be"),
+        (["--repeats", "a.csv"], "--repeats holds 1 decay"),
+        (["--held-out", "a.csv"], "a.csv is the same record"),
+        (["--mode", "7"], "mode = 7 is none of the modes"),
+    ],
+)
+def test_refusals_of_the_command_line_name_files_and_options(files, arguments, message):
+    result = run("--measured", "a.csv", *arguments)
+    assert result.exit_code == 2 and message in result.output, result.output
+    assert "Traceback" not in result.output
