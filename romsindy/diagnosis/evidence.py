@@ -30,6 +30,8 @@ from romsindy.typing import Array
 # Standard deviations from which on a value that was known to a tolerance is worth a word: 5 %.
 _FAR = 2.0
 
+_GUESSES = 4  # of the best, whose need is the form error of all
+
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -184,15 +186,19 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
 def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -> list[Hypothesis]:
     """Best first, all with the form error that is known, or as much more as the best needs.
 
-    That is the one that explains most with jumps of its own size.
+    The first guess of the best is the one that explains most with departures of its own size.
     """
     if not hypotheses:
         return []
-    jumps = [FormError(h.settled(known).form.jump) for h in hypotheses]
-    alone = [h.at(form) for h, form in zip(hypotheses, jumps, strict=True)]
-    best = hypotheses[int(np.argmin([h.score for h in alone]))]
-    form = best.settled(known).form
-    return sorted((h.at(form) for h in hypotheses), key=lambda h: h.score)
+    each = [h.settled(known) for h in hypotheses]
+    best = int(np.argmin([h.at(FormError(h.form.jump)).score for h in each]))
+    for _ in range(_GUESSES):
+        last, form = best, each[best].form
+        found = [h.at(form) for h in hypotheses]
+        best = int(np.argmin([h.score for h in found]))
+        if best == last:
+            break
+    return sorted(found, key=lambda h: h.score)
 
 
 def weights(hypotheses: Sequence[Hypothesis]) -> Array:
