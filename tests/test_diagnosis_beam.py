@@ -82,7 +82,7 @@ def test_hidden_mass_is_named_weighed_and_put_back(report):
     assert min(e.before for e in report.sensor_errors) > 10
     # 1 is noise alone; the standard error of its rms, and of the noise, is 2 % each.
     assert max(e.after for e in report.sensor_errors) < 1.1
-    assert "The beam lacks more mass at the tip" in report.sentence
+    assert "Missing: more mass at the tip" in report.sentence
 
 
 def test_report_is_written(report, tmp_path):
