@@ -285,3 +285,38 @@ def test_size_of_what_is_hidden_in_a_beam(benchmark):
             shift = other.mode(other.static())[0] / omega - 1
             # first order of the shift, and the slope of the shape over the first element
             assert 0.9 * 0.0035 < -shift < 1.1 * 0.0075, (kind, seed)
+
+
+@benchmark_of("exudyn_trials")
+def test_a_beam_trial_is_made_once_and_told_wrongly(benchmark, tmp_path, monkeypatch):
+    """Short records: what is stored is what was made, and errors stay within two tolerances."""
+    monkeypatch.setattr(benchmark.Kind, "pace", lambda self, supports: (1e-3, 0.2, 4))
+    trial, truth = benchmark.beam_trial("tip", 3, tmp_path)
+    again, _ = benchmark.beam_trial("tip", 3, tmp_path)
+    assert [np.array_equal(*y) for y in zip(trial.readings, again.readings, strict=True)] == [1] * 3
+    exact, wrong = (trial.told[which] for which in ("exact", "wrong"))
+    for field in ("length", "thickness", "density", "young", "alpha"):
+        relative = abs(wrong["beam"][field] / exact["beam"][field] - 1)
+        assert 0 < relative <= 2 * max(benchmark.TOLERANCES.values())
+    shifts = np.subtract(wrong["sensors"], exact["sensors"])
+    # two sigma of 1 mm; that at the tip stays there, on a length that is two sigma off
+    assert np.all(np.abs(shifts) <= 2.001e-3) and len(truth["effects"]) == 1
+    rows = importlib.import_module("beam_rows")
+    found = {"right": True, "place": 0.3, "length": 0.45, "values": {"place": 0.31}}
+    assert "1 of 1, within" in rows.place_line([found, found | {"right": False}])
+
+
+@benchmark_of("marked")
+def test_a_diagnosis_that_fails_is_counted(benchmark):
+    def refuses():
+        raise ValueError("no")
+
+    truth = {"effects": {"stop": {}}, "strength": "weak", "noise": "white"}
+    found = benchmark.asked_of(refuses, truth)
+    assert found["error"] == "ValueError in refuses: no"
+    assert not (found["right"] or found["in_set"] or found["wrong"])
+    stranger = benchmark.of_a_stranger
+    said = benchmark.Said
+    assert (
+        stranger(said("unknown", (), ()))["right"] and stranger(said("named", ("a",), ()))["wrong"]
+    )
