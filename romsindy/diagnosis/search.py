@@ -255,9 +255,11 @@ class Search:
         return self.fitted([[*parts[:i], *parts[i + 1 :]] for i in range(len(parts))])
 
     def finding(self, best: Hypothesis, found: Finding) -> Finding:
-        """The same finding with another hypothesis for the best."""
+        """The same finding without what was better than another hypothesis, now the best."""
         (best,) = self._ranked([best])
-        compared = sorted((h.at(best.form) for h in found.compared), key=lambda h: h.score)
+        others = (h.at(best.form) for h in found.compared)
+        worse = sorted((h for h in others if h.score >= best.score), key=lambda h: h.score)
+        compared = [best, *worse]
         rivals = self._rivals(best, [h for h in compared if len(h.effects) == len(best.effects)])
         return replace(found, rivals=rivals, compared=compared, base=found.base.at(best.form))
 

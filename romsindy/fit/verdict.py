@@ -64,9 +64,9 @@ EQUIVALENT = 7.0
 ROUNDED = 4.0
 # Where the gap stays open, another effect must bring the misfit down by this factor to count.
 WORTH = 2.0
-# By how much an effect must bring chi-square down on data that took no part, where chance gains
-# nothing: odds of exp(7 / 2) = 33 to 1.
-GAINED = 7.0
+# By how much an effect must bring chi-square down on data that took no part. Values that were
+# fitted to noise gain less than nothing there, and scatter by about this.
+GAINED = 2.0
 # The form error of a model on another record than its reference: within this factor it is alike.
 # Its size is estimated from a few tens of correlated windows, on a grid of factors of 1.8.
 SAME_SIZE = 2.0
