@@ -320,3 +320,13 @@ def test_a_diagnosis_that_fails_is_counted(benchmark):
     assert (
         stranger(said("unknown", (), ()))["right"] and stranger(said("named", ("a",), ()))["wrong"]
     )
+
+
+@pytest.mark.parametrize("row", ["hidden", "weak", "outside", "itself", "example"])
+@benchmark_of("rows")
+def test_small_rows(benchmark, row, tmp_path):
+    """One trial of each row, of short records: no failure, and nothing wrong that is named."""
+    seed = {"hidden": 51, "weak": 24, "outside": 17}.get(row, 0)
+    result = benchmark.ROWS[row].one(seed, tmp_path)
+    assert "error" not in result and not result["wrong"]
+    assert result["sentence"] and result["seconds"] > 0
