@@ -6,7 +6,7 @@ FOLDER/<kind>_<seed>.npz holds the readings of three releases (two to learn from
 what a diagnosis is told: the beam and the sensors as they are but for what is hidden ("exact"), and
 wrong within stated tolerances ("wrong"). truth/<kind>_<seed>.json holds the rest. Kinds are those
 of `KINDS`, and each with "_null" hides nothing; several take turns, one a seed. Exudyn has three
-times the elements of the beam that is diagnosed. Needs `pip install exudyn`.
+times the elements of the beam that is diagnosed. Needs `pip install "romsindy[exudyn]"`.
 """
 
 from __future__ import annotations
