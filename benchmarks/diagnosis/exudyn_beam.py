@@ -1,7 +1,8 @@
 """A planar beam in Exudyn, with connectors of its own, held, let go or hit: an independent witness.
 
 It shares nothing with `romsindy.beam` but the geometry and the field's section forces: other code,
-mesh, integrator (generalised alpha), damping, friction and force elements. `pip install "romsindy[exudyn]"`.
+mesh, integrator (generalised alpha), damping, friction and force elements. Needs the extra
+"exudyn".
 """
 
 from __future__ import annotations
