@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from beam_truth import BeamTruth, Spring
 from exudyn_forces import NAMES, OF_A_SPRING, Mode, with_hidden
 from noises import COLOURS, noises
 
@@ -132,8 +133,6 @@ def beam_of(said: dict) -> Beam:
 
 def nominal(supports: str, rng: np.random.Generator):
     """A thin steel or aluminium strip of random size, with or without mass and spring."""
-    from exudyn_beam import BeamTruth, Spring
-
     steel = rng.random() < 0.7
     young, density = (210e9, 7800.0) if steel else (70e9, 2700.0)
     sizes = rng.uniform([0.4, 0.02, 0.0009], [0.5, 0.03, 0.0012])
@@ -188,7 +187,7 @@ def _other_spring(truth, length: float, error: Callable[[str], float]):
 
 def drawn(kind: str, seed: int) -> tuple[BeamTrial, dict]:
     """One trial and its truth."""
-    from exudyn_beam import ExudynBeam
+    from exudyn_beam import ExudynBeam  # an extra: rows that are stored do without
 
     nothing = kind.endswith("_null")
     how = KINDS[kind.removesuffix("_null")]
