@@ -19,13 +19,13 @@ BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
 @pytest.fixture
 def benchmark(request):
-    """A benchmark as a module."""
+    """A benchmark as a module, among its neighbours."""
     if request.param.startswith("exudyn"):
         pytest.importorskip("exudyn")
     folders = [str(BENCHMARKS), str(BENCHMARKS / "diagnosis")]
     sys.path[:0] = folders
     try:
-        return importlib.import_module(request.param)
+        yield importlib.import_module(request.param)
     finally:
         sys.path[:] = [p for p in sys.path if p not in folders]
 
@@ -243,10 +243,12 @@ def test_small_run_of_blind_trials(benchmark, tmp_path):
 @benchmark_of("exudyn_beam")
 def test_witness_of_the_beam_trials(benchmark):
     """Two codes that share no line agree: frequency, release, and 0.2 s of motion with a damper."""
+    from beam_truth import Spring
+
     from romsindy.beam import Beam
     from romsindy.effects import AtPoint, Damper
 
-    spring = benchmark.Spring(24.4, 0.097, 1.51)
+    spring = Spring(24.4, 0.097, 1.51)
     damper = benchmark.Force("damper", 0.3, {"damping": 0.01})
     truth = benchmark.BeamTruth(
         "cantilever", 0.45, 0.025, 0.001, 210e9, 7800.0, 0.37, 1e-5, 0.0008, spring, 0.0, (damper,)
@@ -320,3 +322,13 @@ def test_a_diagnosis_that_fails_is_counted(benchmark):
     assert (
         stranger(said("unknown", (), ()))["right"] and stranger(said("named", ("a",), ()))["wrong"]
     )
+
+
+@pytest.mark.parametrize("row", ["hidden", "weak", "outside", "itself", "example"])
+@benchmark_of("rows")
+def test_small_rows(benchmark, row, tmp_path):
+    """One trial of each row, of short records: no failure, and nothing wrong that is named."""
+    seed = {"hidden": 51, "weak": 24, "outside": 17}.get(row, 0)
+    result = benchmark.ROWS[row].one(seed, tmp_path)
+    assert "error" not in result and not result["wrong"]
+    assert result["sentence"] and result["seconds"] > 0

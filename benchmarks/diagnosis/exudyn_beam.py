@@ -1,69 +1,25 @@
 """A planar beam in Exudyn, with connectors of its own, held, let go or hit: an independent witness.
 
 It shares nothing with `romsindy.beam` but the geometry and the field's section forces: other code,
-mesh, integrator (generalised alpha), damping, friction and force elements. `pip install exudyn`.
+mesh, integrator (generalised alpha), damping, friction and force elements. Needs the extra
+"exudyn".
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
+from beam_truth import BeamTruth, Force
 from exudyn import itemInterface as item
 from exudyn.solver import ComputeLinearizedSystem
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import eigh
 
 GRAVITY = 9.81
-
-
-@dataclass(frozen=True)
-class Spring:
-    """Straight, from the right end to an anchor on the axis: N/m, m beyond the tip, N there."""
-
-    stiffness: float
-    length: float
-    tension: float
-
-
-@dataclass(frozen=True)
-class Force:
-    """A connector at a place on the axis, m; the meaning of ``values`` is its kind's."""
-
-    kind: str
-    at: float
-    values: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class BeamTruth:
-    """Everything that the real beam is; SI units.
-
-    Attributes
-    ----------
-    supports : "cantilever", "clamped", "pinned"
-        Free at the right, or both ends clamped, or both held but free to turn.
-    compliance : float
-        Of the left clamp, rad/(N m).
-    """
-
-    supports: str
-    length: float
-    width: float
-    thickness: float
-    young: float
-    density: float
-    alpha: float
-    eta: float
-    tip_mass: float = 0.0
-    spring: Spring | None = None
-    compliance: float = 0.0
-    forces: tuple[Force, ...] = ()
-    poisson: float = 0.3
 
 
 class _Slider(NamedTuple):

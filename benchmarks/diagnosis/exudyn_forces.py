@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from exudyn_beam import BeamTruth, Force, Spring
+from beam_truth import BeamTruth, Force, Spring
 from hidden import harmonic
 
 FREQUENCY, DAMPING = 0.005, 0.0015

@@ -6,7 +6,7 @@ FOLDER/<kind>_<seed>.npz holds the readings of three releases (two to learn from
 what a diagnosis is told: the beam and the sensors as they are but for what is hidden ("exact"), and
 wrong within stated tolerances ("wrong"). truth/<kind>_<seed>.json holds the rest. Kinds are those
 of `KINDS`, and each with "_null" hides nothing; several take turns, one a seed. Exudyn has three
-times the elements of the beam that is diagnosed. Needs `pip install exudyn`.
+times the elements of the beam that is diagnosed. Needs `pip install "romsindy[exudyn]"`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from beam_truth import BeamTruth, Spring
 from exudyn_forces import NAMES, OF_A_SPRING, Mode, with_hidden
 from noises import COLOURS, noises
 
@@ -132,8 +133,6 @@ def beam_of(said: dict) -> Beam:
 
 def nominal(supports: str, rng: np.random.Generator):
     """A thin steel or aluminium strip of random size, with or without mass and spring."""
-    from exudyn_beam import BeamTruth, Spring
-
     steel = rng.random() < 0.7
     young, density = (210e9, 7800.0) if steel else (70e9, 2700.0)
     sizes = rng.uniform([0.4, 0.02, 0.0009], [0.5, 0.03, 0.0012])
@@ -188,7 +187,7 @@ def _other_spring(truth, length: float, error: Callable[[str], float]):
 
 def drawn(kind: str, seed: int) -> tuple[BeamTrial, dict]:
     """One trial and its truth."""
-    from exudyn_beam import ExudynBeam
+    from exudyn_beam import ExudynBeam  # an extra: rows that are stored do without
 
     nothing = kind.endswith("_null")
     how = KINDS[kind.removesuffix("_null")]

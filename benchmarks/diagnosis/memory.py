@@ -144,7 +144,7 @@ def _pinched(name, at):
 
 def _particle(name, at):
     """A loose mass that knocks against the walls of its box."""
-    half, mu = at.rng.uniform(0.15, 0.4), 2 * at.strength_of(0.25, 0.1)
+    half, mu = at.rng.uniform(0.15, 0.4), 0.5 * at.strength_of(0.25, 0.1)
     k, c = 60.0**2, 2 * at.rng.uniform(0.1, 0.4) * 60.0
 
     def wall(q, v, z):

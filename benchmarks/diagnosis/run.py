@@ -5,7 +5,7 @@
 Trials are made once and stored in the folder, and so are the results, line by line in
 FOLDER/<row>.jsonl: a run that was interrupted goes on where it stopped, and one with --again
 diagnoses the stored trials afresh. --list shows what was not right. Seeds below 50000 are for
-development. Rows of beams need `pip install exudyn`; "repeats" looks for measured files (see
+development. Rows of beams need the extra "exudyn"; "repeats" looks for measured files (see
 measured.py) in FOLDER/measured.
 """
 
