@@ -62,4 +62,4 @@ def _fitted(start: ReducedModel, names: tuple[str, ...], record: Record) -> Solu
 
 
 def _misfit(solution: Solution, record: Record) -> float:
-    return float(np.sqrt(np.mean(solution.residuals[0] ** 2))) / record.amplitude
+    return float(np.sqrt(np.mean(solution.residuals[0] ** 2)) / np.abs(record.signal).max())
