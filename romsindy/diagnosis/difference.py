@@ -138,8 +138,14 @@ class Difference:
         return any(x - y > tol for x, y, _, tol in self._compared(after, tolerance))
 
     def grows(self, after: Difference, tolerance: Tolerance) -> bool:
-        """Whether something is surely larger afterwards, by more than a tolerance."""
-        return any(y - x > tol + SURE * s for x, y, s, tol in self._compared(after, tolerance))
+        """Whether one of its kinds surely grows, by more than a tolerance and than it falls."""
+        rows = list(self._compared(after, tolerance))
+        for kind in range(len(KINDS)):
+            of_kind = rows[kind :: len(KINDS)]
+            growth = max(y - x - tol - SURE * s for x, y, s, tol in of_kind)
+            if growth > max(0.0, *(x - y for x, y, _, _ in of_kind)):
+                return True
+        return False
 
     def _compared(
         self, after: Difference, tolerance: Tolerance
