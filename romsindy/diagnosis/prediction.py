@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import Prediction, name_of
-from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import ExtendedEquation, Part, read
@@ -22,33 +23,58 @@ _POLISH = 12  # simulations to find the initial state of a record whose fit does
 
 
 def predict(
-    model: ReducedModel, parts: Sequence[Part], record: Record, name: str = name_of(0)
+    model: ReducedModel,
+    parts: Sequence[Part],
+    record: Record,
+    name: str = name_of(0),
+    near: Trajectory | None = None,
 ) -> Prediction:
-    """What the simulation before and after says about a record; only its start follows it."""
+    """What the simulation before and after says about a record; only its start follows it.
+
+    The motion after is ``near`` one that is known, if any: that of other samples of the record.
+    """
     before = after = _simulated(model, (), record)
     if parts:
-        same = [replace(p, strengths=p.strengths[:1]) for p in parts]
-        with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
-            after = _simulated(model, same, record)
+        after = _followed(model, parts, record, near)
     return Prediction(record, before, after, name)
 
 
-def misfit_of(model: ReducedModel, parts: Sequence[Part], records: Iterable[Record]) -> float:
-    """Chi-square that a simulation with parts leaves of records; only their starts follow them."""
-    parts = [replace(p, strengths=p.strengths[:1]) for p in parts]
-    left = [(r, r.signal - _simulated(model, parts, r)) for r in records]
-    return float(sum(np.sum(r.whitened(x) ** 2) for r, x in left))
+def misfit_of(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Record]) -> float:
+    """Chi-square that a hypothesis leaves of records; only their starts follow them."""
+    near = motions_of(hypothesis)
+    left = [
+        r.whitened(r.signal - _followed(model, hypothesis.parts, r, near.get(name)))
+        for name, r in tests.items()
+    ]
+    return float(sum(np.sum(x**2) for x in left))
 
 
-def _simulated(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
+def motions_of(hypothesis: Hypothesis) -> dict[str, Trajectory]:
+    """Fitted motions by the names of their records."""
+    return {name_of(i): m for i, m in enumerate(hypothesis.solution.motions)}
+
+
+def _followed(
+    model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory | None
+) -> Array:
+    same = [replace(p, strengths=p.strengths[:1]) for p in parts]
+    with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
+        return _simulated(model, same, record, near)
+
+
+def _simulated(
+    model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory | None = None
+) -> Array:
     # Strengths that differ from record to record, such as the phase of an excitation, are fitted.
-    solution = fit(model, parts, [record], fixed=True, iterations=_ITERATIONS)
+    start = None if near is None else [near]
+    solution = fit(model, parts, [record], start, fixed=True, iterations=_ITERATIONS)
     if solution.finite and solution.converged:
         return record.signal - solution.residuals[0]
     # Where the phase is lost, or jumps keep the fit from settling: simulate, from the better of the
     # fitted and the measured initial state on.
     reached = []
-    for motion in (*(solution.motions if solution.finite else ()), record.motion):
+    known = () if near is None else (near,)
+    for motion in (*(solution.motions if solution.finite else ()), *known, record.motion):
         try:
             reached.append(
                 shoot(model, solution.parts, [record], [motion], fixed=True, evaluations=_POLISH)[0]

@@ -12,7 +12,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap, name_of
 from romsindy.diagnosis.held_out import parted
-from romsindy.diagnosis.prediction import misfit_of, predict
+from romsindy.diagnosis.prediction import misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
 from romsindy.diagnosis.tolerance import DEFAULT
@@ -57,12 +57,15 @@ def diagnose_model(
     exact = replace(search, free=()).hypothesis([])
     found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
     if tests and not found.interrupted:
-        found = _useful(search, found, tuple(tests.values()))
+        found = _useful(search, found, tests)
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
     rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
     left = search.remainder(best)
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
-    predictions = [predict(model, best.parts, record, name) for name, record in judged.items()]
+    near = motions_of(best)
+    predictions = [
+        predict(model, best.parts, r, name, near.get(name)) for name, r in judged.items()
+    ]
     gap = Gap(tuple(predictions), bool(tests))
     verdict = verdict_of(best, rivals, left, gap, options.tolerance, form)
     added = best.parts
@@ -90,13 +93,13 @@ def diagnose_model(
     )
 
 
-def _useful(search: Search, found: Finding, tests: Sequence[Record]) -> Finding:
+def _useful(search: Search, found: Finding, tests: Mapping[str, Record]) -> Finding:
     """Without effects that gain nothing on data that took no part."""
     best = found.rivals[0]
-    misfit = misfit_of(search.model, best.parts, tests) if best.effects else np.inf
+    misfit = misfit_of(search.model, best, tests) if best.effects else np.inf
     while best.effects:
         fewer = search.without_one(best, found.base)
-        misfits = [misfit_of(search.model, h.parts, tests) for h in fewer]
+        misfits = [misfit_of(search.model, h, tests) for h in fewer]
         least = int(np.argmin(misfits))
         if misfits[least] - misfit > GAINED * best.excess:
             break
