@@ -160,6 +160,9 @@ def test_noise_that_is_merely_red_tells_of_no_filter():
     at = np.linspace(0, 0.5 * RATE, 400)
     red = 1 / np.abs(1 - 0.9 * np.exp(-2j * np.pi * at / RATE)) ** 2
     assert not np.any(distortion(Spectrum(at, red), 1 / RATE, F0, 6))
+    for seed in range(4):
+        x = lfilter([1.0], [1.0, -0.9], white(np.random.default_rng(seed)))
+        assert recorded(STD * x, 2e-4).doubts is None
 
 
 def test_what_a_filter_makes_of_harmonics_is_no_misfit():

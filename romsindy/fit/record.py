@@ -24,6 +24,7 @@ from romsindy.record.spectrum import Spectrum
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
+_DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
 
 
@@ -187,7 +188,9 @@ def _doubts(t: Array, spline: HarmonicSpline, noise: Noise, cycle: float) -> Arr
     """What a filter may have made of the harmonics, (n, m); None where the noise shows none."""
     waves = spline.amplitudes(t)
     order = np.arange(waves.shape[1])
-    change = distortion(noise.spectrum, noise.dt, 1 / cycle, int(order[-1]))
+    power = noise.spectrum.power
+    heard = replace(noise.spectrum, power=np.maximum(power - noise.floor**2, _DEAF * power))
+    change = distortion(heard, noise.dt, 1 / cycle, int(order[-1]))
     if not np.any(change):
         return None
     waves = (waves * np.exp(1j * order * spline.phase(t)[:, None]))[:, 2:] * change

@@ -15,8 +15,9 @@ import numpy as np
 from romsindy.record.spectrum import Spectrum
 from romsindy.typing import Array
 
-_EDGE = 0.01  # power of the quietest part over that of the loudest where there is a filter
-_STEEP = 3.0  # power of the frequency that the noise falls with there, at least
+# Power of the quietest part over that of the loudest where there is a filter, and what is lost in
+# an octave: more than red noise loses, which falls with the square of the frequency.
+_EDGE, _OCTAVE = 1e-3, 8.0
 _LINES = 4096
 # The noise says little of how deep a stop band is, and of noise that was not white nothing.
 _DOUBT = 3.0
@@ -30,9 +31,9 @@ def distortion(noise: Spectrum, dt: float, frequency: float, harmonics: int) -> 
     at = np.linspace(0, 0.5 / dt, _LINES + 1)
     power = noise(at)
     number = np.arange(1, harmonics + 1)
-    above = at > at[int(np.argmax(power))]
-    slope = -np.gradient(np.log(power[1:]), np.log(at[1:]))
-    if power[above].size == 0 or power[above].min() > _EDGE * power.max() or slope.max() < _STEEP:
+    beyond = power[int(np.argmax(power)) :].min()
+    steepest = np.max(power / noise(np.minimum(2 * at, at[-1])))
+    if beyond > _EDGE * power.max() or steepest < _OCTAVE:
         return np.zeros(harmonics - 1)
     cepstrum = np.fft.irfft(0.5 * np.log(power))
     cepstrum[1:_LINES] *= 2
