@@ -90,4 +90,4 @@ def falling_decay(
 
 def equation_of(model, free=()):
     """The equation of a model, some of whose coefficients are free."""
-    return ExtendedEquation(model, free_coefficients(model, free), 0, 0.01)
+    return ExtendedEquation(model, free_coefficients(model, free), 0, 0.01, 0.0)

@@ -405,7 +405,11 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
         tolerances=known.tolerances,
         floor=known.floor,
     )
-    assert result.best.names == ("quadratic_drag",)
+    # Seven cycles, and a simulation whose stiffness is known to 100 %: laws of damping that grows
+    # with amplitude are alike here, the hysteresis of a joint among them.
+    growing = {"quadratic_drag", "cubic_damping", "amplitude_damping", "bouc_wen"}
+    assert result.verdict in ("named", "ambiguous")
+    assert {name for names in result.equivalent for name in names} <= growing
     left = np.rad2deg(np.sqrt(np.mean(result.best.solution.residuals[0] ** 2)))
     assert left < 0.05
 
@@ -458,7 +462,7 @@ def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
         "all.json",
     ]
     done = CliRunner().invoke(main, arguments)
-    assert done.exit_code == 130 and "Interrupted when 3 were compared" in done.output
+    assert done.exit_code == 130 and "Interrupted when 3 explanations were compared" in done.output
     assert (tmp_path / "test_diagnosis.html").is_file() and (tmp_path / "all.json").is_file()
 
 

@@ -28,7 +28,7 @@ def followed(start, strength, *others):
     """q by collocation."""
     grid = Grid.over(T, 2 * np.pi / 33, 40)
     parts = (Part(DryFriction(), (), np.array([[strength]])), *others)
-    return sampled(integrate(ExtendedEquation(MODEL, parts, 0, grid.step), start, grid))[:, 0]
+    return sampled(integrate(ExtendedEquation(MODEL, parts, 0, grid.step, 0.0), start, grid))[:, 0]
 
 
 @pytest.mark.parametrize("strength", [5.0, 12.0, 25.0, 80.0])
@@ -77,7 +77,7 @@ def test_what_diverges_is_not_held():
     grid = Grid.over(T, 2 * np.pi / 33, 40)
     parts = (Part(DryFriction(), (), np.array([[1.0]])),)
     with pytest.raises(TrajectoryError):
-        integrate(ExtendedEquation(falling, parts, 0, grid.step), [1.0, 0.0], grid)
+        integrate(ExtendedEquation(falling, parts, 0, grid.step, 0.0), [1.0, 0.0], grid)
 
 
 @pytest.mark.parametrize("share", [-0.6, 0.3])

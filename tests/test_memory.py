@@ -223,7 +223,9 @@ def test_simulation_is_that_of_the_inner_state(name):
     true = motion(name, 1.0)
     effect, strength = CASES[name][0], CASES[name][4]
     grid = Grid.over(T, 2 * np.pi / 31.5, 40)
-    equation = ExtendedEquation(MODEL, (Part(effect, (), np.array([[strength]])),), 0, grid.step)
+    equation = ExtendedEquation(
+        MODEL, (Part(effect, (), np.array([[strength]])),), 0, grid.step, 0.0
+    )
     found = integrate(equation, [1.0, 0.0], grid)
     # 46 dB of noise are 5e-3; the turning points cost 1e-4 of the force, which is 1e-2.
     error = found.samples(equation)[:, 0] - true

@@ -46,6 +46,7 @@ class Hypothesis:
     n_samples: float
     weighed: Weighed | None  # None where there is no motion
     form: FormError = NO_FORM_ERROR
+    tested: float = 0.0  # misfit on what took no part in the fit, beyond that of the best there
 
     @classmethod
     def of(
@@ -79,6 +80,15 @@ class Hypothesis:
         return self._worth.misfit
 
     @property
+    def own(self) -> float:
+        """Score at the form error that it needs itself: what repeats has the power of that."""
+        if self.weighed is None:
+            return np.inf
+        excess = self.weighed.excess(self.needs)
+        explained = self.weighed.n_functions * (excess - 1 - float(np.log(excess)))
+        return self.at(FormError(self.needs.jump)).score - explained
+
+    @property
     def price(self) -> float:
         """Of all values."""
         return self._worth.price
@@ -100,8 +110,8 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """Misfit plus price: the least is the best."""
-        return self.misfit + self.price
+        """Misfit, here and on what took no part, plus price: the least is the best."""
+        return self.misfit + self.price + self.tested
 
     @property
     def effects(self) -> tuple[Part, ...]:
@@ -191,7 +201,7 @@ def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -
     if not hypotheses:
         return []
     each = [h.settled(known) for h in hypotheses]
-    best = int(np.argmin([h.at(FormError(h.form.jump)).score for h in each]))
+    best = int(np.argmin([h.own for h in each]))
     for _ in range(_GUESSES):
         last, form = best, each[best].form
         found = [h.at(form) for h in hypotheses]

@@ -86,11 +86,14 @@ class Weighed:
     needed : FormError
     gain : float
         Power at the harmonics that a structure of one amplitude has, over that of noise.
+    n_functions : int
+        That what repeats with the vibration is made of.
     """
 
     marginal: Marginal
     needed: FormError
     gain: float
+    n_functions: int
 
     @classmethod
     def of(
@@ -106,7 +109,7 @@ class Weighed:
         power = sum(r.count * (np.abs(r.signal).max() / r.noise.std) ** 2 for r in records)
         gain = power / max(left.n_functions, 1)
         structure = float(np.sqrt(max(left.structure - 1, 0.0) / gain))
-        return cls(free.marginal, FormError(free.jump, structure), gain)
+        return cls(free.marginal, FormError(free.jump, structure), gain, left.n_functions)
 
     def excess(self, form: FormError) -> float:
         """Power at the harmonics over that of noise: 1 where nothing is wrong."""

@@ -53,7 +53,7 @@ class MissingForce:
         spline = HarmonicSpline.along(phase, record.t, record.decay.q, cycles, HARMONICS)
         q, q_dot, q_ddot = spline(t)
         equation = ExtendedEquation(
-            model, tuple(parts), index, record.motion.grid.step, clock=record.clock
+            model, tuple(parts), index, record.motion.grid.step, record.clock
         )
         # What is missing on the right side: positive pushes towards positive q.
         state = (x[:, None] for x in (q, q_dot, q_ddot))

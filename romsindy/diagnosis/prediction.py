@@ -89,7 +89,7 @@ def _simulated(
 def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
     """As far as the motion can be followed from the measured initial state."""
     grid, start = record.motion.grid, record.motion.start
-    equation = ExtendedEquation(model, tuple(parts), 0, grid.step, clock=record.clock)
+    equation = ExtendedEquation(model, tuple(parts), 0, grid.step, record.clock)
     try:
         motion = integrate(equation, start, grid)
     except TrajectoryError as error:

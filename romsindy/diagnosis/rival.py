@@ -75,7 +75,7 @@ class Rival:
         t = largest.decay.dt * np.arange(round(test.duration * len(largest.t)))
         clock = largest.clock if now is None else now + test.wait * float(largest.t[-1])
         grid = Grid.over(t, _TURN / largest.rate, _STEPS)
-        equation = ExtendedEquation(self.model, self.weaker, 0, grid.step, clock=clock)
+        equation = ExtendedEquation(self.model, self.weaker, 0, grid.step, clock)
         try:
             motion = integrate(equation, test.amplitude * self.start, grid, guess)
         except TrajectoryError as error:  # diverges, or friction holds it

@@ -140,7 +140,7 @@ def _rows(
     motion: Trajectory,
 ) -> tuple[list[Indices], Array]:
     """Places of the values that act in one record, and the columns of these, states and misfit."""
-    equation = ExtendedEquation(model, parts, i, motion.grid.step, clock=record.clock)
+    equation = ExtendedEquation(model, parts, i, motion.grid.step, record.clock)
     at = nodes(motion)
     state = equation.state(*at)
     own = equation.by_parameter(*at)
@@ -179,7 +179,7 @@ def _with_tones(
     """The strongest lines: beside the harmonics, and in what the parts leave."""
     record, motion = records[0], motions[0]
     rest = record.signal - record.spline(record.t)[0]
-    equation = ExtendedEquation(model, parts, 0, motion.grid.step, clock=record.clock)
+    equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
     change = response.samples(record.derivative)[:, 0]
     left = record.signal - read(parts, 0, record.t, sampled(motion, record.derivative))[0]

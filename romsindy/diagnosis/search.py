@@ -100,7 +100,7 @@ class Search:
         ValueError
             If the model alone has no motion near the measured one.
         """
-        base = self._settled(self.hypothesis([])).settled(self.form)
+        base = self.settled(self.hypothesis([])).settled(self.form)
         if not base.solution.finite:
             raise ValueError(
                 "the model has no motion near that of the records: small disturbances of it grow"
@@ -121,6 +121,7 @@ class Search:
         if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
         alike = [h for h in seen if len(h.effects) == len(best.effects)]
+        best = self.settled(self._ranked([best, *alike])[0])
         best = self._ranked([best, *alike])[0]
         compared = sorted((h.at(best.form) for h in seen), key=lambda h: h.score)
         return Finding(self._rivals(best, compared), compared, base.at(best.form), interrupted)
@@ -152,17 +153,17 @@ class Search:
         seen += self._replaced(best, first) if first is not None else []
         return best, seen
 
-    def _settled(self, base: Hypothesis) -> Hypothesis:
-        """The hypothesis that all others are held against, at its least misfit."""
-        s = base.solution
+    def settled(self, hypothesis: Hypothesis) -> Hypothesis:
+        """One that others are held against, at its least misfit."""
+        s = hypothesis.solution
         if s.converged or not s.finite:
-            return base
+            return hypothesis
         try:
             more = shoot(self.model, s.parts, self.records, s.motions)[0]
         except TrajectoryError:
-            return base
+            return hypothesis
         again = Hypothesis.of(self.model, more, len(self.free), self.records)
-        return self._ranked([base, again])[0]
+        return self._ranked([hypothesis, again])[0]
 
     def _negligible(self, best: Hypothesis) -> bool:
         """Whether what a hypothesis leaves is too small to matter."""
@@ -197,7 +198,8 @@ class Search:
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
         tried = self._ranked(self.fitted(trials))
-        return self._ranked([*self.polished(tried[:3]), *tried[3:]])
+        tried = self._ranked([*self.polished(tried[:3]), *tried[3:]])
+        return self._ranked([self.settled(tried[0]), *tried[1:]])
 
     def _survivors(self, singles: Sequence[Screened]) -> list[Screened]:
         """The best effects and what resembles them, and a second start for the leaders."""

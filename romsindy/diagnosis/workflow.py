@@ -12,7 +12,8 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap, name_of
 from romsindy.diagnosis.held_out import parted
-from romsindy.diagnosis.prediction import misfit_of, motions_of, predict
+from romsindy.diagnosis.judged import Judges
+from romsindy.diagnosis.prediction import motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
 from romsindy.diagnosis.tolerance import DEFAULT
@@ -22,7 +23,7 @@ from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import GAINED, NOTHING_LEFT, ROUNDED
+from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -56,12 +57,14 @@ def diagnose_model(
     search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
     exact = replace(search, free=()).hypothesis([])
     found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
-    if tests and not found.interrupted:
-        found = _useful(search, found, tests)
+    judged = tests or {name_of(i): record for i, record in enumerate(records)}
+    if not found.interrupted:
+        judges = Judges(search, judged)
+        found = judges.weighed(found)
+        found = judges.useful(found) if tests else found
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
     rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
     left = search.remainder(best)
-    judged = tests or {name_of(i): record for i, record in enumerate(records)}
     near = motions_of(best)
     predictions = [
         predict(model, best.parts, r, name, near.get(name)) for name, r in judged.items()
@@ -91,20 +94,6 @@ def diagnose_model(
         interrupted=found.interrupted,
         form=form,
     )
-
-
-def _useful(search: Search, found: Finding, tests: Mapping[str, Record]) -> Finding:
-    """Without effects that gain nothing on data that took no part."""
-    best = found.rivals[0]
-    misfit = misfit_of(search.model, best, tests) if best.effects else np.inf
-    while best.effects:
-        fewer = search.without_one(best, found.base)
-        misfits = [misfit_of(search.model, h, tests) for h in fewer]
-        least = int(np.argmin(misfits))
-        if misfits[least] - misfit > GAINED * best.excess:
-            break
-        best, misfit = fewer[least], misfits[least]
-    return found if best is found.rivals[0] else search.finding(best, found)
 
 
 def _parted(records: Sequence[Record]) -> tuple[list[Record], dict[str, Record]]:

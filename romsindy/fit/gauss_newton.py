@@ -25,6 +25,7 @@ from romsindy.typing import Array
 _ITERATIONS = 16
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
 _WORSE, _SHORTEST = 1.5, 0.02  # a step that makes the misfit worse is shortened
+_OFF_THE_FLOOR = 1.0  # of chi-square
 _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
 
@@ -132,7 +133,9 @@ def fit(
             kept = _Stage(parts, tuple(responses), weights, step[:n_values], short, system)
             parts, motions = kept.moved()
         chi_squared = system.chi_squared(step)
-        converged = short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared
+        settled = short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared
+        # Along a valley of values that make up for one another a step leaves the curved floor.
+        converged = settled and system.power < last + _OFF_THE_FLOOR
         if converged:
             break
         last = chi_squared
@@ -188,7 +191,7 @@ def _linearised(
     system = NormalEquations(sum(p.size for p in parts), len(records))
     responses = []
     for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
-        equation = ExtendedEquation(model, parts, i, motion.grid.step, clock=record.clock)
+        equation = ExtendedEquation(model, parts, i, motion.grid.step, record.clock)
         response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
         change = response.samples(record.derivative)
         x = sampled(motion, record.derivative) + change[..., 0]

@@ -87,7 +87,7 @@ def _is_law(part: Part) -> bool:
 def _leashes(model: ReducedModel, parts: tuple[Part, ...], record: Record) -> Array:
     """Strength of each part that changes the acceleration by one part in a hundred."""
     motion = record.motion
-    equation = ExtendedEquation(model, parts, 0, motion.grid.step)
+    equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)
     slopes = equation.by_parameter(*nodes(motion))
     sizes = np.maximum(np.sqrt(np.mean(slopes**2, axis=(1, 2))), 1e-300)
     return _LEASH * float(np.sqrt(np.mean(motion.q_ddot**2))) / sizes

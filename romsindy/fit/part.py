@@ -120,8 +120,8 @@ class ExtendedEquation:
     parts: tuple[Part, ...]
     record: int
     step: float
+    clock: float  # at the start of the record, s
     memories: tuple[Memory | None, ...] = ()  # of each part; none where the motion begins
-    clock: float = 0.0  # at the start of the record, s
 
     @cached_property
     def rate(self) -> float:

@@ -92,7 +92,7 @@ class Windows:
         TrajectoryError
             If small disturbances of the motion grow without bound.
         """
-        equation = ExtendedEquation(model, parts, i, m.grid.step)
+        equation = ExtendedEquation(model, parts, i, m.grid.step, record.clock)
         with np.errstate(all="ignore"):
             response = respond(equation, m, equation.by_parameter(*nodes(m)))
         distance = np.abs(response.q[:, 0, [0, -2]] / [record.amplitude, 1.0]).max()

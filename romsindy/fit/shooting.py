@@ -51,7 +51,7 @@ class _Problem:
         """Parts and equations with other values."""
         parts = moved_parts(self.parts, values[: self.n_values] - self.start[: self.n_values])
         return parts, [
-            ExtendedEquation(self.model, parts, i, r.motion.grid.step, clock=r.clock)
+            ExtendedEquation(self.model, parts, i, r.motion.grid.step, r.clock)
             for i, r in enumerate(self.records)
         ]
 

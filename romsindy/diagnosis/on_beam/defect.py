@@ -91,7 +91,7 @@ def corrected(
     smooth = smooth or record
     solution = fit(model, parts, [smooth], fixed=True, iterations=25)
     start = solution.motions[0].start if solution.finite else smooth.motion.start
-    equation = ExtendedEquation(model, parts, 0, record.motion.grid.step)
+    equation = ExtendedEquation(model, parts, 0, record.motion.grid.step, record.clock)
     reduced = integrate(equation, start, record.motion.grid)
     own = decay.between(record.decay.t[0])
     state = (float(start[0]), float(start[1]))

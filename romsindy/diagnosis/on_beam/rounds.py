@@ -129,21 +129,20 @@ class Rounds:
         are on the beam that was simulated before.
         """
         most, found = 1, before
-        report = self._look(effects, found, most)
-        for _ in range(_ROUNDS):
+        for _ in range(_ROUNDS + 1):
+            report = self._look(effects, found, most)
             if report.interrupted:
                 return Outcome(report, (), before, "interrupted")
             if _settled(parts, report):
                 if report.verdict != "unknown" or most == self.options.max_effects:
                     break
                 most = self.options.max_effects
-            else:
-                parts = on_the_beam(report.best.parts)
-                try:
-                    found = self.simulate(parts)
-                except FAILURES as error:
-                    return Outcome(report, (), before, str(error))
-            report = self._look(effects, found, most)
+                continue
+            parts = _on_the_beam(report)
+            try:
+                found = self.simulate(parts)
+            except FAILURES as error:
+                return Outcome(report, (), before, str(error))
         return Outcome(report, parts, found)
 
     def _look(
@@ -213,9 +212,17 @@ def _rings(corrected: Decay, record: Record) -> bool:
     return bool(np.std(record.signal - corrected.signal) > _LOUD * record.noise.std)
 
 
+def _on_the_beam(report: DiagnosisReport) -> tuple[Part, ...]:
+    """What can be simulated of the best, or of the first that is as good and all on the beam."""
+    for rival in report.rivals:
+        if len(there := on_the_beam(rival.parts)) == len(rival.parts):
+            return there
+    return on_the_beam(report.best.parts)
+
+
 def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
     """Whether the effects that were simulated are those found, within a standard error."""
-    after = {(p.effect.name, p.effect.variant): p for p in on_the_beam(report.best.parts)}
+    after = {(p.effect.name, p.effect.variant): p for p in _on_the_beam(report)}
     before = {(p.effect.name, p.effect.variant): p for p in parts}
     if set(before) != set(after):
         return False
