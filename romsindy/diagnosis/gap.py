@@ -64,9 +64,10 @@ class Gap:
     def where(self) -> str:
         """What it was measured on, in words."""
         if not self.unseen:
-            return "the records themselves, which are too short to hold a part out"
-        whole = all(p.record.part is None for p in self.predictions)
-        return "the record that took no part" if whole else "the stretches that took no part"
+            return "the records themselves: nothing that took no part could tell"
+        whole = {p.record.part is None for p in self.predictions}
+        what = " and ".join(["the stretches"] * (False in whole) + ["the record"] * (True in whole))
+        return f"{what} that took no part"
 
     @property
     def worst(self) -> int:

@@ -15,17 +15,23 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.prediction import misfit_of
 from romsindy.diagnosis.search import Finding, Search
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT, GAINED
+from romsindy.fit.verdict import EQUIVALENT, GAINED, MATERIAL, PREDICTED
 
 _MOST = 6  # hypotheses that are asked
 
 
 @dataclass
 class Judges:
-    """Records that hypotheses are asked to predict, by name."""
+    """Records that hypotheses are asked to predict, by name.
+
+    ``exact`` is the simulation as it was. ``blind`` says afterwards whether these records could not
+    tell what was found from less.
+    """
 
     search: Search
+    exact: Hypothesis
     records: Mapping[str, Record]
+    blind: bool = field(default=False, init=False)
     least: float = field(default=np.inf, init=False)  # chi-square of the best of those asked
 
     @property
@@ -39,7 +45,7 @@ class Judges:
 
     def weighed(self, found: Finding) -> Finding:
         """The same, ranked with the predictions of those that these decide about."""
-        most = len(found.rivals[0].effects)
+        most, form = len(found.rivals[0].effects), found.rivals[0].form
         compared = [h for h in found.compared if len(h.effects) <= most]
         misfits: dict[int, float] = {}
 
@@ -55,8 +61,8 @@ class Judges:
             if not left:
                 break
             first = min(left, key=lambda i: scores[i])
-            compared[first] = self.search.settled(compared[first])
-            misfits[first] = self._misfit(compared[first])
+            compared[first] = self.search.settled(compared[first]).at(form)
+            misfits[first] = float(np.sum(self._left(compared[first]) ** 2))
         self.least = min(misfits.values())
         if len(misfits) == 1 and any(h is compared[i] for h in found.compared for i in misfits):
             return found  # as the search left it
@@ -67,23 +73,32 @@ class Judges:
         return self.search.finding(best, replace(found, compared=[*tested, *others]))
 
     def useful(self, found: Finding) -> Finding:
-        """The same, without effects that gain nothing here."""
+        """The same, without effects that gain nothing here, or next to nothing of the gap."""
         best = found.rivals[0]
-        misfit = best.tested * self.scale + self.least
+        left = self._left(best)
+        whole = float(np.sum(self._left(self.exact) ** 2)) if len(best.effects) > 1 else 0.0
         while best.effects:
-            fewer = self.search.without_one(best, found.base)
-            misfits = [self._misfit(h) for h in fewer]
-            i = int(np.argmin(misfits))
-            if misfits[i] - misfit > GAINED * best.excess * self.scale:
+            fewer = self.search.without_one(best, [*found.compared, found.base])
+            fewer = [self.search.settled(h) for h in fewer]
+            without = [self._left(h) for h in fewer]
+            i = int(np.argmin([np.sum(x**2) for x in without]))
+            misfit = float(np.sum(without[i] ** 2))
+            gain, chance = misfit - np.sum(left**2), GAINED * best.excess * self.scale
+            least = max(MATERIAL**2 * whole, MATERIAL * self._count)
+            little = gain < least and misfit < PREDICTED**2 * self._count
+            if gain > chance and not (fewer[i].effects and little):
                 break
-            if len(fewer[i].moved) > len(best.moved):
+            if not fewer[i].effects and np.sum((without[i] - left) ** 2) < chance:
+                self.blind = True
+                break
+            if not fewer[i].effects and len(fewer[i].moved) > len(best.moved):
                 # Values of the model in its place are another explanation, not a simpler one.
                 found = self.search.finding(best, found)
-                return replace(found, rivals=[*found.rivals, self._tested(fewer[i], misfits[i])])
-            best, misfit = self._tested(fewer[i], misfits[i]), misfits[i]
+                return replace(found, rivals=[*found.rivals, self._tested(fewer[i], misfit)])
+            best, left = self._tested(fewer[i], misfit), without[i]
         return found if best is found.rivals[0] else self.search.finding(best, found)
 
-    def _misfit(self, hypothesis: Hypothesis) -> float:
+    def _left(self, hypothesis: Hypothesis) -> np.ndarray:
         return misfit_of(self.search.model, hypothesis, self.records)
 
     def _tested(self, hypothesis: Hypothesis, misfit: float) -> Hypothesis:

@@ -95,12 +95,11 @@ def record_errors(
     the record.
     """
     predictions = [predict(model, parts, r, name_of(i)) for i, r in enumerate(records)]
-    names = [p.name for p in predictions]
+    names = [p.name if p.record.part is None else f"{p.name}, fitted" for p in predictions]
     if gap.unseen:
-        whole = any(p.record.part is None for p in gap.predictions)
-        names = names if whole else [f"{name}, fitted" for name in names]
         predictions += gap.predictions
-        names += [p.name if whole else f"{p.name}, held out" for p in gap.predictions]
+        unseen = [(p.name, p.record.part is None) for p in gap.predictions]
+        names += [name if whole else f"{name}, held out" for name, whole in unseen]
     before = np.array([p.error(p.before) for p in predictions])
     after = np.array([p.error(p.after) for p in predictions])
     return names, before, after

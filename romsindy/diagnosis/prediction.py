@@ -39,14 +39,14 @@ def predict(
     return Prediction(record, before, after, name)
 
 
-def misfit_of(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Record]) -> float:
-    """Chi-square that a hypothesis leaves of records; only their starts follow them."""
+def misfit_of(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Record]) -> Array:
+    """What a hypothesis leaves of records, over noise; only their starts follow them."""
     near = motions_of(hypothesis)
     left = [
         r.whitened(r.signal - _followed(model, hypothesis.parts, r, near.get(name)))
         for name, r in tests.items()
     ]
-    return float(sum(np.sum(x**2) for x in left))
+    return np.concatenate(left)
 
 
 def motions_of(hypothesis: Hypothesis) -> dict[str, Trajectory]:

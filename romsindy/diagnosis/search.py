@@ -28,6 +28,8 @@ from romsindy.physics.model import ReducedModel
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _PAIRS = 5
+_CHECKS = 6  # iterations, to see what values that did not settle leave
+_SIMULATIONS = 20  # to settle values by simulation
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,7 @@ class Search:
             other = self._ranked([best, *instead])[0]
             if other.score + margin < best.at(other.form).score:
                 best = other
-        best, tried = self._pruned(best)
+        best, tried = self._pruned(best, seen)
         seen += tried
         seen += self._replaced(best, first) if first is not None else []
         return best, seen
@@ -159,11 +161,12 @@ class Search:
         if s.converged or not s.finite:
             return hypothesis
         try:
-            more = shoot(self.model, s.parts, self.records, s.motions)[0]
+            more = shoot(self.model, s.parts, self.records, s.motions, evaluations=_SIMULATIONS)[0]
         except TrajectoryError:
             return hypothesis
         again = Hypothesis.of(self.model, more, len(self.free), self.records)
-        return self._ranked([hypothesis, again])[0]
+        # The misfit of a motion that does not yet satisfy its equation may be too small.
+        return again if more.converged else self._ranked([hypothesis, again])[0]
 
     def _negligible(self, best: Hypothesis) -> bool:
         """Whether what a hypothesis leaves is too small to matter."""
@@ -237,11 +240,13 @@ class Search:
         alarm = chi2.isf(self.options.false_alarm / n_looks, more)
         return bool(gain > alarm and gain > after.price - before.price + 2 * np.log(n_looks))
 
-    def _pruned(self, best: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
+    def _pruned(
+        self, best: Hypothesis, known: list[Hypothesis]
+    ) -> tuple[Hypothesis, list[Hypothesis]]:
         """Drop effects that the others have made superfluous."""
         seen: list[Hypothesis] = []
         while len(best.effects) > 1:
-            fewer = self.without_one(best)
+            fewer = self.without_one(best, seen + known)
             seen += fewer
             shortest = self._ranked(fewer)[0]
             if self._worth(shortest, best):
@@ -249,12 +254,18 @@ class Search:
             best = shortest
         return best, seen
 
-    def without_one(self, best: Hypothesis, base: Hypothesis | None = None) -> list[Hypothesis]:
-        """What is left of a hypothesis without one of its effects, for each of them."""
+    def without_one(self, best: Hypothesis, known: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """What is left of a hypothesis without one of its effects, for each of them.
+
+        The best of several fits: those that are known started elsewhere.
+        """
         parts = best.effects
-        if len(parts) == 1 and base is not None:
-            return [base]
-        return self.fitted([[*parts[:i], *parts[i + 1 :]] for i in range(len(parts))])
+        fewer = [(*parts[:i], *parts[i + 1 :]) for i in range(len(parts))]
+        found = []
+        for fit in self.fitted(fewer):
+            alike = [h for h in known if _same_effects(h, fit)]
+            found.append(min([fit, *alike], key=lambda h: h.at(best.form).score))
+        return found
 
     def finding(self, best: Hypothesis, found: Finding) -> Finding:
         """The same finding without what was better than another hypothesis, now the best."""
@@ -299,12 +310,22 @@ class Search:
         return list(found.values()) if best.names else [best]
 
 
+def _same_effects(a: Hypothesis, b: Hypothesis) -> bool:
+    return [p.effect.name for p in a.effects] == [p.effect.name for p in b.effects]
+
+
 def _fitted(
     model: ReducedModel, records: Sequence[Record], n_free: int, parts: Sequence[Part]
 ) -> Hypothesis:
     # One thread: the same sums in the same order, however many processes there are.
     with threadpool_limits(limits=1, user_api="blas"):
-        return Hypothesis.of(model, fit(model, parts, records), n_free, records)
+        solution = fit(model, parts, records)
+        if solution.finite and not solution.converged:
+            # A motion that does not yet satisfy its equation leaves too little.
+            motions = solution.motions
+            solution = fit(model, solution.parts, records, motions, fixed=True, iterations=_CHECKS)
+            solution = replace(solution, converged=False)
+        return Hypothesis.of(model, solution, n_free, records)
 
 
 def _polished(

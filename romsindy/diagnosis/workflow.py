@@ -23,7 +23,7 @@ from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED
+from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED, SHARED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -49,8 +49,9 @@ def diagnose_model(
     model = _smooth_model(model, all_scales)
     everything = (*records, *tests.values())
     as_it_was = Gap(tuple(predict(model, (), record) for record in everything), unseen=True)
-    if held_out is None:
-        records, tests = _parted(records)
+    largest = max(record.amplitude for record in records)
+    if not any(test.amplitude >= SHARED * largest for test in tests.values()):
+        records, tests = _parted(records, tests)
     parts = _unsure(model, free, tolerances, all_scales, len(records))
     names = {p.effect.name for p in parts}
     looked_for = tuple(e for e in options.catalogue if e.name not in names)
@@ -59,9 +60,11 @@ def diagnose_model(
     found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
     if not found.interrupted:
-        judges = Judges(search, judged)
+        judges = Judges(search, exact, judged)
         found = judges.weighed(found)
         found = judges.useful(found) if tests else found
+        if judges.blind:
+            tests, judged = {}, {name_of(i): record for i, record in enumerate(records)}
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
     rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
     left = search.remainder(best)
@@ -96,11 +99,16 @@ def diagnose_model(
     )
 
 
-def _parted(records: Sequence[Record]) -> tuple[list[Record], dict[str, Record]]:
-    """Records to learn from, and what takes no part: nothing where all are too short."""
+def _parted(
+    records: Sequence[Record], tests: Mapping[str, Record]
+) -> tuple[list[Record], dict[str, Record]]:
+    """Records to learn from, and what takes no part: nothing where all are too short.
+
+    A record that was held out but reaches less far tells too little alone.
+    """
     pairs = [parted(record) or (record, None) for record in records]
     judges = {name_of(i): judge for i, (_, judge) in enumerate(pairs) if judge is not None}
-    return [learns for learns, _ in pairs], judges
+    return [learns for learns, _ in pairs], {**judges, **tests}
 
 
 def _agree(search: Search, exact: Hypothesis, as_it_was: Gap) -> bool:

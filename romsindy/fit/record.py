@@ -24,6 +24,7 @@ from romsindy.record.spectrum import Spectrum
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
+_FOLLOWS = 3  # powers of the amplitude
 _DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
 
@@ -193,6 +194,10 @@ def _doubts(t: Array, spline: HarmonicSpline, noise: Noise, cycle: float) -> Arr
     change = distortion(heard, noise.dt, 1 / cycle, int(order[-1]))
     if not np.any(change):
         return None
+    # Harmonics follow the amplitude: what does not is noise, and may not be taken for theirs.
+    a = np.abs(waves[:, 1])
+    powers = (a / a.max())[:, None] ** np.arange(1, _FOLLOWS + 1)
+    waves = powers @ np.linalg.lstsq(powers, waves, rcond=None)[0]
     waves = (waves * np.exp(1j * order * spline.phase(t)[:, None]))[:, 2:] * change
     return np.concatenate([waves.real, waves.imag], axis=1)
 

@@ -67,6 +67,9 @@ WORTH = 2.0
 # By how much an effect must bring chi-square down on data that took no part. Values that were
 # fitted to noise gain less than nothing there, and scatter by about this.
 GAINED = 2.0
+# What a further effect must close, to matter beside another one: this part of the gap in the rms,
+# and this part of the power of the noise.
+MATERIAL = 0.03
 # The form error of a model on another record than its reference: within this factor it is alike.
 # Its size is estimated from a few tens of correlated windows, on a grid of factors of 1.8.
 SAME_SIZE = 2.0

@@ -22,6 +22,7 @@ HARMONICS = 6  # of the smooth motion
 _SCATTER, _WHITE, _CHANCE = 1.8, 5.0, 1e-6
 # Width of a median: in fundamentals, as a part of the frequency, and in lines, at least.
 _WIDTH, _RELATIVE, _LEAST = 0.25, 0.06, 8
+_STEEP = np.log(10.0)  # from bin to bin: an edge
 # Cosines that hold parts of one wave: their sum may be larger than if they were independent.
 TOGETHER = 5.0
 # Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
@@ -88,7 +89,7 @@ class Spectrum:
         off = (logs - np.average(logs, weights=1 / variance)) / np.sqrt(variance)
         if np.abs(off).max() < _WHITE and off @ off < chi2.isf(_CHANCE, len(off)):
             return cls(np.zeros(1), np.array([level_of(power)]))
-        return cls(middle, np.exp(_smoothed(logs, variance)))
+        return cls(middle, np.exp(_at_edges(_smoothed(logs, variance))))
 
 
 def lines_between(x: Array, cycle: float) -> tuple[Array, Array]:
@@ -136,6 +137,15 @@ def _smoothed(y: Array, variance: Array) -> Array:
 
     softness = min(np.geomspace(1e-8, 1e4, 61), key=surprise)
     return (modes @ (part * softness / (softness + stiffness))) / weight
+
+
+def _at_edges(logs: Array) -> Array:
+    """The edge of a filter is anywhere in the bins beside it: noise reaches to their ends."""
+    found = logs.copy()
+    for i in np.flatnonzero(np.abs(np.diff(logs)) > _STEEP):
+        near = logs[max(i - 1, 0) : i + 3]
+        found[i : i + 2] = np.maximum(found[i : i + 2], near.max())
+    return found
 
 
 def level_of(power: Array) -> float:
