@@ -201,7 +201,8 @@ def verdict_for(
     tolerance = Tolerance(source=options.get("source", "default"))
     left = SimpleNamespace(explained=explained)
     given = (best, [best] * options["rivals"], left, gap, tolerance, form)
-    return verdict_of(*given), left_over(best, left, gap, tolerance, form)
+    verdict = verdict_of(*given, options["matters"])
+    return verdict, left_over(best, left, gap, tolerance, form)
 
 
 def test_the_verdict_asks_what_is_left():

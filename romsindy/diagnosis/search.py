@@ -86,7 +86,7 @@ class Search:
 
     def polished(self, several: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Go on with the fits that have not come to their end."""
-        given = (self.model, self.records, len(self.free))
+        given = (self.model, self.records)
         return list(Parallel(self.options.n_jobs)(delayed(_polished)(*given, h) for h in several))
 
     def remainder(self, hypothesis: Hypothesis) -> Adequacy:
@@ -115,11 +115,7 @@ class Search:
             seen, interrupted = [base, *self.done[1:]], True  # the first is the base
             best = self._ranked(seen)[0]
         # An effect beside values that moved is no rival of these alone unless it gains something.
-        seen = [
-            h
-            for h in seen
-            if not (h.effects and h.at(base.form).moved and h.at(base.form).score > base.score)
-        ]
+        seen = [h for h in seen if not self._beside(h.at(base.form), base)]
         if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
         alike = [h for h in seen if len(h.effects) == len(best.effects)]
@@ -164,9 +160,16 @@ class Search:
             more = shoot(self.model, s.parts, self.records, s.motions, evaluations=_SIMULATIONS)[0]
         except TrajectoryError:
             return hypothesis
-        again = Hypothesis.of(self.model, more, len(self.free), self.records)
+        again = Hypothesis.of(self.model, more, hypothesis.n_free, self.records)
         # The misfit of a motion that does not yet satisfy its equation may be too small.
         return again if more.converged else self._ranked([hypothesis, again])[0]
+
+    def _beside(self, hypothesis: Hypothesis, base: Hypothesis) -> bool:
+        """Whether it is what explains already, and an effect that gains next to nothing."""
+        if not (hypothesis.effects and hypothesis.moved):
+            return False
+        margin = EQUIVALENT if set(hypothesis.moved) >= set(base.moved) else 0.0
+        return hypothesis.score > base.score - margin
 
     def _negligible(self, best: Hypothesis) -> bool:
         """Whether what a hypothesis leaves is too small to matter."""
@@ -190,7 +193,8 @@ class Search:
         most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
         near = [s for s in leaders if s.chi_squared < most]
         trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
-        return self.fitted(trials)
+        known = tuple(p for p in self.free if p.tolerance is not None)
+        return replace(self, free=known).fitted(trials)
 
     def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
         """The survivors of a screening, fitted together with what was accepted, best first."""
@@ -262,9 +266,9 @@ class Search:
         parts = best.effects
         fewer = [(*parts[:i], *parts[i + 1 :]) for i in range(len(parts))]
         found = []
-        for fit in self.fitted(fewer):
-            alike = [h for h in known if _same_effects(h, fit)]
-            found.append(min([fit, *alike], key=lambda h: h.at(best.form).score))
+        for fitted in self.fitted(fewer):
+            alike = [h for h in known if _same_effects(h, fitted)]
+            found.append(min([fitted, *alike], key=lambda h: h.at(best.form).score))
         return found
 
     def finding(self, best: Hypothesis, found: Finding) -> Finding:
@@ -328,15 +332,13 @@ def _fitted(
         return Hypothesis.of(model, solution, n_free, records)
 
 
-def _polished(
-    model: ReducedModel, records: Sequence[Record], n_free: int, hypothesis: Hypothesis
-) -> Hypothesis:
+def _polished(model: ReducedModel, records: Sequence[Record], hypothesis: Hypothesis) -> Hypothesis:
     s = hypothesis.solution
     if s.converged or not s.finite:
         return hypothesis
     with threadpool_limits(limits=1, user_api="blas"):
         more = fit(model, s.parts, records, s.motions, iterations=40)
-        return ranked([hypothesis, Hypothesis.of(model, more, n_free, records)])[0]
+        return ranked([hypothesis, Hypothesis.of(model, more, hypothesis.n_free, records)])[0]
 
 
 def _leaders(singles: Sequence[Screened], each: int) -> list[Screened]:

@@ -40,6 +40,7 @@ def verdict_of(
     gap: Gap,
     tolerance: Tolerance,
     form: FormError,
+    matters: bool,
 ) -> Verdict:
     """Weigh the best hypothesis, its rivals, and what it leaves.
 
@@ -56,6 +57,8 @@ def verdict_of(
         Differences that do not matter.
     form : FormError
         Of the model, as its reference record shows it.
+    matters : bool
+        Whether the simulation as it was is surely beyond the tolerance in any record.
 
     Returns
     -------
@@ -64,9 +67,9 @@ def verdict_of(
         viscoelastic support, a small mass that vibrates along.
     """
     if left_over(best, left, gap, tolerance, form) == "effect":
-        return "unknown"
+        return "unknown" if matters else "none"
     if not best.names:
         return "none"
     if not gap.improves(tolerance):
-        return "unknown" if gap.matters(tolerance) else "none"
+        return "unknown" if matters else "none"
     return "ambiguous" if len(rivals) > 1 or len(best.moved) > 1 else "named"

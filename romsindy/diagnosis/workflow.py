@@ -73,7 +73,8 @@ def diagnose_model(
         predict(model, best.parts, r, name, near.get(name)) for name, r in judged.items()
     ]
     gap = Gap(tuple(predictions), bool(tests))
-    verdict = verdict_of(best, rivals, left, gap, options.tolerance, form)
+    matters = as_it_was.matters(options.tolerance)
+    verdict = verdict_of(best, rivals, left, gap, options.tolerance, form, matters)
     added = best.parts
     if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
         added, gap = (), gap.unchanged()
