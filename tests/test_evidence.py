@@ -190,18 +190,18 @@ def verdict_for(
     *, needs=NO_FORM_ERROR, explained=True, form=NO_FORM_ERROR, names=("drag",), **more
 ):
     """The verdict on stand-ins that hold what it looks at, and nothing else."""
-    options = {"after": 1.0, "rivals": 1, "moved": (), "improves": True, "matters": True, **more}
+    options = {"after": 1.0, "rivals": 1, "moved": (), "improves": True, "matters": True}
+    options |= {"closed": 0.9, "ratio": 1.2} | more
     best = SimpleNamespace(needs=needs, names=names, moved=options["moved"])
     gap = SimpleNamespace(
         after=options["after"],
         differences_after=(SimpleNamespace(exceeds=lambda _: options.get("exceeds", True)),),
-        improves=lambda _: options["improves"],
-        matters=lambda _: options["matters"],
+        closed=options["closed"],
     )
     tolerance = Tolerance(source=options.get("source", "default"))
-    left = SimpleNamespace(explained=explained)
+    left = SimpleNamespace(explained=explained, ratio=options["ratio"])
     given = (best, [best] * options["rivals"], left, gap, tolerance, form)
-    verdict = verdict_of(*given, options["matters"])
+    verdict = verdict_of(*given, options["matters"], options["improves"])
     return verdict, left_over(best, left, gap, tolerance, form)
 
 
@@ -215,6 +215,9 @@ def test_the_verdict_asks_what_is_left():
     assert verdict_for(**wrong, form=FormError(1e-3, 1e-4)) == ("unknown", "effect")
     assert verdict_for(**wrong, source="stated", exceeds=False) == ("named", "tolerance")
     assert verdict_for(**wrong, source="stated") == ("unknown", "effect")
+    little = {"explained": False, "needs": LEAVES, "closed": 0.999}
+    assert verdict_for(**little) == ("named", "little")
+    assert verdict_for(**little, after=1.5) == ("unknown", "effect")
     # The default tolerance is too small to be seen in the noise.
     assert verdict_for(**wrong, exceeds=False) == ("unknown", "effect")
 

@@ -30,8 +30,6 @@ from romsindy.typing import Array
 # Standard deviations from which on a value that was known to a tolerance is worth a word: 5 %.
 _FAR = 2.0
 
-_GUESSES = 4  # of the best, whose need is the form error of all
-
 
 @dataclass(frozen=True)
 class Hypothesis:
@@ -194,21 +192,15 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
 
 
 def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -> list[Hypothesis]:
-    """Best first, all with the form error that is known, or as much more as the best needs.
+    """Best first, all with the form error that is known, or as much more as one of them needs.
 
-    The first guess of the best is the one that explains most with departures of its own size.
+    It is the one that is most likely with departures of its own size.
     """
     if not hypotheses:
         return []
     each = [h.settled(known) for h in hypotheses]
-    best = int(np.argmin([h.own for h in each]))
-    for _ in range(_GUESSES):
-        last, form = best, each[best].form
-        found = [h.at(form) for h in hypotheses]
-        best = int(np.argmin([h.score for h in found]))
-        if best == last:
-            break
-    return sorted(found, key=lambda h: h.score)
+    form = min(each, key=lambda h: h.own).form
+    return sorted((h.at(form) for h in hypotheses), key=lambda h: h.score)
 
 
 def weights(hypotheses: Sequence[Hypothesis]) -> Array:

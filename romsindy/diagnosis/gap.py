@@ -10,6 +10,7 @@ import numpy as np
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import PREDICTED, WORTH
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
@@ -120,7 +121,12 @@ class Gap:
         return any(d.exceeds(tolerance) for d in self.differences_before)
 
     def improves(self, tolerance: Tolerance) -> bool:
-        """Whether some difference falls by more than a tolerance, and none surely grows by it."""
+        """Whether some difference falls by more than a tolerance, and none surely grows by it.
+
+        Where nothing but noise is left of a difference that mattered, none can grow.
+        """
+        if self.after <= PREDICTED and self.before > WORTH * self.after and self.matters(tolerance):
+            return True
         pairs = list(zip(self.differences_before, self.differences_after, strict=True))
         falls = any(before.falls(after, tolerance) for before, after in pairs)
         return falls and not any(before.grows(after, tolerance) for before, after in pairs)

@@ -57,7 +57,7 @@ class Judges:
             scores = np.array([h.score + beyond(i) for i, h in enumerate(compared)])
             asked = {compared[i].names for i in misfits}
             near = np.flatnonzero(scores < scores.min() + EQUIVALENT)
-            left = [i for i in near if compared[i].names not in asked]
+            left = [int(i) for i in near if compared[i].names not in asked]
             if not left:
                 break
             first = min(left, key=lambda i: scores[i])

@@ -33,10 +33,22 @@ def predict(
 
     The motion after is ``near`` one that is known, if any: that of other samples of the record.
     """
-    before = after = _simulated(model, (), record)
-    if parts:
-        after = _followed(model, parts, record, near)
-    return Prediction(record, before, after, name)
+    before = _simulated(model, (), record)
+    known = {} if near is None else {name: near}
+    return follow(Prediction(record, before, before, name), model, parts, known)
+
+
+def follow(
+    before: Prediction,
+    model: ReducedModel,
+    parts: Sequence[Part],
+    near: Mapping[str, Trajectory],
+) -> Prediction:
+    """The same with what the simulation says with some parts."""
+    if not parts:
+        return before
+    after = _followed(model, parts, before.record, near.get(before.name))
+    return replace(before, after=after)
 
 
 def misfit_of(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Record]) -> Array:

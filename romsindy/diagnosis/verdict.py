@@ -10,10 +10,10 @@ from romsindy.diagnosis.form import FormError
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.verdict import PREDICTED, SAME_SIZE
+from romsindy.fit.verdict import CLOSED, PREDICTED, SAME_SIZE
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
-Left = Literal["noise", "tolerance", "form", "effect"]
+Left = Literal["noise", "tolerance", "form", "little", "effect"]
 
 
 def left_over(
@@ -22,10 +22,13 @@ def left_over(
     """What the best hypothesis leaves.
 
     "noise"; "tolerance": less than what was said not to matter; "form": as much as the model leaves
-    of the record that it was identified from; "effect": more than that, a further effect.
+    of the record that it was identified from; "little": it repeats with the vibration, but next to
+    nothing of the gap is left, and less than the noise; "effect": more, a further effect.
     """
     if left.explained and gap.after <= PREDICTED:
         return "noise"
+    if max(left.ratio, gap.after) <= PREDICTED and gap.closed >= CLOSED:
+        return "little"
     # By default next to nothing is tolerated, less than a difference at equal amplitude can show.
     stated = tolerance.source != DEFAULT
     if stated and not any(d.exceeds(tolerance) for d in gap.differences_after):
@@ -41,6 +44,7 @@ def verdict_of(
     tolerance: Tolerance,
     form: FormError,
     matters: bool,
+    improves: bool,
 ) -> Verdict:
     """Weigh the best hypothesis, its rivals, and what it leaves.
 
@@ -59,6 +63,8 @@ def verdict_of(
         Of the model, as its reference record shows it.
     matters : bool
         Whether the simulation as it was is surely beyond the tolerance in any record.
+    improves : bool
+        Whether it is materially better with the best.
 
     Returns
     -------
@@ -70,6 +76,6 @@ def verdict_of(
         return "unknown" if matters else "none"
     if not best.names:
         return "none"
-    if not gap.improves(tolerance):
+    if not improves:
         return "unknown" if matters else "none"
     return "ambiguous" if len(rivals) > 1 or len(best.moved) > 1 else "named"

@@ -13,7 +13,7 @@ from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap, name_of
 from romsindy.diagnosis.held_out import parted
 from romsindy.diagnosis.judged import Judges
-from romsindy.diagnosis.prediction import motions_of, predict
+from romsindy.diagnosis.prediction import follow, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
 from romsindy.diagnosis.tolerance import DEFAULT
@@ -48,13 +48,15 @@ def diagnose_model(
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
     everything = (*records, *tests.values())
-    as_it_was = Gap(tuple(predict(model, (), record) for record in everything), unseen=True)
+    names = [*(name_of(i) for i in range(len(records))), *tests]
+    pairs = zip(everything, names, strict=True)
+    as_it_was = Gap(tuple(predict(model, (), r, name) for r, name in pairs), unseen=True)
     largest = max(record.amplitude for record in records)
     if not any(test.amplitude >= SHARED * largest for test in tests.values()):
         records, tests = _parted(records, tests)
     parts = _unsure(model, free, tolerances, all_scales, len(records))
-    names = {p.effect.name for p in parts}
-    looked_for = tuple(e for e in options.catalogue if e.name not in names)
+    unsure = {p.effect.name for p in parts}
+    looked_for = tuple(e for e in options.catalogue if e.name not in unsure)
     search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
     exact = replace(search, free=()).hypothesis([])
     found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
@@ -73,8 +75,11 @@ def diagnose_model(
         predict(model, best.parts, r, name, near.get(name)) for name, r in judged.items()
     ]
     gap = Gap(tuple(predictions), bool(tests))
-    matters = as_it_was.matters(options.tolerance)
-    verdict = verdict_of(best, rivals, left, gap, options.tolerance, form, matters)
+    matters, improves = as_it_was.matters(options.tolerance), gap.improves(options.tolerance)
+    if matters and not improves and best.parts:  # what was held out may not reach where it matters
+        after = (follow(p, model, best.parts, near) for p in as_it_was.predictions)
+        improves = replace(as_it_was, predictions=tuple(after)).improves(options.tolerance)
+    verdict = verdict_of(best, rivals, left, gap, options.tolerance, form, matters, improves)
     added = best.parts
     if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
         added, gap = (), gap.unchanged()

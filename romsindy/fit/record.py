@@ -16,7 +16,7 @@ from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
-from romsindy.record.lag import distortion
+from romsindy.record.lag import distortion, settling
 from romsindy.record.noise import Noise
 from romsindy.record.signals import noise_std
 from romsindy.record.smoothing import HarmonicSpline, swing
@@ -51,6 +51,8 @@ class Record:
     doubts : (n, m) array, optional
         What the measuring chain may have added, each by its standard deviation, unit of the signal:
         see `romsindy.record.lag`.
+    first : int
+        First sample that takes part: before it the filter of a measuring chain rings.
     """
 
     decay: Decay
@@ -61,6 +63,7 @@ class Record:
     motion: Trajectory
     part: NDArray[np.bool_] | None = None
     doubts: Array | None = None
+    first: int = 0
 
     @classmethod
     def of(cls, decay: Decay, floor: float) -> Record:
@@ -82,8 +85,10 @@ class Record:
         grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))
         valid = np.ones(len(t), bool)
         motion = _motion(grid, displacement)
-        doubts = _doubts(t, spline, noise, cycle)
-        return cls(decay, signal, valid, noise, spline, motion, doubts=doubts)
+        heard = _without_floor(noise)
+        doubts = _doubts(t, spline, heard, cycle)
+        first = min(settling(heard, decay.dt), cycle / 2) / decay.dt
+        return cls(decay, signal, valid, noise, spline, motion, doubts=doubts, first=round(first))
 
     @classmethod
     def loud(cls, decay: Decay, floor: float) -> Record:
@@ -143,7 +148,7 @@ class Record:
     def count(self) -> float:
         """Samples that tell anything; of noise beyond a filter, which is none, few do."""
         valid = self.valid if self.part is None else self.valid & self.part
-        return float(np.sum(valid)) * self.noise.share(len(self.signal))
+        return float(np.sum(valid[self.first :])) * self.noise.share(len(self.signal))
 
     @cached_property
     def _doubtful(self) -> tuple[Array, Array] | None:
@@ -161,8 +166,15 @@ class Record:
         decay = self.decay.between(end=float(self.decay.t[n - 1]))
         part = None if self.part is None else self.part[:n]
         doubts = None if self.doubts is None else self.doubts[:n]
-        valid = self.valid[:n]
-        return Record(decay, self.signal[:n], valid, self.noise, self.spline, motion, part, doubts)
+        return replace(
+            self,
+            decay=decay,
+            signal=self.signal[:n],
+            valid=self.valid[:n],
+            motion=motion,
+            part=part,
+            doubts=doubts,
+        )
 
     def without_faults(self) -> Record:
         """The same for a fit that looks for none: clipped samples take no part, lines are noise."""
@@ -179,19 +191,23 @@ class Record:
         if self._doubtful is not None:
             modes, share = self._doubtful
             white = white - modes @ (share * (modes.T @ white).T).T
+        white[: self.first] = 0.0
         if self.part is None:
             return white
         # White samples are independent: those left out tell nothing about the others.
         return white * (self.part if x.ndim == 1 else self.part[:, None])
 
 
-def _doubts(t: Array, spline: HarmonicSpline, noise: Noise, cycle: float) -> Array | None:
+def _without_floor(noise: Noise) -> Spectrum:
+    power = noise.spectrum.power
+    return replace(noise.spectrum, power=np.maximum(power - noise.floor**2, _DEAF * power))
+
+
+def _doubts(t: Array, spline: HarmonicSpline, noise: Spectrum, cycle: float) -> Array | None:
     """What a filter may have made of the harmonics, (n, m); None where the noise shows none."""
     waves = spline.amplitudes(t)
     order = np.arange(waves.shape[1])
-    power = noise.spectrum.power
-    heard = replace(noise.spectrum, power=np.maximum(power - noise.floor**2, _DEAF * power))
-    change = distortion(heard, noise.dt, 1 / cycle, int(order[-1]))
+    change = distortion(noise, float(t[1] - t[0]), 1 / cycle, int(order[-1]))
     if not np.any(change):
         return None
     # Harmonics follow the amplitude: what does not is noise, and may not be taken for theirs.

@@ -76,6 +76,9 @@ SAME_SIZE = 2.0
 # A record that took no part is predicted where its error is at most this many times the noise:
 # `EXPLAINED`, and as much again for the errors of the fitted values and of the amplitudes beyond.
 PREDICTED = 1.25
+# Part of the squared gap that closes where what is left, if it is less than the noise, is no sign
+# of a further effect.
+CLOSED = 0.99
 # A gap that an effect may leave in the screening, where its shape is but a guess.
 SCREENED = 0.01
 # Disagreement that does not matter, as a part of the largest amplitude: 74 dB, what the best

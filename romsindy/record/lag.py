@@ -21,6 +21,7 @@ _EDGE, _OCTAVE = 1e-3, 8.0
 _LINES = 4096
 # The noise says little of how deep a stop band is, and of noise that was not white nothing.
 _DOUBT = 3.0
+_RINGS = 0.01  # of its largest response
 
 
 def distortion(noise: Spectrum, dt: float, frequency: float, harmonics: int) -> Array:
@@ -28,17 +29,41 @@ def distortion(noise: Spectrum, dt: float, frequency: float, harmonics: int) -> 
 
     Relative to a delay of them all; zero where the noise shows no filter.
     """
-    at = np.linspace(0, 0.5 / dt, _LINES + 1)
-    power = noise(at)
-    number = np.arange(1, harmonics + 1)
-    beyond = power[int(np.argmax(power)) :].min()
-    steepest = np.max(power / noise(np.minimum(2 * at, at[-1])))
-    if beyond > _EDGE * power.max() or steepest < _OCTAVE:
+    response = _response(noise, dt)
+    if response is None:
         return np.zeros(harmonics - 1)
-    cepstrum = np.fft.irfft(0.5 * np.log(power))
-    cepstrum[1:_LINES] *= 2
-    cepstrum[_LINES + 1 :] = 0
-    response = np.fft.rfft(cepstrum)
+    number = np.arange(1, harmonics + 1)
+    at = _frequencies(dt)
     gain, phase = (np.interp(number * frequency, at, x) for x in (response.real, response.imag))
     change = np.exp(gain - gain[0] + 1j * (phase - number * phase[0])) - 1
     return _DOUBT * np.abs(change[1:])
+
+
+def settling(noise: Spectrum, dt: float) -> float:
+    """How long the filter that the noise shows rings after a sudden change, s; 0 without one.
+
+    It is held, with the structure, before a release.
+    """
+    response = _response(noise, dt)
+    if response is None:
+        return 0.0
+    rings = np.abs(np.fft.irfft(np.exp(response)))[:_LINES]
+    return dt * float(np.flatnonzero(rings > _RINGS * rings.max())[-1] + 1)
+
+
+def _frequencies(dt: float) -> Array:
+    return np.linspace(0, 0.5 / dt, _LINES + 1)
+
+
+def _response(noise: Spectrum, dt: float) -> np.ndarray | None:
+    """Logarithm of the response of the filter, (m,) complex; None where there is none."""
+    at = _frequencies(dt)
+    power = noise(at)
+    beyond = power[int(np.argmax(power)) :].min()
+    steepest = np.max(power / noise(np.minimum(2 * at, at[-1])))
+    if beyond > _EDGE * power.max() or steepest < _OCTAVE:
+        return None
+    cepstrum = np.fft.irfft(0.5 * np.log(power))
+    cepstrum[1:_LINES] *= 2
+    cepstrum[_LINES + 1 :] = 0
+    return np.fft.rfft(cepstrum)

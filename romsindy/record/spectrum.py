@@ -62,7 +62,8 @@ class Spectrum:
 
         A wave that ends anywhere is in all cosines: one of frequency g has in those of frequency f
         2 g^2 / (pi^2 T (g^2 - f^2)^2) of its power (per Hz). These parts are not independent of
-        each other, and count for more than they are.
+        each other, and count for more than they are. The edge of a filter is anywhere in the bins
+        beside it: noise reaches to their ends.
         """
         if self.white:
             return self
@@ -71,7 +72,7 @@ class Spectrum:
         np.fill_diagonal(apart, np.inf)
         share = 2 * f**2 / (np.pi**2 * duration * apart**2)
         leak = share @ (self.power * np.gradient(f))
-        return replace(self, power=self.power + TOGETHER * leak)
+        return replace(self, power=_at_edges(self.power) + TOGETHER * leak)
 
     @property
     def white(self) -> bool:
@@ -89,7 +90,7 @@ class Spectrum:
         off = (logs - np.average(logs, weights=1 / variance)) / np.sqrt(variance)
         if np.abs(off).max() < _WHITE and off @ off < chi2.isf(_CHANCE, len(off)):
             return cls(np.zeros(1), np.array([level_of(power)]))
-        return cls(middle, np.exp(_at_edges(_smoothed(logs, variance))))
+        return cls(middle, np.exp(_smoothed(logs, variance)))
 
 
 def lines_between(x: Array, cycle: float) -> tuple[Array, Array]:
@@ -139,12 +140,11 @@ def _smoothed(y: Array, variance: Array) -> Array:
     return (modes @ (part * softness / (softness + stiffness))) / weight
 
 
-def _at_edges(logs: Array) -> Array:
-    """The edge of a filter is anywhere in the bins beside it: noise reaches to their ends."""
-    found = logs.copy()
-    for i in np.flatnonzero(np.abs(np.diff(logs)) > _STEEP):
-        near = logs[max(i - 1, 0) : i + 3]
-        found[i : i + 2] = np.maximum(found[i : i + 2], near.max())
+def _at_edges(power: Array) -> Array:
+    """The largest power near an edge, in the bins on either side of it."""
+    found = power.copy()
+    for i in np.flatnonzero(np.abs(np.diff(np.log(power))) > _STEEP):
+        found[i : i + 2] = np.maximum(found[i : i + 2], power[max(i - 1, 0) : i + 3].max())
     return found
 
 
