@@ -94,7 +94,7 @@ def test_the_residual_of_the_true_motion_is_white_with_rms_1(kind):
 @pytest.mark.parametrize("kind", NOISES)
 def test_whitening_is_linear_and_symmetric(kind):
     rng = np.random.default_rng(6)
-    record = replace(recorded(STD * kind(rng)), doubts=None)
+    record = replace(recorded(STD * kind(rng)), doubts=None, first=0)
     x, y = rng.standard_normal((2, len(T)))
     both = record.whitened(np.stack([x, y], axis=1))
     # To rounding of sums of 3200 terms.

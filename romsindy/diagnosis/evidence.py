@@ -140,9 +140,7 @@ class Hypothesis:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / self.excess + known
         covariance = system.covariance()[:n, :n]
-        rise, price, moved = _price_of_free(
-            system, step, solution.parts, self.n_free, self.n_samples
-        )
+        rise, price, moved = _price_of_free(system, solution.parts, self.n_free, self.n_samples)
         for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
             k = part.strengths.size
             price += k * np.log(self.n_samples / len(part.strengths))
@@ -159,7 +157,7 @@ class _Worth(NamedTuple):
 
 
 def _price_of_free(
-    system: NormalEquations, step: Array, parts: Sequence[Part], n_free: int, n_samples: float
+    system: NormalEquations, parts: Sequence[Part], n_free: int, n_samples: float
 ) -> tuple[float, float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free.
 
@@ -176,10 +174,11 @@ def _price_of_free(
             own = parts[i].limits() if free else (np.zeros(1), np.zeros(1))
             low[first[i]], high[first[i]] = (x[0] - parts[i].values[0] for x in own)
         there = system.bounded_step(np.zeros(0, bool), low, high)
-        rise = system.chi_squared(there) - system.chi_squared(step)
         moved = tuple(n for n, f in zip(names, freed, strict=True) if f)
-        choices.append((rise, sum(freed) * float(np.log(n_samples)), moved))
-    return min(choices, key=lambda c: c[0] + c[1])
+        choices.append((system.chi_squared(there), sum(freed) * float(np.log(n_samples)), moved))
+    least = min(misfit for misfit, _, _ in choices)
+    misfit, price, moved = min(choices, key=lambda c: c[0] + c[1])
+    return misfit - least, price, moved
 
 
 def _price_of_shape(part: Part, covariance: Array) -> float:
