@@ -474,13 +474,3 @@ def test_a_file_of_no_beam_is_refused(tmp_path, old, new, message):
     file.write_text(BEAM_FILE.replace(old, new, 1))
     with pytest.raises(ValueError, match=message):
         load_beam(file)
-
-
-def test_blind_trials_run():
-    """One trial of the benchmark, short; a gain of at least 3.5 % is far above 30 dB of noise."""
-    script = Path(__file__).resolve().parents[1] / "benchmarks" / "diagnosis" / "structure.py"
-    arguments = ["--effects", "sensor_gain", "--duration", "4", "--jobs", "1"]
-    done = subprocess.run(
-        [sys.executable, str(script), *arguments], capture_output=True, text=True, check=True
-    )
-    assert "headline right 1 of 1" in done.stdout

@@ -18,6 +18,8 @@ from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT, GAINED, MATERIAL, PREDICTED
 
 _MOST = 6  # hypotheses that are asked
+# Two good predictions may differ by as much: each has its own errors of form.
+_SLACK = 2 * EQUIVALENT
 
 
 @dataclass
@@ -102,4 +104,5 @@ class Judges:
         return misfit_of(self.search.model, hypothesis, self.records)
 
     def _tested(self, hypothesis: Hypothesis, misfit: float) -> Hypothesis:
-        return replace(hypothesis, tested=(misfit - self.least) / self.scale)
+        beyond = (misfit - self.least) / self.scale - _SLACK
+        return replace(hypothesis, tested=max(beyond, 0.0))

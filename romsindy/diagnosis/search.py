@@ -66,6 +66,11 @@ class Search:
     form: FormError = NO_FORM_ERROR  # of the model, as its reference record shows it
     done: list[Hypothesis] = field(default_factory=list)  # what is left by an interrupt
 
+    def unsure_as(self, hypothesis: Hypothesis) -> Search:
+        """The same, unsure of the values that are free in a hypothesis alone."""
+        names = {p.effect.name for p in hypothesis.parts[: hypothesis.n_free]}
+        return replace(self, free=tuple(p for p in self.free if p.effect.name in names))
+
     def hypothesis(self, parts: Sequence[Part]) -> Hypothesis:
         """Fit and weigh the unsure values together with some effects."""
         return self.fitted([parts])[0]
@@ -266,7 +271,7 @@ class Search:
         parts = best.effects
         fewer = [(*parts[:i], *parts[i + 1 :]) for i in range(len(parts))]
         found = []
-        for fitted in self.fitted(fewer):
+        for fitted in self.unsure_as(best).fitted(fewer):
             alike = [h for h in known if _same_effects(h, fitted)]
             found.append(min([fitted, *alike], key=lambda h: h.at(best.form).score))
         return found

@@ -23,7 +23,7 @@ from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED, SHARED
+from romsindy.fit.verdict import EQUIVALENT, NOTHING_LEFT, ROUNDED, SHARED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -64,7 +64,7 @@ def diagnose_model(
     if not found.interrupted:
         judges = Judges(search, exact, judged)
         found = judges.weighed(found)
-        found = judges.useful(found) if tests else found
+        found = judges.useful(found) if tests else _with_plain_values(found)
         if judges.blind:
             tests, judged = {}, {name_of(i): record for i, record in enumerate(records)}
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
@@ -103,6 +103,15 @@ def diagnose_model(
         interrupted=found.interrupted,
         form=form,
     )
+
+
+def _with_plain_values(found: Finding) -> Finding:
+    """Where nothing took no part, an effect must be twice as sure to outdo values that moved."""
+    best, base = found.rivals[0], found.base.at(found.rivals[0].form)
+    if not (best.effects and base.names) or base.score - best.score > 2 * EQUIVALENT:
+        return found
+    others = [h for h in found.rivals if h.names != base.names]
+    return replace(found, rivals=[*others, base])
 
 
 def _parted(
@@ -162,7 +171,7 @@ def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     fixed = [_with_textbook_exponent(p) for p in best.effects]
     if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
         return best
-    trial = search.hypothesis(fixed).at(best.form)
+    trial = search.unsure_as(best).hypothesis(fixed).at(best.form)
     rise = trial.solution.chi_squared - best.solution.chi_squared
     return trial if trial.solution.converged and rise < ROUNDED else best
 

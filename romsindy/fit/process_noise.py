@@ -39,8 +39,8 @@ _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
 _ROUNDING = 1e-13  # of products, by which they must not become negative
 _LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
-# Sizes to choose from: from nothing to a phase that is lost.
-_JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -1.4, 0.25)])
+# Sizes to choose from: from nothing to more than is linear about a motion.
+_JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -2.4, 0.25)])
 
 
 def window_steps(record: Record) -> Indices:
