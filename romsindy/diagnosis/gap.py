@@ -65,7 +65,7 @@ class Gap:
     def where(self) -> str:
         """What it was measured on, in words."""
         if not self.unseen:
-            return "the records themselves: nothing that took no part could tell"
+            return "the records themselves (nothing that took no part can tell)"
         whole = {p.record.part is None for p in self.predictions}
         what = " and ".join(["the stretches"] * (False in whole) + ["the record"] * (True in whole))
         return f"{what} that took no part"

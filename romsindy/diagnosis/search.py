@@ -29,6 +29,7 @@ from romsindy.physics.model import ReducedModel
 _SURVIVORS = 8
 _PAIRS = 5
 _CHECKS = 6  # iterations, to see what values that did not settle leave
+_HOPELESS = 30.0  # chi-square over samples
 _SIMULATIONS = 20  # to settle values by simulation
 
 
@@ -159,7 +160,7 @@ class Search:
     def settled(self, hypothesis: Hypothesis) -> Hypothesis:
         """One that others are held against, at its least misfit."""
         s = hypothesis.solution
-        if s.converged or not s.finite:
+        if s.converged or not s.chi_squared < _HOPELESS * hypothesis.n_samples:
             return hypothesis
         try:
             more = shoot(self.model, s.parts, self.records, s.motions, evaluations=_SIMULATIONS)[0]
