@@ -14,7 +14,7 @@ from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import ExtendedEquation, Part, read
 from romsindy.fit.record import Record
-from romsindy.fit.shooting import shoot
+from romsindy.fit.shooting import shoot, simulated_misfit
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
@@ -84,18 +84,18 @@ def _simulated(
         return record.signal - solution.residuals[0]
     # Where the phase is lost, or jumps keep the fit from settling: simulate, from the better of the
     # fitted and the measured initial state on.
-    reached = []
+    given = (model, solution.parts, [record])
     known = () if near is None else (near,)
+    reached = []
     for motion in (*(solution.motions if solution.finite else ()), *known, record.motion):
         try:
-            reached.append(
-                shoot(model, solution.parts, [record], [motion], fixed=True, evaluations=_POLISH)[0]
-            )
+            reached.append((float(np.sum(simulated_misfit(*given, [motion]) ** 2)), motion))
         except TrajectoryError:
             continue
     if not reached:
         return _run(model, solution.parts, record)
-    return record.signal - min(reached, key=lambda s: s.chi_squared).residuals[0]
+    _, best = min(reached, key=lambda pair: pair[0])
+    return record.signal - shoot(*given, [best], fixed=True, evaluations=_POLISH)[0].residuals[0]
 
 
 def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
