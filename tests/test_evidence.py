@@ -191,12 +191,13 @@ def verdict_for(
 ):
     """The verdict on stand-ins that hold what it looks at, and nothing else."""
     options = {"after": 1.0, "rivals": 1, "moved": (), "improves": True, "matters": True}
-    options |= {"closed": 0.9, "ratio": 1.2} | more
+    options |= {"closed": 0.9, "ratio": 1.2, "unseen": False} | more
     best = SimpleNamespace(needs=needs, names=names, moved=options["moved"])
     gap = SimpleNamespace(
         after=options["after"],
         differences_after=(SimpleNamespace(exceeds=lambda _: options.get("exceeds", True)),),
         closed=options["closed"],
+        unseen=options["unseen"],
     )
     tolerance = Tolerance(source=options.get("source", "default"))
     left = SimpleNamespace(explained=explained, ratio=options["ratio"])
@@ -218,6 +219,8 @@ def test_the_verdict_asks_what_is_left():
     little = {"explained": False, "needs": LEAVES, "closed": 0.999}
     assert verdict_for(**little) == ("named", "little")
     assert verdict_for(**little, after=1.5) == ("unknown", "effect")
+    assert verdict_for(**little, ratio=1.5) == ("unknown", "effect")
+    assert verdict_for(**little, ratio=1.5, unseen=True) == ("named", "little")
     # The default tolerance is too small to be seen in the noise.
     assert verdict_for(**wrong, exceeds=False) == ("unknown", "effect")
 

@@ -114,6 +114,10 @@ class Difference:
         """Whether it, or a part of it, is surely beyond a tolerance."""
         return self.largest(tolerance).excess(tolerance) > SURE
 
+    def within(self, tolerance: Tolerance) -> bool:
+        """Whether its values are within a tolerance, sure or not."""
+        return all(_size(getattr(self, kind)) <= getattr(tolerance, kind) for kind in KINDS)
+
     def excess(self, tolerance: Tolerance) -> float:
         """By how many standard errors the worst of its values is beyond a tolerance."""
         return max(self.excess_of(kind, tolerance) for kind in KINDS)

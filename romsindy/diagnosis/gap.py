@@ -117,8 +117,14 @@ class Gap:
         )
 
     def matters(self, tolerance: Tolerance) -> bool:
-        """Whether the simulation as it was is surely beyond a tolerance."""
-        return any(d.exceeds(tolerance) for d in self.differences_before)
+        """Whether the simulation as it was is surely beyond a tolerance.
+
+        Where it beats, no span of a few cycles is sure: then the error tells.
+        """
+        if any(d.exceeds(tolerance) for d in self.differences_before):
+            return True
+        apart = self.before > WORTH * PREDICTED
+        return apart and not all(d.within(tolerance) for d in self.differences_before)
 
     def improves(self, tolerance: Tolerance) -> bool:
         """Whether some difference falls by more than a tolerance, and none surely grows by it.

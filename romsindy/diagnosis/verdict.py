@@ -27,7 +27,8 @@ def left_over(
     """
     if left.explained and gap.after <= PREDICTED:
         return "noise"
-    if max(left.ratio, gap.after) <= PREDICTED and gap.closed >= CLOSED:
+    told = gap.unseen or left.ratio <= PREDICTED
+    if told and gap.after <= PREDICTED and gap.closed >= CLOSED:
         return "little"
     # By default next to nothing is tolerated, less than a difference at equal amplitude can show.
     stated = tolerance.source != DEFAULT
