@@ -15,11 +15,9 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.prediction import misfit_of
 from romsindy.diagnosis.search import Finding, Search
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT, GAINED, MATERIAL, PREDICTED
+from romsindy.fit.verdict import AS_GOOD, EQUIVALENT, GAINED, MATERIAL, PREDICTED
 
 _MOST = 6  # hypotheses that are asked
-# Two good predictions may differ by as much: each has its own errors of form.
-_SLACK = 2 * EQUIVALENT
 
 
 @dataclass
@@ -104,5 +102,5 @@ class Judges:
         return misfit_of(self.search.model, hypothesis, self.records)
 
     def _tested(self, hypothesis: Hypothesis, misfit: float) -> Hypothesis:
-        beyond = (misfit - self.least) / self.scale - _SLACK
+        beyond = (misfit - self.least) / self.scale - AS_GOOD
         return replace(hypothesis, tested=max(beyond, 0.0))

@@ -22,8 +22,8 @@ def left_over(
     """What the best hypothesis leaves.
 
     "noise"; "tolerance": less than what was said not to matter; "form": as much as the model leaves
-    of the record that it was identified from; "little": it repeats with the vibration, but next to
-    nothing of the gap is left, and less than the noise; "effect": more, a further effect.
+    of the record that it was identified from; "little": next to nothing of the gap, and less than
+    the noise; "effect": more, a further effect.
     """
     if left.explained and gap.after <= PREDICTED:
         return "noise"

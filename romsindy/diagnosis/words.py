@@ -24,7 +24,7 @@ _KINDS = {
     "tolerance": ", which does not matter",
     "form": ", of the size by which the model misses its own reference record: its form, not a"
     " further effect",
-    "little": ": it repeats with the vibration, but is too little to name an effect",
+    "little": ", less than 1 % of the squared gap: too little to name an effect",
     "effect": ", more than the form of the model leaves: a further effect, or another one",
 }
 

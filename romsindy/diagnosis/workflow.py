@@ -23,7 +23,7 @@ from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import EQUIVALENT, NOTHING_LEFT, ROUNDED, SHARED
+from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED, SHARED, UNJUDGED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -108,7 +108,7 @@ def diagnose_model(
 def _with_plain_values(found: Finding) -> Finding:
     """Where nothing took no part, an effect must be twice as sure to outdo values that moved."""
     best, base = found.rivals[0], found.base.at(found.rivals[0].form)
-    if not (best.effects and base.names) or base.score - best.score > 2 * EQUIVALENT:
+    if not (best.effects and base.names) or base.score - best.score > UNJUDGED:
         return found
     others = [h for h in found.rivals if h.names != base.names]
     return replace(found, rivals=[*others, base])
