@@ -62,8 +62,8 @@ EQUIVALENT = 7.0
 # Rise of chi-square up to which an exponent is rounded to that of the textbook: two standard
 # errors of one value.
 ROUNDED = 4.0
-# By which two good predictions of data that took no part may differ, each by its errors of form; and
-# how much surer an effect must be than values of the model that moved where nothing took no part.
+# By which two good predictions of data that took no part may differ, each by its errors of form,
+# and how much surer an effect must be than values that moved where nothing took no part.
 AS_GOOD, UNJUDGED = 2 * EQUIVALENT, 2 * EQUIVALENT
 # Where the gap stays open, another effect must bring the misfit down by this factor to count.
 WORTH = 2.0
