@@ -18,6 +18,7 @@ from romsindy.beam.spring import Spring
 from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam, rounds
 from romsindy.diagnosis.on_beam.checks import checked_readings
+from romsindy.diagnosis.on_beam.doubts import position_gains
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
@@ -225,6 +226,23 @@ def test_faulty_sensor_is_told_from_the_others(own, kind, spoil, value):
     fault = find_fault(readings, own, SEEN.shapes, SEEN.sensors.labels)
     assert (fault.channel, fault.kind) == (2, kind)
     assert fault.value == pytest.approx(value, rel=0.1)
+
+
+def test_a_sensor_off_its_place_within_the_tolerance_is_no_fault(own):
+    """It was left out as faulty: a place that is off by a little is an error of the gain."""
+    readings = with_noise(own, 40, 0)
+    off = np.array([0.0015, -0.001, 0.0, 0.001, -0.0015])[: readings.shape[1]]
+    gains = position_gains(SEEN, 0.001)
+    readings = readings * (1 + off / 0.001 * gains)
+    given = (own, SEEN.shapes, SEEN.sensors.labels)
+    assert find_fault(readings, *given) is not None
+    assert find_fault(readings, *given, gains) is None
+    # 10 % are more than ten standard deviations; an offset is no error of the gain.
+    for kind, spoil in (("gain", lambda y: 1.1 * y), ("offset", lambda y: y + 0.004)):
+        spoilt = readings.copy()
+        spoilt[:, 2] = spoil(spoilt[:, 2])
+        fault = find_fault(spoilt, *given, gains)
+        assert (fault.channel, fault.kind) == (2, kind)
 
 
 def test_few_clipped_swings_are_seen(own):

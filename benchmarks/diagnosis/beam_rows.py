@@ -13,6 +13,7 @@ from romsindy.beam.sensors import Sensor
 
 # Blamed on the simulation, and no effect: what has a tolerance, and what stands for several.
 PARAMETERS = {*TOLERANCES, "bending_stiffness", "axial_stiffness", "width", "anchor_y"}
+PARAMETERS |= {f"tolerances_{i + 1}" for i in range(len(TOLERANCES))}
 _NEAR = 0.05  # of the length
 
 

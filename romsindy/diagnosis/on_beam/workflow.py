@@ -70,7 +70,8 @@ def diagnose_beam(
     near = standard_deviations(beam, tolerances)
     everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
     seen = InstrumentedBeam(coarse(beam), sensors)
-    seen, own, faults, raw = _with_right_sensors(seen, everything, len(measured))
+    off = near.get("sensor_positions")
+    seen, own, faults, raw = _with_right_sensors(seen, everything, len(measured), off)
     decays = [seen.thinned(d) for d in raw]
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(measured)]
@@ -98,7 +99,7 @@ def diagnose_beam(
         seen.beam.with_effect(p.on_beam(near[p.name]))
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
-    slack = Slack.of(seen, doubtful, position_gains(seen, near.get("sensor_positions", 0.0)))
+    slack = Slack.of(seen, doubtful, position_gains(seen, off or 0.0))
     found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
     errors = _sensor_errors(
         seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
@@ -108,15 +109,19 @@ def diagnose_beam(
 
 
 def _with_right_sensors(
-    seen: InstrumentedBeam, decays: Sequence[Decay], n_training: int
+    seen: InstrumentedBeam, decays: Sequence[Decay], n_training: int, off: float | None
 ) -> tuple[InstrumentedBeam, Decay, tuple[SensorFault, ...], list[Decay]]:
-    """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others."""
+    """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others.
+
+    ``off`` is by how much sensors may be off their places, m: a standard deviation.
+    """
     training = decays[:n_training]
     reaches = [float(np.abs(seen.coordinate(d.q)).max()) for d in training]
     reach, largest = max(reaches), training[int(np.argmax(reaches))]
     own = seen.readings(seen.beam, reach, float(largest.t[-1] - largest.t[0]), largest.dt)
     labels = seen.sensors.labels
-    fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels)
+    gains = None if off is None else position_gains(seen, off)
+    fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels, gains)
     kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
     seen = seen.keeping(kept)
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
