@@ -101,6 +101,19 @@ def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     assert [e.label for e in report.sensor_errors] == ["y(0.12)", "y(0.28)", "y(0.36)", "y(0.45)"]
 
 
+def test_what_a_beam_leaves_on_its_reference_does_not_matter():
+    """A beam 1 % too soft misses its own reference by as much: that was refused."""
+    truth = BEAM.with_effect(StifferBending(0.01))
+    measured, reference = decay(truth, 0.011, 0), decay(truth, 0.016, 1)
+    report = rs.diagnose(BEAM, measured, sensors=SEEN.sensors, reference=reference)
+    assert report.verdict == "none" and report.names == ()
+    assert report.reduced.tolerance.source == "reference"
+    frequencies = [b.modes(count=1).omega[0] for b in (BEAM, truth)]
+    shift = abs(frequencies[0] / frequencies[1] - 1)
+    # Of the largest part: bending has another share of the stiffness there than at rest.
+    assert shift < report.reduced.tolerance.frequency < 1.5 * shift
+
+
 class MiddleDamper(Damper):
     """An effect of one's own: a damper at mid-span."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.beam import NoEquilibriumError, StepTooLongError
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.defect import (
     Corrected,
     beam_with,
@@ -78,6 +79,8 @@ class Rounds:
     options : Options
     releases : list of Release or None
         How each record started; None is read from the sensors, once.
+    form : FormError
+        Of the beam, as its reference records show it.
     """
 
     seen: InstrumentedBeam
@@ -89,6 +92,7 @@ class Rounds:
     general: Sequence[Effect]
     options: Options
     releases: list[Release | None]
+    form: FormError = NO_FORM_ERROR
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
 
@@ -165,7 +169,7 @@ class Rounds:
         test = decays[-1] if self.held_out else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[: self.n_training]
-        return diagnose_model(self.model, training, test, self.unsure, {}, chosen)
+        return diagnose_model(self.model, training, test, self.unsure, {}, chosen, self.form)
 
     def placed(
         self,

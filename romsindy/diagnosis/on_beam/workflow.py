@@ -14,8 +14,9 @@ from romsindy.beam import (
     Shape,
     StaticCurve,
 )
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.checks import checked_readings
-from romsindy.diagnosis.on_beam.defect import Corrected
+from romsindy.diagnosis.on_beam.defect import Corrected, corrected
 from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt, position_gains
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
@@ -30,6 +31,7 @@ from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.what_matters import of_reference
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.record import Record
@@ -55,6 +57,7 @@ def diagnose_beam(
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     options: Options,
+    references: Sequence[Decay] = (),
 ) -> BeamReport:
     """Find, name and add what a beam lacks; arguments as those of `diagnose`.
 
@@ -64,14 +67,18 @@ def diagnose_beam(
     and the parameters of the beam replace effects of the catalogue that have the same name; an
     effect of your own with a ``mounting`` is looked for there.
     """
-    everything = [*measured, *([held_out] if held_out is not None else [])]
+    everything = [*measured, *([held_out] if held_out is not None else []), *references]
     load = _check(measured, free, release)
     free_names = {_FREE[str(name)] for name in free}
     near = standard_deviations(beam, tolerances)
-    everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
+    everything = [
+        checked_readings(d, i, sensors, beam.length)
+        for i, d in enumerate([*everything, *references])
+    ]
     seen = InstrumentedBeam(coarse(beam), sensors)
     off = near.get("sensor_positions")
     seen, own, faults, raw = _with_right_sensors(seen, everything, len(measured), off)
+    known, raw = raw[len(raw) - len(references) :], raw[: len(raw) - len(references)]
     decays = [seen.thinned(d) for d in raw]
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(measured)]
@@ -84,11 +91,13 @@ def diagnose_beam(
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
-    releases: list[Release | None] = [None if load is None else Release(load)] * len(records)
-    rounds = Rounds(
-        seen, model, records, raw, held_out is not None, unsure, general, options, releases
-    )
+    start = None if load is None else Release(load)
     try:
+        options, form = _known_errors(seen, model, known, start, options)
+        starts: list[Release | None] = [start] * len(records)
+        rounds = Rounds(
+            seen, model, records, raw, held_out is not None, unsure, general, options, starts, form
+        )
         before = rounds.begin()
     except FAILURES as error:
         raise ValueError(
@@ -106,6 +115,24 @@ def diagnose_beam(
     )
     whole = InstrumentedBeam(beam, seen.sensors_on(beam))
     return BeamReport(found.report, faults, whole, found.parts, errors, found.trouble, place)
+
+
+def _known_errors(
+    seen: InstrumentedBeam,
+    model: ReducedModel,
+    references: Sequence[Decay],
+    release: Release | None,
+    options: Options,
+) -> tuple[Options, FormError]:
+    """What the beam leaves on the records that it was updated to: a tolerance, an error of form."""
+    form = NO_FORM_ERROR
+    for raw in references:
+        record = Record.loud(seen.decay(seen.thinned(raw)), options.floor)
+        there = corrected(seen, model, (), record, raw, release).decay
+        left, needed = of_reference(model, there, options.floor)
+        options = replace(options, tolerance=options.tolerance.or_more(left))
+        form = form.joined(needed)
+    return options, form
 
 
 def _with_right_sensors(
