@@ -272,6 +272,20 @@ def test_few_clipped_swings_are_seen(own):
     assert find_fault(rounded, own, SEEN.shapes, SEEN.sensors.labels) is None
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_swings_that_are_cut_under_noise_are_seen(own, seed):
+    """Noise on top hides that the largest values are alike: these were taken for "none"."""
+    limit = 0.88 * np.abs(own[:, 1]).max()
+    cut = own.copy()
+    cut[:, 1] = np.clip(cut[:, 1], -limit, limit)
+    fault = find_fault(with_noise(cut, 33, seed), own, SEEN.shapes, SEEN.sensors.labels)
+    assert (fault.channel, fault.kind) == (1, "saturation")
+    # What it would have read is estimated with what it did: some of the cut is lost.
+    assert fault.value == pytest.approx(limit, rel=0.04)
+    noisy = with_noise(own, 33, seed)
+    assert find_fault(noisy, own, SEEN.shapes, SEEN.sensors.labels) is None
+
+
 def test_physics_is_no_fault_of_a_sensor(own):
     for effect in (AirDrag().on_beam(0.03), PointMass(1e-3), ClampCompliance(0.01)):
         beam = BEAM.with_effect(effect)

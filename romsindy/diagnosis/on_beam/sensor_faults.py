@@ -23,6 +23,9 @@ _FAULT, _EXPLAINED = 0.01, 0.8
 # Swings that end at exactly the same value are clipped: those of a decay differ.
 _SAME, _SWINGS = 1e-9, 4
 _CHANCE = 0.01  # that sensors within their tolerances disagree by more
+_CUT = 30.0  # of chi-square, for independent samples, over some hundred limits that are tried
+_LIMITS = np.linspace(0.6, 1.0, 41)  # of a channel, over its largest reading
+_MEMORY = 20  # samples after which noise is not alike any more
 _FOLDS = 40  # parts of a channel's range over which what repeats is told from noise
 
 
@@ -72,9 +75,9 @@ def find_fault(
     curve, *_ = np.linalg.lstsq(_powers(simulated @ project), simulated @ parity.T, rcond=None)
     q = measured @ project
     left = measured @ parity.T - _powers(q) @ curve
-    if gains is not None and _places_explain(left, q, parity * shapes[:, 0], gains):
-        return _worst(measured, parity, left, labels, without=q)
-    return _worst(measured, parity, left, labels)
+    allowed = gains is not None and _places_explain(left, q, parity * shapes[:, 0], gains)
+    fault = _worst(measured, parity, left, labels, without=q if allowed else None)
+    return fault or _cut(measured, parity, left, q, labels)
 
 
 def _places_explain(left: Array, q: Array, drives: Array, gains: Array) -> bool:
@@ -119,6 +122,43 @@ def _worst(
     return SensorFault(channel, labels[channel], kind, value)
 
 
+def _cut(
+    measured: Array, parity: Array, left: Array, q: Array, labels: list[str]
+) -> SensorFault | None:
+    """The channel that stays below a limit in a few swings, under the noise, if there is one.
+
+    What follows the coordinate smoothly is no limit of a sensor.
+    """
+    smooth = np.linalg.qr(_powers(q))[0]
+
+    def rest(x: Array) -> Array:
+        return np.asarray(x - smooth @ (smooth.T @ x))
+
+    left = rest(left)
+    noise = np.cov(left.T)
+    found = []
+    for channel, y in enumerate(measured.T):
+        weight = np.linalg.solve(noise, parity[:, channel])
+        precision = float(weight @ parity[:, channel])
+        f = left @ weight / precision
+        true = smooth @ (smooth.T @ y)
+        for limit in np.abs(true).max() * _LIMITS:
+            part = rest(np.clip(true, -limit, limit) - true)
+            found.append((precision * float(part @ (2 * f - part)), channel, float(limit)))
+    gain, channel, limit = max(found)
+    if gain < _CUT * _correlated(left):
+        return None
+    return SensorFault(channel, labels[channel], "saturation", limit)
+
+
+def _correlated(x: Array) -> float:
+    """Samples that tell as much as one that is independent, of the worst column; at least 1."""
+    x = x - x.mean(axis=0)
+    power = np.sum(x**2, axis=0)
+    rho = [np.sum(x[k:] * x[:-k], axis=0) / power for k in range(1, _MEMORY)]
+    return float(np.max(1 + 2 * np.maximum(np.sum(rho, axis=0), 0.0)))
+
+
 def _clips(y: Array) -> bool:
     """Whether a channel comes back to one and the same largest value, swing after swing."""
     top = np.abs(y) >= (1 - _SAME) * np.abs(y).max()
@@ -132,17 +172,10 @@ def _powers(q: Array) -> Array:
 def _explanations(y: Array, f: Array) -> list[tuple[str, float, Array]]:
     """Kinds of fault of a channel with their least-squares values and what they add to it."""
     shown = float(f @ y / (y @ y))
-    kinds = [
+    return [
         ("gain", shown / (1 - shown), shown * y),  # y is (1 + gain) of the true displacement
         ("offset", float(np.mean(f)), np.full_like(y, np.mean(f))),
     ]
-    # A channel that clips stays within a hair of its limit for a good part of its largest swings.
-    limit = float(np.abs(y).max())
-    clipped = np.abs(y) > 0.98 * limit
-    missing = np.where(clipped, np.minimum(f * np.sign(y), 0.0) * np.sign(y), 0.0)
-    if np.count_nonzero(clipped) > 1e-3 * len(y):
-        kinds.append(("saturation", limit, missing))
-    return kinds
 
 
 def _repeated(left: Array, y: Array) -> Array:
