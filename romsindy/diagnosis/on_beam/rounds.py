@@ -10,6 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.beam import NoEquilibriumError, StepTooLongError
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.defect import (
     Corrected,
@@ -45,7 +46,7 @@ FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 _ROUNDS = 5
 _ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
 _SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth of such a change
-_CYCLES = 12  # of each record: over these the beam is simulated with an effect at several places
+_CYCLES = 12  # once it is calm: over these the beam is simulated with an effect at several places
 
 
 class Outcome(NamedTuple):
@@ -155,7 +156,7 @@ class Rounds:
                     break
                 most = self.options.max_effects
                 continue
-            parts = _on_the_beam(report)
+            parts = on_the_beam(_simulated_of(report).parts)
             try:
                 found = self.simulate(parts)
             except FAILURES as error:
@@ -207,7 +208,9 @@ class Rounds:
         ]
         rows = list(zip(self.records, self.raw, outcome.corrected, self.calm, strict=True))
         rows = rows[: self.n_training]
-        early = [r.until(min(_CYCLES * 2 * np.pi / r.rate, float(r.t[-1]))) for r, *_ in rows]
+        # From when it is calm, which may be after as many cycles.
+        last = [c - r.decay.t[0] + _CYCLES * 2 * np.pi / r.rate for r, *_, c in rows]
+        early = [r.until(min(end, float(r.t[-1]))) for (r, *_), end in zip(rows, last, strict=True)]
         tasks = [
             delayed(simulated)(self.seen, beam, record, decay, c.start, c.release)
             for record, (_, decay, c, _) in zip(early, rows, strict=True)
@@ -224,22 +227,28 @@ class Rounds:
         return find_place(self.seen, heard, measured, moved, slack)
 
 
-def _on_the_beam(report: DiagnosisReport) -> tuple[Part, ...]:
-    """What can be simulated of the best, or of the first that is as good and all on the beam."""
+def _simulated_of(report: DiagnosisReport) -> Hypothesis:
+    """The best, or the first that is as good and whose effects can all be simulated."""
     for rival in report.rivals:
-        if len(there := on_the_beam(rival.parts)) == len(rival.parts):
-            return there
-    return on_the_beam(report.best.parts)
+        if len(on_the_beam(rival.effects)) == len(rival.effects):
+            return rival
+    return report.best
 
 
 def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
-    """Whether the effects that were simulated are those found, within some standard errors."""
-    after = {(p.effect.name, p.effect.variant): p for p in _on_the_beam(report)}
-    before = {(p.effect.name, p.effect.variant): p for p in parts}
+    """Whether the effects that were simulated are those found, within some standard errors.
+
+    Values that the simulation was unsure of count as well.
+    """
+    chosen = _simulated_of(report)
+    errors = np.sqrt(np.diag(chosen.covariance))
+    rows = zip(chosen.parts, chosen.solution.slices(), strict=True)
+    after = {_key(p): (p.values, errors[own]) for p, own in rows if on_the_beam([p])}
+    before = {_key(p): p.values for p in parts}
     if set(before) != set(after):
         return False
-    errors = {e.name: list(e.standard_errors.values()) for e in (*report.effects, *report.moved)}
-    return all(
-        np.all(np.abs(p.values - after[k].values) < _SETTLED * np.array(errors.get(k[0], [np.inf])))
-        for k, p in before.items()
-    )
+    return all(np.all(np.abs(before[k] - x) <= _SETTLED * e) for k, (x, e) in after.items())
+
+
+def _key(part: Part) -> tuple[str, str]:
+    return part.effect.name, part.effect.variant
