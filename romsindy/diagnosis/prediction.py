@@ -20,6 +20,9 @@ from romsindy.typing import Array
 
 _ITERATIONS = 25
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
+# A motion that leaves this part of the signal's square has lost the phase: its misfit has as many
+# minima as there are cycles, and no initial state is the best.
+_LOST = 0.5
 
 
 def predict(
@@ -92,15 +95,15 @@ def _simulated(
             reached.append((float(np.sum(simulated_misfit(*given, [motion]) ** 2)), motion))
         except TrajectoryError:
             continue
-    if not reached:
-        return _run(model, solution.parts, record)
-    _, best = min(reached, key=lambda pair: pair[0])
+    least, best = min(reached, key=lambda pair: pair[0], default=(np.inf, record.motion))
+    if least > _LOST * np.sum(record.whitened(record.signal) ** 2):
+        return _run(model, solution.parts, record, best.start)
     return record.signal - shoot(*given, [best], fixed=True, evaluations=_POLISH)[0].residuals[0]
 
 
-def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
-    """As far as the motion can be followed from the measured initial state."""
-    grid, start = record.motion.grid, record.motion.start
+def _run(model: ReducedModel, parts: Sequence[Part], record: Record, start: Array) -> Array:
+    """As far as the motion can be followed from an initial state."""
+    grid = record.motion.grid
     equation = ExtendedEquation(model, tuple(parts), 0, grid.step, record.clock)
     try:
         motion = integrate(equation, start, grid)
