@@ -6,6 +6,7 @@ import inspect
 import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -466,6 +467,40 @@ def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 130 and "Interrupted when 3 explanations were compared" in done.output
     assert (tmp_path / "test_diagnosis.html").is_file() and (tmp_path / "all.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--tolerance speed=1", "--tolerance {'speed': 1.0} must be a relative size"),
+        ("--tolerances gamma_3=0", "--tolerances of gamma_3 = 0.0 must be positive"),
+        ("--tolerances gamma_9=1", "--tolerances name 'gamma_9', but the model has"),
+        ("--repeats good.csv", "--repeats holds 1 decay: give two or more"),
+        ("--repeats good.csv --repeats good.csv", "--repeats holds a record twice"),
+        ("--reference slow.csv", "slow.csv vibrates at 1.26"),
+        ("--held-out slow.csv", "slow.csv vibrates at 1.26"),
+        ("--held-out good.csv", "good.csv is the same record as an earlier one"),
+        ("--measured short.csv", "short.csv cannot be analysed: "),
+        ("--release 2", "good.csv: --release 2 is none of 1 to 1"),
+        ("--model text.json", "text.json: the text is no JSON"),
+        ("--floor 2", "--floor 2.0 must be a part of the largest amplitude"),
+        ("--jobs 0", "--jobs 0 must be a number of processes"),
+    ],
+)
+def test_the_command_names_options_and_files(tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    Path("model.json").write_text(MODEL.to_json())
+    Path("text.json").write_text("hello")
+    good = decay(1.0)
+    several = {"good": (good.t, good.q), "slow": (4 * good.t, 0.9 * good.q)}
+    several["short"] = (good.t[:40], good.q[:40])
+    for name, columns in several.items():
+        table = np.stack(columns, axis=1)
+        np.savetxt(f"{name}.csv", table, delimiter=",", header="t,q", comments="")
+    given = ["diagnose", "--measured", "good.csv", "--model", "model.json", *options.split()]
+    done = CliRunner().invoke(main, given)
+    assert done.exit_code == 2, done.output
+    assert done.stderr.splitlines()[-1].startswith(f"Error: {message}")
 
 
 def test_clamped_beam_has_another_linear_frequency(measured):
