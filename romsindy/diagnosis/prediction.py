@@ -14,7 +14,7 @@ from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import ExtendedEquation, Part, read
 from romsindy.fit.record import Record
-from romsindy.fit.shooting import shoot, simulated_misfit
+from romsindy.fit.shooting import shoot
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
@@ -85,28 +85,28 @@ def _simulated(
     solution = fit(model, parts, [record], start, fixed=True, iterations=_ITERATIONS)
     if solution.finite and solution.converged:
         return record.signal - solution.residuals[0]
-    # Where the phase is lost, or jumps keep the fit from settling: simulate, from the better of the
-    # fitted and the measured initial state on.
-    given = (model, solution.parts, [record])
-    known = () if near is None else (near,)
-    reached = []
-    for motion in (*(solution.motions if solution.finite else ()), *known, record.motion):
-        try:
-            reached.append((float(np.sum(simulated_misfit(*given, [motion]) ** 2)), motion))
-        except TrajectoryError:
-            continue
-    least, best = min(reached, key=lambda pair: pair[0], default=(np.inf, record.motion))
-    if least > _LOST * np.sum(record.whitened(record.signal) ** 2):
-        return _run(model, solution.parts, record, best.start)
-    return record.signal - shoot(*given, [best], fixed=True, evaluations=_POLISH)[0].residuals[0]
+    # Where the phase is lost, or jumps keep the fit from settling: simulate, from the fitted or the
+    # measured initial state on.
+    fitted = solution.motions if solution.finite else ()
+    near_by = (*fitted, *(() if near is None else (near,)), record.motion)
+    said = [_run(model, solution.parts, record, motion) for motion in near_by]
+    left = [float(np.sum(record.whitened(record.signal - x) ** 2)) for x in said]
+    i = int(np.argmin(np.nan_to_num(left, nan=np.inf)))
+    if not left[i] < _LOST * np.sum(record.whitened(record.signal) ** 2):
+        return said[i]
+    given = (model, solution.parts, [record], [near_by[i]])
+    try:
+        return record.signal - shoot(*given, fixed=True, evaluations=_POLISH)[0].residuals[0]
+    except TrajectoryError:
+        return said[i]
 
 
-def _run(model: ReducedModel, parts: Sequence[Part], record: Record, start: Array) -> Array:
-    """As far as the motion can be followed from an initial state."""
+def _run(model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory) -> Array:
+    """As far as the motion can be followed from the initial state of another one."""
     grid = record.motion.grid
     equation = ExtendedEquation(model, tuple(parts), 0, grid.step, record.clock)
     try:
-        motion = integrate(equation, start, grid)
+        motion = integrate(equation, near.start, grid, near)
     except TrajectoryError as error:
         if error.motion is None:
             return np.zeros_like(record.signal)
