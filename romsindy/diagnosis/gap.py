@@ -16,6 +16,9 @@ from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 
+_EIGHTHS = 8
+
+
 def name_of(record: int) -> str:
     """What a measured record is called: they are counted from 1."""
     return f"record {record + 1}"
@@ -34,6 +37,15 @@ class Prediction:
         """Rms of the misfit over the noise; 1 is perfect."""
         misfit = self.record.whitened(self.record.signal - simulated)
         return float(np.sqrt(np.sum(misfit**2) / self.record.count))
+
+    def largest(self, simulated: Array) -> float:
+        """The same over the eighth of the record where it is largest."""
+        record = self.record
+        misfit = record.whitened(record.signal - simulated)
+        part = record.valid if record.part is None else record.valid & record.part
+        taken = np.flatnonzero(part[record.first :]) + record.first
+        power = [np.mean(misfit[some] ** 2) for some in np.array_split(taken, _EIGHTHS)]
+        return float(np.sqrt(max(power) / record.noise.share(len(misfit))))
 
     def misfit(self, simulated: Array) -> Array:
         """Measured minus simulated, (n,); nan where a sample takes no part."""
@@ -119,11 +131,12 @@ class Gap:
     def matters(self, tolerance: Tolerance) -> bool:
         """Whether the simulation as it was is surely beyond a tolerance.
 
-        Where it beats, no span of a few cycles is sure: then the error tells.
+        Where it beats, or is gone after a few swings, no span of cycles is sure: then the error
+        tells.
         """
         if any(d.exceeds(tolerance) for d in self.differences_before):
             return True
-        apart = self.before > WORTH * PREDICTED
+        apart = any(p.largest(p.before) > WORTH * PREDICTED for p in self.predictions)
         return apart and not all(d.within(tolerance) for d in self.differences_before)
 
     def improves(self, tolerance: Tolerance) -> bool:
@@ -131,7 +144,11 @@ class Gap:
 
         Where nothing but noise is left of a difference that mattered, none can grow.
         """
-        if self.after <= PREDICTED and self.before > WORTH * self.after and self.matters(tolerance):
+        before, after = (
+            max(p.largest(x) for p, x in zip(self.predictions, signals, strict=True))
+            for signals in zip(*((p.before, p.after) for p in self.predictions), strict=True)
+        )
+        if after <= PREDICTED and before > WORTH * after and self.matters(tolerance):
             return True
         pairs = list(zip(self.differences_before, self.differences_after, strict=True))
         falls = any(before.falls(after, tolerance) for before, after in pairs)

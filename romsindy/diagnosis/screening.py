@@ -89,7 +89,9 @@ def _screened(effect: Effect, chi_squared: float, strengths: Array) -> Screened:
 
 def _reversed(effect: Effect, strengths: Array) -> bool:
     """Whether an effect that must be positive is negative, and says no other start."""
-    return bool(effect.sign and np.all(strengths < 0) and not effect.start)
+    k = effect.n_strengths
+    signed = strengths.reshape(-1, k)[:, : effect.n_shared or k]
+    return bool(effect.sign and np.all(signed < 0) and not effect.start)
 
 
 def screen(
@@ -204,5 +206,5 @@ def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:
     part = Part.of(effect, scales, n_records, start)
     if effect.start:
         return part
-    least = 0.0 if effect.sign else -np.inf
+    least = part.limits()[0][: part.strengths.size].reshape(part.strengths.shape)
     return replace(part, strengths=np.maximum(screened.strengths, least))
