@@ -62,7 +62,7 @@ class Screening:
             x, gain = self.system.by_some(np.concatenate([always, columns]))
             own = x[len(always) :]
             if _reversed(effect, own):
-                gain = self.system.power - self.base
+                gain = self.system.power - self.left(held)
             found.append(_screened(effect, self.system.power - gain, own))
         return sorted(found, key=lambda s: s.chi_squared)
 
