@@ -117,6 +117,28 @@ def test_a_hidden_effect_is_named_with_its_value(name):
     assert result.effects[0].label in result.sentence
 
 
+def test_mass_is_told_from_stiffness_and_damping_that_moved():
+    """One value does what two do; effects that would have to be negative do not crowd it out."""
+    linear = {"omega^2": OMEGA**2, "c_linear": 0.04 * OMEGA}
+    nothing_else = dict.fromkeys(NOMINAL, 0.0)
+    model = rs.ReducedModel.from_coefficients(linear)
+    *learn, test = three(changed=nothing_else | {k: x / 1.04 for k, x in linear.items()})
+    result = diagnose(model, learn, held_out=test)
+    assert result.best.names == ("added_mass",), result
+
+
+def test_what_is_gone_after_the_first_swings_is_named():
+    """Neither cycles at equal amplitude nor what was held out show it: the first eighth does."""
+    damping = {"c_linear": 0.05 * OMEGA}
+    model = rs.ReducedModel.from_coefficients(NOMINAL | damping)
+    clips = lambda t, q: np.clip(q, -0.8, 0.8)  # noqa: E731
+    for reading, verdict in ((clips, "named"), (None, "none")):
+        *learn, test = three(changed=damping, reading=reading)
+        result = diagnose(model, learn, held_out=test)
+        assert result.verdict == verdict, result
+        assert not reading or result.best.names == ("saturation",)
+
+
 def test_nothing_hidden_is_found():
     verdicts = [report(snr_db=snr).verdict for snr in (30, 60)]
     assert verdicts == ["none", "none"]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import PREDICTED, WORTH
 from romsindy.record.backbone import Backbone, extract_backbone
@@ -137,7 +137,10 @@ class Gap:
         if any(d.exceeds(tolerance) for d in self.differences_before):
             return True
         apart = any(p.largest(p.before) > WORTH * PREDICTED for p in self.predictions)
-        return apart and not all(d.within(tolerance) for d in self.differences_before)
+        # What is tolerated by default is told to be so in all spans, or else not at all.
+        by_parts = tolerance.source == DEFAULT
+        spans = [s for d in self.differences_before for s in (d, *(d.parts if by_parts else ()))]
+        return apart and not all(s.within(tolerance) for s in spans)
 
     def improves(self, tolerance: Tolerance) -> bool:
         """Whether some difference falls by more than a tolerance, and none surely grows by it.
