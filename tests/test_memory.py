@@ -263,9 +263,7 @@ def test_tuned_mass_is_named_where_records_begin_after_the_release():
     decays = []
     for i, (a, late) in enumerate(((1.0, 0.3), (0.6, 0.45), (0.8, 0.17))):  # s
         begun = int(np.searchsorted(T, late))
-        decays.append(
-            rs.add_noise(rs.Decay(T[begun:], motion("tuned_mass", a)[begun:]), 40, i)
-        )
+        decays.append(rs.add_noise(rs.Decay(T[begun:], motion("tuned_mass", a)[begun:]), 40, i))
     report = rs.diagnose(MODEL, decays[:2], held_out=decays[2])
     assert report.verdict == "named" and report.best.names == ("tuned_mass",)
     assert report.gap.after < PREDICTED

@@ -15,7 +15,6 @@ from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
-
 _EIGHTHS = 8
 
 
