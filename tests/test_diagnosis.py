@@ -117,6 +117,16 @@ def test_a_hidden_effect_is_named_with_its_value(name):
     assert result.effects[0].label in result.sentence
 
 
+def test_harmonics_of_hum_need_not_show_in_every_record():
+    def hum(*sizes):
+        return lambda t, q: q + sum(x * np.sin(k * 314.3 * t) for k, x in enumerate(sizes, 1))
+
+    sizes = ((0.01,), (0.01, 0.008), (0.01, 0.006))
+    decays = [decay(a, seed=i, reading=hum(*sizes[i])) for i, a in enumerate((1.0, 0.6, 0.8))]
+    result = diagnose(MODEL, decays[:2], held_out=decays[2])
+    assert result.verdict == "named" and result.best.names == ("mains_hum",), result
+
+
 def test_mass_is_told_from_stiffness_and_damping_that_moved():
     """One value does what two do; effects that would have to be negative do not crowd it out."""
     linear = {"omega^2": OMEGA**2, "c_linear": 0.04 * OMEGA}

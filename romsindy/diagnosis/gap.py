@@ -150,7 +150,7 @@ class Gap:
             max(p.largest(x) for p, x in zip(self.predictions, signals, strict=True))
             for signals in zip(*((p.before, p.after) for p in self.predictions), strict=True)
         )
-        if after <= PREDICTED and before > WORTH * after and self.matters(tolerance):
+        if self.after <= PREDICTED and before > WORTH * after and self.matters(tolerance):
             return True
         pairs = list(zip(self.differences_before, self.differences_after, strict=True))
         falls = any(before.falls(after, tolerance) for before, after in pairs)

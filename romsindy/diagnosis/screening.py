@@ -196,7 +196,9 @@ def _with_tones(
             beats = abs(tone / scales.omega - 1) < _BEATS
             if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
                 tones.append(tone)
-    return scales._replace(tones=tuple(tones), combs=combs(record.noise.lines, record.t))
+    lines = [line for r in records for line in r.noise.lines]
+    shortest = min((r.t for r in records), key=lambda t: float(t[-1]))
+    return scales._replace(tones=tuple(tones), combs=combs(lines, shortest))
 
 
 def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:
