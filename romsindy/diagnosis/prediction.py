@@ -54,11 +54,19 @@ def follow(
     return replace(before, after=after)
 
 
-def misfit_of(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Record]) -> Array:
-    """What a hypothesis leaves of records, over noise; only their starts follow them."""
-    near = motions_of(hypothesis)
+def misfit_of(
+    model: ReducedModel,
+    hypothesis: Hypothesis,
+    tests: Mapping[str, Record],
+    parts: Sequence[Part] | None = None,
+) -> Array:
+    """What a hypothesis, or some of its parts, leaves of records, over noise.
+
+    Only their starts follow them.
+    """
+    near, parts = motions_of(hypothesis), hypothesis.parts if parts is None else parts
     left = [
-        r.whitened(r.signal - _followed(model, hypothesis.parts, r, near.get(name)))
+        r.whitened(r.signal - _followed(model, parts, r, near.get(name)))
         for name, r in tests.items()
     ]
     return np.concatenate(left)
