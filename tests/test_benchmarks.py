@@ -304,7 +304,7 @@ def test_a_beam_trial_is_made_once_and_told_wrongly(benchmark, tmp_path, monkeyp
     # two sigma of 1 mm; that at the tip stays there, on a length that is two sigma off
     assert np.all(np.abs(shifts) <= 2.001e-3) and len(truth["effects"]) == 1
     rows = importlib.import_module("beam_rows")
-    found = {"right": True, "place": 0.3, "length": 0.45, "values": {"place": 0.31}}
+    found = {"right": True, "place": 0.3, "length": 0.45, "found_at": 0.31}
     assert "1 of 1, within" in rows.place_line([found, found | {"right": False}])
 
 

@@ -18,6 +18,7 @@ from romsindy.beam.spring import Spring
 from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, load_beam, rounds
 from romsindy.diagnosis.on_beam.checks import checked_readings
+from romsindy.diagnosis.on_beam.doubts import position_gains
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
@@ -98,6 +99,19 @@ def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     assert report.names == ("sensor_gain", "added_mass")
     assert report.model.effects[-1].mass == pytest.approx(4e-4, rel=0.01)
     assert [e.label for e in report.sensor_errors] == ["y(0.12)", "y(0.28)", "y(0.36)", "y(0.45)"]
+
+
+def test_what_a_beam_leaves_on_its_reference_does_not_matter():
+    """A beam 1 % too soft misses its own reference by as much: that was refused."""
+    truth = BEAM.with_effect(StifferBending(0.01))
+    measured, reference = decay(truth, 0.011, 0), decay(truth, 0.016, 1)
+    report = rs.diagnose(BEAM, measured, sensors=SEEN.sensors, reference=reference)
+    assert report.verdict == "none" and report.names == ()
+    assert report.reduced.tolerance.source == "reference"
+    frequencies = [b.modes(count=1).omega[0] for b in (BEAM, truth)]
+    shift = abs(frequencies[0] / frequencies[1] - 1)
+    # Of the largest part: bending has another share of the stiffness there than at rest.
+    assert shift < report.reduced.tolerance.frequency < 1.5 * shift
 
 
 class MiddleDamper(Damper):
@@ -225,6 +239,23 @@ def test_faulty_sensor_is_told_from_the_others(own, kind, spoil, value):
     fault = find_fault(readings, own, SEEN.shapes, SEEN.sensors.labels)
     assert (fault.channel, fault.kind) == (2, kind)
     assert fault.value == pytest.approx(value, rel=0.1)
+
+
+def test_a_sensor_off_its_place_within_the_tolerance_is_no_fault(own):
+    """It was left out as faulty: a place that is off by a little is an error of the gain."""
+    readings = with_noise(own, 40, 0)
+    off = np.array([0.0015, -0.001, 0.0, 0.001, -0.0015])[: readings.shape[1]]
+    gains = position_gains(SEEN, 0.001)
+    readings = readings * (1 + off / 0.001 * gains)
+    given = (own, SEEN.shapes, SEEN.sensors.labels)
+    assert find_fault(readings, *given) is not None
+    assert find_fault(readings, *given, gains) is None
+    # 10 % are more than ten standard deviations; an offset is no error of the gain.
+    for kind, spoil in (("gain", lambda y: 1.1 * y), ("offset", lambda y: y + 0.004)):
+        spoilt = readings.copy()
+        spoilt[:, 2] = spoil(spoilt[:, 2])
+        fault = find_fault(spoilt, *given, gains)
+        assert (fault.channel, fault.kind) == (2, kind)
 
 
 def test_few_clipped_swings_are_seen(own):

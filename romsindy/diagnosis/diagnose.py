@@ -90,7 +90,8 @@ def diagnose(
     repeats : sequence of Decay, optional
         The same test, measured two times or more: what these differ by does not matter.
     reference : Decay or sequence of Decay, optional
-        What a reduced model was identified from: what it leaves there does not matter elsewhere.
+        What a model was identified from, or a beam updated to: what it leaves there does not
+        matter elsewhere.
     catalogue : sequence of Effect
         What to look for; add your own. On a beam an effect is looked for at its ``mounting``.
     false_alarm : float
@@ -146,8 +147,6 @@ def diagnose(
                 "sensors = None: a Beam needs the sensors that measured it, such as"
                 " sensors=beam.sensors([0.2, 0.45])"
             )
-        if references:
-            raise ValueError("reference = ... belongs to a ReducedModel: leave it out for a Beam")
         if again is not None:
             seen = InstrumentedBeam(simulation, sensors)
             again = [
@@ -156,7 +155,8 @@ def diagnose(
             given = given.or_more(of_repeats([seen.decay(d) for d in again], floor))
         options = replace(options, tolerance=given)
         unsure = free or ()
-        return diagnose_beam(simulation, several, sensors, held_out, release, unsure, near, options)
+        given_too = (sensors, held_out, release, unsure, near, options, references)
+        return diagnose_beam(simulation, several, *given_too)
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
     if release is not None:

@@ -89,15 +89,13 @@ def corrected(
     parts = on_the_beam(parts)
     beam = beam_with(seen.beam, parts)
     smooth = smooth or record
-    solution = fit(model, parts, [smooth], fixed=True, iterations=25)
-    start = solution.motions[0].start if solution.finite else smooth.motion.start
+    start = start_of(model, parts, smooth)
     equation = ExtendedEquation(model, parts, 0, record.motion.grid.step, record.clock)
-    reduced = integrate(equation, start, record.motion.grid)
+    reduced = integrate(equation, np.array(start), record.motion.grid)
     own = decay.between(record.decay.t[0])
-    state = (float(start[0]), float(start[1]))
     if release is None:
-        release = read_release(seen, beam, state, own.signal, own.dt, own.derivative)
-    moved = simulated(seen, beam, record, own, state, release)
+        release = read_release(seen, beam, start, own.signal, own.dt, own.derivative)
+    moved = simulated(seen, beam, record, own, start, release)
 
     def left(measured: Array, derivative: int) -> Array:
         """A signal without what the beam does beside its reduced model."""
@@ -107,7 +105,14 @@ def corrected(
     signals: dict[str, Any] = {
         n: left(x, SIGNALS.index(n)) for n, x in signals_of(record.decay).items()
     }
-    return Corrected(replace(record.decay, **signals), moved[record.derivative], state, release)
+    return Corrected(replace(record.decay, **signals), moved[record.derivative], start, release)
+
+
+def start_of(model: ReducedModel, parts: Sequence[Part], record: Record) -> tuple[float, float]:
+    """Coordinate and its rate at the start of a record, which the reduced model follows."""
+    solution = fit(model, parts, [record], fixed=True, iterations=25)
+    q, q_dot = (solution.motions[0] if solution.finite else record.motion).start
+    return float(q), float(q_dot)
 
 
 def simulated(

@@ -10,6 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.beam import NoEquilibriumError, StepTooLongError
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.defect import (
     Corrected,
     beam_with,
@@ -17,6 +18,7 @@ from romsindy.diagnosis.on_beam.defect import (
     corrected,
     on_the_beam,
     simulated,
+    start_of,
 )
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.parameters import points
@@ -41,7 +43,8 @@ from romsindy.record.decay import Decay
 
 FAILURES = (NoEquilibriumError, StepTooLongError, TrajectoryError)
 _ROUNDS = 5
-_LOUD = 0.5  # of the noise: what is taken off, if the start is read again
+_ELSEWHERE = 0.016  # of the noise: higher modes turn several times as far, so a tenth of the noise
+_SETTLED = 3.0  # standard errors: the defect changes by less than a hundredth of such a change
 _CYCLES = 12  # of each record: over these the beam is simulated with an effect at several places
 
 
@@ -76,6 +79,8 @@ class Rounds:
     options : Options
     releases : list of Release or None
         How each record started; None is read from the sensors, once.
+    form : FormError
+        Of the beam, as its reference records show it.
     """
 
     seen: InstrumentedBeam
@@ -87,6 +92,7 @@ class Rounds:
     general: Sequence[Effect]
     options: Options
     releases: list[Release | None]
+    form: FormError = NO_FORM_ERROR
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
 
@@ -102,11 +108,22 @@ class Rounds:
     def begin(self) -> list[Corrected]:
         """Simulate the beam as it is."""
         found = self.simulate(())
-        if any(_rings(c.decay, r) for c, r in zip(found, self.records, strict=True)):
-            found = self.simulate(())  # from a start that is read without the ringing
+        if any(self._depends_on_start(*row) for row in zip(found, self.records, strict=True)):
+            found = self.simulate(())  # from starts that are read without the ringing
         sensed = [self.seen.coordinate(c.readings) for c in found]
         self.calm = [calm_from(*pair) for pair in zip(self.records, sensed, strict=True)]
         return found
+
+    def _depends_on_start(self, found: Corrected, record: Record) -> bool:
+        """Whether what was taken off would be another from a start that is read without it.
+
+        Both the beam and its reduced model start there: the defect follows the start in proportion.
+        """
+        smooth = Record.of(found.decay, self.options.floor)
+        q, q_dot = np.subtract(start_of(self.model, (), smooth), found.start)
+        moved = np.hypot(q, q_dot / smooth.rate) / smooth.amplitude
+        defect = np.std(record.signal - found.decay.signal)
+        return bool(moved * defect > _ELSEWHERE * record.noise.std)
 
     def simulate(self, parts: Sequence[Part]) -> list[Corrected]:
         """Simulate the beam with what was found."""
@@ -152,7 +169,7 @@ class Rounds:
         test = decays[-1] if self.held_out else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[: self.n_training]
-        return diagnose_model(self.model, training, test, self.unsure, {}, chosen)
+        return diagnose_model(self.model, training, test, self.unsure, {}, chosen, self.form)
 
     def placed(
         self,
@@ -207,11 +224,6 @@ class Rounds:
         return find_place(self.seen, heard, measured, moved, slack)
 
 
-def _rings(corrected: Decay, record: Record) -> bool:
-    """Whether what was taken off stands out of the noise."""
-    return bool(np.std(record.signal - corrected.signal) > _LOUD * record.noise.std)
-
-
 def _on_the_beam(report: DiagnosisReport) -> tuple[Part, ...]:
     """What can be simulated of the best, or of the first that is as good and all on the beam."""
     for rival in report.rivals:
@@ -221,13 +233,13 @@ def _on_the_beam(report: DiagnosisReport) -> tuple[Part, ...]:
 
 
 def _settled(parts: Sequence[Part], report: DiagnosisReport) -> bool:
-    """Whether the effects that were simulated are those found, within a standard error."""
+    """Whether the effects that were simulated are those found, within some standard errors."""
     after = {(p.effect.name, p.effect.variant): p for p in _on_the_beam(report)}
     before = {(p.effect.name, p.effect.variant): p for p in parts}
     if set(before) != set(after):
         return False
     errors = {e.name: list(e.standard_errors.values()) for e in (*report.effects, *report.moved)}
     return all(
-        np.all(np.abs(p.values - after[k].values) < errors.get(k[0], [np.inf]))
+        np.all(np.abs(p.values - after[k].values) < _SETTLED * np.array(errors.get(k[0], [np.inf])))
         for k, p in before.items()
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import null_space
+from scipy.stats import chi2
 
 from romsindy.typing import Array
 
@@ -21,6 +22,7 @@ from romsindy.typing import Array
 _FAULT, _EXPLAINED = 0.01, 0.8
 # Swings that end at exactly the same value are clipped: those of a decay differ.
 _SAME, _SWINGS = 1e-9, 4
+_CHANCE = 0.01  # that sensors within their tolerances disagree by more
 _FOLDS = 40  # parts of a channel's range over which what repeats is told from noise
 
 
@@ -39,13 +41,26 @@ class SensorFault:
 
 
 def find_fault(
-    measured: Array, simulated: Array, shapes: Array, labels: list[str]
+    measured: Array,
+    simulated: Array,
+    shapes: Array,
+    labels: list[str],
+    gains: Array | None = None,
 ) -> SensorFault | None:
     """Find the channel that is faulty, if there is one.
 
-    ``measured`` (n, n_sensors) and ``simulated`` (m, n_sensors) are displacements from equilibrium,
-    m, over the same amplitudes; ``shapes`` (n_sensors, n_modes) are those of the modes. Two sensors
-    more than modes are needed to say which is wrong.
+    Two sensors more than modes are needed to say which is wrong.
+
+    Parameters
+    ----------
+    measured, simulated : (n, n_sensors) arrays
+        Displacements from equilibrium over the same amplitudes, m.
+    shapes : (n_sensors, n_modes) array
+        Of the modes.
+    labels : list of str
+        Of the sensors.
+    gains : (n_sensors,) array, optional
+        Standard deviations of their gains, where their places are known to a tolerance.
     """
     for channel, y in enumerate(measured.T):
         if _clips(y):
@@ -55,18 +70,48 @@ def find_fault(
         return None
     project = np.linalg.pinv(shapes)[0]
     curve, *_ = np.linalg.lstsq(_powers(simulated @ project), simulated @ parity.T, rcond=None)
-    left = measured @ parity.T - _powers(measured @ project) @ curve
+    q = measured @ project
+    left = measured @ parity.T - _powers(q) @ curve
+    if gains is not None and _places_explain(left, q, parity * shapes[:, 0], gains):
+        return _worst(measured, parity, left, labels, without=q)
+    return _worst(measured, parity, left, labels)
+
+
+def _places_explain(left: Array, q: Array, drives: Array, gains: Array) -> bool:
+    """Whether gains within their standard deviations make the relations follow the coordinate."""
+    follows = q @ left / (q @ q)
+    spread = drives * gains
+    chi_squared = follows @ np.linalg.solve(spread @ spread.T, follows)
+    return bool(chi_squared < chi2.isf(_CHANCE, len(follows)))
+
+
+def _worst(
+    measured: Array, parity: Array, left: Array, labels: list[str], without: Array | None = None
+) -> SensorFault | None:
+    """The channel that explains what is left of the relations, if one explains it.
+
+    What follows ``without`` (n,) is no fault.
+    """
+
+    def seen(relations: Array, y: Array) -> float:
+        if without is not None:
+            follows = without @ relations / (without @ without)
+            relations = relations - np.outer(without, follows)
+        return float(np.sum(_repeated(relations, y) ** 2))
+
     found = []
     for channel, y in enumerate(measured.T):
         # A fault of the channel drives the relations, and the coordinate that the curve uses.
         column = parity[:, channel]
         f = left @ column / (column @ column)
         for kind, value, part in _explanations(y, f):
+            if kind == "gain" and without is not None:
+                continue
             rest = left - np.outer(part, column)
-            found.append((float(np.sum(_repeated(rest, y) ** 2)), channel, kind, value, part))
+            found.append((seen(rest, y), channel, kind, value, part))
     best = min(found, key=lambda row: row[0])
     cost, channel, kind, value, part = best
-    all_of_it = float(np.sum(_repeated(left, measured[:, channel]) ** 2))
+    all_of_it = seen(left, measured[:, channel])
     worst = float(np.mean(np.abs(part[np.abs(part) > 0]))) if np.any(part) else 0.0
     small = worst < _FAULT * np.std(measured[:, channel])
     if small or cost > (1 - _EXPLAINED) * all_of_it:

@@ -14,8 +14,9 @@ from romsindy.beam import (
     Shape,
     StaticCurve,
 )
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.checks import checked_readings
-from romsindy.diagnosis.on_beam.defect import Corrected
+from romsindy.diagnosis.on_beam.defect import Corrected, corrected
 from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt, position_gains
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
@@ -30,6 +31,7 @@ from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.what_matters import of_reference
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.record import Record
@@ -55,6 +57,7 @@ def diagnose_beam(
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     options: Options,
+    references: Sequence[Decay] = (),
 ) -> BeamReport:
     """Find, name and add what a beam lacks; arguments as those of `diagnose`.
 
@@ -64,13 +67,18 @@ def diagnose_beam(
     and the parameters of the beam replace effects of the catalogue that have the same name; an
     effect of your own with a ``mounting`` is looked for there.
     """
-    everything = [*measured, *([held_out] if held_out is not None else [])]
+    everything = [*measured, *([held_out] if held_out is not None else []), *references]
     load = _check(measured, free, release)
     free_names = {_FREE[str(name)] for name in free}
     near = standard_deviations(beam, tolerances)
-    everything = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(everything)]
+    everything = [
+        checked_readings(d, i, sensors, beam.length)
+        for i, d in enumerate([*everything, *references])
+    ]
     seen = InstrumentedBeam(coarse(beam), sensors)
-    seen, own, faults, raw = _with_right_sensors(seen, everything, len(measured))
+    off = near.get("sensor_positions")
+    seen, own, faults, raw = _with_right_sensors(seen, everything, len(measured), off)
+    known, raw = raw[len(raw) - len(references) :], raw[: len(raw) - len(references)]
     decays = [seen.thinned(d) for d in raw]
     coordinates = [seen.decay(d) for d in decays]
     training = coordinates[: len(measured)]
@@ -83,11 +91,13 @@ def diagnose_beam(
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
-    releases: list[Release | None] = [None if load is None else Release(load)] * len(records)
-    rounds = Rounds(
-        seen, model, records, raw, held_out is not None, unsure, general, options, releases
-    )
+    start = None if load is None else Release(load)
     try:
+        options, form = _known_errors(seen, model, known, start, options)
+        starts: list[Release | None] = [start] * len(records)
+        rounds = Rounds(
+            seen, model, records, raw, held_out is not None, unsure, general, options, starts, form
+        )
         before = rounds.begin()
     except FAILURES as error:
         raise ValueError(
@@ -98,7 +108,7 @@ def diagnose_beam(
         seen.beam.with_effect(p.on_beam(near[p.name]))
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
-    slack = Slack.of(seen, doubtful, position_gains(seen, near.get("sensor_positions", 0.0)))
+    slack = Slack.of(seen, doubtful, position_gains(seen, off or 0.0))
     found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
     errors = _sensor_errors(
         seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
@@ -107,16 +117,38 @@ def diagnose_beam(
     return BeamReport(found.report, faults, whole, found.parts, errors, found.trouble, place)
 
 
+def _known_errors(
+    seen: InstrumentedBeam,
+    model: ReducedModel,
+    references: Sequence[Decay],
+    release: Release | None,
+    options: Options,
+) -> tuple[Options, FormError]:
+    """What the beam leaves on the records that it was updated to: a tolerance, an error of form."""
+    form = NO_FORM_ERROR
+    for raw in references:
+        record = Record.loud(seen.decay(seen.thinned(raw)), options.floor)
+        there = corrected(seen, model, (), record, raw, release).decay
+        left, needed = of_reference(model, there, options.floor)
+        options = replace(options, tolerance=options.tolerance.or_more(left))
+        form = form.joined(needed)
+    return options, form
+
+
 def _with_right_sensors(
-    seen: InstrumentedBeam, decays: Sequence[Decay], n_training: int
+    seen: InstrumentedBeam, decays: Sequence[Decay], n_training: int, off: float | None
 ) -> tuple[InstrumentedBeam, Decay, tuple[SensorFault, ...], list[Decay]]:
-    """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others."""
+    """Leave a faulty sensor out, which the beam's own decay shows: that decay, and the others.
+
+    ``off`` is by how much sensors may be off their places, m: a standard deviation.
+    """
     training = decays[:n_training]
     reaches = [float(np.abs(seen.coordinate(d.q)).max()) for d in training]
     reach, largest = max(reaches), training[int(np.argmax(reaches))]
     own = seen.readings(seen.beam, reach, float(largest.t[-1] - largest.t[0]), largest.dt)
     labels = seen.sensors.labels
-    fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels)
+    gains = None if off is None else position_gains(seen, off)
+    fault = find_fault(np.concatenate([d.q for d in training]), own, seen.shapes, labels, gains)
     kept = [i for i in range(len(labels)) if fault is None or i != fault.channel]
     seen = seen.keeping(kept)
     simulated = Decay(largest.dt * np.arange(len(own)), seen.coordinate(own[:, kept]), unit=UNIT)
