@@ -6,6 +6,7 @@ import inspect
 import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,9 +21,11 @@ from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose, search
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.missing_force import MissingForce, record_errors
+from romsindy.diagnosis.screening import screen
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag
-from romsindy.fit.record import Record
+from romsindy.effects.outside import Hum
+from romsindy.fit.record import Record, scales
 from romsindy.fit.refine import refine
 from romsindy.physics.damping import PowerDamping
 
@@ -115,6 +118,38 @@ def test_a_hidden_effect_is_named_with_its_value(name):
     # The held-out record is predicted to its noise; 3,000 samples know theirs to 2 %.
     assert result.gap.after < 1.1 < result.gap.before
     assert result.effects[0].label in result.sentence
+
+
+def test_harmonics_of_hum_need_not_show_in_every_record():
+    def hum(*sizes):
+        return lambda t, q: q + sum(x * np.sin(k * 314.3 * t) for k, x in enumerate(sizes, 1))
+
+    one, two = hum(0.01), hum(0.01, 0.008)
+    records = [Record.of(decay(a, reading=r), 1e-4) for a, r in ((1.0, one), (0.6, two))]
+    ((frequency, highest),) = screen(MODEL, (), [Hum()], records, scales(records)).scales.combs
+    assert frequency == pytest.approx(314.3, rel=1e-3) and highest == 2
+
+
+def test_mass_is_told_from_stiffness_and_damping_that_moved():
+    """One value does what two do; effects that would have to be negative do not crowd it out."""
+    linear = {"omega^2": OMEGA**2, "c_linear": 0.04 * OMEGA}
+    nothing_else = dict.fromkeys(NOMINAL, 0.0)
+    model = rs.ReducedModel.from_coefficients(linear)
+    *learn, test = three(changed=nothing_else | {k: x / 1.04 for k, x in linear.items()})
+    result = diagnose(model, learn, held_out=test)
+    assert result.best.names == ("added_mass",), result
+
+
+def test_what_is_gone_after_the_first_swings_is_named():
+    """Neither cycles at equal amplitude nor what was held out show it: the first eighth does."""
+    damping = {"c_linear": 0.05 * OMEGA}
+    model = rs.ReducedModel.from_coefficients(NOMINAL | damping)
+    clips = lambda t, q: np.clip(q, -0.8, 0.8)  # noqa: E731
+    for reading, verdict in ((clips, "named"), (None, "none")):
+        *learn, test = three(changed=damping, reading=reading)
+        result = diagnose(model, learn, held_out=test)
+        assert result.verdict == verdict, result
+        assert not reading or result.best.names == ("saturation",)
 
 
 def test_nothing_hidden_is_found():
@@ -466,6 +501,40 @@ def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
     done = CliRunner().invoke(main, arguments)
     assert done.exit_code == 130 and "Interrupted when 3 explanations were compared" in done.output
     assert (tmp_path / "test_diagnosis.html").is_file() and (tmp_path / "all.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--tolerance speed=1", "--tolerance {'speed': 1.0} must be a relative size"),
+        ("--tolerances gamma_3=0", "--tolerances of gamma_3 = 0.0 must be positive"),
+        ("--tolerances gamma_9=1", "--tolerances name 'gamma_9', but the model has"),
+        ("--repeats good.csv", "--repeats holds 1 decay: give two or more"),
+        ("--repeats good.csv --repeats good.csv", "--repeats holds a record twice"),
+        ("--reference slow.csv", "slow.csv vibrates at 1.26"),
+        ("--held-out slow.csv", "slow.csv vibrates at 1.26"),
+        ("--held-out good.csv", "good.csv is the same record as an earlier one"),
+        ("--measured short.csv", "short.csv cannot be analysed: "),
+        ("--release 2", "good.csv: --release 2 is none of 1 to 1"),
+        ("--model text.json", "text.json: the text is no JSON"),
+        ("--floor 2", "--floor 2.0 must be a part of the largest amplitude"),
+        ("--jobs 0", "--jobs 0 must be a number of processes"),
+    ],
+)
+def test_the_command_names_options_and_files(tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    Path("model.json").write_text(MODEL.to_json())
+    Path("text.json").write_text("hello")
+    good = decay(1.0)
+    several = {"good": (good.t, good.q), "slow": (4 * good.t, 0.9 * good.q)}
+    several["short"] = (good.t[:40], good.q[:40])
+    for name, columns in several.items():
+        table = np.stack(columns, axis=1)
+        np.savetxt(f"{name}.csv", table, delimiter=",", header="t,q", comments="")
+    given = ["diagnose", "--measured", "good.csv", "--model", "model.json", *options.split()]
+    done = CliRunner().invoke(main, given)
+    assert done.exit_code == 2, done.output
+    assert done.stderr.splitlines()[-1].startswith(f"Error: {message}")
 
 
 def test_clamped_beam_has_another_linear_frequency(measured):

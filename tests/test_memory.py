@@ -256,3 +256,17 @@ def test_it_is_named(name, seed):
     for p in effect.parameters(scales):
         if found.standard_errors[p.name] < 0.1 * effect.value(p.name):
             assert found.values[p.name] == pytest.approx(effect.value(p.name), rel=0.1)
+
+
+def test_tuned_mass_is_named_where_records_begin_after_the_release():
+    """The mass is neither at rest nor in a steady vibration then: it may be anywhere."""
+    decays = []
+    for i, (a, late) in enumerate(((1.0, 0.3), (0.6, 0.45), (0.8, 0.17))):  # s
+        begun = int(np.searchsorted(T, late))
+        decays.append(rs.add_noise(rs.Decay(T[begun:], motion("tuned_mass", a)[begun:]), 40, i))
+    report = rs.diagnose(MODEL, decays[:2], held_out=decays[2])
+    assert report.verdict == "named" and report.best.names == ("tuned_mass",)
+    assert report.gap.after < PREDICTED
+    (found,) = report.effects
+    truth = {"strength": 2e-3, "frequency": W, "damping_ratio": ZETA}
+    assert found.values == pytest.approx(truth, rel=0.1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from romsindy.commands.main import INTERRUPTED
-from romsindy.commands.measurement import Choice, decays_in
+from romsindy.commands.measurement import Choice, decays_in, naming
 from romsindy.commands.options import Output, bar, reading_options
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
@@ -150,7 +150,9 @@ def diagnose(
         simulation: dict[str, Any] = {"model": beam, "sensors": sensors}
         reading["column"], choice = columns, Choice(None, None, None, True)
     elif simulated is not None:
-        simulation = model_of_simulation(load_decay(simulated, reading["unit"]))._asdict()
+        decay = load_decay(simulated, reading["unit"])
+        with naming(simulated):
+            simulation = model_of_simulation(decay)._asdict()
     else:
         simulation = {"model": _model(model_file)}  # type: ignore[arg-type]
     load = partial(decays_in, reading=reading, choice=choice, say=click.echo)
@@ -180,7 +182,10 @@ def diagnose(
                 progress=progress,
             )
         except ValueError as error:
-            names = [name for name, _ in (*learnt, *tests)]
+            names = {
+                "decay": [name for name, _ in (*learnt, *tests)],
+                "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
+            }
             raise ValueError(_on_command_line(str(error), names)) from error
     _tell(result)
     result.to_html(page)
@@ -196,10 +201,8 @@ def diagnose(
 def _model(path: Path) -> ReducedModel | Estimate:
     """A model, with what is known of it if the file says so."""
     text = path.read_text(encoding="utf-8")
-    try:
+    with naming(path):
         return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def _loaded(load: Callable[[Path], list[Decay]], files: Sequence[Path]) -> list[tuple[str, Decay]]:
@@ -212,14 +215,14 @@ def _loaded(load: Callable[[Path], list[Decay]], files: Sequence[Path]) -> list[
     return found
 
 
-def _on_command_line(message: str, names: Sequence[str]) -> str:
+def _on_command_line(message: str, names: Mapping[str, Sequence[str]]) -> str:
     """Files and options in the place of numbers and arguments of Python."""
 
     def file(found: re.Match[str]) -> str:
-        i = int(found[1])
-        return names[i] if i < len(names) else found[0]
+        known, i = names[found[1]], int(found[2])
+        return known[i] if i < len(known) else found[0]
 
-    message = re.sub(r"\bdecay (\d+)\b", file, message)
+    message = re.sub(rf"\b({'|'.join(names)}) (\d+)\b", file, message)
     return _ARGUMENT.sub(lambda found: f"--{_OPTIONS.get(found[1], found[1])}", message)
 
 

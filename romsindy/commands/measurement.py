@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +11,15 @@ from romsindy.inspection.inspect import inspect
 from romsindy.inspection.tables import picked
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
+
+
+@contextmanager
+def naming(file: Path) -> Iterator[None]:
+    """Messages about what a file holds start with its name."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
 
 
 class Choice(NamedTuple):
@@ -37,18 +47,22 @@ def decays_in(
     decay = load_decay(file, **{**reading, "column": list(reading["column"]) or None})
     if choice.whole:
         return [decay]
+    with naming(file):
+        return _inspected(decay, choice, lambda line: say(f"{file}: {line}"))
+
+
+def _inspected(decay: Decay, choice: Choice, say: Callable[[str], object]) -> list[Decay]:
     found = inspect(decay)
     ringing = [m for m in found.modes if not m.steady]
     if choice.mode is None and choice.band is None and len(ringing) < 2:
-        if len(found.releases) < 2:
-            return [decay]
-        say(f"{file}: {len(found.releases)} releases; --release chooses one, --whole none.")
-        chosen = [i for i in range(len(found.releases)) if choice.release in (None, i + 1)]
+        n = len(found.releases)
+        chosen = [i for i in range(max(n, 1)) if choice.release in (None, i + 1)]
         if not chosen:
-            raise ValueError(
-                f"{file}: release={choice.release} is none of 1 to {len(found.releases)}"
-            )
+            raise ValueError(f"release={choice.release} is none of 1 to {max(n, 1)}")
+        if n < 2:
+            return [decay]
+        say(f"{n} releases; --release chooses one, --whole none.")
         return [decay.between(found.releases[i].start, found.releases[i].end) for i in chosen]
     mode = found.mode(choice.mode, choice.band)
-    say(f"{file}: {picked(found, mode, found.rings_in(mode, choice.release))}")
+    say(picked(found, mode, found.rings_in(mode, choice.release)))
     return list(found.decays(mode.number, release=choice.release))

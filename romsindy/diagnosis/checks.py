@@ -95,7 +95,7 @@ def check_request(
                 f"tolerances name {name!r}, but the model has {list(model.coefficients)}"
             )
         if not (isinstance(relative, _NUMBER) and 0 < relative < float("inf")):
-            raise ValueError(f"tolerances[{name!r}] = {relative!r} must be positive (relative)")
+            raise ValueError(f"tolerances of {name} = {relative!r} must be positive (relative)")
         if model.coefficients[name] == 0:
             raise ValueError(
                 f"tolerances name {name!r}, which is 0 in the model: a relative tolerance of 0 is"
@@ -115,7 +115,7 @@ def check_request(
             )
 
 
-def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
+def _over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
     """The part of a decay whose amplitude the model reaches down to, where it says so."""
     if model.amplitude_range is None:
         return decay
@@ -128,29 +128,32 @@ def over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
     return decay.between(end=float(decay.t[shared[-1]]))
 
 
-def checked_records(model: ReducedModel, decays: Sequence[Decay], floor: float) -> list[Record]:
-    """Prepare records, and refuse those that the model cannot be about."""
+def checked_records(
+    model: ReducedModel, decays: Sequence[Decay], floor: float, word: str = "decay"
+) -> list[Record]:
+    """Prepare records, and refuse those that the model cannot be about: "decay 0" in messages."""
     records = []
     for i, decay in enumerate(decays):
+        name = f"{word} {i}"
         try:
-            record = Record.loud(decay, floor)
+            record = Record.loud(_over_shared_amplitudes(model, decay), floor)
         except ValueError as error:
-            raise ValueError(f"decay {i} cannot be analysed: {error}") from error
+            raise ValueError(f"{name} cannot be analysed: {error}") from error
         n_cycles = _turns(record) / (2 * np.pi)
         if n_cycles < LEAST_CYCLES:
             raise ValueError(
-                f"decay {i} holds {n_cycles:.1f} cycles, at least {LEAST_CYCLES} are needed: record"
+                f"{name} holds {n_cycles:.1f} cycles, at least {LEAST_CYCLES} are needed: record"
                 " longer, or start earlier"
             )
         signal = record.spline(record.t)[0]
         if np.std(signal) < ABOVE_NOISE * record.noise.std:
             raise ValueError(
-                f"decay {i} is noise: its vibration (rms {np.std(signal):.3g}) is below twice the"
+                f"{name} is noise: its vibration (rms {np.std(signal):.3g}) is below twice the"
                 f" noise (rms {record.noise.std:.3g}); check the channel, or excite more"
             )
-        _check_frequency(model, record, i)
+        _check_frequency(model, record, name)
         records.append(record)
-    _check_sign(model, records)
+    _check_sign(model, records, word)
     return records
 
 
@@ -159,40 +162,40 @@ def _turns(record: Record) -> float:
     return float(record.spline.phase(t[-1]) - record.spline.phase(t[0]))
 
 
-def _check_frequency(model: ReducedModel, record: Record, i: int) -> None:
+def _check_frequency(model: ReducedModel, record: Record, name: str) -> None:
     measured = _turns(record) / record.t[-1]
     amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
     said = model.backbone(amplitudes)
     reach = model.amplitude_range
     if reach is not None:
         sizes = (
-            f"decay {i} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
+            f"{name} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
             f" {reach[1]:.3g}"
         )
         if record.amplitude < NO_OVERLAP * reach[0]:
             raise ValueError(f"{sizes}: no overlap in amplitude; check the unit, or excite more")
         if record.amplitude > OTHER_SCALE * reach[1]:
-            raise ValueError(f"{sizes}: other scale; check the unit of the decay")
+            raise ValueError(f"{sizes}: other scale; check the unit of the record")
     if np.all(np.isnan(said)):
         raise ValueError(
-            f"the model has no periodic motion at the amplitudes of decay {i} (up to"
-            f" {record.amplitude:.3g}): check the unit of the decay, or its scale"
+            f"the model has no periodic motion at the amplitudes of {name} (up to"
+            f" {record.amplitude:.3g}): check the unit of the record, or its scale"
         )
     ratio = measured / np.nanmedian(said)
     if not 1 / OTHER_MODE < ratio < OTHER_MODE:
         raise ValueError(
-            f"decay {i} vibrates at {measured / 2 / np.pi:.4g} Hz, the model at"
+            f"{name} vibrates at {measured / 2 / np.pi:.4g} Hz, the model at"
             f" {np.nanmedian(said) / 2 / np.pi:.4g} Hz: another mode, another time unit, or another"
             " scale of the displacement"
         )
 
 
-def _check_sign(model: ReducedModel, records: Sequence[Record]) -> None:
+def _check_sign(model: ReducedModel, records: Sequence[Record], word: str) -> None:
     """Refuse records whose asymmetry is that of the model, mirrored."""
     alike = [i for i, record in enumerate(records) if _mirrored_asymmetry(model, record)]
     if alike and _fit_mirrored(model, [records[i] for i in alike]):
         raise ValueError(
-            f"decay {alike[0]} fits the model better with its sign reversed: pass Decay(t, -q); if"
+            f"{word} {alike[0]} fits the model better with its sign reversed: pass Decay(t, -q); if"
             " the sign is certain, the model's even terms (gamma_2, Upsilon_4, ...) have the wrong"
             " one"
         )

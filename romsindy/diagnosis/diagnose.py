@@ -19,7 +19,7 @@ from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.what_matters import (
     of_estimate,
-    of_reference,
+    of_references,
     of_repeats,
     stated,
 )
@@ -168,9 +168,9 @@ def diagnose(
         largest = max((float(np.abs(d.single().q).max()) for d in several), default=1.0)
         given = given.or_more(of_estimate(estimate, largest))
         references += estimate.decays if isinstance(estimate, Fit) else ()
-    for decay in references:
-        left, needed = of_reference(simulation, decay, floor)
-        given, form = given.or_more(left), form.joined(needed)
+    if references:
+        left, form = of_references(simulation, references, floor)
+        given = given.or_more(left)
     options = replace(options, tolerance=given)
     unsure = FREE if free is None else free
     return diagnose_model(simulation, several, held_out, unsure, near, options, form)

@@ -134,6 +134,17 @@ class Difference:
         """The part that is most surely beyond a tolerance; all of it where no part is more so."""
         return max((self, *self.parts), key=lambda d: d.excess(tolerance))
 
+    def worst(self, tolerance: Tolerance) -> Difference:
+        """The largest part of those that are surely beyond a tolerance, else `largest`."""
+        sure = [d for d in (self, *self.parts) if d.excess(tolerance) > SURE]
+        return max(sure, key=Difference._at_least, default=self.largest(tolerance))
+
+    def _at_least(self) -> float:
+        """What is sure of the largest of its values, over what is tolerated by default."""
+        least = [abs(getattr(self, k)) - SURE * getattr(self, f"{k}_std") for k in KINDS]
+        usual = [getattr(Tolerance(), k) for k in KINDS]
+        return float(np.nanmax(np.divide(least, usual)))
+
     def falls(self, after: Difference, tolerance: Tolerance) -> bool:
         """Whether something is smaller afterwards, by more than a tolerance."""
         least = max(tolerance.signal, SURE * after.beside_std)

@@ -142,8 +142,10 @@ class Hypothesis:
         covariance = system.covariance()[:n, :n]
         rise, price, moved = _price_of_free(system, solution.parts, self.n_free, self.n_samples)
         for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
-            k = part.strengths.size
-            price += k * np.log(self.n_samples / len(part.strengths))
+            k, sets = part.strengths.size, len(part.strengths)
+            shared = int(np.sum(part.shared))
+            price += shared * np.log(self.n_samples)
+            price += (k - sets * shared) * np.log(self.n_samples / sets)
             price += _price_of_shape(part, covariance[where, where][k:, k:])
         return _Worth(misfit + rise, price, moved, parts, covariance)
 

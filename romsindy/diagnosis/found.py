@@ -100,7 +100,10 @@ def _effect(
     # Where the residual is above the noise, the errors grow with it.
     grow = max(ratio, 1.0) if hypothesis.form == NO_FORM_ERROR else 1.0
     std = grow * np.sqrt(np.diag(hypothesis.covariance[where, where]))
-    names = _value_names(part)
+    # Where a mass was at the start of a record says nothing about the mass.
+    k, shared = part.strengths.size, part.effect.n_shared
+    shown = [*range(shared or k), *range(k, part.size)]
+    names = [_STRENGTH] * shared + _value_names(part)[shared and k :]
     shares = zip(rivals, weights(rivals), strict=True)
     weight = sum(share for h, share in shares if part.effect.name in h.names)
     return FoundEffect(
@@ -108,11 +111,11 @@ def _effect(
         part.effect.label,
         part.effect.family,
         part.effect.variant,
-        dict(zip(names, part.values.tolist(), strict=True)),
-        dict(zip(names, std.tolist(), strict=True)),
+        dict(zip(names, part.values[shown].tolist(), strict=True)),
+        dict(zip(names, std[shown].tolist(), strict=True)),
         float(weight),
         part.effect.advice,
-        dict(zip(names, _units(part, unit), strict=True)),
+        dict(zip(names, [_units(part, unit)[i] for i in shown], strict=True)),
     )
 
 

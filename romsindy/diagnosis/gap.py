@@ -8,12 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import PREDICTED, WORTH
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
+
+_EIGHTHS = 8
 
 
 def name_of(record: int) -> str:
@@ -34,6 +36,15 @@ class Prediction:
         """Rms of the misfit over the noise; 1 is perfect."""
         misfit = self.record.whitened(self.record.signal - simulated)
         return float(np.sqrt(np.sum(misfit**2) / self.record.count))
+
+    def largest(self, simulated: Array) -> float:
+        """The same over the eighth of the record where it is largest."""
+        record = self.record
+        misfit = record.whitened(record.signal - simulated)
+        part = record.valid if record.part is None else record.valid & record.part
+        taken = np.flatnonzero(part[record.first :]) + record.first
+        power = [np.mean(misfit[some] ** 2) for some in np.array_split(taken, _EIGHTHS)]
+        return float(np.sqrt(max(power) / record.noise.share(len(misfit))))
 
     def misfit(self, simulated: Array) -> Array:
         """Measured minus simulated, (n,); nan where a sample takes no part."""
@@ -119,19 +130,27 @@ class Gap:
     def matters(self, tolerance: Tolerance) -> bool:
         """Whether the simulation as it was is surely beyond a tolerance.
 
-        Where it beats, no span of a few cycles is sure: then the error tells.
+        Where it beats, or is gone after a few swings, no span of cycles is sure: then the error
+        tells.
         """
         if any(d.exceeds(tolerance) for d in self.differences_before):
             return True
-        apart = self.before > WORTH * PREDICTED
-        return apart and not all(d.within(tolerance) for d in self.differences_before)
+        apart = any(p.largest(p.before) > WORTH * PREDICTED for p in self.predictions)
+        # What is tolerated by default is told to be so in all spans, or else not at all.
+        by_parts = tolerance.source == DEFAULT
+        spans = [s for d in self.differences_before for s in (d, *(d.parts if by_parts else ()))]
+        return apart and not all(s.within(tolerance) for s in spans)
 
     def improves(self, tolerance: Tolerance) -> bool:
         """Whether some difference falls by more than a tolerance, and none surely grows by it.
 
         Where nothing but noise is left of a difference that mattered, none can grow.
         """
-        if self.after <= PREDICTED and self.before > WORTH * self.after and self.matters(tolerance):
+        before, after = (
+            max(p.largest(x) for p, x in zip(self.predictions, signals, strict=True))
+            for signals in zip(*((p.before, p.after) for p in self.predictions), strict=True)
+        )
+        if self.after <= PREDICTED and before > WORTH * after and self.matters(tolerance):
             return True
         pairs = list(zip(self.differences_before, self.differences_after, strict=True))
         falls = any(before.falls(after, tolerance) for before, after in pairs)

@@ -88,7 +88,7 @@ class Judges:
             little = gain < least and misfit < PREDICTED**2 * self._count
             if gain > chance and not (fewer[i].effects and little):
                 break
-            if not fewer[i].effects and np.sum((without[i] - left) ** 2) < chance:
+            if not fewer[i].effects and np.sum((self._left(best, bare=True) - left) ** 2) < chance:
                 self.blind = True
                 break
             if not fewer[i].effects and len(fewer[i].moved) > len(best.moved):
@@ -98,8 +98,10 @@ class Judges:
             best, left = self._tested(fewer[i], misfit), without[i]
         return found if best is found.rivals[0] else self.search.finding(best, found)
 
-    def _left(self, hypothesis: Hypothesis) -> np.ndarray:
-        return misfit_of(self.search.model, hypothesis, self.records)
+    def _left(self, hypothesis: Hypothesis, bare: bool = False) -> np.ndarray:
+        """What a hypothesis leaves, or ``bare`` of its effects."""
+        parts = hypothesis.parts[: hypothesis.n_free] if bare else None
+        return misfit_of(self.search.model, hypothesis, self.records, parts)
 
     def _tested(self, hypothesis: Hypothesis, misfit: float) -> Hypothesis:
         beyond = (misfit - self.least) / self.scale - AS_GOOD

@@ -14,12 +14,15 @@ from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import ExtendedEquation, Part, read
 from romsindy.fit.record import Record
-from romsindy.fit.shooting import shoot, simulated_misfit
+from romsindy.fit.shooting import shoot
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
 _ITERATIONS = 25
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
+# A motion that leaves this part of the signal's square has lost the phase: its misfit has as many
+# minima as there are cycles, and no initial state is the best.
+_LOST = 0.5
 
 
 def predict(
@@ -51,11 +54,19 @@ def follow(
     return replace(before, after=after)
 
 
-def misfit_of(model: ReducedModel, hypothesis: Hypothesis, tests: Mapping[str, Record]) -> Array:
-    """What a hypothesis leaves of records, over noise; only their starts follow them."""
-    near = motions_of(hypothesis)
+def misfit_of(
+    model: ReducedModel,
+    hypothesis: Hypothesis,
+    tests: Mapping[str, Record],
+    parts: Sequence[Part] | None = None,
+) -> Array:
+    """What a hypothesis, or some of its parts, leaves of records, over noise.
+
+    Only their starts follow them.
+    """
+    near, parts = motions_of(hypothesis), hypothesis.parts if parts is None else parts
     left = [
-        r.whitened(r.signal - _followed(model, hypothesis.parts, r, near.get(name)))
+        r.whitened(r.signal - _followed(model, parts, r, near.get(name)))
         for name, r in tests.items()
     ]
     return np.concatenate(left)
@@ -82,28 +93,28 @@ def _simulated(
     solution = fit(model, parts, [record], start, fixed=True, iterations=_ITERATIONS)
     if solution.finite and solution.converged:
         return record.signal - solution.residuals[0]
-    # Where the phase is lost, or jumps keep the fit from settling: simulate, from the better of the
-    # fitted and the measured initial state on.
-    given = (model, solution.parts, [record])
-    known = () if near is None else (near,)
-    reached = []
-    for motion in (*(solution.motions if solution.finite else ()), *known, record.motion):
-        try:
-            reached.append((float(np.sum(simulated_misfit(*given, [motion]) ** 2)), motion))
-        except TrajectoryError:
-            continue
-    if not reached:
-        return _run(model, solution.parts, record)
-    _, best = min(reached, key=lambda pair: pair[0])
-    return record.signal - shoot(*given, [best], fixed=True, evaluations=_POLISH)[0].residuals[0]
+    # Where the phase is lost, or jumps keep the fit from settling: simulate, from the fitted or the
+    # measured initial state on.
+    fitted = solution.motions if solution.finite else ()
+    near_by = (*fitted, *(() if near is None else (near,)), record.motion)
+    said = [_run(model, solution.parts, record, motion) for motion in near_by]
+    left = [float(np.sum(record.whitened(record.signal - x) ** 2)) for x in said]
+    i = int(np.argmin(np.nan_to_num(left, nan=np.inf)))
+    if not left[i] < _LOST * np.sum(record.whitened(record.signal) ** 2):
+        return said[i]
+    given = (model, solution.parts, [record], [near_by[i]])
+    try:
+        return record.signal - shoot(*given, fixed=True, evaluations=_POLISH)[0].residuals[0]
+    except TrajectoryError:
+        return said[i]
 
 
-def _run(model: ReducedModel, parts: Sequence[Part], record: Record) -> Array:
-    """As far as the motion can be followed from the measured initial state."""
-    grid, start = record.motion.grid, record.motion.start
+def _run(model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory) -> Array:
+    """As far as the motion can be followed from the initial state of another one."""
+    grid = record.motion.grid
     equation = ExtendedEquation(model, tuple(parts), 0, grid.step, record.clock)
     try:
-        motion = integrate(equation, start, grid)
+        motion = integrate(equation, near.start, grid, near)
     except TrajectoryError as error:
         if error.motion is None:
             return np.zeros_like(record.signal)

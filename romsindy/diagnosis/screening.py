@@ -62,7 +62,7 @@ class Screening:
             x, gain = self.system.by_some(np.concatenate([always, columns]))
             own = x[len(always) :]
             if _reversed(effect, own):
-                gain = self.system.power - self.base
+                gain = self.system.power - self.left(held)
             found.append(_screened(effect, self.system.power - gain, own))
         return sorted(found, key=lambda s: s.chi_squared)
 
@@ -89,7 +89,9 @@ def _screened(effect: Effect, chi_squared: float, strengths: Array) -> Screened:
 
 def _reversed(effect: Effect, strengths: Array) -> bool:
     """Whether an effect that must be positive is negative, and says no other start."""
-    return bool(effect.sign and np.all(strengths < 0) and not effect.start)
+    k = effect.n_strengths
+    signed = strengths.reshape(-1, k)[:, : effect.n_shared or k]
+    return bool(effect.sign and np.all(signed < 0) and not effect.start)
 
 
 def screen(
@@ -194,7 +196,9 @@ def _with_tones(
             beats = abs(tone / scales.omega - 1) < _BEATS
             if not beats and all(abs(tone - other) > 0.2 * apart for other in tones):
                 tones.append(tone)
-    return scales._replace(tones=tuple(tones), combs=combs(record.noise.lines, record.t))
+    lines = [line for r in records for line in r.noise.lines]
+    shortest = min((r.t for r in records), key=lambda t: float(t[-1]))
+    return scales._replace(tones=tuple(tones), combs=combs(lines, shortest))
 
 
 def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:
@@ -204,5 +208,5 @@ def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:
     part = Part.of(effect, scales, n_records, start)
     if effect.start:
         return part
-    least = 0.0 if effect.sign else -np.inf
+    least = part.limits()[0][: part.strengths.size].reshape(part.strengths.shape)
     return replace(part, strengths=np.maximum(screened.strengths, least))

@@ -10,7 +10,7 @@ import numpy as np
 
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.form import FormError
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.tolerance import KINDS, Tolerance
 from romsindy.fit.estimate import Estimate
@@ -49,10 +49,12 @@ def of_repeats(repeats: Sequence[Decay], floor: float) -> Tolerance:
     Raises
     ------
     ValueError
-        If there are fewer than two, or two of them share no amplitudes.
+        If there are fewer than two, one is there twice, or two share no amplitudes.
     """
     if len(repeats) < 2:
         raise ValueError(f"repeats holds {len(repeats)} decay: give two or more of the same test")
+    if any(a.same_record(b) for a, b in itertools.combinations(repeats, 2)):
+        raise ValueError("repeats holds a record twice: give each run of the test once")
     try:
         records = [Record.loud(d, floor) for d in repeats]
         found = [Difference.between(a, b) for a, b in itertools.combinations(records, 2)]
@@ -61,23 +63,22 @@ def of_repeats(repeats: Sequence[Decay], floor: float) -> Tolerance:
     return _largest(found, "repeats")
 
 
-def of_reference(
-    model: ReducedModel, reference: Decay, floor: float
+def of_references(
+    model: ReducedModel, references: Sequence[Decay], floor: float
 ) -> tuple[Tolerance, FormError]:
-    """What a model leaves on a record that it was identified from.
+    """What a model leaves on the records that it was identified from.
 
     Raises
     ------
     ValueError
-        If the record cannot be that of the model.
+        If a record cannot be that of the model.
     """
-    try:
-        (record,) = checked_records(model, [reference], floor)
-        form = FormError.of(model, reference, floor)
-    except ValueError as error:
-        raise ValueError(f"the reference is no record of the model: {error}") from error
-    prediction = predict(model, (), record)
-    return _largest([Difference.of(record, prediction.before)], "reference"), form
+    records = checked_records(model, references, floor, "reference")
+    form = NO_FORM_ERROR
+    for reference in references:
+        form = form.joined(FormError.of(model, reference, floor))
+    left = [Difference.of(r, predict(model, (), r).before) for r in records]
+    return _largest(left, "reference"), form
 
 
 def of_estimate(estimate: Estimate, largest: float) -> Tolerance:

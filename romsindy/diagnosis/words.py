@@ -43,7 +43,7 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
     which = max(
         range(len(differences)), key=lambda i: differences[i].largest(tolerance).excess(tolerance)
     )
-    worst = differences[which].largest(tolerance)
+    worst = differences[which].worst(tolerance)
     over = _over(worst, unit) + (f" in record {which + 1}" if len(differences) > 1 else "")
     if np.isnan(worst.frequency):
         if differences[which].exceeds(tolerance):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from romsindy.diagnosis.checks import check_request, checked_records, over_shared_amplitudes
+from romsindy.diagnosis.checks import check_request, checked_records
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap, name_of
@@ -39,18 +39,13 @@ def diagnose_model(
 ) -> DiagnosisReport:
     """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
     check_request(model, measured, held_out, free, tolerances)
-    several = [over_shared_amplitudes(model, d) for d in measured]
-    records = checked_records(model, several, options.floor)
-    if held_out is not None:
-        records = [*records, Record.loud(held_out, options.floor)]
-    records = sharing_drift(records)
+    everything = [*measured, *([] if held_out is None else [held_out])]
+    records = sharing_drift(checked_records(model, everything, options.floor))
     tests = {} if held_out is None else {"held out": records.pop()}
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
-    everything = (*records, *tests.values())
-    names = [*(name_of(i) for i in range(len(records))), *tests]
-    pairs = zip(everything, names, strict=True)
-    as_it_was = Gap(tuple(predict(model, (), r, name) for r, name in pairs), unseen=True)
+    judged = {name_of(i): record for i, record in enumerate(records)} | tests
+    as_it_was = Gap(tuple(predict(model, (), r, n) for n, r in judged.items()), unseen=True)
     largest = max(record.amplitude for record in records)
     if not any(test.amplitude >= SHARED * largest for test in tests.values()):
         records, tests = _parted(records, tests)

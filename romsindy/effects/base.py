@@ -106,6 +106,7 @@ class Effect(ABC):
     tolerance: ClassVar[float | None] = None  # standard deviation of a strength known to be near 0
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
+    n_shared: ClassVar[int] = 0  # so many of them, the first, do not
     fixed_unit: ClassVar[str] = ""  # of the strength, where it does not follow from the law
     advice: ClassVar[str] = "a longer decay from a larger amplitude"
 

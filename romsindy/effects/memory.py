@@ -153,12 +153,38 @@ class SmallMass(MemoryEffect):
 
     frequency: float = 1.0
     damping_ratio: float = 0.02
+    late: bool = False  # a record that begins after the release finds it anywhere
 
-    name, family = "tuned_mass", "inertia"
+    name, family, n_shared = "tuned_mass", "inertia", 1
     label = "a small mass on a spring that vibrates along (tuned mass)"
     advice = "a sensor on what may vibrate along: cables, covers, brackets"
     resembles = ("second_mode", "maxwell", "added_mass")
     law = TunedMass()
+
+    @property
+    def per_record(self) -> bool:  # type: ignore[override]
+        """Where it is at the start of a record differs from record to record."""
+        return self.late
+
+    @property
+    def n_strengths(self) -> int:  # type: ignore[override]
+        """The ratio of masses and, of a late record, both parts of its own free vibration."""
+        return 3 if self.late else 1
+
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """As a release leaves it, and as a later start of the record may find it."""
+        return (self, replace(self, late=True))
+
+    def forces(self, state: State) -> Array:
+        """The law along the motion, and what its free vibration adds."""
+        pulled = super().forces(state)
+        if not self.late:
+            return pulled
+        law = TunedMass(self.frequency, self.damping_ratio)
+        free = law.pole.imag * np.exp(law.pole * state.t)
+        still = np.zeros(len(state.t))
+        own = [law.force(still, still, np.stack([z.real, z.imag])) for z in (free, 1j * free)]
+        return np.stack([*pulled, *own])
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         omega = scales.omega

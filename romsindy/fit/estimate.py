@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import json_text
+from romsindy.physics.serial import json_text, read_json
 from romsindy.typing import Array
 
 # Part of a standard error by which a coefficient moves for the slope of a curve.
@@ -152,12 +152,7 @@ class Estimate:
             If the text is no JSON or cut short, holds no model or a model alone, or entries that
             do not belong together.
         """
-        try:
-            content = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise ValueError(
-                f"the text is no JSON, or only the beginning of one ({error})"
-            ) from error
+        content = read_json(text)
         model = ReducedModel.from_json(text)
         missing = {"free", "covariance", "verdict", "notes"} - set(content)
         if missing:

@@ -225,7 +225,7 @@ def held_values(parts: Sequence[Part], fixed: bool, first: bool) -> NDArray[np.b
     """Values that stay: with no strength there is no telling a shape."""
     held: list[NDArray[np.bool_]] = [np.zeros(0, bool)]
     for p in parts:
-        held.append(np.full(p.strengths.size, fixed and not p.effect.per_record))
+        held.append(np.tile(fixed & p.shared, len(p.strengths)))
         held.append(np.full(p.shape.size, fixed or (first and not np.any(p.strengths))))
     return np.concatenate(held)
 

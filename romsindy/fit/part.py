@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from romsindy.effects.base import Effect, Parameter, Scales, State
 from romsindy.fit.linear_steps import Linearisation
@@ -64,14 +65,21 @@ class Part:
 
     def own(self, record: int) -> Array:
         """Strengths in one record, (k,)."""
-        return self.strengths[record if self.effect.per_record else 0]
+        if not self.effect.per_record:
+            return self.strengths[0]
+        return np.where(self.shared, self.strengths[0], self.strengths[record])
+
+    @property
+    def shared(self) -> NDArray[np.bool_]:
+        """Which of the strengths (k,) are the same in all records."""
+        k = self.effect.n_strengths
+        return np.arange(k) < (self.effect.n_shared if self.effect.per_record else k)
 
     def columns(self, record: int) -> list[int]:
         """Which of the values act in a record."""
-        k = self.effect.n_strengths
-        first = k * record if self.effect.per_record else 0
-        n = self.strengths.size
-        return [*range(first, first + k), *range(n, self.size)]
+        k, n = self.effect.n_strengths, self.strengths.size
+        first = np.where(self.shared, 0, k * record)
+        return [*(first + np.arange(k)).tolist(), *range(n, self.size)]
 
     def shaped(self, shape: Sequence[float] | Array) -> Part:
         """The same with other values of the parameters."""
@@ -86,7 +94,8 @@ class Part:
 
     def limits(self) -> tuple[Array, Array]:
         """Least and largest of all values."""
-        least = np.full(self.strengths.size, 0.0 if self.effect.sign else -np.inf)
+        signed = self.effect.sign * self.shared if self.effect.n_shared else self.effect.sign
+        least = np.where(signed, 0.0, np.full(self.strengths.shape, -np.inf)).ravel()
         low = np.array([*least, *(p.low for p in self.parameters)])
         high = np.array([*np.full(len(least), np.inf), *(p.high for p in self.parameters)])
         return low, high

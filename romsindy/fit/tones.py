@@ -47,13 +47,18 @@ def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]
 def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
     """Lines that are harmonics of one frequency: that in rad/s, and the number of the highest.
 
-    Any of the strongest may be the first, second or third harmonic, whichever leaves fewest alone.
+    They may come from several records, none of which need show them all. Any of the strongest may
+    be the first, second or third harmonic, whichever leaves fewest alone.
     """
     width = 1 / (t[-1] - t[0])  # Hz, of a line
+    different: list[Line] = []
+    for line in sorted(lines, key=lambda line: -line.rms):
+        if all(abs(line.frequency - other.frequency) > 2 * width for other in different):
+            different.append(line)
     found: dict[tuple[int, ...], tuple[float, int]] = {}
-    for line, number in itertools.product(lines[:_STRONGEST], (1, 2, 3)):
+    for line, number in itertools.product(different[:_STRONGEST], (1, 2, 3)):
         first = line.frequency / number
-        order = np.array([other.frequency / first for other in lines])
+        order = np.array([other.frequency / first for other in different])
         nearest = np.round(order)
         at = (np.abs(order - nearest) * first < (1 + nearest / number) * width) & (nearest > 0)
         at &= nearest <= _HIGHEST

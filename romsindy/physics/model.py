@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
-from romsindy.physics.serial import content_of, json_text, term_from_key, term_of
+from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
@@ -505,7 +504,7 @@ class ReducedModel:
         ValueError
             If the text is not JSON, or holds no model, or a law that is not known.
         """
-        content = json.loads(text)
+        content = read_json(text)
         if not isinstance(content, dict) or not {"terms", "coefficients"} & set(content):
             raise ValueError(
                 'the JSON text holds no model: expected {"terms": [...], ...} or'

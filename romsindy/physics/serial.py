@@ -51,6 +51,20 @@ def json_text(content: Mapping[str, Any] | Sequence[Any]) -> str:
     return json.dumps(_plain(content), indent=2, allow_nan=False)
 
 
+def read_json(text: str) -> Any:
+    """Content of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"the text is no JSON, or only the beginning of one ({error})") from error
+
+
 def content_of(term: Term) -> dict[str, Any]:
     """Type and fields of a law."""
     values = {f.name: getattr(term, f.name) for f in fields(term)}  # type: ignore[arg-type]

@@ -235,7 +235,7 @@ def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str
             raise ValueError(f"tolerances name {name!r}: this beam has {sorted(sizes)}")
         if not 0 < tolerance < np.inf:
             kind = "in m" if name in POSITIONS else "relative"
-            raise ValueError(f"tolerances[{name!r}] = {tolerance!r} must be positive ({kind})")
+            raise ValueError(f"tolerances of {name} = {tolerance!r} must be positive ({kind})")
         if sizes[name] == 0:
             raise ValueError(
                 f"tolerances name {name!r}, which is 0 in this beam: a part of it is 0 as well;"

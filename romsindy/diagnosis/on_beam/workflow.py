@@ -31,7 +31,7 @@ from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.what_matters import of_reference
+from romsindy.diagnosis.what_matters import of_references
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.record import Record
@@ -67,7 +67,7 @@ def diagnose_beam(
     and the parameters of the beam replace effects of the catalogue that have the same name; an
     effect of your own with a ``mounting`` is looked for there.
     """
-    everything = [*measured, *([held_out] if held_out is not None else []), *references]
+    everything = [*measured, *([held_out] if held_out is not None else [])]
     load = _check(measured, free, release)
     free_names = {_FREE[str(name)] for name in free}
     near = standard_deviations(beam, tolerances)
@@ -125,14 +125,14 @@ def _known_errors(
     options: Options,
 ) -> tuple[Options, FormError]:
     """What the beam leaves on the records that it was updated to: a tolerance, an error of form."""
-    form = NO_FORM_ERROR
+    if not references:
+        return options, NO_FORM_ERROR
+    there = []
     for raw in references:
         record = Record.loud(seen.decay(seen.thinned(raw)), options.floor)
-        there = corrected(seen, model, (), record, raw, release).decay
-        left, needed = of_reference(model, there, options.floor)
-        options = replace(options, tolerance=options.tolerance.or_more(left))
-        form = form.joined(needed)
-    return options, form
+        there.append(corrected(seen, model, (), record, raw, release).decay)
+    left, form = of_references(model, there, options.floor)
+    return replace(options, tolerance=options.tolerance.or_more(left)), form
 
 
 def _with_right_sensors(
