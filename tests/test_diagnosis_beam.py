@@ -41,6 +41,8 @@ def seen(beam):
 
 BEAM = Beam.cantilever(elements=8)
 SEEN = seen(BEAM)
+# Where the name is not at issue: one effect of the beam itself.
+PLAIN = {"sensors": SEEN.sensors, "catalogue": (), "max_effects": 1}
 
 
 def decay(beam, q, seed):
@@ -95,7 +97,7 @@ def test_report_is_written(report, tmp_path):
 def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     """A fault of a sensor and an effect at once: both are named, and the effect is right."""
     spoilt = [rs.Decay(d.t, d.q * [1, 1.06, 1, 1, 1], unit="m") for d in heavier]
-    report = rs.diagnose(BEAM, spoilt[:2], sensors=SEEN.sensors, held_out=spoilt[2])
+    report = rs.diagnose(BEAM, spoilt[:2], held_out=spoilt[2], **PLAIN)
     assert report.names == ("sensor_gain", "added_mass")
     assert report.model.effects[-1].mass == pytest.approx(4e-4, rel=0.01)
     assert [e.label for e in report.sensor_errors] == ["y(0.12)", "y(0.28)", "y(0.36)", "y(0.45)"]
@@ -125,13 +127,8 @@ def test_a_force_of_ones_own_is_found():
     """At mid-span a damper acts along another curve than at the tip, which drops faster."""
     truth = BEAM.with_effect(Damper().on_beam(0.02, AtPoint(0.225)))
     decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.011, 0.013))]
-    report = rs.diagnose(
-        BEAM,
-        decays[:2],
-        sensors=SEEN.sensors,
-        held_out=decays[2],
-        catalogue=(*CATALOGUE, MiddleDamper()),
-    )
+    own = PLAIN | {"catalogue": [MiddleDamper()]}
+    report = rs.diagnose(BEAM, decays[:2], held_out=decays[2], **own)
     assert ("middle_damper",) in report.equivalent
     best = {h.names: h.effects[0].strengths[0, 0] for h in report.reduced.rivals}
     assert best[("middle_damper",)] == pytest.approx(0.02, rel=0.02)
@@ -351,7 +348,8 @@ def test_recipe_and_model_are_those_of_the_verdict(heavier):
     for i, y in enumerate(own):
         warped = CubicSpline(STEP * np.arange(len(y)), y)(t * (1 + 2e-3 * t))
         decays.append(rs.Decay(t, with_noise(warped, 40, i), unit="m"))
-    report = rs.diagnose(BEAM, decays[:1], sensors=SEEN.sensors, held_out=decays[1])
+    drifts = PLAIN | {"catalogue": [e for e in CATALOGUE if e.name == "drift"]}
+    report = rs.diagnose(BEAM, decays[:1], held_out=decays[1], **drifts)
     there = {p.effect.name for p in report.parts}
     named = {e.name for e in report.effects}
     assert there <= named and "drift" in named
@@ -414,7 +412,7 @@ def test_a_beam_that_cannot_be_simulated_ends_in_unknown(heavier, monkeypatch):
         return fails() if parts else good(seen, model, parts, *rest)
 
     monkeypatch.setattr(rounds, "corrected", fails_with_effects)
-    report = rs.diagnose(BEAM, heavier[:1], sensors=SEEN.sensors)
+    report = rs.diagnose(BEAM, heavier[:1], **PLAIN)
     assert report.verdict == "unknown" and report.parts == ()
     assert "could not be simulated with this: no equilibrium found" in report.sentence
 

@@ -108,7 +108,7 @@ def test_it_is_simulated_and_named_on_a_beam():
         )
         decays.append(rs.Decay(step * np.arange(len(seen)), seen, unit="m"))
     report = rs.diagnose(
-        beam, decays[:2], sensors=sensors, held_out=decays[2], catalogue=(*CATALOGUE, effect)
+        beam, decays[:2], sensors=sensors, held_out=decays[2], catalogue=[effect], max_effects=1
     )
     assert report.verdict == "named" and report.names == ("one_way_spring",)
     (found,) = report.effects

@@ -17,6 +17,8 @@ orders stays mild, so that features that are sharper than the rest are not smoot
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.linalg import block_diag
@@ -42,8 +44,8 @@ def factor(series: Series, scales: Array) -> Array:
     """L with prior covariance L L' of the values of a series; ``scales`` (9,) as in `MIDDLE`."""
     sizes = np.exp(scales).reshape(3, 3)
     k, r, d = (
-        _of_function(n, own, trend)
-        for n, own, trend in zip(series.sizes, sizes, _TREND, strict=True)
+        _of_function(n, *own, trend)
+        for n, own, trend in zip(series.sizes, sizes.tolist(), _TREND, strict=True)
     )
     return block_diag(k, r, [[_CONSTANT]], d, np.diag([_FORCE] * len(series.forces)))
 
@@ -54,9 +56,9 @@ def cost(scales: Array) -> float:
     return float(off @ off / 2 + np.sum(np.log(SPREAD * np.sqrt(2 * np.pi))))
 
 
-def _of_function(n: int, scales: Array, trend: tuple[float, ...]) -> Array:
+@lru_cache(maxsize=64)  # differences by one scale leave two of the functions as they are
+def _of_function(n: int, size: float, length: float, odd: float, trend: tuple[float, ...]) -> Array:
     """Factor of the covariance of the Chebyshev coefficients of one function, (n, n)."""
-    size, length, odd = scales
     if n <= 1:  # a constant
         return np.eye(n) * trend[0]
     z = chebyshev.chebpts1(n)
