@@ -126,7 +126,7 @@ def test_harmonics_of_hum_need_not_show_in_every_record():
 
     one, two = hum(0.01), hum(0.01, 0.008)
     records = [Record.of(decay(a, reading=r), 1e-4) for a, r in ((1.0, one), (0.6, two))]
-    ((frequency, highest),) = screen(MODEL, (), [Hum()], records, scales(records)).scales.combs
+    ((frequency, highest), *_) = screen(MODEL, (), [Hum()], records, scales(records)).scales.combs
     assert frequency == pytest.approx(314.3, rel=1e-3) and highest == 2
 
 
@@ -161,6 +161,24 @@ def test_two_effects_are_both_named():
     result = report(force=lambda t, q, v: 0.004 * abs(v) * v + 20.0 * q**3)
     assert {e.name for e in result.effects} == {"quadratic_drag", "cubic_stiffness"}
     assert result.gap.after < 1.1
+
+
+def test_hum_stands_for_no_stiffness_and_has_other_harmonics_elsewhere():
+    """Stiffness was "fitted beside" the hum, and lines of the held-out record "a further effect"."""
+
+    def hum(*sizes):
+        return lambda t, q: q + sum(x * np.sin(k * 314.3 * t) for k, x in enumerate(sizes, 1))
+
+    changed = {"omega^2": 1.01 * OMEGA**2}
+    learn, test = (
+        decay(a, seed=i, changed=changed, reading=hum(*sizes))
+        for i, (a, sizes) in enumerate(((1.0, (0.02,)), (0.8, (0.02, 0.015))))
+    )
+    result = diagnose(MODEL, learn, held_out=test)
+    assert result.verdict == "named"
+    assert [e.name for e in result.effects] == ["mains_hum", "linear_frequency"]
+    assert result.moved == () and result.gap.after < 1.1
+    assert result.effects[1].values["strength"] == pytest.approx(0.01 * OMEGA**2, rel=0.01)
 
 
 def test_an_effect_in_no_catalogue_is_unknown():

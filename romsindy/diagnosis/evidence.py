@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
+from romsindy.effects.base import ReadingEffect
 from romsindy.fit.gauss_newton import Solution, limits, moved_parts
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, prior_cost
@@ -117,9 +118,26 @@ class Hypothesis:
         return self.parts[self.n_free :]
 
     @property
+    def changed(self) -> tuple[int, ...]:
+        """Which of the parts are values that moved."""
+        changed = {*self.moved, *self.beyond}
+        free = self.parts[: self.n_free]
+        return tuple(i for i, p in enumerate(free) if p.effect.name in changed)
+
+    @property
+    def blamed(self) -> tuple[int, ...]:
+        """Which of the parts are missing: effects, and values that moved where no force does.
+
+        A force may take part of what a value does; what is wrong in a sensor leaves it as it is.
+        """
+        effects = tuple(range(self.n_free, len(self.parts)))
+        forced = any(not isinstance(p.effect, ReadingEffect) for p in self.effects)
+        return effects if forced else (*effects, *self.changed)
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """Names of the effects; of the values that moved where there are none."""
-        return tuple(p.effect.name for p in self.effects) or (*self.moved, *self.beyond)
+        """Names of what is missing."""
+        return tuple(self.parts[i].effect.name for i in self.blamed)
 
     @property
     def beyond(self) -> tuple[str, ...]:

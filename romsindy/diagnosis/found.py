@@ -62,27 +62,24 @@ class FoundEffect:
 def effects_of(
     hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, unit: str | None
 ) -> tuple[FoundEffect, ...]:
-    """Effects of a hypothesis; the values that moved where it has none.
+    """What a hypothesis says is missing, `Hypothesis.blamed`.
 
     ``ratio`` is what is left over the noise, ``unit`` that of q.
     """
-    effects = range(hypothesis.n_free, len(hypothesis.parts))
-    found = effects or _moved(hypothesis)
-    return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in found)
+    return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in hypothesis.blamed)
 
 
 def moved_of(
     hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, unit: str | None
 ) -> tuple[FoundEffect, ...]:
-    """Values that the simulation was unsure of and that moved, beside effects."""
-    found = _moved(hypothesis) if hypothesis.effects else []
+    """Values that the simulation was unsure of and that moved, beside what is missing."""
+    found = [i for i in hypothesis.changed if i not in hypothesis.blamed]
     return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in found)
 
 
 def titles(hypothesis: Hypothesis) -> str:
     """Labels of what a hypothesis says is missing."""
-    parts = hypothesis.effects or [hypothesis.parts[i] for i in _moved(hypothesis)]
-    effects = [p.effect for p in parts]
+    effects = [hypothesis.parts[i].effect for i in hypothesis.blamed]
     return (
         " and ".join(f"{e.label} [{e.variant}]" if e.variant else e.label for e in effects)
         or "nothing"
@@ -117,14 +114,6 @@ def _effect(
         part.effect.advice,
         dict(zip(names, [_units(part, unit)[i] for i in shown], strict=True)),
     )
-
-
-def _moved(hypothesis: Hypothesis) -> list[int]:
-    """Which of its unsure parts moved."""
-    parts = hypothesis.parts[: hypothesis.n_free]
-    return [
-        i for i, p in enumerate(parts) if p.effect.name in (*hypothesis.moved, *hypothesis.beyond)
-    ]
 
 
 def _with_error(value: float, error: float) -> str:

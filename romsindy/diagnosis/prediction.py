@@ -80,7 +80,7 @@ def motions_of(hypothesis: Hypothesis) -> dict[str, Trajectory]:
 def _followed(
     model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory | None
 ) -> Array:
-    same = [replace(p, strengths=p.strengths[:1]) for p in parts]
+    same = [p.elsewhere(record.t) for p in parts]
     with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
         return _simulated(model, same, record, near)
 

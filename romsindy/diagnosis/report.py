@@ -141,8 +141,8 @@ class DiagnosisReport:
         if self.verdict == "ambiguous":
             return next_test(self.rivals, *given)
         if self.verdict == "unknown":
-            nearest = {self.best.names: self.best}
-            for h in self.compared:
+            nearest: dict[tuple[str, ...], Hypothesis] = {}
+            for h in (self.best, *self.compared):
                 if h.names and len(h.effects) <= max(len(self.best.effects), 1):
                     nearest.setdefault(h.names, h)
             return next_test(list(nearest.values()), *given, explained=False)

@@ -123,6 +123,10 @@ class Effect(ABC):
         """What differs in more than shape values, such as the number of harmonics."""
         return (self,)
 
+    def elsewhere(self, t: Array) -> Effect:
+        """The form that it may have in another record, with samples at ``t`` (s)."""
+        return self
+
     def shaped(self, values: Mapping[str, float]) -> Effect:
         """The same with other values of some of its fields."""
         return replace(self, **values) if values else self  # type: ignore[type-var]

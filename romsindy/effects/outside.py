@@ -19,6 +19,7 @@ from romsindy.typing import Array
 
 # Steady lines that are slower are a drifting offset (`romsindy.record.drift`): noise.
 _SLOWEST = 0.2
+HIGHEST = 6  # harmonic of hum that is looked for
 
 
 @dataclass(frozen=True)
@@ -155,6 +156,11 @@ class Hum(ReadingEffect):
     def forms(self, scales: Scales) -> tuple[Effect, ...]:
         """One line, and the combs that there are."""
         return (Hum(), *(Hum(frequency, n) for frequency, n in scales.combs))
+
+    def elsewhere(self, t: Array) -> Effect:
+        """Its wires may pick up other harmonics."""
+        below = int(np.pi / (t[1] - t[0]) / self.frequency)
+        return replace(self, harmonics=max(self.harmonics, min(below, HIGHEST)))
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         tone = _tone(scales)

@@ -69,6 +69,13 @@ class Part:
             return self.strengths[0]
         return np.where(self.shared, self.strengths[0], self.strengths[record])
 
+    def elsewhere(self, t: Array) -> Part:
+        """As it may be in another record alone, with samples at ``t`` (s)."""
+        effect = self.effect.elsewhere(t)
+        same = effect.n_strengths == self.effect.n_strengths
+        strengths = self.strengths[:1] if same else np.zeros((1, effect.n_strengths))
+        return replace(self, effect=effect, strengths=strengths)
+
     @property
     def shared(self) -> NDArray[np.bool_]:
         """Which of the strengths (k,) are the same in all records."""

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from romsindy.effects.outside import HIGHEST
 from romsindy.record.spectrum import Line
 from romsindy.typing import Array
 
-# Of a comb of lines: which line may be its first harmonics, the highest, and combs to be tried.
-_STRONGEST, _HIGHEST, _COMBS = 3, 6, 2
+# Of a comb of lines: which may be its first harmonics, and combs to be tried.
+_STRONGEST, _COMBS = 3, 2
 
 
 def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]:
@@ -48,7 +49,9 @@ def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
     """Lines that are harmonics of one frequency: that in rad/s, and the number of the highest.
 
     They may come from several records, none of which need show them all. Any of the strongest may
-    be the first, second or third harmonic, whichever leaves fewest alone.
+    be the first, second or third harmonic, whichever leaves fewest alone. Some are too weak to be
+    seen, or lie beside a harmonic of the vibration: each comb is there up to the highest as well,
+    and where no lines fit together, the strongest is the first or the second of one.
     """
     width = 1 / (t[-1] - t[0])  # Hz, of a line
     different: list[Line] = []
@@ -61,9 +64,16 @@ def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
         order = np.array([other.frequency / first for other in different])
         nearest = np.round(order)
         at = (np.abs(order - nearest) * first < (1 + nearest / number) * width) & (nearest > 0)
-        at &= nearest <= _HIGHEST
+        at &= nearest <= HIGHEST
         if np.count_nonzero(at) > 1:
             members = tuple(map(int, np.flatnonzero(at)))
             found.setdefault(members, (2 * np.pi * first, int(nearest[at].max())))
     whole = [m for m in found if not any(set(m) < set(other) for other in found)]
-    return tuple(found[m] for m in sorted(whole, key=len, reverse=True)[:_COMBS])
+    seen = [found[m] for m in sorted(whole, key=len, reverse=True)[:_COMBS]]
+    alone = [2 * np.pi * different[0].frequency / k for k in (1, 2)] if different else []
+    fastest = np.pi / (t[1] - t[0])
+    guessed = [
+        (first, min(HIGHEST, int(fastest / first)))
+        for first in ([first for first, _ in seen] or alone)
+    ]
+    return tuple(dict.fromkeys((*seen, *(comb for comb in guessed if comb[1] > 1))))
