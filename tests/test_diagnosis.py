@@ -183,7 +183,11 @@ def test_hum_stands_for_no_stiffness_and_has_other_harmonics_elsewhere():
 
 def test_an_effect_in_no_catalogue_is_unknown():
     """A stiffness that ripples with displacement and comes and goes in time."""
-    *learn, test = three(force=lambda t, q, v: 40 * np.sin(12 * q) * (1 + 0.5 * np.sin(0.9 * t)))
+
+    def ripple(t, q, v):
+        return 40 * np.sin(12 * q) * (1 + 0.5 * np.sin(0.9 * t))
+
+    learn, _, test = three(force=ripple)
     result = diagnose(MODEL, learn, held_out=test, catalogue=CATALOGUE[:12], max_effects=1)
     assert result.verdict == "unknown"
     assert "nothing in the catalogue" in result.sentence

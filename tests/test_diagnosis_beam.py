@@ -97,7 +97,7 @@ def test_report_is_written(report, tmp_path):
 def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     """A fault of a sensor and an effect at once: both are named, and the effect is right."""
     spoilt = [rs.Decay(d.t, d.q * [1, 1.06, 1, 1, 1], unit="m") for d in heavier]
-    report = rs.diagnose(BEAM, spoilt[:2], held_out=spoilt[2], **PLAIN)
+    report = rs.diagnose(BEAM, spoilt[:1], held_out=spoilt[2], **PLAIN)
     assert report.names == ("sensor_gain", "added_mass")
     assert report.model.effects[-1].mass == pytest.approx(4e-4, rel=0.01)
     assert [e.label for e in report.sensor_errors] == ["y(0.12)", "y(0.28)", "y(0.36)", "y(0.45)"]
@@ -126,9 +126,9 @@ class MiddleDamper(Damper):
 def test_a_force_of_ones_own_is_found():
     """At mid-span a damper acts along another curve than at the tip, which drops faster."""
     truth = BEAM.with_effect(Damper().on_beam(0.02, AtPoint(0.225)))
-    decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.011, 0.013))]
+    decays = [decay(truth, q, i) for i, q in enumerate((0.016, 0.013))]
     own = PLAIN | {"catalogue": [MiddleDamper()]}
-    report = rs.diagnose(BEAM, decays[:2], held_out=decays[2], **own)
+    report = rs.diagnose(BEAM, decays[:1], held_out=decays[1], **own)
     assert ("middle_damper",) in report.equivalent
     best = {h.names: h.effects[0].strengths[0, 0] for h in report.reduced.rivals}
     assert best[("middle_damper",)] == pytest.approx(0.02, rel=0.02)
