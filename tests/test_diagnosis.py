@@ -164,7 +164,7 @@ def test_two_effects_are_both_named():
 
 
 def test_hum_stands_for_no_stiffness_and_has_other_harmonics_elsewhere():
-    """Stiffness was "fitted beside" the hum, and lines of the held-out record "a further effect"."""
+    """Stiffness was "fitted beside" it, and lines of the held-out record "a further effect"."""
 
     def hum(*sizes):
         return lambda t, q: q + sum(x * np.sin(k * 314.3 * t) for k, x in enumerate(sizes, 1))
