@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from romsindy.commands.main import INTERRUPTED
-from romsindy.commands.measurement import Choice, decays_in, naming
+from romsindy.commands.measurement import Choice, decays_in
 from romsindy.commands.options import Output, bar, reading_options
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
@@ -21,6 +21,7 @@ from romsindy.fit.estimate import Estimate
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
+from romsindy.record.files.load import named
 from romsindy.text import aligned
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -151,7 +152,7 @@ def diagnose(
         reading["column"], choice = columns, Choice(None, None, None, True)
     elif simulated is not None:
         decay = load_decay(simulated, reading["unit"])
-        with naming(simulated):
+        with named(f"{simulated}"):
             simulation = model_of_simulation(decay)._asdict()
     else:
         simulation = {"model": _model(model_file)}  # type: ignore[arg-type]
@@ -201,7 +202,7 @@ def diagnose(
 def _model(path: Path) -> ReducedModel | Estimate:
     """A model, with what is known of it if the file says so."""
     text = path.read_text(encoding="utf-8")
-    with naming(path):
+    with named(f"{path}"):
         return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,15 +10,7 @@ from romsindy.inspection.inspect import inspect
 from romsindy.inspection.tables import picked
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
-
-
-@contextmanager
-def naming(file: Path) -> Iterator[None]:
-    """Messages about what a file holds start with its name."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from error
+from romsindy.record.files.load import named
 
 
 class Choice(NamedTuple):
@@ -47,7 +38,7 @@ def decays_in(
     decay = load_decay(file, **{**reading, "column": list(reading["column"]) or None})
     if choice.whole:
         return [decay]
-    with naming(file):
+    with named(f"{file}"):
         return _inspected(decay, choice, lambda line: say(f"{file}: {line}"))
 
 

@@ -74,7 +74,7 @@ def load_recording(
     source, table = _table(path, (unit, quantity, column, time, rate))
     if isinstance(table, Decay):
         return _of_decay(table, source).between(start, end)
-    with _named(source):
+    with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         return _recording(choice, source, unit, quantity).between(start, end)
 
@@ -106,7 +106,7 @@ def load_decay(
     source, table = _table(path, (unit, quantity, column, time, rate))
     if isinstance(table, Decay):
         return table.between(start, end)
-    with _named(source):
+    with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         names = [c.name for c in choice.columns]
         if _names(column) is None and len(names) > 1:
@@ -253,7 +253,7 @@ def _refuse_missing(part: Recording, whole: Recording) -> None:
 
 
 @contextmanager
-def _named(source: str) -> Iterator[None]:
+def named(source: str) -> Iterator[None]:
     """Messages begin with the name of the source."""
     try:
         yield
