@@ -77,6 +77,16 @@ def moved_of(
     return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in found)
 
 
+def beyond_errors(hypothesis: Hypothesis) -> bool:
+    """Whether each effect that is blamed has a strength of more than two standard errors."""
+    slices, std = hypothesis.solution.slices(), np.sqrt(np.diag(hypothesis.covariance))
+    return all(
+        bool(np.any(np.abs(strengths) > 2 * std[slices[i]][: len(strengths)]))
+        for i in hypothesis.blamed
+        for strengths in [hypothesis.parts[i].strengths.ravel()]
+    )
+
+
 def titles(hypothesis: Hypothesis) -> str:
     """Labels of what a hypothesis says is missing."""
     effects = [hypothesis.parts[i].effect for i in hypothesis.blamed]

@@ -17,7 +17,7 @@ from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
+from romsindy.diagnosis.found import FoundEffect, beyond_errors, effects_of, moved_of, titles
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
@@ -26,6 +26,7 @@ from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
 from romsindy.text import TextTable
@@ -175,13 +176,15 @@ class DiagnosisReport:
         closes = "They close" if len(self.effects) > 1 else "It closes"
         if self.verdict == "unknown":
             nothing = "nothing in the catalogue explains it"
-            if not found or not self.gap.closed > 0:
+            if not (found and beyond_errors(self.best) and self.gap.closed > 0):
                 return f"{nothing}."
             return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best
         odds = f" ({words.odds(self._log_odds(other), titles(other))})" if other else ""
         if len(self.rivals) > 1:
             others = ", or ".join(titles(h) for h in self.rivals[1:])
+            if self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
+                odds = f"{odds[:-1]}, by the fitted records alone)"
             closing = self._closing("The first closes")
             return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
         if len(self.best.moved) > 1 and not self.best.effects:

@@ -28,6 +28,7 @@ from romsindy.physics.model import ReducedModel
 # So many candidates are simulated again after each screening.
 _SURVIVORS = 8
 _PAIRS = 5
+_INSTEAD = 2  # of what stands for values that moved, however coarse their shapes in the screening
 _CHECKS = 6  # iterations, to see what values that did not settle leave
 _HOPELESS = 30.0  # chi-square over samples
 _SIMULATIONS = 20  # to settle values by simulation
@@ -145,11 +146,10 @@ class Search:
                 break
             best = tried[0]
         if best.moved:
-            instead = self._instead(base)
-            seen += instead
+            seen += self._instead(base)
             # Unsure values alone are blamed unless something else fits distinctly better.
             margin = EQUIVALENT if best is base else 0.0
-            other = self._ranked([best, *instead])[0]
+            other = self._ranked([best, *(h for h in seen if h.effects and not h.moved)])[0]
             if other.score + margin < best.at(other.form).score:
                 best = other
         best, tried = self._pruned(best, seen)
@@ -197,7 +197,7 @@ class Search:
         leaders = _leaders(screening.singles(held=n_free), 1)
         slack = SCREENED * (screening.left(held=n_free) - screening.base)
         most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
-        near = [s for s in leaders if s.chi_squared < most]
+        near = [s for i, s in enumerate(leaders) if i < _INSTEAD or s.chi_squared < most]
         trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
         known = tuple(p for p in self.free if p.tolerance is not None)
         return replace(self, free=known).fitted(trials)
