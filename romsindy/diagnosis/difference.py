@@ -23,7 +23,7 @@ from scipy.stats import t as student
 
 from romsindy.diagnosis.tolerance import KINDS, Tolerance
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import QUIET, SURE
+from romsindy.fit.verdict import LEAST_CYCLES, QUIET, SURE
 from romsindy.record.demodulation import Cycles
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array, Indices
@@ -260,6 +260,8 @@ def _said(t: Array, x: Array) -> tuple[Cycles, Array] | None:
         return None
     moving = np.abs(x - x.mean()) > QUIET * np.ptp(x)
     end = int(np.flatnonzero(moving)[-1]) + 1
+    if end < LEAST_CYCLES:
+        return None
     try:
         spline = HarmonicSpline.fit(t[:end], x[:end])
     except ValueError:  # fewer than three cycles

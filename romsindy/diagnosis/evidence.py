@@ -131,8 +131,12 @@ class Hypothesis:
         A force may take part of what a value does; what is wrong in a sensor leaves it as it is.
         """
         effects = tuple(range(self.n_free, len(self.parts)))
-        forced = any(not isinstance(p.effect, ReadingEffect) for p in self.effects)
-        return effects if forced else (*effects, *self.changed)
+        return effects if self.forced else (*effects, *self.changed)
+
+    @property
+    def forced(self) -> bool:
+        """Whether a force is among its effects, not only what is wrong in a sensor."""
+        return any(not isinstance(p.effect, ReadingEffect) for p in self.effects)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -91,7 +91,7 @@ class Judges:
             if not fewer[i].effects and np.sum((self._left(best, bare=True) - left) ** 2) < chance:
                 self.blind = True
                 break
-            if not fewer[i].effects and len(fewer[i].moved) > len(best.moved):
+            if not fewer[i].forced and len(fewer[i].moved) > len(best.moved):
                 # Values of the model in its place are another explanation, not a simpler one.
                 found = self.search.finding(best, found)
                 return replace(found, rivals=[*found.rivals, self._tested(fewer[i], misfit)])

@@ -147,8 +147,11 @@ class Search:
             best = tried[0]
         if best.moved:
             seen += self._instead(base)
+            beside = best.effects if len(best.effects) < self.options.max_effects else ()
+            if beside and not best.forced:
+                seen += self._instead(best, beside)
             # Unsure values alone are blamed unless something else fits distinctly better.
-            margin = EQUIVALENT if best is base else 0.0
+            margin = 0.0 if best.forced else EQUIVALENT
             other = self._ranked([best, *(h for h in seen if h.effects and not h.moved)])[0]
             if other.score + margin < best.at(other.form).score:
                 best = other
@@ -188,17 +191,18 @@ class Search:
         # Linearised about the measured motion, where all effects have left their mark.
         return screen(self.model, best.solution.parts, left, self.records, scales(self.records))
 
-    def _instead(self, base: Hypothesis) -> list[Hypothesis]:
+    def _instead(self, base: Hypothesis, beside: tuple[Part, ...] = ()) -> list[Hypothesis]:
         """Effects that do what values that moved do, with those at their nominal values."""
-        screening = screen(
-            self.model, self.free, self.options.catalogue, self.records, scales(self.records)
-        )
+        used = {p.effect.name for p in beside}
+        left = [e for e in self.options.catalogue if e.name not in used]
+        parts = (*self.free, *beside)
+        screening = screen(self.model, parts, left, self.records, scales(self.records))
         n_free = sum(p.strengths.size for p in self.free)
         leaders = _leaders(screening.singles(held=n_free), 1)
         slack = SCREENED * (screening.left(held=n_free) - screening.base)
         most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
         near = [s for i, s in enumerate(leaders) if i < _INSTEAD or s.chi_squared < most]
-        trials = [[self._part(s, screening)] for s in near[:_SURVIVORS]]
+        trials = [[*beside, self._part(s, screening)] for s in near[:_SURVIVORS]]
         known = tuple(p for p in self.free if p.tolerance is not None)
         return replace(self, free=known).fitted(trials)
 
@@ -241,6 +245,8 @@ class Search:
 
     def _worth(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether more effects gain more than chance would, over all that was looked at."""
+        if after.weighed is None:  # it has no motion
+            return False
         more = len(after.effects) - len(before.effects)
         n_looks = max(len(self.options.catalogue), 1) ** more
         # Structure that stays unexplained is as large by chance: the test is one of variances.
@@ -312,10 +318,13 @@ class Search:
     def _rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Different hypotheses that the data do not tell apart from the best, best first."""
         found = {frozenset(best.names): best}
-        n = len(best.effects)
+        # One effect may stand for values that moved.
+        instead = not best.effects or (best.changed and not best.forced)
+        most = len(best.effects) + bool(instead)
         for h in seen:
             near = h.score - best.score < EQUIVALENT
-            if near and len(h.effects) <= max(n, 1) and h.names:
+            more = set(h.names) > set(best.names)
+            if near and not more and len(h.effects) <= most and h.names:
                 found.setdefault(frozenset(h.names), h)
         return list(found.values()) if best.names else [best]
 

@@ -119,5 +119,5 @@ class Rubbing(TermEffect):
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
-        starts = (0.0, 0.03 * a, -0.03 * a)
+        starts = (0.0, 0.03 * a, -0.03 * a, 0.1 * a, -0.1 * a)
         return (Parameter("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
