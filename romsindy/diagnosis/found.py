@@ -141,7 +141,8 @@ def _units(part: Part, of_q: str | None) -> list[str]:
 
 def _value_names(part: Part) -> list[str]:
     k = part.effect.n_strengths
-    kinds = [_STRENGTH] if k == 1 else ["cosine", "sine"] if k == 2 else list(map(str, range(k)))
+    pairs = [f"{('cosine', 'sine')[i % 2]} {i // 2 + 1}" for i in range(k)]
+    kinds = [_STRENGTH] if k == 1 else ["cosine", "sine"] if k == 2 else pairs
     sets = len(part.strengths)
-    names = [f"{n} {i + 1}" if sets > 1 else n for i in range(sets) for n in kinds]
+    names = [f"{n}, record {i + 1}" if sets > 1 else n for i in range(sets) for n in kinds]
     return names + [p.name for p in part.parameters]

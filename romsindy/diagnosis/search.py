@@ -16,6 +16,7 @@ from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
+from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.gauss_newton import fit
@@ -152,7 +153,9 @@ class Search:
                 seen += self._instead(best, beside)
             # Unsure values alone are blamed unless something else fits distinctly better.
             margin = 0.0 if best.forced else EQUIVALENT
-            other = self._ranked([best, *(h for h in seen if h.effects and not h.moved)])[0]
+            most = len(best.effects) + 1
+            instead = [h for h in seen if 0 < len(h.effects) <= most and not h.moved]
+            other = self._ranked([best, *instead])[0]
             if other.score + margin < best.at(other.form).score:
                 best = other
         best, tried = self._pruned(best, seen)
@@ -163,7 +166,9 @@ class Search:
     def settled(self, hypothesis: Hypothesis) -> Hypothesis:
         """One that others are held against, at its least misfit."""
         s = hypothesis.solution
-        if s.converged or not s.chi_squared < _HOPELESS * hypothesis.n_samples:
+        # Two forces that remember can be followed in short steps only: hours.
+        slow = sum(isinstance(p.effect, MemoryEffect) for p in s.parts) > 1
+        if s.converged or slow or not s.chi_squared < _HOPELESS * hypothesis.n_samples:
             return hypothesis
         try:
             more = shoot(self.model, s.parts, self.records, s.motions, evaluations=_SIMULATIONS)[0]
@@ -323,10 +328,15 @@ class Search:
         most = len(best.effects) + bool(instead)
         for h in seen:
             near = h.score - best.score < EQUIVALENT
-            more = set(h.names) > set(best.names)
+            more = _said(h) > _said(best)
             if near and not more and len(h.effects) <= most and h.names:
                 found.setdefault(frozenset(h.names), h)
         return list(found.values()) if best.names else [best]
+
+
+def _said(h: Hypothesis) -> set[str]:
+    """Names of all that is not as in the simulation."""
+    return {p.effect.name for p in h.effects}.union(h.moved)
 
 
 def _same_effects(a: Hypothesis, b: Hypothesis) -> bool:
