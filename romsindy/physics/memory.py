@@ -223,7 +223,7 @@ class BoucWen(SlidingLaw):
 
 @dataclass(frozen=True)
 class Play(SlidingLaw):
-    """A joint with play: friction in series with a spring that is met only beyond ``half`` the play.
+    """A joint with play: friction in series with a spring that is met beyond ``half`` the play.
 
     z is the way since the last slip; a Jenkins element where there is no play.
     """
