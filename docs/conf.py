@@ -33,7 +33,7 @@ extensions = [
 exclude_patterns = ["_templates"]
 templates_path = ["_templates"]
 default_role = "py:obj"  # a name in single backticks links to what it names
-myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["amsmath", "attrs_block", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "off"  # they are stored executed, and tests run them
 copybutton_exclude = ".linenos, .gp, .go"
@@ -52,6 +52,8 @@ html_title = "romsindy"
 html_static_path = ["_static"]
 html_css_files = ["own.css"]
 html_show_sourcelink = False
+_ALONE = ("start", "effects", "validation", "pysindy", "matlab", "moving", "changelog")
+html_sidebars = {name: [] for name in _ALONE}  # no pages below them to list
 html_math_renderer = "mathml"
 html_theme_options = {
     "show_toc_level": 2,

@@ -22,6 +22,7 @@ from romsindy.effects.base import Effect, Scales, State, TimedEffect
 from romsindy.typing import Array
 
 _SAMPLES = 1440  # of a cycle: kinks are found to 1 / 1440 of it
+_LEAST = 0.1  # amplitude, as a part of the largest: friction damps without end towards none
 _NOTHING = 1e-3  # of the force: what the sum over samples leaves of an integral that is 0
 
 
@@ -46,7 +47,7 @@ def fingerprint(effect: Effect, n: int = 60) -> Fingerprint | None:
         With gaps, distances and exponents that a diagnosis tries first, for a largest amplitude of
         1 and a linear frequency of 1 rad/s.
     n : int
-        Number of amplitudes, up to 1.
+        Number of amplitudes, from a tenth of the largest to the largest.
 
     Returns
     -------
@@ -56,7 +57,7 @@ def fingerprint(effect: Effect, n: int = 60) -> Fingerprint | None:
     """
     scales = Scales(amplitude=1.0, omega=1.0, duration=200 * np.pi, tones=(1.0,))
     first = {p.name: p.starts[0] for p in effect.parameters(scales)}
-    amplitude = np.linspace(1 / n, 1.0, n)
+    amplitude = np.linspace(_LEAST, 1.0, n)
     averages = [averaged(effect.shaped(first), a) for a in amplitude]
     if isinstance(effect, TimedEffect) or None in averages:
         return None

@@ -12,7 +12,7 @@ from romsindy.effects.fingerprint import Fingerprint, fingerprint
 from romsindy.effects.memory import MemoryEffect
 from romsindy.typing import Array
 
-_HEAD = ("what is missing", "name", "class", "adds")
+_HEAD = ("what is missing", "family", "class")
 _PAGE = """# Effects
 
 What a diagnosis looks for, written by `python -m romsindy.effects.table` from the effects
@@ -42,8 +42,7 @@ def page(catalogue: Iterable[Effect] = (*CATALOGUE, *BEAM_CATALOGUE)) -> str:
     kinds = kinds_of(catalogue)
     head, *body = rows(kinds)
     lines = [head, ("---",) * len(head), *body]
-    cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
-    text = _PAGE + "".join(f"| {' | '.join(line)} |\n" for line in cells)
+    text = _PAGE + "".join(f"| {' | '.join(line)} |\n" for line in lines)
     for family in _FAMILIES:
         text += f"\n## {family.capitalize()}\n"
         text += "".join(_section(e, kinds) for e in kinds if e.family == family)
@@ -77,25 +76,23 @@ def kinds_of(catalogue: Iterable[Effect]) -> list[Effect]:
 
 def _row(effect: Effect) -> tuple[str, ...]:
     kind = type(effect).__name__
-    shape = ", ".join(f.name for f in fields(effect))  # type: ignore[arg-type]
-    label = f"[{effect.label}](#{kind.lower()})"
-    return label, effect.name, f"`{kind}({shape})`", f"`{formula(effect)}`"
+    return f"[{effect.label}](#{kind.lower()})", effect.family, f"`{kind}`"
 
 
 def _section(effect: Effect, kinds: list[Effect]) -> str:
     kind = type(effect).__name__
     mounting = effect.mounting if isinstance(effect, TermEffect) else None
     where = "reading" if isinstance(effect, ReadingEffect) else "equation of motion"
+    shape = ", ".join(f.name for f in fields(effect))  # type: ignore[arg-type]
     parts = [
         f"\n({kind.lower()})=\n### {effect.label[0].upper()}{effect.label[1:]}",
-        f"`romsindy.effects.{kind}`, `{effect.name}`{f', {mounting.place}' if mounting else ''};"
-        f" adds to the {where}",
+        f"`{kind}({shape})`, named `{effect.name}`, adds to the {where}"
+        f"{f'; on a beam {mounting.place}' if mounting else ''}:",
         f"$${_typeset(formula(effect))}$$",
     ]
     found = fingerprint(effect)
     if found is not None:
-        seen = described(found)
-        parts.append(f"![{seen}](effects/{kind}.svg)\n\n{seen}")
+        parts.append(f"![{described(found)}](effects/{kind}.svg)")
     alike = [e for e in kinds if e.name in look_alikes(effect.name, kinds)]
     links = ", ".join(f"[{e.label}](#{type(e).__name__.lower()})" for e in alike)
     parts.append(f"- *Looks like*: {links or 'nothing else in the catalogue'}.")

@@ -16,4 +16,5 @@ def plot_fingerprint(found: Fingerprint, axes: Sequence[Axes]) -> None:
         ax.axhline(0.0, color="0.6", lw=0.8)
         ax.plot(found.amplitude, y, color="C0", lw=2)
         ax.set(xlim=(0, 1), ylim=(-1.1, 1.1), yticks=(-1, 0, 1))
-        ax.set(xlabel="amplitude / largest", ylabel=f"change of {name}")
+        ax.set(title=name, xlabel="amplitude / largest")
+    axes[0].set_ylabel("change")
