@@ -115,13 +115,14 @@ def _course(y: Array) -> str:
 
 
 _LATEX = (
+    (r"\|([^|]+)\|", r"\\left|\1\\right|"),
     (r"q_ddot", r"\\ddot q"),
     (r"q_dot", r"\\dot q"),
     (r"<=", r"\\le "),
     (r"\bzeta\b", r"\\zeta"),
     (r"mean of ", r"\\text{mean of }"),
     (r"; ", r",\\quad "),
-    (r"(?<![\\\w{])([a-z]{3,})(?![a-z])", r"\\operatorname{\1}"),
+    (r"(?<![\\\w{])(?!left|right)([a-z]{3,})(?![a-z])", r"\\operatorname{\1}"),
     (r"\^(-?\w+|\\operatorname{\w+}|-?[\d.]+)", r"^{\1}"),
 )
 
