@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click import Command, Context
 
 import romsindy
-from romsindy.commands.main import main
 from romsindy.effects import (
     BEAM_CATALOGUE,
     CATALOGUE,
@@ -69,17 +66,6 @@ def test_what_has_no_fingerprint():
     assert not [e.name for e in CATALOGUE if e.family == "measurement" and fingerprint(e)]
     seen = described(fingerprint(DryFriction()))
     assert seen == "Frequency: no change. Damping ratio: up, more at small amplitudes."
-
-
-@each
-def test_commands_and_their_options_exist(path):
-    for block in re.findall(r"^```sh\n(.*?)^```", path.read_text(), re.S | re.M):
-        for line in block.replace("\\\n", " ").splitlines():
-            program, name, *rest = shlex.split(line)
-            command = main.get_command(Context(main), name)
-            assert program == "romsindy" and isinstance(command, Command), line
-            known = {option for p in command.params for option in p.opts}
-            assert {word for word in rest if word.startswith("--")} <= known, line
 
 
 @each
