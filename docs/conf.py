@@ -40,6 +40,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 
 numpydoc_show_class_members = False  # autosummary lists them
 autodoc_typehints = "none"  # the docstrings say more
+toc_object_entries_show_parents = "hide"
 autodoc_member_order = "bysource"
 
 plot_formats = ["svg"]
