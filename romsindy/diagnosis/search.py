@@ -258,7 +258,8 @@ class Search:
         after = after.settled(self.form)
         before = before.at(after.form)
         gain = before.misfit - after.misfit
-        alarm = chi2.isf(self.options.false_alarm / n_looks, more)
+        n_values = sum(p.size for p in after.effects) - sum(p.size for p in before.effects)
+        alarm = chi2.isf(self.options.false_alarm / n_looks, max(n_values, more))
         return bool(gain > alarm and gain > after.price - before.price + 2 * np.log(n_looks))
 
     def _pruned(
