@@ -165,6 +165,7 @@ class Identification(Estimate):
             f"{self.structure}: (1 + h(q)) q_ddot + h'(q)/2 q_dot^2 + D(q) q_dot + K(q) = 0"
             f"    (q in {unit}, t in s)",
             self._others(),
+            self._short_form(),
             "Functions with their 95 % bands at each q, for an equation of one coordinate:",
             aligned(self._functions_table(), "  "),
             "Undamped frequency, and damping ratio (energy lost in a cycle / 2 pi a dE/da), +- one"
@@ -209,16 +210,38 @@ class Identification(Estimate):
             rows.append([f"{x:.4g}", *with_error(f, df), *with_error(z, dz)])
         return rows
 
+    @cached_property
+    def short(self) -> ReducedModel:
+        """The equation of the low-order coefficients that are two standard errors off zero."""
+        told = [
+            (term, value)
+            for term, value in zip(self.model.terms, self.model.values, strict=True)
+            if abs(value) >= 2 * self.standard_errors.get(term.key, 0.0)
+            and term.dimension[0] <= _ORDER
+        ]
+        terms, values = zip(*told, strict=True)
+        return ReducedModel(terms, values, self.model.unit, self.model.amplitude_range)
+
+    def _short_form(self) -> str:
+        """The short equation, and how far its frequency is off that of the functions."""
+        a = np.linspace(0.05, 0.95, 19) * min(map(abs, self.reach))
+        off = 100 * np.abs(self.short.backbone(a) / self.model.backbone(a) - 1)
+        reach = f"up to {a[-1]:.3g} {self.model.unit or '[q]'}"
+        frequency = (
+            f"it has no motion at some amplitudes {reach}"
+            if np.isnan(off).any()
+            else f"its frequency is within {off.max():.2g} % of that of the functions {reach}"
+        )
+        return f"In short: {self.short.equation()}\n  ({frequency})"
+
     def _coefficients(self) -> str:
-        """Taylor coefficients at q = 0, of low order, that are two standard errors off zero."""
-        errors, rows, left = self.standard_errors, [["coefficient", "value", "+-", "unit"]], 0
-        for term, value in zip(self.model.terms, self.model.values, strict=True):
-            error = errors.get(term.key, 0.0)
-            if abs(value) < 2 * error or term.dimension[0] > _ORDER:
-                left += 1
-                continue
+        """Taylor coefficients at q = 0: those of the short equation, with their errors."""
+        rows = [["coefficient", "value", "+-", "unit"]]
+        for term, value in zip(self.short.terms, self.short.values, strict=True):
+            error = self.standard_errors.get(term.key, 0.0)
             number = with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
             rows.append([term.key, *number, term.unit(self.model.unit)])
+        left = len(self.model.terms) - len(self.short.terms)
         more = f"\n  {left} more are not told from 0 or of higher order: read the functions."
         return aligned(rows, "  ") + (more if left else "")
 
