@@ -127,13 +127,15 @@ def comparison(system: System, fits: Fits) -> Chapter:
         ],
         pictures,
         [
-            Check("stiffness 5, largest backbone error", 100 * stiffness.max_error, 1.0,
-                  at_most=False),
-            Check("IC-ROM 5, largest backbone error", 100 * icrom.max_error, 0.25),
-            Check("IC-ROM 9, largest backbone error", 100 * high.max_error, 0.06),
-            Check("IC-ROM 5, Upsilon_3 against direct", wrong["Upsilon_3"], 10.0),
-            Check("IC-ROM 5, gamma_3 against direct", wrong["gamma_3"], 10.0),
-            Check("IC-ROM 7, linear frequency", omega, 0.08),
+            Check("stiffness polynomial of order 5, largest error of the backbone",
+                  100 * stiffness.max_error, 1.0, at_most=False),
+            Check("IC-ROM of order 5, largest error of the backbone", 100 * icrom.max_error, 0.25),
+            Check("IC-ROM of order 9, largest error of the backbone", 100 * high.max_error, 0.06),
+            Check("IC-ROM of order 5, inertia Upsilon_3 against the beam's own",
+                  wrong["Upsilon_3"], 10.0),
+            Check("IC-ROM of order 5, stiffness gamma_3 against the beam's own",
+                  wrong["gamma_3"], 10.0),
+            Check("IC-ROM of order 7, linear frequency against the beam's own", omega, 0.08),
         ],
     )  # fmt: skip
 
@@ -232,7 +234,7 @@ def experiment(system: System, finished: Sequence[Trial], asked: int) -> Chapter
         ],
         [
             Check(
-                "simulated experiment, IC-ROM 5, mean error of the linear frequency"
+                "noisy experiment, IC-ROM of order 5, mean error of the linear frequency"
                 f" (standard deviation {100 * np.std(omega, ddof=1):.2g} %)",
                 100 * float(np.mean(np.abs(omega))), 0.6,
             )

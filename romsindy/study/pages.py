@@ -36,14 +36,14 @@ def _write_picture(picture: Picture, folder: Path) -> str:
 
 
 def checks_table(checks: Sequence[Check]) -> Table:
-    """What was asked for, what was measured."""
+    """What the method is expected to reach, and what it reached."""
     return Table(
         "checks",
-        "Asked for and measured",
-        "Whether a number is kept is decided here, not in the text.",
-        ["what", "measured", "unit", "asked", "verdict"],
+        "Expected and measured",
+        "Whether a number is as expected is decided here, not in the text.",
+        ["what", "measured", "unit", "expected", "verdict"],
         [
-            [c.what, c.measured, c.unit, c.asked, "pass" if c.passed else "FAIL"]
+            [c.what, c.measured, c.unit, c.expected, "pass" if c.passed else "FAIL"]
             for c in checks
         ],
     )  # fmt: skip
