@@ -45,9 +45,9 @@ def structure(system: System) -> Chapter:
             ),
             Picture(
                 "coupling", "Modal coupling without damping",
-                "Let go by a modal force. Left: the first modal coordinates. Right: the others"
-                " against the first; a line walked to and fro is a slave of mode 1, an area has a"
-                " life of its own.",
+                "Let go by a modal force. Left: the first modal coordinates, each over its largest"
+                " value. Right: the others against the first; a line walked to and fro is a slave"
+                " of mode 1, an area has a life of its own.",
                 partial(figures.coupling, system=system), (10, 4.2),
             ),
         ],
@@ -85,6 +85,7 @@ def comparison(system: System, fits: Fits) -> Chapter:
     stiffness, icrom, high = (fits[n] for n in ("stiffness 5", "IC-ROM 5", "IC-ROM 9"))
     wrong = tables.parameter_errors(icrom.model, system.direct[5])
     omega = tables.parameter_errors(fits["IC-ROM 7"].model, system.direct[7])["omega_1"]
+    damped = identify(system.decay, system.backbone, "IC-ROM", 5, damping=("linear",))
     conditions = (f"{f} {tables.condition(fits[f'{f} 3']):.3g}" for f in FAMILIES)
     pictures = [
         Picture(
@@ -110,8 +111,9 @@ def comparison(system: System, fits: Fits) -> Chapter:
     pictures.append(
         Picture(
             "relative_magnitude", "Relative magnitude of the terms",
-            "IC-ROM of order 5: which terms matter at which amplitude.",
-            partial(figures.relative_magnitude, candidate=icrom, backbone=system.backbone),
+            "IC-ROM of order 5 with linear damping, which the tables leave out: which terms matter"
+            " at which amplitude, from the largest on.",
+            partial(figures.relative_magnitude, candidate=damped, backbone=system.backbone),
         )
     )  # fmt: skip
     return Chapter(
@@ -215,7 +217,8 @@ def experiment(system: System, finished: Sequence[Trial], asked: int) -> Chapter
                 partial(figures.experiment_backbone, noisy=noisy, candidates=one),
             ),
             Picture(
-                "experiment_magnitude", "One seed: relative magnitude of the terms", "IC-ROM.",
+                "experiment_magnitude", "One seed: relative magnitude of the terms",
+                "IC-ROM of order 5, without damping.",
                 partial(
                     figures.relative_magnitude, candidate=first.candidates["IC-ROM, plain"],
                     backbone=system.backbone,
@@ -223,12 +226,15 @@ def experiment(system: System, finished: Sequence[Trial], asked: int) -> Chapter
             ),
             Picture(
                 "experiment_spread", "All seeds: error of the backbone",
-                "Median, and 5 to 95 % of the seeds, against the noise-free backbone.",
+                "Lines: median of the seeds. Bands: 5 to 95 % of them. Against the noise-free"
+                " backbone.",
                 partial(figures.spread, system=system, trials=finished), (9, 6),
             ),
             Picture(
                 "experiment_parameters", "All seeds: parameters",
-                "Boxes hold the middle half of the seeds; against the direct model of order 5.",
+                "Errors against the direct model of order 5. Boxes hold the middle half of the"
+                " seeds, with their median; whiskers reach to the last seed within 1.5 boxes,"
+                " circles are seeds beyond.",
                 partial(figures.parameter_spread, system=system, trials=finished), (10, 4.2),
             ),
         ],
