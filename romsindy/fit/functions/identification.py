@@ -17,7 +17,7 @@ from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
-from romsindy.text import aligned, with_band, with_error
+from romsindy.text import TextTable, as_text, with_band, with_error
 from romsindy.typing import Array
 
 _BAND_DRAWS = 100
@@ -160,23 +160,44 @@ class Identification(Estimate):
     # -- text ---------------------------------------------------------------------------------
 
     def __str__(self) -> str:
-        unit = self.model.unit or "[q]"
-        parts = [
+        return "\n".join([*self.opening(), *map(as_text, self.tables()), *self.conclusions()])
+
+    def opening(self) -> list[str]:
+        """Structure, what is not told apart from it, and the short equation, a line each."""
+        return [
             f"{self.structure}: (1 + h(q)) q_ddot + h'(q)/2 q_dot^2 + D(q) q_dot + K(q) = 0"
-            f"    (q in {unit}, t in s)",
+            f"    (q in {self.model.unit or '[q]'}, t in s)",
             self._others(),
-            self._short_form(),
-            "Functions with their 95 % bands at each q, for an equation of one coordinate:",
-            aligned(self._functions_table(), "  "),
-            "Undamped frequency, and damping ratio (energy lost in a cycle / 2 pi a dE/da), +- one"
-            " standard error:",
-            aligned(self._amplitude_table(), "  "),
-            "Taylor coefficients of the functions at q = 0, +- one standard error:",
-            self._coefficients(),
-            str(self.verdict),
-            *(f"{note[0].upper()}{note[1:]}." for note in self.notes),
+            f"In short: {self.short.equation()}",
+            f"  ({self.off()})",
         ]
-        return "\n".join(filter(None, parts))
+
+    def tables(self) -> list[TextTable]:
+        """Functions with their bands, frequency and damping ratio, Taylor coefficients."""
+        left = len(self.model.terms) - len(self.short.terms)
+        return [
+            TextTable(
+                "Functions with their 95 % bands",
+                self._functions_table(),
+                "Bands hold at each q, for an equation of one coordinate.",
+            ),
+            TextTable(
+                "Undamped frequency, and damping ratio, +- one standard error",
+                self._amplitude_table(),
+                "Damping ratio: energy lost in a cycle / 2 pi a dE/da.",
+            ),
+            TextTable(
+                "Taylor coefficients of the functions at q = 0, +- one standard error",
+                self._coefficients(),
+                f"{left} more are not told from 0 or of higher order: read the functions."
+                if left
+                else "",
+            ),
+        ]
+
+    def conclusions(self) -> list[str]:
+        """Whether the data are explained, and what of the functions they determine."""
+        return [str(self.verdict), *(f"{note[0].upper()}{note[1:]}." for note in self.notes)]
 
     def _others(self) -> str:
         equal = [str(s) for s in self.structures if s.equivalent and s is not self.structure]
@@ -222,28 +243,22 @@ class Identification(Estimate):
         terms, values = zip(*told, strict=True)
         return ReducedModel(terms, values, self.model.unit, self.model.amplitude_range)
 
-    def _short_form(self) -> str:
-        """The short equation, and how far its frequency is off that of the functions."""
+    def off(self) -> str:
+        """How far the frequency of the short equation is off that of the functions."""
         a = np.linspace(0.05, 0.95, 19) * min(map(abs, self.reach))
         off = 100 * np.abs(self.short.backbone(a) / self.model.backbone(a) - 1)
         reach = f"up to {a[-1]:.3g} {self.model.unit or '[q]'}"
-        frequency = (
-            f"it has no motion at some amplitudes {reach}"
-            if np.isnan(off).any()
-            else f"its frequency is within {off.max():.2g} % of that of the functions {reach}"
-        )
-        return f"In short: {self.short.equation()}\n  ({frequency})"
+        if np.isnan(off).any():
+            return f"it has no motion at some amplitudes {reach}"
+        return f"its frequency is within {off.max():.2g} % of that of the functions {reach}"
 
-    def _coefficients(self) -> str:
-        """Taylor coefficients at q = 0: those of the short equation, with their errors."""
+    def _coefficients(self) -> list[list[str]]:
         rows = [["coefficient", "value", "+-", "unit"]]
         for term, value in zip(self.short.terms, self.short.values, strict=True):
             error = self.standard_errors.get(term.key, 0.0)
             number = with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
             rows.append([term.key, *number, term.unit(self.model.unit)])
-        left = len(self.model.terms) - len(self.short.terms)
-        more = f"\n  {left} more are not told from 0 or of higher order: read the functions."
-        return aligned(rows, "  ") + (more if left else "")
+        return rows
 
     # -- JSON ---------------------------------------------------------------------------------
 
