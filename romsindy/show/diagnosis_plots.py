@@ -98,8 +98,10 @@ def draw_errors(names: Sequence[str], before: Array, after: Array, figure: Figur
     """Errors over noise of records or sensors: bars from the noise itself, 1, up or down."""
     ax = figure.subplots()
     at = np.arange(len(names))
-    ax.bar(at - 0.2, before - 1, 0.4, bottom=1, color=BEFORE, label="before")
-    ax.bar(at + 0.2, after - 1, 0.4, bottom=1, color=AFTER, label="after")
+    sides = ((at - 0.2, before, BEFORE, "before"), (at + 0.2, after, AFTER, "after"))
+    for place, errors, color, label in sides:
+        bars = ax.bar(place, errors - 1, 0.4, bottom=1, color=color, label=label)
+        ax.bar_label(bars, [f"{e:.3g}" for e in errors], padding=2, fontsize="small")
     ax.axhline(1.0, color="0.5", lw=0.8)
     ax.set(ylabel="error over noise", xticks=at, xticklabels=names)
     log_ratio(ax)

@@ -210,7 +210,7 @@ def _of_functions(found: Identification, others: dict) -> list[Picture]:
             "misfit",
             "What the equation leaves",
             "Residual at the harmonics of the motion over the noise, in windows of eight cycles:"
-            " near 1 nothing is missing.",
+            " near 1 nothing is missing; single points scatter by chance.",
             partial(plots.plot_misfit, found),
         ),
     ]
