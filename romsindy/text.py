@@ -38,9 +38,17 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> str:
     return "\n".join(lines)
 
 
+def as_text(table: TextTable) -> str:
+    """A table under its title and above its note, set in by two spaces."""
+    lines = [f"{table.title}:", aligned(table.rows, "  "), f"  {table.note}" if table.note else ""]
+    return "\n".join(filter(None, lines))
+
+
 def columns_of_numbers(rows: Sequence[Sequence[str]]) -> list[bool]:
     """Which columns hold mostly numbers below the header: "0.1", "0.1 to 0.2", "36 (fixed)"."""
-    columns = [[c for c in column[1:] if c not in ("", "-")] for column in zip(*rows, strict=True)]
+    columns = [
+        [c for c in column[1:] if c not in ("", "-", "–")] for column in zip(*rows, strict=True)
+    ]
     return [2 * sum(map(_starts_with_a_number, cells)) > len(cells) for cells in columns]
 
 

@@ -242,6 +242,19 @@ def test_functions_of_an_oscillator_lie_in_their_bands(example):
     assert example.verdict.explained
 
 
+def test_the_short_equation_says_how_far_it_is_off(example):
+    """Against the truth, whose frequencies the functions have to 0.1 %."""
+    text = str(example)
+    assert f"In short: {example.short.equation()}" in text
+    stated = float(re.search(r"its frequency is within ([\d.]+) % of that of the", text)[1]) / 100
+    a = np.linspace(0.1, 0.95, 10) * min(map(abs, example.reach))
+    truth = rs.physics.example.EXAMPLE_MODEL
+    off = np.abs(example.short.backbone(a) / truth.backbone(a) - 1)
+    assert stated / 3 < off.max() < stated + 1e-3  # the largest is between places, too
+    errors = example.standard_errors
+    assert all(abs(v) >= 2 * errors[k] for k, v in example.short.coefficients.items())
+
+
 def test_inertia_is_never_negative(example):
     q = np.linspace(*example.reach, 2001)
     for sample in (*example.samples[:50], example.model.values):

@@ -189,9 +189,17 @@ def test_command_writes_report_tables_and_figures(small, tmp_path, system, plain
     monkeypatch.setattr(story, "simulate_system", lambda *args, **kwargs: system)
     result = small("--out", str(tmp_path))
     assert result.exit_code == 0, result.output
-    assert "pass  stiffness 5, largest backbone error" in result.output
+    first = "pass  stiffness polynomial of order 5, largest error of the backbone"
+    assert first in result.output
+    # Where something is not as expected, the last words say what that means.
+    passed, failed = (len(re.findall(f"^{v}", result.output, re.M)) for v in ("pass", "FAIL"))
+    assert f"{passed} of {passed + failed} numbers are as expected" in result.output
+    assert ("FAIL marks the other" in result.output) == bool(failed)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert not re.search(r'(src|href)="(?!data:image|https://doi\.org)', page)  # self-contained
+    # Self-contained: what is linked is the paper, or a part of the page.
+    assert not re.search(r'(src|href)="(?!data:image|https://doi\.org|#)', page)
+    parts = re.findall(r'href="#([^"]+)"', page)
+    assert len(parts) == page.count('<h2 id="') and all(f'id="{p}"' in page for p in parts)
     pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert len(pictures) == len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.svg")))
     assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)

@@ -64,8 +64,14 @@ def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int | None
 
 
 def _print(checks: list[Check]) -> None:
-    for what, measured, unit, asked, verdict in checks_table(checks).formatted():
-        click.echo(f"{verdict:<5} {what}: {measured} {unit}, asked {asked}")
+    if not checks:
+        return
+    click.echo("What the method is expected to reach on this beam, and what it reached:")
+    for what, measured, unit, expected, verdict in checks_table(checks).formatted():
+        click.echo(f"{verdict:<5} {what}: {measured} {unit}, expected {expected}")
+    failed = sum(not c.passed for c in checks)
+    unexpected = f"; FAIL marks the other {failed}, the run itself is complete" * bool(failed)
+    click.echo(f"{len(checks) - failed} of {len(checks)} numbers are as expected{unexpected}.")
 
 
 def _progress(steps: Iterable, what: str, total: int) -> Iterable:

@@ -284,6 +284,7 @@ class DiagnosisReport:
             "verdict": self.verdict,
             "sentence": self.sentence,
             "equation_title": "The simulation with it added",
+            "formula": self.model.latex_terms(),
             "equation": str(self.model),
             "equation_note": f"{note}{outside}." if outside else "",
             "tables": [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -441,18 +442,26 @@ class ReducedModel:
 
     def equation(self, precision: int = 4) -> str:
         """One line of text."""
-        return "q_ddot" + self._sum(precision, lambda term: term.expression()) + " = 0"
+        sums = self._sum(precision, lambda term: term.expression())
+        return "".join(["q_ddot", *sums, " = 0"])
 
     def latex(self, precision: int = 4) -> str:
         """The equation as LaTeX, without dollar signs."""
+        return "".join(self.latex_terms(precision))
+
+    def latex_terms(self, precision: int = 4) -> list[str]:
+        """The parts of `latex`, between which a line may end."""
 
         def expression(term: Term) -> str:
             text = term.expression("q", r"\dot{q}", r"\ddot{q}")
+            text = re.sub(r"\^(\d[\d.]+)", r"^{\1}", text)
             return text.replace("sign", r"\operatorname{sign}")
 
-        return r"\ddot{q}" + self._sum(precision, expression, latex=True) + " = 0"
+        return [r"\ddot{q}", *self._sum(precision, expression, latex=True), " = 0"]
 
-    def _sum(self, precision: int, expression: Callable[[Term], str], latex: bool = False) -> str:
+    def _sum(
+        self, precision: int, expression: Callable[[Term], str], latex: bool = False
+    ) -> list[str]:
         parts = []
         for term, value in self._pairs:
             number = f"{abs(value):.{precision}g}"
@@ -461,7 +470,7 @@ class ReducedModel:
                 number = rf"{mantissa} \times 10^{{{int(exponent)}}}"
             separator = r" \, " if latex else " "
             parts.append(f" {'-' if value < 0 else '+'} {number}{separator}{expression(term)}")
-        return "".join(parts)
+        return parts
 
     def __str__(self) -> str:
         lines = [f"{self.equation()}    (q in {self.unit or 'its own unit [q]'}, t in s)"]

@@ -11,7 +11,10 @@ from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode
 from romsindy.beam.statics import Shape
-from romsindy.show.axes import given_or_new
+from romsindy.show.axes import given_or_new, look, with_unit
+from romsindy.typing import Array
+
+_MODAL = "kg^0.5 m"  # unit of a modal coordinate
 
 
 def plot_shapes(shapes: Mapping[str, Shape], ax: Axes | None = None) -> Axes:
@@ -21,8 +24,8 @@ def plot_shapes(shapes: Mapping[str, Shape], ax: Axes | None = None) -> Axes:
         if i == 0:
             ax.plot(shape.s, 0.0 * shape.s, color="0.7", lw=1.0, label="straight")
         x, y = shape.s + shape.displacement[:, 0], shape.displacement[:, 1]
-        ax.plot(x, y, label=label)
-    ax.set(xlabel="x / m", ylabel="y / m", aspect="equal")
+        ax.plot(x, y, **look(i), label=label)
+    ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     ax.legend()
     return ax
 
@@ -33,20 +36,28 @@ def plot_modes(basis: ModalBasis, count: int = 3, ax: Axes | None = None) -> Axe
     s = basis.equilibrium.s
     for mode in range(1, count + 1):
         omega = basis.omega[basis.index(mode)]
-        ax.plot(s, basis.shape(mode)[:, 1], label=f"mode {mode}: {omega:.4g} rad/s")
+        label = f"mode {mode}: {omega / (2 * np.pi):.4g} Hz"
+        ax.plot(s, basis.shape(mode)[:, 1], **look(mode - 1), label=label)
     ax.axhline(0.0, color="0.7", lw=0.8)
-    ax.set(xlabel="s / m", ylabel="transverse mode shape / kg$^{-1/2}$")
+    ax.set(xlabel="s (m)", ylabel=with_unit("transverse mode shape", "kg^-1/2"))
     ax.legend()
     return ax
 
 
-def plot_modal_responses(motion: Motion, count: int = 3, ax: Axes | None = None) -> Axes:
-    """Draw ``count`` modal coordinates against time (the paper's fig. 3, left)."""
+def plot_modal_responses(
+    motion: Motion, count: int = 3, ax: Axes | None = None, *, scale: bool = False
+) -> Axes:
+    """Draw ``count`` modal coordinates against time (the paper's fig. 3, left).
+
+    With ``scale`` each is divided by its largest value, as in `plot_coupling`.
+    """
     ax = given_or_new(ax)
     motion.basis.index(count)
     for column in range(count):
-        ax.plot(motion.t, motion.coordinates.displacement[:, column], label=f"$q_{{{column + 1}}}$")
-    ax.set(xlabel="t / s", ylabel="q / (kg$^{1/2}$ m)")
+        q, label = _scaled(motion, column, scale)
+        ax.plot(motion.t, q, **look(column), label=label)
+    ylabel = "$q_n$ / max" if scale else with_unit("q", _MODAL)
+    ax.set(xlabel="time (s)", ylabel=ylabel)
     ax.legend()
     return ax
 
@@ -69,16 +80,21 @@ def plot_coupling(
     """
     ax = given_or_new(ax)
     motion.basis.index(count)
-    q = motion.coordinates.displacement
     for column in range(1, count):
-        largest = float(np.max(np.abs(q[:, column])))
-        factor = largest if scale and largest > 0.0 else 1.0
-        label = f"$q_{{{column + 1}}}$, max {largest:.2g}"
-        ax.plot(q[:, 0], q[:, column] / factor, lw=0.8, label=label)
-    unit = "(kg$^{1/2}$ m)"
-    ax.set(xlabel=f"$q_1$ / {unit}", ylabel="$q_n$ / max" if scale else f"$q_n$ / {unit}")
+        q, label = _scaled(motion, column, scale)
+        ax.plot(motion.coordinates.displacement[:, 0], q, color=f"C{column}", lw=0.8, label=label)
+    ylabel = "$q_n$ / max" if scale else with_unit("$q_n$", _MODAL)
+    ax.set(xlabel=with_unit("$q_1$", _MODAL), ylabel=ylabel)
     ax.legend()
     return ax
+
+
+def _scaled(motion: Motion, column: int, scale: bool) -> tuple[Array, str]:
+    """A modal coordinate, over its largest value if asked, and its label."""
+    q = motion.coordinates.displacement[:, column]
+    largest = float(np.max(np.abs(q)))
+    label = with_unit(f"$q_{{{column + 1}}}$, max {largest:.2g}", _MODAL)
+    return (q / largest if scale and largest > 0.0 else q), label
 
 
 def plot_normal_mode(
@@ -94,6 +110,6 @@ def plot_normal_mode(
     margin = 0.05 * np.ptp([left, right, *hz])
     ax.set_xlim(min(left, hz.min() - margin), max(right, hz.max() + margin))
     ax.set_ylim(0, max(top, 1.05 * orbits.amplitude.max()))
-    ax.set(xlabel="frequency (Hz)", ylabel="amplitude (kg^0.5 m)")
+    ax.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", _MODAL))
     ax.legend(loc="best", frameon=False)
     return ax

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from romsindy.record.backbone import Backbone
-from romsindy.show.axes import log_ratio
+from romsindy.show.axes import log_ratio, with_unit
 from romsindy.typing import Array
 
 BEFORE, AFTER = "C3", "C0"
@@ -38,7 +38,7 @@ def draw_errors_in_time(
     for ax in (above, *below):
         ax.legend(frameon=False, loc="upper right", fontsize="small")
     below[1].set_xlabel("time (s)")
-    figure.supylabel(f"q ({unit or 'its own unit'})", fontsize="medium")
+    figure.supylabel(with_unit("q", unit), fontsize="medium")
 
 
 def draw_backbones(backbones: Mapping[str, Backbone], unit: str | None, figure: Figure) -> None:
@@ -49,7 +49,7 @@ def draw_backbones(backbones: Mapping[str, Backbone], unit: str | None, figure: 
         above.plot(backbone.amplitude, backbone.frequency / (2 * np.pi), **look)
         below.plot(backbone.amplitude, 100 * backbone.damping_ratio, **look)
     above.set_ylabel("frequency (Hz)")
-    below.set(xlabel=f"amplitude ({unit or 'unit of q'})", ylabel="damping ratio (%)")
+    below.set(xlabel=with_unit("amplitude", unit), ylabel="damping ratio (%)")
     above.legend(frameon=False, fontsize="small")
 
 
@@ -59,7 +59,7 @@ def draw_plane(radius: Array, angle: Array, force: Array, figure: Figure) -> Non
     top = 100 * float(np.nanmax(np.abs(force)))
     x, y = radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle)
     image = ax.pcolormesh(x, y, 100 * force, cmap="RdBu_r", vmin=-top, vmax=top)
-    figure.colorbar(image, ax=ax, label="missing force (% of largest restoring)")
+    figure.colorbar(image, ax=ax, label="missing force (% of largest restoring force)")
     ax.set(xlabel="q / largest", ylabel="q_dot / largest", aspect="equal")
 
 
@@ -68,15 +68,15 @@ def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
     ax = figure.subplots()
     orders = np.arange(before.shape[1])
     bars = [
-        (before[0], BEFORE, 1.0, "before, with q"),
-        (before[1], BEFORE, 0.45, "before, with q_dot"),
-        (after[0], AFTER, 1.0, "after, with q"),
-        (after[1], AFTER, 0.45, "after, with q_dot"),
+        (before[0], BEFORE, 1.0, "before, in phase with q"),
+        (before[1], BEFORE, 0.45, "before, in phase with q_dot"),
+        (after[0], AFTER, 1.0, "after, in phase with q"),
+        (after[1], AFTER, 0.45, "after, in phase with q_dot"),
     ]
     for i, (values, color, alpha, label) in enumerate(bars):
         at = orders + 0.2 * (i - 1.5)
         ax.bar(at, 100 * np.abs(values), 0.2, color=color, alpha=alpha, label=label)
-    ax.set(xlabel="harmonic", ylabel="missing force (%)", xticks=orders)
+    ax.set(xlabel="harmonic", ylabel="missing force (% of largest restoring force)", xticks=orders)
     ax.legend(frameon=False, fontsize="small")
 
 
@@ -95,11 +95,13 @@ def draw_cycles(t: Array, before: Array, after: Array, figure: Figure) -> None:
 
 
 def draw_errors(names: Sequence[str], before: Array, after: Array, figure: Figure) -> None:
-    """Errors over noise of records or sensors."""
+    """Errors over noise of records or sensors: bars from the noise itself, 1, up or down."""
     ax = figure.subplots()
     at = np.arange(len(names))
-    ax.bar(at - 0.2, before, 0.4, color=BEFORE, label="before")
-    ax.bar(at + 0.2, after, 0.4, color=AFTER, label="after")
+    sides = ((at - 0.2, before, BEFORE, "before"), (at + 0.2, after, AFTER, "after"))
+    for place, errors, color, label in sides:
+        bars = ax.bar(place, errors - 1, 0.4, bottom=1, color=color, label=label)
+        ax.bar_label(bars, [f"{e:.3g}" for e in errors], padding=2, fontsize="small")
     ax.axhline(1.0, color="0.5", lw=0.8)
     ax.set(ylabel="error over noise", xticks=at, xticklabels=names)
     log_ratio(ax)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.model import ReducedModel
-from romsindy.show.axes import given_or_new
+from romsindy.show.axes import given_or_new, look, with_unit
 from romsindy.typing import Array
 
 _POINTS, _AMPLITUDES = 201, 25
@@ -38,7 +39,7 @@ def plot_inertia(
     ax = given_or_new(ax)
     q = _range(found)
     h = found.inertia(q)
-    _draw(ax, q, (1 + h.value, 1 + h.low, 1 + h.high), color, label)
+    _draw(ax, q, (1 + h.value, 1 + h.low, 1 + h.high), {"color": color}, label)
     _beside(ax, q, models, lambda model: model.inertia(q))
     return _labelled(ax, found, "inertia  $M(q) = 1 + h(q)$")
 
@@ -65,7 +66,7 @@ def plot_stiffness(
     q = _range(found)
     q = q[q != 0]  # K(0)/0 is no number; its neighbours show where it tends to
     k = found.stiffness(q)
-    _draw(ax, q, (k.value, k.low, k.high), color, label)
+    _draw(ax, q, (k.value, k.low, k.high), {"color": color}, label)
     _beside(ax, q, models, lambda model: model.stiffness(q) / q)
     return _labelled(ax, found, "stiffness  $K(q)/q$  (1/s$^2$)")
 
@@ -89,9 +90,10 @@ def plot_parts(found: Identification, *, ax: Axes | None = None) -> Axes:
         low, middle, high = np.nanpercentile(values, (2.5, 50, 97.5), axis=0)
         if part == "inertia" and not asked:  # an upper limit is all there is
             low, middle, part = 0 * low, high, "inertia at most"
-        _draw(ax, amplitudes, (middle, low, high), f"C{i}", part)
+        _draw(ax, amplitudes, (middle, low, high), look(i), part)
     _labelled(ax, found, "rms of part / rms of acceleration")
-    ax.set(xlabel=f"amplitude ({found.model.unit or 'unit of q'})", yscale="log", ylim=(1e-5, 3))
+    label = with_unit("amplitude", found.model.unit)
+    ax.set(xlabel=label, yscale="log", ylim=(1e-5, 3))
     return ax
 
 
@@ -103,13 +105,13 @@ def _draw(
     ax: Axes,
     x: Array,
     curves: tuple[Array, Array, Array],
-    color: str,
+    style: dict[str, Any],
     label: str,
 ) -> None:
     """A curve and its band: middle, low, high."""
     middle, low, high = curves
-    ax.fill_between(x, low, high, color=color, alpha=0.25, lw=0)
-    ax.plot(x, middle, color=color, label=label)
+    ax.fill_between(x, low, high, color=style["color"], alpha=0.25, lw=0)
+    ax.plot(x, middle, **style, label=label)
 
 
 def _beside(
@@ -118,13 +120,12 @@ def _beside(
     models: Mapping[str, ReducedModel] | None,
     function: Callable[[ReducedModel], Array],
 ) -> None:
-    """Functions of other models, in the colours that they have beside a backbone."""
+    """Functions of other models, in the looks that they have beside a backbone."""
     for i, (label, model) in enumerate((models or {}).items(), 1):
-        style = "--" if "stiffness" in label else "-"
-        ax.plot(q, function(model), style, color=f"C{i}", lw=1.2, label=label)
+        ax.plot(q, function(model), **look(i), lw=1.2, label=label)
 
 
 def _labelled(ax: Axes, found: Identification, ylabel: str) -> Axes:
-    ax.set(xlabel=f"q ({found.model.unit or 'its own unit'})", ylabel=ylabel)
+    ax.set(xlabel=with_unit("q", found.model.unit), ylabel=ylabel)
     ax.legend(loc="best", frameon=False)
     return ax

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -209,7 +210,7 @@ def _of_functions(found: Identification, others: dict) -> list[Picture]:
             "misfit",
             "What the equation leaves",
             "Residual at the harmonics of the motion over the noise, in windows of eight cycles:"
-            " near 1 nothing is missing.",
+            " near 1 nothing is missing; single points scatter by chance.",
             partial(plots.plot_misfit, found),
         ),
     ]
@@ -240,6 +241,25 @@ def _picture(name: str, title: str, caption: str, plot: Callable[..., object]) -
     return Picture(name, title, caption, lambda figure: plot(ax=figure.subplots()))
 
 
+def _found_or_not(report: IdentificationReport) -> dict[str, Any]:
+    """Banner, equation and tables, with the functions where they were identified."""
+    beside = TextTable("Coefficients and backbone errors", report.table(), report.note())
+    found, model = report.found, report.main.model
+    if found is None:
+        formula = model.latex_terms()
+        words = {"sentence": report.errors(), "equation": str(model)}
+        return {**words, "formula": formula, "tables": [beside]}
+    explained, *determined = found.conclusions()
+    return {
+        "verdict": "explained" if found.verdict.explained else "not explained",
+        "sentence": "\n".join([explained, report.errors()]),
+        "formula": found.short.latex_terms(),
+        "equation": "\n".join(found.opening()[:2]),  # the short one is the formula
+        "equation_note": " ".join([f"Of the short equation: {found.off()}.", *determined]),
+        "tables": [*found.tables(), beside],
+    }
+
+
 def write_identification(
     report: IdentificationReport,
     path: str | Path,
@@ -250,10 +270,8 @@ def write_identification(
         path,
         "report",
         title=report.title,
-        sentence=report.errors(),
         equation_title="The equation of motion",
-        equation=report.equation,
-        tables=[TextTable("Coefficients and backbone errors", report.table(), report.note())],
+        **_found_or_not(report),
         pictures=figures,
         notes=[report.picked, *report.notes()] if report.picked else report.notes(),
     )

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from romsindy.record.backbone import Backbone
+from romsindy.show.axes import with_unit
 from romsindy.show.page import Picture, write_page
 from romsindy.text import TextTable
 
@@ -64,8 +65,8 @@ def _draw(backbones: Mapping[str, Backbone], figure: Figure) -> None:
         sure = b.certain
         frequency.plot(b.frequency[sure] / (2 * np.pi), b.amplitude[sure], ".", ms=3, label=name)
         damping.plot(100 * b.damping_ratio[sure], b.amplitude[sure], ".", ms=3)
-    units = {b.unit or "unit of q" for b in backbones.values()}
-    frequency.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({', '.join(sorted(units))})")
+    units = sorted({b.unit or "unit of q" for b in backbones.values()})
+    frequency.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", ", ".join(units)))
     damping.set(xlabel="damping ratio (%)")
     frequency.set_ylim(0, None)
     frequency.xaxis.set_major_locator(MaxNLocator(5))

@@ -10,12 +10,26 @@ from pathlib import Path
 from typing import IO, Any
 
 from jinja2 import Environment, PackageLoader, select_autoescape
+from latex2mathml.converter import convert
+from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy import __version__
 from romsindy.text import columns_of_numbers
 
 _DPI = 130
+_PLAIN = str.maketrans("", "", "${}\\")  # formulas in texts that are read aloud
+_NAMESPACE = ' xmlns="http://www.w3.org/1998/Math/MathML"'
+# How the banner of a verdict looks; what has none is told without a colour.
+_TONES = {
+    "none": "good",
+    "named": "good",
+    "explained": "good",
+    "ambiguous": "unsure",
+    "unknown": "bad",
+    "not explained": "bad",
+}
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,35 @@ class Picture:
         self.figure().savefig(path, format=format, dpi=_DPI)
 
 
+@dataclass(frozen=True)
+class Image:
+    """A figure as a page holds it: PNG in base64, and a text that says what is seen."""
+
+    png: str
+    alt: str
+
+    @classmethod
+    def of(cls, figure: Figure, title: str, dpi: int = _DPI) -> Image:
+        """Draw a figure; its axes and labelled curves make the text."""
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=dpi)
+        seen = filter(None, map(_seen, figure.axes))
+        return cls(base64.b64encode(buffer.getvalue()).decode(), "; ".join([title, *seen]))
+
+
+def _seen(ax: Axes) -> str:
+    """What axes show: the quantity against the other one, and names of curves."""
+    names = dict.fromkeys(ax.get_legend_handles_labels()[1])
+    over = f" against {ax.get_xlabel()}" if ax.get_xlabel() else ""
+    curves = f": {', '.join(names)}" if names else ""
+    return f"{ax.get_title()} {ax.get_ylabel()}{over}{curves}".translate(_PLAIN).strip()
+
+
+def _mathml(latex: str) -> Markup:
+    """A part of an equation; in HTML no name space is named, and a sign leans on what is before."""
+    return Markup(convert(f"{{}}{latex}").replace(_NAMESPACE, ""))
+
+
 def write_page(
     path: str | Path, template: str, *, pictures: Iterable[Picture] = (), **content: Any
 ) -> None:
@@ -63,20 +106,16 @@ def write_page(
     pictures : iterable of Picture
         Drawn one after the other, the template's ``figures``.
     **content
-        What else the template names.
+        What else the template names; ``formula`` is LaTeX in parts, between which lines may end.
     """
     environment = Environment(
         loader=PackageLoader("romsindy.show"), autoescape=select_autoescape(["j2"])
     )
     environment.filters["columns_of_numbers"] = columns_of_numbers
-    figures = [{"title": p.title, "caption": p.caption, "png": _png(p)} for p in pictures]
+    environment.filters["mathml"] = _mathml
+    environment.filters["tone"] = lambda verdict: _TONES.get(verdict, "")
+    figures = [vars(p) | vars(Image.of(p.figure(), p.title)) for p in pictures]
     text = environment.get_template(f"{template}.html.j2").render(
         version=__version__, figures=figures, **content
     )
     Path(path).write_text(text, encoding="utf-8")
-
-
-def _png(picture: Picture) -> str:
-    buffer = io.BytesIO()
-    picture.write(buffer, "png")
-    return base64.b64encode(buffer.getvalue()).decode()

@@ -16,11 +16,12 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
-from romsindy.show.axes import given_or_new, log_ratio
+from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
 Models = Mapping[str, ReducedModel | Estimate | Band]
+_DOTS = "os^Dv<>"
 # How the cycles of a measured decay look in every figure.
 _CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
 _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
@@ -29,19 +30,19 @@ _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
 def _curves(
     models: Models | None, amplitudes: Array, quantity: str, unit: float
 ) -> Iterator[tuple[Array, Array, tuple[Array, Array] | None, dict[str, Any]]]:
-    """Amplitudes, curve, 95 % band if any, and look of every model; polynomials are dashed."""
+    """Amplitudes, curve, 95 % band if any, and look of every model."""
     for i, (label, model) in enumerate((models or {}).items()):
-        look = {"ls": "--" if "stiffness" in label else "-", "color": f"C{i}", "label": label}
+        style = look(i) | {"label": label}
         if isinstance(model, Estimate):
             model = model.band(amplitudes)
         if isinstance(model, Band):
             band = model
             middle = getattr(band, quantity) / unit
             reach = _SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
-            yield band.amplitude, middle, (middle - reach, middle + reach), look
+            yield band.amplitude, middle, (middle - reach, middle + reach), style
         else:
             curve = model.backbone if quantity == "frequency" else model.damping_ratio
-            yield amplitudes, curve(amplitudes) / unit, None, look
+            yield amplitudes, curve(amplitudes) / unit, None, style
 
 
 def plot_decay(
@@ -69,7 +70,7 @@ def plot_decay(
     if backbone is not None:
         ax.plot(backbone.t, backbone.positive_peak, color="C1", lw=1.2, label="peaks")
         ax.plot(backbone.t, backbone.negative_peak, color="C1", lw=1.2)
-    ax.set(xlabel="time (s)", ylabel=f"q ({decay.unit or 'its own unit'})")
+    ax.set(xlabel="time (s)", ylabel=with_unit("q", decay.unit))
     ax.margins(x=0.01)
     ax.legend(loc="upper right", frameon=False)
     return ax
@@ -98,12 +99,12 @@ def plot_backbone(
             **_CYCLES,
         )
     span = _span(backbones)
-    for amplitudes, middle, band, look in _curves(models, span, "frequency", 2 * np.pi):
+    for amplitudes, middle, band, style in _curves(models, span, "frequency", 2 * np.pi):
         if band:
-            ax.fill_betweenx(amplitudes, *band, color=look["color"], alpha=0.25, lw=0)
-        ax.plot(middle, amplitudes, **look)
-    unit = backbones[0].unit or "unit of q"
-    ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({unit})", ylim=(0, None))
+            ax.fill_betweenx(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
+        ax.plot(middle, amplitudes, **style)
+    label = with_unit("amplitude", backbones[0].unit)
+    ax.set(xlabel="frequency (Hz)", ylabel=label, ylim=(0, None))
     # Single uncertain cycles must not squeeze the picture.
     sure = np.concatenate([b.frequency[b.certain] / (2 * np.pi) for b in backbones])
     if len(sure) > 1:
@@ -150,14 +151,14 @@ def plot_damping(
             **_CYCLES,
         )
     span = _span(backbones)
-    for amplitudes, middle, band, look in _curves(models, span, "damping_ratio", 0.01):
+    for amplitudes, middle, band, style in _curves(models, span, "damping_ratio", 0.01):
         if band:
-            ax.fill_between(amplitudes, *band, color=look["color"], alpha=0.25, lw=0)
-        ax.plot(amplitudes, middle, **look)
+            ax.fill_between(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
+        ax.plot(amplitudes, middle, **style)
     ratios = np.concatenate([b.damping_ratio for b in backbones])
     spread = np.quantile(ratios, [0.05, 0.95]) * 100
     ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
-    ax.set(xlabel=f"amplitude ({backbones[0].unit or 'unit of q'})", ylabel="damping ratio (%)")
+    ax.set(xlabel=with_unit("amplitude", backbones[0].unit), ylabel="damping ratio (%)")
     _legend(ax)
     return ax
 
@@ -174,9 +175,10 @@ def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
     for k, column in enumerate(verdict.misfit.T):
         if np.isfinite(column).any():
             label = "mean position" if k == 0 else f"harmonic {k}"
-            ax.plot(verdict.amplitude[order], column[order], "o-", ms=3, lw=0.8, label=label)
+            style = look(k) | {"marker": _DOTS[k % len(_DOTS)], "ms": 4, "lw": 0.8}
+            ax.plot(verdict.amplitude[order], column[order], **style, label=label)
     ax.axhline(1, color="0.4", lw=0.8, ls=":")
-    ax.set(xlabel=f"amplitude ({verdict.unit or 'unit of q'})", ylabel="residual over noise")
+    ax.set(xlabel=with_unit("amplitude", verdict.unit), ylabel="residual over noise")
     log_ratio(ax)
     ax.legend(loc="best", frameon=False, ncols=2)
     return ax
@@ -185,20 +187,25 @@ def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
 def plot_relative_magnitude(
     model: ReducedModel, amplitudes: ArrayLike, *, ax: Axes | None = None
 ) -> Axes:
-    """Rms of every term relative to the acceleration, against amplitude (the paper's fig. 11)."""
+    """Rms of every term relative to the acceleration, against amplitude (the paper's fig. 11).
+
+    The legend begins with the term that is largest at the largest amplitude.
+    """
     ax = given_or_new(ax)
     amplitudes = np.asarray(amplitudes, float)
     shares = model.relative_magnitude(amplitudes)
     for i, (key, share) in enumerate(shares.items()):
-        style = "-" if i < 10 else "--"
-        ax.plot(amplitudes, share, style, color=f"C{i % 10}", label=_symbol(key))
+        ax.plot(amplitudes, share, **look(i), label=_symbol(key))
     ax.set(
-        xlabel=f"amplitude ({model.unit or 'unit of q'})",
+        xlabel=with_unit("amplitude", model.unit),
         ylabel="rms of term / rms of acceleration",
         yscale="log",
         ylim=(1e-5, 3),
     )
-    ax.legend(loc="lower right", frameon=False, ncols=3, fontsize="small")
+    # From the largest on, as the curves end.
+    ends = np.array([share[np.argmax(amplitudes)] for share in shares.values()])
+    sorted_lines = [ax.lines[i] for i in np.argsort(-ends)]
+    ax.legend(handles=sorted_lines, loc="lower right", frameon=False, ncols=3, fontsize="small")
     return ax
 
 
@@ -220,7 +227,6 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
         ax.bar(position, np.array(rms) / scale, width, color=f"C{i}", label=label)
         ax.set_xticks(np.arange(len(harmonics)), [str(h) for h in harmonics])
     ax.set(xlabel="harmonic", ylabel="rms residual / rms target")
-    log_ratio(ax)
     ax.legend(loc="best", frameon=False)
     return ax
 
@@ -247,11 +253,12 @@ def plot_forced_response(
     ----------
     response : ForcedResponse
     label : str
-        Goes before "stable" and "unstable" in the legend.
+        Goes before "stable" and "unstable" in the legend; the force if it is not given.
     color : str
         Of the curve.
     """
     ax = _orbit_axes(response, ax)
+    label = label or f"{response.force:.3g} {response.unit or '[q]'}/s$^2$,"
     hz = response.frequency / (2 * np.pi)
     # A stretch ends on the first point of the next one, so that the curve has no gaps.
     changes = np.flatnonzero(np.diff(response.stable)) + 1
@@ -273,7 +280,7 @@ _MARKERS = {"fold": "o", "branch point": "s", "period doubling": "^", "Neimark-S
 
 def _orbit_axes(orbits: PeriodicOrbits, ax: Axes | None) -> Axes:
     ax = given_or_new(ax)
-    ax.set(xlabel="frequency (Hz)", ylabel=f"amplitude ({orbits.unit or 'unit of q'})")
+    ax.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", orbits.unit))
     return ax
 
 

@@ -48,7 +48,7 @@ def _text(cell: Cell) -> str:
 
 @dataclass(frozen=True)
 class Check:
-    """A number that the study is asked for; ``at_most`` says whether its bound is an upper one."""
+    """A number with what is expected of it: at most, or above, its bound."""
 
     what: str
     measured: float
@@ -62,7 +62,7 @@ class Check:
         return self.measured <= self.bound if self.at_most else self.measured > self.bound
 
     @property
-    def asked(self) -> str:
+    def expected(self) -> str:
         """The bound in words."""
         return f"{'at most' if self.at_most else 'above'} {self.bound:g} {self.unit}"
 

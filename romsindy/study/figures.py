@@ -14,11 +14,12 @@ from romsindy.record.decay import Decay
 from romsindy.regression.comparison import Candidate
 from romsindy.show import beam as beam_plots
 from romsindy.show import plots
+from romsindy.show.axes import look, with_unit
 from romsindy.study.experiment import ORDER, Trial
 from romsindy.study.system import System
 from romsindy.study.tables import parameters
 
-_AMPLITUDE = "amplitude (kg$^{1/2}$ m)"
+_AMPLITUDE = with_unit("amplitude", "kg^0.5 m")
 
 
 def modes(figure: Figure, system: System) -> None:
@@ -34,8 +35,8 @@ def modes(figure: Figure, system: System) -> None:
 def coupling(figure: Figure, system: System) -> None:
     """Undamped modal responses, and q_2 and q_3 against q_1 (fig. 3)."""
     left, right = figure.subplots(1, 2)
-    beam_plots.plot_modal_responses(system.undamped, ax=left)
-    left.set_xlim(0, 0.6)
+    beam_plots.plot_modal_responses(system.undamped, ax=left, scale=True)
+    left.set(xlim=(0, 0.6), ylim=(-1.9, 1.1))  # room for the legend
     beam_plots.plot_coupling(system.undamped, ax=right)
 
 
@@ -68,8 +69,7 @@ def backbones(
 def errors(ax: Axes, backbone: Backbone, candidates: Sequence[Candidate]) -> None:
     """Absolute relative frequency error of models against amplitude, %."""
     for i, c in enumerate(candidates):
-        style = "--" if c.name.startswith("stiffness") else "-"
-        ax.plot(backbone.amplitude, 100 * np.abs(c.error), style, color=f"C{i}", lw=1.2)
+        ax.plot(backbone.amplitude, 100 * np.abs(c.error), **look(i), lw=1.2)
     ax.set(xlabel=_AMPLITUDE, ylabel="frequency error (%)", yscale="log", ylim=(1e-3, 10))
     ax.grid(axis="y", color="0.9")
 
@@ -109,7 +109,7 @@ def measurement(figure: Figure, clean: Decay, noisy: Decay, filtered: Decay) -> 
         ):
             part = signal.between(start, start + 0.6)
             ax.plot(part.t, part.q, label=label, **style)
-        ax.set(xlabel="time (s)", ylabel="q (kg$^{1/2}$ m)")
+        ax.set(xlabel="time (s)", ylabel=with_unit("q", noisy.unit))
         ax.margins(x=0)
     axes[1].legend(loc="lower right", ncols=3, frameon=False, fontsize="small")
     low, high = axes[1].get_ylim()
@@ -168,7 +168,7 @@ def harmonics(figure: Figure, searches: Mapping[str, GridSearchCV]) -> None:
     for i, (name, search) in enumerate(searches.items()):
         highest = [p["projection__harmonics"][-1] for p in search.cv_results_["params"]]
         score = -100 * search.cv_results_["mean_test_score"]
-        ax.plot(highest, score, "o-", color=f"C{i}", label=name, ms=4)
+        ax.plot(highest, score, marker="o", **look(i), label=name, ms=4)
         best = search.best_index_
         ax.plot(highest[best], score[best], "o", color=f"C{i}", ms=9, mfc="none")
     ax.set(xlabel="highest harmonic", ylabel="error of held-out cycles (%)", yscale="log")

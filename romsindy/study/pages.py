@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from romsindy.show.page import Picture, write_page
+from romsindy.show.page import Image, Picture, write_page
 from romsindy.study.content import Chapter, Check, Table
 
 
 @dataclass(frozen=True)
 class Written:
-    """A chapter with its pictures as PNG in base64, by name."""
+    """A chapter with its images, by name."""
 
     chapter: Chapter
-    images: dict[str, str]
+    images: dict[str, Image]
 
 
 def write_chapter(chapter: Chapter, folder: Path) -> Written:
@@ -26,24 +26,25 @@ def write_chapter(chapter: Chapter, folder: Path) -> Written:
     return Written(chapter, {p.name: _write_picture(p, folder) for p in chapter.pictures})
 
 
-def _write_picture(picture: Picture, folder: Path) -> str:
+def _write_picture(picture: Picture, folder: Path) -> Image:
     figure = picture.figure()
+    image = Image.of(figure, picture.title, dpi=110)
     path = folder / f"{picture.name}.png"
-    figure.savefig(path, dpi=110)
+    path.write_bytes(base64.b64decode(image.png))
     figure.set_layout_engine("none")  # as laid out, once
     figure.savefig(path.with_suffix(".svg"))
-    return base64.b64encode(path.read_bytes()).decode()
+    return image
 
 
 def checks_table(checks: Sequence[Check]) -> Table:
-    """What was asked for, what was measured."""
+    """What the method is expected to reach, and what it reached."""
     return Table(
         "checks",
-        "Asked for and measured",
-        "Whether a number is kept is decided here, not in the text.",
-        ["what", "measured", "unit", "asked", "verdict"],
+        "Expected and measured",
+        "Whether a number is as expected is decided here, not in the text.",
+        ["what", "measured", "unit", "expected", "verdict"],
         [
-            [c.what, c.measured, c.unit, c.asked, "pass" if c.passed else "FAIL"]
+            [c.what, c.measured, c.unit, c.expected, "pass" if c.passed else "FAIL"]
             for c in checks
         ],
     )  # fmt: skip

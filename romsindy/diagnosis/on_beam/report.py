@@ -207,6 +207,7 @@ class BeamReport:
         own = {
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "formula": [],
             "equation": self.recipe,
             "equation_note": "",
             "tables": [gap, sensors, *explanations],

@@ -17,7 +17,7 @@ from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
-from romsindy.text import aligned, with_band, with_error
+from romsindy.text import TextTable, as_text, with_band, with_error
 from romsindy.typing import Array
 
 _BAND_DRAWS = 100
@@ -160,22 +160,44 @@ class Identification(Estimate):
     # -- text ---------------------------------------------------------------------------------
 
     def __str__(self) -> str:
-        unit = self.model.unit or "[q]"
-        parts = [
+        return "\n".join([*self.opening(), *map(as_text, self.tables()), *self.conclusions()])
+
+    def opening(self) -> list[str]:
+        """Structure, what is not told apart from it, and the short equation, a line each."""
+        return [
             f"{self.structure}: (1 + h(q)) q_ddot + h'(q)/2 q_dot^2 + D(q) q_dot + K(q) = 0"
-            f"    (q in {unit}, t in s)",
+            f"    (q in {self.model.unit or '[q]'}, t in s)",
             self._others(),
-            "Functions with their 95 % bands at each q, for an equation of one coordinate:",
-            aligned(self._functions_table(), "  "),
-            "Undamped frequency, and damping ratio (energy lost in a cycle / 2 pi a dE/da), +- one"
-            " standard error:",
-            aligned(self._amplitude_table(), "  "),
-            "Taylor coefficients of the functions at q = 0, +- one standard error:",
-            self._coefficients(),
-            str(self.verdict),
-            *(f"{note[0].upper()}{note[1:]}." for note in self.notes),
+            f"In short: {self.short.equation()}",
+            f"  ({self.off()})",
         ]
-        return "\n".join(filter(None, parts))
+
+    def tables(self) -> list[TextTable]:
+        """Functions with their bands, frequency and damping ratio, Taylor coefficients."""
+        left = len(self.model.terms) - len(self.short.terms)
+        return [
+            TextTable(
+                "Functions with their 95 % bands",
+                self._functions_table(),
+                "Bands hold at each q, for an equation of one coordinate.",
+            ),
+            TextTable(
+                "Undamped frequency, and damping ratio, +- one standard error",
+                self._amplitude_table(),
+                "Damping ratio: energy lost in a cycle / 2 pi a dE/da.",
+            ),
+            TextTable(
+                "Taylor coefficients of the functions at q = 0, +- one standard error",
+                self._coefficients(),
+                f"{left} more are not told from 0 or of higher order: read the functions."
+                if left
+                else "",
+            ),
+        ]
+
+    def conclusions(self) -> list[str]:
+        """Whether the data are explained, and what of the functions they determine."""
+        return [str(self.verdict), *(f"{note[0].upper()}{note[1:]}." for note in self.notes)]
 
     def _others(self) -> str:
         equal = [str(s) for s in self.structures if s.equivalent and s is not self.structure]
@@ -209,18 +231,34 @@ class Identification(Estimate):
             rows.append([f"{x:.4g}", *with_error(f, df), *with_error(z, dz)])
         return rows
 
-    def _coefficients(self) -> str:
-        """Taylor coefficients at q = 0, of low order, that are two standard errors off zero."""
-        errors, rows, left = self.standard_errors, [["coefficient", "value", "+-", "unit"]], 0
-        for term, value in zip(self.model.terms, self.model.values, strict=True):
-            error = errors.get(term.key, 0.0)
-            if abs(value) < 2 * error or term.dimension[0] > _ORDER:
-                left += 1
-                continue
+    @cached_property
+    def short(self) -> ReducedModel:
+        """The equation of the low-order coefficients that are two standard errors off zero."""
+        told = [
+            (term, value)
+            for term, value in zip(self.model.terms, self.model.values, strict=True)
+            if abs(value) >= 2 * self.standard_errors.get(term.key, 0.0)
+            and term.dimension[0] <= _ORDER
+        ]
+        terms, values = zip(*told, strict=True)
+        return ReducedModel(terms, values, self.model.unit, self.model.amplitude_range)
+
+    def off(self) -> str:
+        """How far the frequency of the short equation is off that of the functions."""
+        a = np.linspace(0.05, 0.95, 19) * min(map(abs, self.reach))
+        off = 100 * np.abs(self.short.backbone(a) / self.model.backbone(a) - 1)
+        reach = f"up to {a[-1]:.3g} {self.model.unit or '[q]'}"
+        if np.isnan(off).any():
+            return f"it has no motion at some amplitudes {reach}"
+        return f"its frequency is within {off.max():.2g} % of that of the functions {reach}"
+
+    def _coefficients(self) -> list[list[str]]:
+        rows = [["coefficient", "value", "+-", "unit"]]
+        for term, value in zip(self.short.terms, self.short.values, strict=True):
+            error = self.standard_errors.get(term.key, 0.0)
             number = with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
             rows.append([term.key, *number, term.unit(self.model.unit)])
-        more = f"\n  {left} more are not told from 0 or of higher order: read the functions."
-        return aligned(rows, "  ") + (more if left else "")
+        return rows
 
     # -- JSON ---------------------------------------------------------------------------------
 

@@ -1,0 +1,123 @@
+"""The command ``romsindy example``."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+import numpy as np
+
+from romsindy.diagnosis.on_beam import load_beam
+from romsindy.effects import AirDrag
+from romsindy.physics.model import ReducedModel
+from romsindy.record.signals import with_noise
+from romsindy.typing import Array
+
+# A thin strip: its stiffness grows with displacement, and so does the inertia of what it drags
+# along, so that its frequency falls. The second structure has no such inertia, but meets the air.
+STRIP = ReducedModel.from_coefficients(
+    {"omega^2": 2500.0, "gamma_3": 5e4, "Upsilon_3": 60.0, "c_linear": 0.4}, unit="m"
+)
+SIMULATION = ReducedModel.from_coefficients(
+    {"omega^2": 2500.0, "gamma_3": 5e4, "c_linear": 0.4}, unit="m"
+)
+DRAG = 1.0  # 1/m, which the simulation lacks
+REAL = ReducedModel(
+    (*SIMULATION.terms, AirDrag().term()), (*SIMULATION.values, DRAG), SIMULATION.unit
+)
+DRAG_ALONG_BEAM = 0.018  # N s^2/m^3, which the beam of beam.toml lacks
+Writer = Callable[[Path], object]
+_T = np.arange(0, 12, 1 / 400)  # s
+_SNR = 40.0  # dB
+_COLUMNS = ("base", "middle", "tip")  # of the sensors on the beam
+_BEAM = f"""\
+# A steel cantilever with a pre-stretched tip spring, coarse so that it is fast.
+# The arguments of romsindy.Beam.cantilever; what is not given has its default.
+[beam]
+length = 0.45       # m
+width = 0.025       # m
+thickness = 0.001   # m
+elements = 6
+
+[sensors]
+positions = [0.2, 0.32, 0.45]   # m along the beam
+columns = {list(_COLUMNS)}   # of the measured files
+""".replace("'", '"')
+
+
+def _decay(model: ReducedModel, millimetres: float, seed: int | None) -> Writer:
+    """A writer of the free decay from an amplitude, with noise if there is a seed for it."""
+
+    def write(path: Path) -> None:
+        q = model.simulate(millimetres / 1000, 0.0, _T).q
+        noisy = q if seed is None else with_noise(q, _SNR, seed)
+        _write_columns(path, _T, {"displacement": noisy})
+
+    return write
+
+
+def _beam_decay(path: Path) -> None:
+    """The decay of the beam in beam.toml with drag, measured by its sensors."""
+    beam, sensors, columns = load_beam(path.with_name("beam.toml"))
+    real = beam.with_effect(AirDrag().on_beam(DRAG_ALONG_BEAM))
+    shape = real.release_shape(tip_displacement=beam.length / 3, mode=1)
+    motion = real.simulate(shape, duration=6.0, step=4e-3, sensors=sensors, progress=False)
+    readings = sensors.measure(motion, _SNR, seed=5)
+    _write_columns(path, motion.t, dict(zip(columns, readings.T, strict=True)))
+
+
+def _write_columns(path: Path, t: Array, signals: dict[str, Array]) -> None:
+    header = ",".join(["time [s]", *(f"{name} [m]" for name in signals)])
+    table = np.column_stack([t, *signals.values()])
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+
+
+def _text(text: str) -> Writer:
+    return lambda path: path.write_text(text, encoding="utf-8")
+
+
+# Name, content and writer; beam.toml comes before the decay that is made with it.
+_FILES: tuple[tuple[str, str, Writer], ...] = (
+    ("decay.csv", "free decay of a thin strip: time in s, displacement in m", _decay(STRIP, 80, 0)),
+    ("run1.csv", "the same strip, released from 70 mm", _decay(STRIP, 70, 1)),
+    ("run2.csv", "and from 60 mm", _decay(STRIP, 60, 2)),
+    ("model.json", "simulation of another structure: an equation", _text(SIMULATION.to_json())),
+    ("sim.csv", "the same simulation: its free decay", _decay(SIMULATION, 80, None)),
+    ("test.csv", "that structure measured: the simulation lacks an effect", _decay(REAL, 80, 3)),
+    ("held_out.csv", "measured once more, to judge by", _decay(REAL, 70, 4)),
+    ("beam.toml", "simulation of a beam, and its three sensors", _text(_BEAM)),
+    ("beam_test.csv", "that beam measured: the simulation lacks an effect", _beam_decay),
+)
+_NEXT = (
+    "romsindy inspect decay.csv",
+    "romsindy identify decay.csv",
+    "romsindy identify run1.csv run2.csv",
+    "romsindy diagnose --measured test.csv --held-out held_out.csv --model model.json",
+    "romsindy diagnose --measured beam_test.csv --beam beam.toml",
+)
+
+
+@click.command()
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), metavar="DIR")
+@click.option("--force", is_flag=True, help="Overwrite files of these names.")
+def example(folder: Path, force: bool) -> None:
+    """Write the files that README and docs use to DIR.
+
+    Records are simulated on the spot and have 40 dB of noise: they show how romsindy is used, not
+    how good it is. What the two simulations lack is drag in air. Prints which file is what, and
+    which commands come next.
+    """
+    there = [name for name, *_ in _FILES if (folder / name).exists()]
+    if there and not force:
+        raise click.UsageError(
+            f"{folder} already has {', '.join(there)}: name another folder, or overwrite with"
+            " --force"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, what, write in _FILES:
+        write(folder / name)
+        click.echo(f"{name:<14} {what}")
+    inside = shlex.quote(str(folder))
+    click.echo("\n".join(["\nNext:", f"  cd {inside}", *(f"  {line}" for line in _NEXT)]))
