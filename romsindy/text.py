@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 # Arguments of Python that are options of commands, and the names of those that differ.
-_ARGUMENTS = "start end unit quantity column channel time rate mode band release fixed amplitude"
+_ARGUMENTS = (
+    "start end unit quantity column channel time rate mode band release fixed amplitude name"
+)
 _OPTIONS = {"channel": "column", "fixed": "fix"}
 _ARGUMENT = re.compile(
     rf"""(?<![\w.=-])({_ARGUMENTS.replace(" ", "|")})=(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""
