@@ -1,4 +1,5 @@
 import base64
+import platform
 import re
 import subprocess
 import sys
@@ -321,6 +322,17 @@ def test_help_imports_no_command(run):
     assert run().output == run("--help").output
 
 
+def test_python_m_romsindy_prints_versions_for_a_bug_report():
+    module = [sys.executable, "-m", "romsindy"]
+    printed = subprocess.run(module, capture_output=True, text=True, check=True).stdout
+    rows = dict(line.split(maxsplit=1) for line in printed.splitlines())
+    assert rows["romsindy"] == __version__ and rows["numpy"] == np.__version__
+    assert rows["Python"] == platform.python_version()
+    assert {*rows} >= {"pysindy", "scipy", "scikit-learn", "numba", "platform"}
+    helped = subprocess.run([*module, "--help"], capture_output=True, text=True, check=True).stdout
+    assert "Commands:" in helped and "python -m romsindy prints versions" in helped
+
+
 def test_version_and_help(run):
-    assert __version__ in run("--version").output
+    assert run("--version").output == f"romsindy, version {__version__}\n"
     assert "--example" in run("identify", "--help").output

@@ -86,8 +86,9 @@ def _show_warning(message: Warning | str, *_: Any) -> None:
     cls=_Commands,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="python -m romsindy prints versions for a bug report.",
 )
-@click.version_option(__version__)
+@click.version_option(__version__, prog_name="romsindy")
 @click.pass_context
 def main(ctx: click.Context) -> None:
     """Equations of motion, with nonlinear inertia, from measured free decays."""
