@@ -37,7 +37,7 @@ _STDOUT = Path("-")
 )
 @click.option("--name", help="Name of the function.  [default: that of the output, or rhs]")
 def export(file: Path, language: str, output: Path, name: str | None) -> None:
-    """Write the equation of motion in FILE for another program.
+    """Write the equation of motion in FILE for MATLAB, C or sympy.
 
     FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
     """

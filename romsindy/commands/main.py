@@ -15,7 +15,7 @@ from romsindy.text import as_options
 
 _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured free decays.",
-    "export": "Write an equation of motion for MATLAB, C or sympy.",
+    "export": "Write the equation of motion in FILE for MATLAB, C or sympy.",
     "identify": "Identify equations of motion from the free decays in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
