@@ -17,7 +17,8 @@ from romsindy.physics import export
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
 from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
 from romsindy.physics.term import Term
-from romsindy.record.decay import Decay
+from romsindy.physics.validation import require_finite
+from romsindy.record.decay import Decay, checked_time
 from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
@@ -240,10 +241,12 @@ class ReducedModel:
         ------
         SingularInertiaError
             If the motion reaches 1 + h(q) <= 0.
-        RuntimeError
-            If the integration does not reach the last time.
+        EscapeError
+            If the motion goes to infinity, or becomes too fast to be followed to the last time.
         """
-        t = np.asarray(t, float)
+        require_finite("q0", q0)
+        require_finite("q_dot0", q_dot0)
+        t = checked_time(t)
         frequency = np.sqrt(abs(self.coefficients.get("omega^2", 1.0))) or 1.0
         scale = max(abs(q0), abs(q_dot0) / frequency, 1e-300)
         state = np.array([q0, q_dot0], float)
