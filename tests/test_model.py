@@ -292,9 +292,7 @@ def test_printed_natural_frequency_counts_added_mass():
 )
 def test_a_motion_to_infinity_is_refused(law, start):
     motion = ReducedModel.from_coefficients({"omega^2": 36.0, **law}, unit="m")
-    with pytest.raises(
-        EscapeError, match=r"cannot be followed to 9\.99 s: near t = .*infinity;"
-    ):
+    with pytest.raises(EscapeError, match=r"cannot be followed to 9\.99 s: near t = .*infinity;"):
         motion.simulate(start, 0.0, np.arange(0, 10, 0.01))
 
 
