@@ -61,11 +61,11 @@ CASES = {
         20.0,
     ),
     "play": (
-        Backlash(0.2),
-        lambda q, v, z: [slider(z[0], v, 0.2)],
-        lambda q, v, z: q - z[0],
+        Backlash(0.25, 0.5),
+        lambda q, v, z: [slider(z[0], v, 0.75)],
+        lambda q, v, z: z[0] - np.clip(z[0], -0.25, 0.25),
         1,
-        12.0,
+        30.0,
     ),
     "maxwell": (
         Viscoelastic(0.04),
@@ -171,7 +171,7 @@ LOSSES = {
     "jenkins": lambda a: 4 * 0.3 * (a - 0.3),
     # Mean over the slips s = 0.5 p^2 of 4 s (a - s).
     "iwan": lambda a: 4 * (0.5 * a / 3 - 0.25 / 5),
-    "play": lambda a: -4 * 0.2 * (a - 0.2),
+    "play": lambda a: 4 * 0.5 * (a - 0.75),  # it slips from 0.25 + 0.5 on
     "maxwell": lambda a: np.pi * a**2 * 1.2 / (1 + 1.2**2),  # omega times relaxation is 1.2
     "tuned_mass": _absorbed,
 }

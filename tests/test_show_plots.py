@@ -15,11 +15,14 @@ from romsindy import (
     extract_backbone,
     forced_response,
 )
+from romsindy.effects import AirDrag
+from romsindy.effects.fingerprint import fingerprint
 from romsindy.fit.functions.series import Sizes
 from romsindy.fit.functions.structures import Structure
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import function_plots, plots
+from romsindy.show.effect_plots import plot_fingerprint
 
 
 @pytest.fixture(autouse=True)
@@ -156,3 +159,12 @@ def test_forced_response_with_backbone_curve():
 def test_given_axes_are_used(backbone):
     _, ax = plt.subplots()
     assert plots.plot_backbone(backbone, ax=ax) is ax
+
+
+def test_fingerprint_of_drag():
+    _, axes = plt.subplots(1, 2)
+    plot_fingerprint(fingerprint(AirDrag()), axes)
+    a, damping_ratio = axes[1].lines[-1].get_data()
+    np.testing.assert_allclose(damping_ratio, a, rtol=1e-5)  # kinks of |q_dot| between samples
+    assert np.ptp(axes[0].lines[-1].get_ydata()) < 1e-9
+    assert [ax.get_title() for ax in axes] == ["frequency", "damping ratio"]

@@ -37,10 +37,14 @@ def _follows(q, v, slider, half):
 
 
 def _play(name, at):
-    half = at.rng.uniform(0.08, 0.4)
-    rates = lambda q, v, z: [_follows(q, v, z[0], half)]  # noqa: E731
-    start = lambda q: [math.copysign(max(abs(q) - half, 0.0), q)]  # noqa: E731
-    return _scaled(name, at, {"half": half}, lambda q, v, z: z[0], rates, 1, start)
+    """A slider that is pulled through a spring, and that through a clearance."""
+    half, limit = at.rng.uniform(0.05, 0.35), at.rng.uniform(0.08, 0.5)
+    rates = lambda q, v, z: [_follows(q, v, z[0], half + limit)]  # noqa: E731
+
+    def force(q, v, z):
+        return math.copysign(max(abs(q - z[0]) - half, 0.0), q - z[0])
+
+    return _scaled(name, at, {"half": half, "limit": limit}, force, rates, 1, lambda q: [q])
 
 
 def _joint(name, at):

@@ -154,8 +154,11 @@ class DiagnosisReport:
     @property
     def sentence(self) -> str:
         """The finding, a line for each question: do they differ, what is missing, left, next?"""
+        difference = words.difference(self.differences, self.tolerance, self.nominal.unit)
+        if self.best.names and self.verdict != "none" and not self._differ:
+            difference += words.single_swings(self._log_odds(self.base))
         lines = [
-            words.difference(self.differences, self.tolerance, self.nominal.unit),
+            difference,
             f"Missing: {self._missing}",
             f"Left: {words.remainder(self.gap, self.left)}",
         ]
@@ -167,10 +170,13 @@ class DiagnosisReport:
         return "\n".join(lines)
 
     @property
+    def _differ(self) -> bool:
+        return any(d.exceeds(self.tolerance) for d in self.differences)
+
+    @property
     def _missing(self) -> str:
         if self.verdict == "none":
-            matters = any(d.exceeds(self.tolerance) for d in self.differences)
-            return "nothing that these data show." if matters else "nothing that matters."
+            return f"nothing that {'these data show' if self._differ else 'matters'}."
         found = " and ".join(map(str, self.effects))
         also = "".join(f" Fitted beside it: {e}." for e in self.moved)
         closes = "They close" if len(self.effects) > 1 else "It closes"

@@ -62,6 +62,11 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
     return f"They agree within {within} {_over(worst, unit)} ({known})."
 
 
+def single_swings(log_odds: float) -> str:
+    """What is sure although no span of cycles is."""
+    return f" Single swings differ ({_odds(log_odds)} against no difference)."
+
+
 def _over(found: Difference, unit: str | None) -> str:
     low, high = (f"{a:.2g}" for a in found.amplitude)
     return f"over {low} to {high} {unit or '[q]'}"
@@ -81,9 +86,13 @@ def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
 
 def odds(log_odds: float, other: str) -> str:
     """Odds against the next explanation, by its name."""
+    return f"{_odds(log_odds)} against the next, {other}"
+
+
+def _odds(log_odds: float) -> str:
     more = "above " if log_odds > _MOST_ODDS else ""
     size = float(_two_digits(float(np.exp(min(log_odds, _MOST_ODDS)))))
-    return f"odds {more}{size:.9g} : 1 against the next, {other}"
+    return f"odds {more}{size:.9g} : 1"
 
 
 def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:

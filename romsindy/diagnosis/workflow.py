@@ -16,14 +16,14 @@ from romsindy.diagnosis.judged import Judges
 from romsindy.diagnosis.prediction import follow, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
-from romsindy.diagnosis.tolerance import DEFAULT
+from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.verdict import verdict_of
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import NOTHING_LEFT, ROUNDED, SHARED, UNJUDGED
+from romsindy.fit.verdict import NOTHING_LEFT, PREDICTED, ROUNDED, SHARED, UNJUDGED
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -63,7 +63,11 @@ def diagnose_model(
         if judges.blind:
             tests, judged = {}, {name_of(i): record for i, record in enumerate(records)}
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
-    rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
+    # Odds are those of the values as they are told.
+    alike = [h for h in found.compared if len(h.effects) == len(best.effects)]
+    near_by = search.rivals(best, [h.at(best.form) for h in alike])[1:]
+    others = {h.names: h.at(best.form) for h in (*found.rivals[1:], *near_by)}
+    rivals = [best, *others.values()]
     left = search.remainder(best)
     near = motions_of(best)
     predictions = [
@@ -71,6 +75,8 @@ def diagnose_model(
     ]
     gap = Gap(tuple(predictions), bool(tests))
     matters, improves = as_it_was.matters(options.tolerance), gap.improves(options.tolerance)
+    if _sure(best, (exact, found.base), options.tolerance) and gap.after <= PREDICTED:
+        matters = improves = True
     if matters and not improves and best.parts:  # what was held out may not reach where it matters
         after = (follow(p, model, best.parts, near) for p in as_it_was.predictions)
         improves = replace(as_it_was, predictions=tuple(after)).improves(options.tolerance)
@@ -134,6 +140,15 @@ def _agree(search: Search, exact: Hypothesis, as_it_was: Gap) -> bool:
         return True
     left = search.remainder(exact)
     return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
+
+
+def _sure(best: Hypothesis, plainer: Sequence[Hypothesis], tolerance: Tolerance) -> bool:
+    """Whether an effect is there beyond doubt, in swings too few for a difference to be sure.
+
+    A tolerance that was asked for covers what repeats of a test differ by, which is sure, too.
+    """
+    odds = min(h.at(best.form).score for h in plainer) - best.score
+    return bool(best.effects) and tolerance.source == DEFAULT and odds > 2 * UNJUDGED
 
 
 def _smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:

@@ -100,6 +100,7 @@ class Effect(ABC):
     name: ClassVar[str]
     label: ClassVar[str]  # as an engineer says it
     family: ClassVar[str]  # damping, stiffness, inertia, time, outside, measurement
+    formula: ClassVar[str] = ""  # of what it adds, where no law says it
     resembles: ClassVar[tuple[str, ...]] = ()
     sign: ClassVar[int] = 0
     start: ClassVar[float] = 0.0  # strength that a fit starts from

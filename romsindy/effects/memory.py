@@ -112,20 +112,23 @@ class SofteningLoop(MemoryEffect):
 
 @dataclass(frozen=True)
 class Backlash(MemoryEffect):
-    """A spring that is dragged along with play."""
+    """A joint with play that slips."""
 
     half: float = 1.0
+    slip: float = 1.0
 
-    name, family = "play", "stiffness"
-    label = "play (backlash): a spring that is dragged along only beyond it"
+    name, family = "play", "damping"
+    label = "play in a joint (backlash): friction in series with a spring met only beyond it"
     advice = "a decay from just below the play, and a static pull to and fro"
     resembles = ("two_sided_gap", "micro_slip")
     law = Play()
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
-        starts = (0.2 * a, 0.05 * a, 0.1 * a, 0.35 * a, 0.6 * a)
-        return (Parameter("half", starts, 0.01 * a, 0.95 * a, unit="q"),)
+        return (
+            Parameter("half", (0.2 * a, 0.05 * a, 0.5 * a), 0.01 * a, 0.95 * a, unit="q"),
+            Parameter("slip", (0.15 * a, 0.5 * a), 0.01 * a, 2 * a, unit="q"),
+        )
 
 
 @dataclass(frozen=True)

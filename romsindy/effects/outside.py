@@ -44,6 +44,7 @@ class Drift(OnClock):
 
     name, family = "drift", "time"
     resembles = ("sudden_change",)
+    formula = "t^exponent q"
     label = "a stiffness that drifts in time"
     advice = "the same decay repeated: a drift goes on, an amplitude effect comes back"
 
@@ -73,6 +74,7 @@ class SuddenChange(OnClock):
     rise: float = 0.002  # s: smooth over a short while, so that the instant can be fitted
 
     name, family = "sudden_change", "time"
+    formula = "(1 + tanh((t - time)/rise)) q/2"
     label = "a sudden change of stiffness"
     advice = "the same decay repeated after an inspection"
 
@@ -121,6 +123,7 @@ class BaseExcitation(TimedEffect):
 
     name, family, per_record, n_strengths = "base_excitation", "outside", True, 2
     resembles = ("mains_hum", "second_mode")
+    formula = "cos(w t), sin(w t)"
     label = "base excitation at one frequency"
     advice = "a sensor on the support, or a record of the structure at rest"
 
@@ -140,6 +143,7 @@ class Hum(ReadingEffect):
 
     name, family, per_record = "mains_hum", "outside", True
     resembles = ("second_mode",)
+    formula = "cos(k w t), sin(k w t), k = 1, 2, ..."
     label = "mains hum in the sensor"
     advice = "a record with the structure at rest"
 
@@ -179,6 +183,7 @@ class SecondMode(ReadingEffect):
     damping_ratio: float = 0.005
 
     name, family, per_record, n_strengths = "second_mode", "outside", True, 2
+    formula = "exp(-zeta w t) cos(w t), exp(-zeta w t) sin(w t)"
     label = "a second mode that vibrates along"
     advice = "a sensor at the node of the first mode"
 
@@ -196,6 +201,7 @@ class Bias(ReadingEffect):
 
     name = "bias"
     resembles = ("sensor_nonlinearity",)
+    formula = "1"
     label = "an offset of the sensor"
     advice = "a record of the structure at rest"
 
@@ -209,6 +215,7 @@ class Gain(ReadingEffect):
 
     name = "gain"
     resembles = ("added_mass", "magnet")
+    formula = "q"
     label = "a wrong gain of the sensor"
     advice = "a calibration of the sensor, or a second sensor beside it"
 
@@ -226,6 +233,7 @@ class SensorNonlinearity(ReadingEffect):
     power: int = 2
 
     name = "sensor_nonlinearity"
+    formula = "q^power"
     label = "a sensor that is not linear"
     advice = "a calibration of the sensor over its range"
 
@@ -247,6 +255,7 @@ class Saturation(ReadingEffect):
     limit: float = 1.0
 
     name, sign, start = "saturation", 1, 1.0
+    formula = "-sign(q) max(|q| - limit, 0)"
     label = "a sensor that saturates"
     advice = "a sensor of larger range, or a decay from a smaller amplitude"
 

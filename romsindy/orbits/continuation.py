@@ -44,7 +44,7 @@ class Steps:
     turn : float
         Largest angle between the tangents at both ends of a step, rad.
     tolerance : float
-        Last Newton update, relative to 1 + |z|. Newton squares the error: what is left after an
+        Last Newton update, relative to ``1 + |z|``. Newton squares the error: what is left after an
         update of 1e-8 is at rounding.
     max_points : int
         Length of the branch at which to stop.

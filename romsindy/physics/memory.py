@@ -223,24 +223,26 @@ class BoucWen(SlidingLaw):
 
 @dataclass(frozen=True)
 class Play(SlidingLaw):
-    """A spring that q drags along with play: q - z, where z, within the play, takes no part.
+    """A joint with play: friction in series with a spring that is met beyond ``half`` the play.
 
-    The spring stays where it is while q crosses the play, 2 ``half`` wide.
+    z is the way since the last slip; a Jenkins element where there is no play.
     """
 
     half: float = 1.0
+    slip: float = 1.0
 
     def expression(self) -> str:
-        return "q - z; z' = q_dot, |z| <= half"
+        return "sign(z) max(|z| - half, 0); z' = q_dot, |z| <= half + slip"
 
     def _still(self) -> Array:
         return np.zeros(1)
 
     def moved(self, z: Array, way: Array | float) -> Array:
-        return np.minimum(np.maximum(z + way, -self.half), self.half)
+        most = self.half + self.slip
+        return np.minimum(np.maximum(z + way, -most), most)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
-        return q - inner[0]
+        return inner[0] - np.clip(inner[0], -self.half, self.half)
 
 
 # -- what fades ---------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ class ScaledOptimizer(BaseOptimizer):
     """Any PySINDy optimizer or scikit-learn linear model on columns of equal size.
 
     Columns and target are divided by their rms (eq. 19 of the method's paper), and coefficients
-    scaled back. A threshold then means a relative contribution, |c| rms(theta) / rms(target),
+    scaled back. A threshold then means a relative contribution, ``|c| rms(theta) / rms(target)``,
     whatever the units and the number of rows.
 
     Parameters
