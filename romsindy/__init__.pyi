@@ -27,6 +27,7 @@ from romsindy.orbits.curves import backbone_curve as backbone_curve
 from romsindy.orbits.curves import forced_response as forced_response
 from romsindy.physics.example import add_noise as add_noise
 from romsindy.physics.example import example_decay as example_decay
+from romsindy.physics.integration import EscapeError as EscapeError
 from romsindy.physics.model import ReducedModel as ReducedModel
 from romsindy.physics.model import SingularInertiaError as SingularInertiaError
 from romsindy.record.backbone import Backbone as Backbone

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
 
 # Arguments of Python that are options of commands, and the names of those that differ.
-_ARGUMENTS = "start end unit quantity column channel time rate mode band release fixed amplitude"
+_ARGUMENTS = (
+    "start end unit quantity column channel time rate mode band release fixed amplitude name"
+)
 _OPTIONS = {"channel": "column", "fixed": "fix"}
 _ARGUMENT = re.compile(
     rf"""(?<![\w.=-])({_ARGUMENTS.replace(" ", "|")})=(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""
@@ -93,6 +98,16 @@ def listed(words: Sequence[object]) -> str:
     """Words as in a sentence: "1, 2 and 3"."""
     *most, last = map(str, words)
     return f"{', '.join(most)} and {last}" if most else last
+
+
+def on_terminal() -> bool:
+    """Whether somebody watches the error stream: in a pipe, progress is a heap of lines."""
+    return sys.stderr.isatty()
+
+
+def bar(steps: Any, what: str, total: int | None = None, *, unit: str = "it") -> Any:
+    """A progress bar on the error stream; none where that is no terminal."""
+    return tqdm(steps, desc=what, total=total, unit=unit, leave=False, disable=not on_terminal())
 
 
 def as_options(sentence: str) -> str:

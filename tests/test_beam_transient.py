@@ -306,7 +306,11 @@ def test_shape_of_another_mesh():
         run(beam, Beam.cantilever(elements=10).equilibrium(), 1.0)
 
 
-def test_progress_bar_is_shown(capsys):
+def test_progress_bar_is_shown_on_a_terminal_alone(capsys, monkeypatch):
     beam = default()
+    beam.simulate(beam.release_shape(0.01, mode=1), 0.01)
+    beam.normal_mode([0.01 * beam.length])
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("romsindy.text.on_terminal", lambda: True)
     beam.simulate(beam.release_shape(0.01, mode=1), 0.01)
     assert "simulate" in capsys.readouterr().err

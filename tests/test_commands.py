@@ -1,4 +1,5 @@
 import base64
+import platform
 import re
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from romsindy.commands import analysis as analysis_module
 from romsindy.commands import identify as identify_module
 from romsindy.commands.main import main
 from romsindy.fit.collocation import TrajectoryError
+from romsindy.physics.example import EXAMPLE_MODEL
 
 
 @pytest.fixture
@@ -321,6 +323,38 @@ def test_help_imports_no_command(run):
     assert run().output == run("--help").output
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["identify", "--example", "--plain"],
+        ["inspect", "decay.csv"],
+        ["diagnose", "--measured", "decay.csv", "--model", "model.json"],
+        ["simulate", "beam.npz", "--duration", "0.01", "--elements", "10"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_no_progress_in_a_pipe(tmp_path, command):
+    """A log is no terminal: neither bars nor lines of status."""
+    (tmp_path / "model.json").write_text(EXAMPLE_MODEL.to_json())
+    save_decay(EXAMPLE_MODEL.simulate(1.8, 0.0, np.arange(0, 25, 0.02)), tmp_path / "decay.csv")
+    done = subprocess.run(
+        [sys.executable, "-m", "romsindy", *command],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stderr == "" and "\r" not in done.stdout
+
+
+def test_python_m_romsindy_prints_versions_for_a_bug_report():
+    module = [sys.executable, "-m", "romsindy"]
+    printed = subprocess.run(module, capture_output=True, text=True, check=True).stdout
+    rows = dict(line.split(maxsplit=1) for line in printed.splitlines())
+    assert rows["romsindy"] == __version__ and rows["numpy"] == np.__version__
+    assert rows["Python"] == platform.python_version()
+    assert {*rows} >= {"pysindy", "scipy", "scikit-learn", "numba", "platform"}
+    helped = subprocess.run([*module, "--help"], capture_output=True, text=True, check=True).stdout
+    assert "Commands:" in helped and "python -m romsindy prints versions" in helped
+
+
 def test_version_and_help(run):
-    assert __version__ in run("--version").output
+    assert run("--version").output == f"romsindy, version {__version__}\n"
     assert "--example" in run("identify", "--help").output

@@ -10,6 +10,7 @@ from sklearn.pipeline import FeatureUnion
 from romsindy import (
     BeamTheoryLibrary,
     DampingLibrary,
+    EscapeError,
     HarmonicLibrary,
     HarmonicProjection,
     ICROMLibrary,
@@ -166,3 +167,18 @@ def test_bad_use_is_refused(clean):
         implicit_data(type(clean)(clean.t, clean.q))
     with pytest.raises(ValueError, match=r"needs \[q, q_dot, q_ddot\]"):
         ps.SINDy(feature_library=HarmonicLibrary(ROMLibrary())).fit(x[:, :2], clean.t)
+
+
+def test_transform_refuses_other_columns_than_fit(clean):
+    library = ROMLibrary().fit(signals(clean))
+    for x in (signals(clean)[:, :2], np.zeros((5, 4))):
+        with pytest.raises(ValueError, match=rf"X has {x.shape[1]} features, but .* 3 features"):
+            library.transform(x)
+
+
+def test_simulation_of_an_implicit_equation_by_pysindy_is_refused(clean):
+    """PySINDy takes -q_ddot for the derivative of q, which then grows: not for hours."""
+    model = ps.SINDy(feature_library=ROMLibrary((3, 4, 5), (1, 2, 3)), optimizer=ScaledOptimizer())
+    model.fit(t=clean.t, **implicit_data(clean))
+    with pytest.raises(EscapeError, match=r"1000 times as much as in fit.*ReducedModel\("):
+        model.simulate(clean.q[:1], clean.t[:400], u=lambda t: np.zeros(2))

@@ -9,7 +9,7 @@ from oracles import (
     viscous_decay,
 )
 
-from romsindy import ReducedModel, SingularInertiaError
+from romsindy import EscapeError, ReducedModel, SingularInertiaError
 from romsindy.physics.example import EXAMPLE_MODEL
 
 AMPLITUDES = np.geomspace(0.01, 2.9, 40)
@@ -279,3 +279,46 @@ def test_printed_natural_frequency_counts_added_mass():
     """Of (1 + mu) q'' + omega^2 q = 0: sqrt(omega^2 / (1 + mu))."""
     model = ReducedModel.from_coefficients({"omega^2": 36.0, "mu": 0.44})
     assert "omega = 5 rad/s, 0.79577 Hz" in str(model)
+
+
+@pytest.mark.parametrize(
+    ("law", "start"),
+    [
+        ({"gamma_3": -9.0}, 2.5),  # over the hill of a softening spring, at 2
+        ({"gamma_3": -9.0, "c_coulomb": 0.05}, 2.5),
+        ({"c_quadratic": -1.0}, 1.0),  # fed by what should damp
+        ({"gamma_5": 1.0}, 1e80),
+    ],
+)
+def test_a_motion_to_infinity_is_refused(law, start):
+    motion = ReducedModel.from_coefficients({"omega^2": 36.0, **law}, unit="m")
+    with pytest.raises(EscapeError, match=r"cannot be followed to 9\.99 s: near t = .*infinity;"):
+        motion.simulate(start, 0.0, np.arange(0, 10, 0.01))
+
+
+def test_a_motion_faster_than_its_times_is_refused():
+    """It grows on a hardening spring: its cycles get shorter without end."""
+    fed = model(omega2=36.0, c_linear=-6.0, gamma_5=2.0)
+    with pytest.raises(EscapeError, match=r"becomes too fast for these times; start at a smaller"):
+        fed.simulate(1.6, 0.0, np.arange(0, 25, 0.1))
+
+
+def test_strokes_shorter_than_a_step_and_rest_of_an_overdamped_mass():
+    """It creeps towards where friction, 0.022/36, holds it, and turns there within one step."""
+    overdamped = model(omega2=36.0, c_linear=19.5, c_coulomb=0.022)
+    decay = overdamped.simulate(1.0, 0.0, np.arange(0, 25, 0.01))
+    assert decay.q[-1] == pytest.approx(0.022 / 36, rel=1e-6) and decay.q_dot[-1] == 0
+
+
+@pytest.mark.parametrize(
+    ("start", "t", "message"),
+    [
+        ((np.nan, 0.0), np.arange(0, 1, 0.1), "q0 must be a finite number"),
+        ((1.0, np.inf), np.arange(0, 1, 0.1), "q_dot0 must be a finite number"),
+        ((1.0, 0.0), 5.0, "t must be one-dimensional"),
+        ((1.0, 0.0), np.arange(1, 0, -0.1), "t must increase"),
+    ],
+)
+def test_start_and_times_are_checked(start, t, message):
+    with pytest.raises(ValueError, match=message):
+        EXAMPLE_MODEL.simulate(*start, t)

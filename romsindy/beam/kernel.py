@@ -9,7 +9,8 @@ so that a thin beam does not lock).
 
 Arrays: nodal fields (n_nodes, 3), element matrices (n_elements, 9, 9).  Element e owns the nodes
 2e, 2e + 1, 2e + 2, so that a chain of element matrices can be eliminated front by front and is
-never assembled.  numba keeps the compiled code beside this file (`cache=True`).
+never assembled.  numba keeps the compiled code beside this file (`cache=True`).  Loops stand where
+numpy would have slices: numba compiles them several times as fast.
 
 [1] J. C. Simo, L. Vu-Quoc, "On the dynamics of flexible beams under large overall motions - the
     plane case", J. Appl. Mech. 53 (1986) 849-854, doi 10.1115/1.3171870.
@@ -164,11 +165,14 @@ def factorise(matrices, fixed):  # type: ignore[no-untyped-def]
     for e in range(n_elements):
         S = matrices[e]
         if e > 0:
-            S[:3, :3] += matrices[e - 1, 6:, 6:]
+            for i in range(3):
+                for j in range(3):
+                    S[i, j] += matrices[e - 1, 6 + i, 6 + j]
         for i in range(9):
             if fixed[2 * e + i // 3, i % 3]:
-                S[i, :] = 0.0
-                S[:, i] = 0.0
+                for j in range(9):
+                    S[i, j] = 0.0
+                    S[j, i] = 0.0
                 S[i, i] = 1.0
         for k in range(9 if e == n_elements - 1 else 6):
             pivot = 1.0 / S[k, k]
@@ -202,11 +206,14 @@ def solve(factors, b):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def stage_residuals(X, V, a, mass, alpha, weight, length, EA, GA, EI, eta):  # type: ignore[no-untyped-def]
     """Return R_i = M (a_i + alpha v_i) + internal force - weight of every stage i."""
-    R = np.empty_like(X)
+    R, inertial = np.empty_like(X), np.empty_like(weight)
     for i in range(X.shape[0]):
-        R[i] = -weight
+        for n in range(weight.shape[0]):
+            for c in range(3):
+                R[i, n, c] = -weight[n, c]
+                inertial[n, c] = a[i, n, c] + alpha * V[i, n, c]
         add_internal_force(X[i], V[i], length, EA, GA, EI, eta, R[i])
-        add_product(mass, a[i] + alpha * V[i], R[i])
+        add_product(mass, inertial, R[i])
     return R
 
 
@@ -220,7 +227,11 @@ def stage_powers(X, V, mass, alpha, length, EA, GA, EI, eta):  # type: ignore[no
         if alpha > 0.0:
             momentum = np.zeros_like(X[i])
             add_product(mass, V[i], momentum)
-            powers[i] += alpha * np.sum(momentum * V[i])
+            total = 0.0
+            for n in range(momentum.shape[0]):
+                for c in range(3):
+                    total += momentum[n, c] * V[i, n, c]
+            powers[i] += alpha * total
     return powers
 
 
@@ -228,7 +239,10 @@ def stage_powers(X, V, mass, alpha, length, EA, GA, EI, eta):  # type: ignore[no
 def factorise_shifted(mass, C, K, z, fixed, out):  # type: ignore[no-untyped-def]
     """Write the factors of M + z_k C + z_k^2 K for every z_k into out[k]; real or complex."""
     for k in range(out.shape[0]):
-        out[k] = mass + z[k] * C + z[k] * z[k] * K
+        for e in range(mass.shape[0]):
+            for i in range(9):
+                for j in range(9):
+                    out[k, e, i, j] = mass[e, i, j] + z[k] * C[e, i, j] + z[k] * z[k] * K[e, i, j]
         factorise(out[k], fixed)
 
 
@@ -253,8 +267,10 @@ def newton_update(  # type: ignore[no-untyped-def]
     direction of the tangent then follows the beam, and the iteration converges three times as
     fast (a rotation by delta spoils a fixed tangent by delta^2 h^2 omega_axial^2).
     """
-    angle = X[:, :, 2] - theta
-    dX = np.zeros_like(X)
+    angle, dX = np.empty(X.shape[:2]), np.zeros_like(X)
+    for i in range(X.shape[0]):
+        for n in range(X.shape[1]):
+            angle[i, n] = X[i, n, 2] - theta[n]
     for i in range(len(X)):
         turn(R[i], angle[i], -1.0)
     flat, dflat = R.reshape(len(X), -1), dX.reshape(len(X), -1)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq, root
-from tqdm import tqdm
 
 from romsindy.beam.assembly import Assembly
 from romsindy.beam.modes import solve_modes
@@ -24,6 +23,7 @@ from romsindy.beam.statics import Shape, find_equilibrium, hold
 from romsindy.beam.structure import Structure
 from romsindy.beam.transient import simulate
 from romsindy.physics.validation import require_finite
+from romsindy.text import bar
 
 # In a period of the linear mode; the highest of five bending modes needs them.
 _STEPS = 480
@@ -90,7 +90,7 @@ def find_normal_mode(
         The linear mode that the orbits grow out of: 1, 2, ...; how many modal forces of bending
         modes hold the shape.
     progress : bool
-        Whether to show a progress bar.
+        Whether to show a progress bar, on a terminal.
 
     Raises
     ------
@@ -108,7 +108,8 @@ def find_normal_mode(
     orbits = []
     stop_reason = "completed"
     try:
-        for tip in tqdm(tip_displacements, desc="normal mode", unit="orbit", disable=not progress):
+        tips = tip_displacements
+        for tip in bar(tips, "normal mode", unit="orbit") if progress else tips:
             orbit, ratios = _solve(shooting, ratios, tip)
             orbits.append(orbit)
     except KeyboardInterrupt:

@@ -6,7 +6,6 @@ import sys
 import time
 
 import numpy as np
-from tqdm import tqdm
 
 from romsindy.beam import kernel
 from romsindy.beam.assembly import Assembly
@@ -19,6 +18,7 @@ from romsindy.beam.sensors import SensorArray
 from romsindy.beam.statics import Shape
 from romsindy.beam.stepper import FINEST, Budget, Stepper
 from romsindy.physics.validation import require_positive
+from romsindy.text import bar, on_terminal
 
 DEFAULT_STEP = 1e-3
 DEFAULT_ENERGY_TOLERANCE = 1e-4
@@ -64,7 +64,7 @@ def simulate(
     velocity : (n_nodes, 3) array, optional
         Velocities at the start, m/s and rad/s (default: rest).
     progress : bool
-        Whether to show a progress bar.
+        Whether to show a progress bar, on a terminal.
 
     Raises
     ------
@@ -76,8 +76,8 @@ def simulate(
     """
     _check(assembly, shape, duration, step, energy_tolerance)
     v = _checked_velocity(assembly, velocity)
-    if progress and not kernel.is_compiled():
-        print("compiling the beam kernel (first run only, about 10 s)", file=sys.stderr)
+    if progress and on_terminal() and not kernel.is_compiled():
+        print("compiling the beam kernels (first run only, some 10 s)", file=sys.stderr)
     rest, start = equilibrium.displacement, shape.displacement
     rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     method = method or RadauIIA()
@@ -100,7 +100,8 @@ def simulate(
 
     recorder.add(start, stepper.state.v, acceleration, stepper.energies, 0.0)
     try:
-        for i in tqdm(range(n_samples - 1), desc="simulate", unit="step", disable=not progress):
+        samples = range(n_samples - 1)
+        for i in bar(samples, "simulate", unit="step") if progress else samples:
             if not stepper.advance(i * step, step):
                 raise StepTooLongError(
                     f"Newton's method did not converge at t = {i * step:.6g} s with step = "

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.commands.options import bar
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify as fit
@@ -24,6 +23,7 @@ from romsindy.regression.comparison import (
     judge,
 )
 from romsindy.show.identification_page import IdentificationReport
+from romsindy.text import bar
 
 
 @dataclass(frozen=True)

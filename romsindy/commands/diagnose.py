@@ -12,7 +12,7 @@ import click
 
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import Output, bar, reading_options
+from romsindy.commands.options import Output, reading_options
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
@@ -22,7 +22,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
 from romsindy.record.files.load import named
-from romsindy.text import aligned
+from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 # Arguments of Python at the start of a message, and the options that stand for them.

@@ -13,7 +13,7 @@ import click
 
 from romsindy.commands.analysis import Settings, analysed
 from romsindy.commands.main import INTERRUPTED, REFUSED
-from romsindy.commands.options import FILE, Output, bar, read, reading_options, write_text
+from romsindy.commands.options import FILE, Output, read, reading_options, write_text
 from romsindy.commands.results import Refusal, Result, table
 from romsindy.inspection.inspect import inspect
 from romsindy.inspection.page import picture
@@ -24,7 +24,7 @@ from romsindy.physics.serial import json_text
 from romsindy.record.recording import Recording
 from romsindy.show.identification_page import pictures, write_identification
 from romsindy.show.overview import write_overview
-from romsindy.text import aligned, as_options
+from romsindy.text import aligned, as_options, bar
 
 
 def _coefficients(

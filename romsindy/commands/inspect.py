@@ -10,7 +10,6 @@ import click
 from romsindy.commands.options import (
     FILE,
     Output,
-    bar,
     command_line,
     read,
     reading_options,
@@ -18,6 +17,7 @@ from romsindy.commands.options import (
 )
 from romsindy.inspection.inspect import inspect as look
 from romsindy.inspection.tables import report as text_of
+from romsindy.text import bar
 
 
 @click.command()

@@ -16,6 +16,7 @@ from romsindy.text import as_options
 _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured free decays.",
     "example": "Write the files that README and docs use to DIR.",
+    "export": "Write the equation of motion in FILE for MATLAB, C or sympy.",
     "identify": "Identify equations of motion from the free decays in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
@@ -86,8 +87,9 @@ def _show_warning(message: Warning | str, *_: Any) -> None:
     cls=_Commands,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="python -m romsindy prints versions for a bug report.",
 )
-@click.version_option(__version__)
+@click.version_option(__version__, prog_name="romsindy")
 @click.pass_context
 def main(ctx: click.Context) -> None:
     """Equations of motion, with nonlinear inertia, from measured free decays."""

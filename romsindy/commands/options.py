@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import shlex
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
@@ -90,8 +88,3 @@ def write_text(path: Path, text: str) -> None:
         click.echo(text)
     else:
         path.write_text(text + "\n", encoding="utf-8")
-
-
-def bar(steps: Any, what: str, total: int | None = None) -> Any:
-    """A progress bar on the error stream; none where that is no terminal."""
-    return tqdm(steps, desc=what, total=total, leave=False, disable=not sys.stderr.isatty())

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 import time
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import click
 from joblib import parallel_config
-from tqdm import tqdm
 
 from romsindy.study.content import Check
 from romsindy.study.pages import Written, checks_table, write_chapter, write_story
 from romsindy.study.story import tell
+from romsindy.text import bar, on_terminal
 
 QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "orbits": 3, "both_releases": False}
 _QUICK_SEEDS, _SEEDS = 10, 100
@@ -52,7 +50,7 @@ def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int | None
     ending = "stopped early: chapters are missing"
     try:
         with parallel_config(n_jobs=jobs):
-            for chapter in tell(_progress, seeds=seeds, seed=seed, **size):
+            for chapter in tell(bar, seeds=seeds, seed=seed, **size):
                 written.append(write_chapter(chapter, out))
                 checks += chapter.checks
                 _say(chapter.title, started)
@@ -74,9 +72,6 @@ def _print(checks: list[Check]) -> None:
     click.echo(f"{len(checks) - failed} of {len(checks)} numbers are as expected{unexpected}.")
 
 
-def _progress(steps: Iterable, what: str, total: int) -> Iterable:
-    return tqdm(steps, desc=what, total=total, leave=False, disable=not sys.stderr.isatty())
-
-
 def _say(title: str, started: float) -> None:
-    click.echo(f"{time.perf_counter() - started:5.0f} s  {title}", err=True)
+    if on_terminal():
+        click.echo(f"{time.perf_counter() - started:5.0f} s  {title}", err=True)

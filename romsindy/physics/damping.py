@@ -296,6 +296,8 @@ class RubbingFriction(FrictionLaw):
 
 def mean_sign(x: Scalars, change: Scalars) -> Scalars:
     """Sign of x averaged over x - change to x + change: a jump spread over a step in time."""
+    if np.ndim(change) == 0 and change == 0:
+        return np.sign(x)
     return np.clip(x / _least(x, change), -1.0, 1.0)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 
@@ -12,6 +13,45 @@ from scipy.integrate import ODEintWarning, odeint, solve_ivp
 from romsindy.typing import Array
 
 Acceleration = Callable[[float, float], float]
+# Accelerations that a motion may take: so many for each of its times, and for so many more. A cycle
+# takes some 300 to ten digits: motion that takes more is faster than its times show.
+_MOST, _AHEAD = 200, 1000
+_MOMENT = 1e-13  # of the whole time: a stroke that short is none
+
+
+class EscapeError(ValueError):
+    """The motion leaves every bound, or becomes too fast to be followed."""
+
+
+class _Followed:
+    """The acceleration along the motion that begins with a state at t[0].
+
+    Near infinity steps shrink, or cycles get shorter, without end: it refuses to go there.
+    """
+
+    def __init__(self, acceleration: Acceleration, state: Array, t: Array) -> None:
+        self.acceleration, self.end = acceleration, t[-1]
+        self.start: list[float] = state.tolist()
+        self.place = (t[0], *self.start)
+        self.left = _MOST * (_AHEAD + len(t))
+
+    def __call__(self, t: float, q: float, q_dot: float) -> float:
+        q_ddot = self.acceleration(q, q_dot)
+        if not math.isfinite(q_ddot):
+            raise self.escaped("goes to infinity")
+        if self.left == 0:
+            raise self.escaped("becomes too fast for these times")
+        self.left, self.place = self.left - 1, (t, q, q_dot)
+        return q_ddot
+
+    def escaped(self, how: str) -> EscapeError:
+        """What is said of a motion that ends where it last was."""
+        (q0, q_dot0), (t, q, q_dot) = self.start, self.place
+        return EscapeError(
+            f"the motion from q = {q0:.4g}, q_dot = {q_dot0:.4g} cannot be followed to"
+            f" {self.end:.6g} s: near t = {t:.6g} s, q = {q:.3g}, q_dot = {q_dot:.3g} it {how};"
+            " start at a smaller amplitude, within that of the data behind the model"
+        )
 
 
 def integrate_smooth(
@@ -23,20 +63,21 @@ def integrate_smooth(
 
     Raises
     ------
-    RuntimeError
-        If the last time is not reached.
+    EscapeError
+        If the motion cannot be followed to the last time.
     """
+    followed = _Followed(acceleration, state, t)
 
-    def rates(y: Array, _: float) -> tuple[float, float]:
+    def rates(y: Array, now: float) -> tuple[float, float]:
         q, q_dot = y.tolist()
-        return q_dot, acceleration(q, q_dot)
+        return q_dot, followed(now, q, q_dot)
 
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.simplefilter("error", ODEintWarning)
         try:
-            y = odeint(rates, state, t, rtol=rtol, atol=rtol * scale, mxstep=100_000)
+            y = odeint(rates, state, t, rtol=rtol, atol=rtol * scale, mxstep=followed.left)
         except ODEintWarning as warning:
-            raise RuntimeError(f"simulate did not reach t = {t[-1]:.6g} s: {warning}") from None
+            raise followed.escaped(f"stops ({warning})") from None
     return y[:, 0], y[:, 1]
 
 
@@ -47,6 +88,7 @@ def integrate_strokes(
 
     As `integrate_smooth`; the third array says where friction holds the mass.
     """
+    followed = _Followed(acceleration, state, t)
     creep, options = 1e-12 * scale, {"rtol": max(rtol, 1e-12), "atol": rtol * scale}
     y = np.tile([float(state[0]), 0.0], (len(t), 1))
     rests = np.ones(len(t), bool)
@@ -55,9 +97,13 @@ def integrate_strokes(
         direction = float(np.sign(state[1])) or _breakaway(acceleration, state[0], creep)
         if direction == 0:
             break
-        stroke = _stroke(acceleration, direction, (start, t[-1]), state, creep, options)
+        with np.errstate(over="ignore", invalid="ignore"):
+            stroke = _stroke(followed, direction, (start, t[-1]), state, creep, options)
+        if stroke.t[-1] - start < _MOMENT * (t[-1] - t[0]):
+            break  # what all but holds it gave way in the last digit alone
         inside = (t >= start) & (t <= stroke.t[-1])
-        y[inside] = stroke.sol(t[inside]).T
+        if np.any(inside):  # a stroke may be over between two times
+            y[inside] = stroke.sol(t[inside]).T
         rests[inside] = False
         start, state = stroke.t[-1], np.array([stroke.y[0, -1], 0.0])
         y[t > start] = state
@@ -72,7 +118,7 @@ def _breakaway(acceleration: Acceleration, q: float, creep: float) -> float:
 
 
 def _stroke(  # type: ignore[no-untyped-def]
-    acceleration: Acceleration,
+    followed: _Followed,
     direction: float,
     span: tuple[float, float],
     state: Array,
@@ -81,10 +127,10 @@ def _stroke(  # type: ignore[no-untyped-def]
 ):
     """One stroke, to the next reversal or the end, as `scipy.integrate.solve_ivp` gives it."""
 
-    def rates(_: float, y: Array) -> tuple[float, float]:
+    def rates(now: float, y: Array) -> tuple[float, float]:
         # Friction keeps its sign within the stroke, also in the stages that overshoot its end.
         q, q_dot = y.tolist()
-        return q_dot, acceleration(q, direction * max(direction * q_dot, creep))
+        return q_dot, followed(now, q, direction * max(direction * q_dot, creep))
 
     def reversal(_: float, y: Array) -> float:
         return y[1]
@@ -92,5 +138,5 @@ def _stroke(  # type: ignore[no-untyped-def]
     reversal.terminal, reversal.direction = True, -direction  # type: ignore[attr-defined]
     stroke = solve_ivp(rates, span, state, "DOP853", dense_output=True, events=reversal, **options)
     if stroke.status < 0:
-        raise RuntimeError(f"simulate stopped at t = {stroke.t[-1]:.6g} s: {stroke.message}")
+        raise followed.escaped("goes to infinity")
     return stroke

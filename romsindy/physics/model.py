@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -13,10 +14,12 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
+from romsindy.physics import export
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
 from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
 from romsindy.physics.term import Term
-from romsindy.record.decay import Decay
+from romsindy.physics.validation import require_finite
+from romsindy.record.decay import Decay, checked_time
 from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
@@ -239,10 +242,12 @@ class ReducedModel:
         ------
         SingularInertiaError
             If the motion reaches 1 + h(q) <= 0.
-        RuntimeError
-            If the integration does not reach the last time.
+        EscapeError
+            If the motion goes to infinity, or becomes too fast to be followed to the last time.
         """
-        t = np.asarray(t, float)
+        require_finite("q0", q0)
+        require_finite("q_dot0", q_dot0)
+        t = checked_time(t)
         frequency = np.sqrt(abs(self.coefficients.get("omega^2", 1.0))) or 1.0
         scale = max(abs(q0), abs(q_dot0) / frequency, 1e-300)
         state = np.array([q0, q_dot0], float)
@@ -486,6 +491,44 @@ class ReducedModel:
             low, high = self.amplitude_range
             lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")
         return "\n".join(lines)
+
+    # -- other programs -----------------------------------------------------------------------
+
+    def to_sympy(self) -> Any:
+        """q_ddot as a sympy expression of the real symbols q and q_dot.
+
+        Needs sympy: ``pip install "romsindy[export]"``.
+
+        Returns
+        -------
+        sympy.Expr
+
+        Raises
+        ------
+        ValueError
+            If sympy is not installed, or a law of one's own has no counterpart in it.
+
+        Examples
+        --------
+        >>> ReducedModel.from_coefficients({"omega^2": 36.0, "Upsilon_3": 0.5}).to_sympy()
+        (-0.5*q*q_dot**2 - 36.0*q)/(0.5*q**2 + 1)
+        """
+        return export.acceleration(self._pairs)
+
+    def to_matlab(self, name: str = "rhs") -> str:
+        """Text of a MATLAB or Octave function dy = name(t, y), y = [q; q_dot], for ``ode45``.
+
+        It belongs in a file of its name. Numbers have all their digits; raises as `to_sympy`, and
+        ValueError for a name that MATLAB does not take.
+        """
+        return export.matlab_function(self._pairs, str(self), name)
+
+    def to_c(self, name: str = "rhs") -> str:
+        """Text of a C99 function ``void name(double t, const double y[2], double dy[2])``.
+
+        y = {q, q_dot}. Numbers have all their digits; raises as `to_matlab`.
+        """
+        return export.c_function(self._pairs, str(self), name)
 
     # -- JSON ---------------------------------------------------------------------------------
 

@@ -75,7 +75,7 @@ class Decay:
         for name, choices in (("measured", QUANTITIES), ("stage", STAGES)):
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} = {getattr(self, name)!r} must be one of {choices}")
-        t = _checked_time(self.t)
+        t = checked_time(self.t)
         signals = {
             name: _checked_signal(name, getattr(self, name), len(t))
             for name in ("q", "q_dot", "q_ddot")
@@ -307,7 +307,14 @@ class Decay:
         return replace(self, t=t, notes=(*self.notes, *notes), stage=stage, **changed)
 
 
-def _checked_time(t: ArrayLike) -> Array:
+def checked_time(t: ArrayLike) -> Array:
+    """Times of a record, (n,) in s.
+
+    Raises
+    ------
+    ValueError
+        Unless they are finite numbers that increase without a gap, at least 8 of them.
+    """
     t = _as_floats("t", t)
     if t.ndim != 1 or len(t) < 8:
         raise ValueError(f"t must be one-dimensional with at least 8 samples, got shape {t.shape}")

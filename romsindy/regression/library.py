@@ -1,12 +1,9 @@
 """PySINDy feature libraries over terms: thin adaptors.
 
 The columns are [q, q_dot, q_ddot] by default; ``channels`` says where they are. In plain PySINDy
-the equation is implicit, and x = q, u = [q_dot, q_ddot], x_dot = -q_ddot carries it::
-
-    optimizer = ScaledOptimizer(ps.STLSQ(threshold=1e-4))
-    model = ps.SINDy(feature_library=ROMLibrary(), optimizer=optimizer)
-    model.fit(t=t, **implicit_data(decay))
-    model.print(lhs=["-q_ddot"])
+the equation is implicit, and x = q, u = [q_dot, q_ddot], x_dot = -q_ddot carries it; see
+`ROMLibrary` for an example. `pysindy.SINDy.simulate` integrates explicit equations alone: make a
+`ReducedModel` of the coefficients instead.
 """
 
 from __future__ import annotations
@@ -24,9 +21,23 @@ from sklearn.utils.validation import check_is_fitted
 
 from romsindy.physics.damping import damping_law
 from romsindy.physics.inertia import Inertia, LinearConvection, QuadraticInertia
+from romsindy.physics.integration import EscapeError
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
+from romsindy.typing import Array
+
+_FAR = 1000.0  # times the motion of the fit
+
+
+def _signals(x: Any, channels: Sequence[int]) -> Array:
+    """q, q_dot and q_ddot of (n, n_columns), (3, n)."""
+    return np.moveaxis(np.asarray(x)[..., list(channels)], -1, 0)
+
+
+def _size(signals: Array) -> Array:
+    """Largest absolute values, (3,); samples that are no numbers, which PySINDy drops, aside."""
+    return np.fmax.reduce(np.abs(signals), axis=1)
 
 
 class TermLibrary(BaseFeatureLibrary):
@@ -61,19 +72,48 @@ class TermLibrary(BaseFeatureLibrary):
         if len(set(keys)) != len(keys):
             raise ValueError(f"terms are listed twice in {keys}")
         self.n_features_in_ = n_columns
+        reach = np.fmax.reduce([_size(_signals(xi, self.channels)) for xi in x])
+        self._reach = np.where(reach > 0, reach, np.inf)
         self.n_output_features_ = len(keys)
         return self
 
     @x_sequence_or_item
     def transform(self, x: Any) -> list[AxesArray]:
-        """Evaluate every term on every sample: (n, n_columns) -> (n, n_terms)."""
+        """Evaluate every term on every sample: (n, n_columns) -> (n, n_terms).
+
+        Raises
+        ------
+        ValueError
+            If x has another number of columns than in `fit`.
+        EscapeError
+            If the motion is a thousand times as large as in `fit`: only a simulation that escapes
+            goes there.
+        """
         check_is_fitted(self)
         features = []
         for xi in x:
-            signals = np.moveaxis(np.asarray(xi)[..., list(self.channels)], -1, 0)
+            if xi.shape[-1] != self.n_features_in_:
+                raise ValueError(
+                    f"X has {xi.shape[-1]} features, but {type(self).__name__} is expecting"
+                    f" {self.n_features_in_} features as input: give the columns of fit, of which"
+                    f" channels = {tuple(self.channels)} are q, q_dot and q_ddot"
+                )
+            signals = _signals(xi, self.channels)
+            self._refuse_escape(signals)
             columns = np.stack([term.strong(*signals) for term in self.terms], axis=-1)
             features.append(AxesArray(columns, comprehend_axes(columns)))
         return features
+
+    def _refuse_escape(self, signals: Array) -> None:
+        # PySINDy integrates what is implicit as if it were explicit, and would go on for hours.
+        size = _size(signals)
+        if np.any(size > _FAR * self._reach):
+            raise EscapeError(
+                f"q, q_dot, q_ddot reach {size}, {_FAR:.0f} times as much as in fit, {self._reach}:"
+                " give x in the units of fit; pysindy.SINDy.simulate cannot integrate an implicit"
+                " equation: use"
+                " ReducedModel(library.terms, model.coefficients()[0]).simulate"
+            )
 
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
         """Text of every term, in the names of the columns."""
@@ -152,6 +192,27 @@ class ROMLibrary(TermLibrary):
         Kinds of damping.
     channels : (int, int, int)
         Columns of q, q_dot and q_ddot.
+
+    Examples
+    --------
+    In plain PySINDy. The columns are those of x and u side by side; here a temperature comes first,
+    and ``channels`` says where the motion is.
+
+    >>> import numpy as np
+    >>> import pysindy as ps
+    >>> from romsindy import ReducedModel, ROMLibrary, ScaledOptimizer, example_decay, implicit_data
+    >>> decay = example_decay()
+    >>> library = ROMLibrary(inertia=(3, 4, 5), stiffness=(1, 2, 3), channels=(1, 2, 3))
+    >>> data = implicit_data(decay)
+    >>> temperature = 20 + 0.1 * decay.t
+    >>> data["x"] = np.column_stack([temperature, data["x"]])
+    >>> data["x_dot"] = np.column_stack([np.full_like(decay.t, 0.1), data["x_dot"]])
+    >>> model = ps.SINDy(feature_library=library, optimizer=ScaledOptimizer())
+    >>> model = model.fit(t=decay.t, feature_names=["T", "q", "q_dot", "q_ddot"], **data)
+    >>> equation = ReducedModel(library.terms, model.coefficients()[1], unit=decay.unit)
+    >>> print(equation.equation())  # doctest: +ELLIPSIS
+    q_ddot + 0.3 (q^2 q_ddot + q q_dot^2) + ...
+    >>> motion = equation.simulate(1.8, 0.0, decay.t)
     """
 
     inertia: Sequence[int] = (3, 4, 5)

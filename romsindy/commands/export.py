@@ -1,0 +1,81 @@
+"""The command ``romsindy export``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from romsindy.commands.options import FILE, Output, write_text
+from romsindy.effects import CATALOGUE, ReadingEffect
+from romsindy.physics.export import python_script
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.serial import read_json
+from romsindy.record.files.load import named
+from romsindy.text import listed
+
+_STDOUT = Path("-")
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option(
+    "--to",
+    "language",
+    type=click.Choice(["matlab", "c", "sympy"]),
+    required=True,
+    help="A function for ode45, a C99 function, or Python with sympy.",
+)
+@click.option(
+    "--output",
+    "-o",
+    type=Output(allow_dash=True),
+    default=_STDOUT,
+    help="File to write.  [default: print it]",
+)
+@click.option("--name", help="Name of the function.  [default: that of the output, or rhs]")
+def export(file: Path, language: str, output: Path, name: str | None) -> None:
+    """Write the equation of motion in FILE for MATLAB, C or sympy.
+
+    FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
+    """
+    with named(f"{file}"):
+        model = _model(file.read_text(encoding="utf-8"))
+    name = name or ("rhs" if output == _STDOUT else output.stem)
+    with named(f"{file}"):
+        write_text(output, _code(model, language, name))
+
+
+def _code(model: ReducedModel, language: str, name: str) -> str:
+    if language == "sympy":
+        return python_script(list(zip(model.terms, model.values, strict=True)), str(model))
+    return model.to_matlab(name) if language == "matlab" else model.to_c(name)
+
+
+def _model(text: str) -> ReducedModel:
+    """The model of a file, also of a diagnosis.
+
+    Raises
+    ------
+    ValueError
+        If the text holds no model, or a diagnosis whose model lacks what it found.
+    """
+    content = read_json(text)
+    if not (isinstance(content, dict) and {"model", "effects"} <= {*content}):
+        return ReducedModel.from_json(text)
+    outside = _outside(content["effects"])
+    if outside:
+        raise ValueError(
+            f"this diagnosis found {listed(outside)}, which depends on more than q and q_dot and is"
+            " no term of the equation of motion; to export the equation without it, put the entry"
+            ' "model" into a file of its own'
+        )
+    return ReducedModel.from_json(json.dumps(content["model"]))
+
+
+def _outside(effects: list[dict[str, Any]]) -> list[str]:
+    """Labels of effects on the motion that are no terms: those with a memory, or of time."""
+    beyond = {e.name for e in CATALOGUE if e.term() is None and not isinstance(e, ReadingEffect)}
+    return [e["label"] for e in effects if e["name"] in beyond]

@@ -1,0 +1,25 @@
+"""Versions for a bug report: ``python -m romsindy``."""
+
+from __future__ import annotations
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+from romsindy import __version__
+from romsindy.text import aligned
+
+_PACKAGES = ("pysindy", "numpy", "scipy", "scikit-learn", "numba", "matplotlib", "sympy")
+
+
+def versions() -> str:
+    """Lines of text: romsindy, Python, the packages that compute, and the system."""
+    rows = [["romsindy", __version__], ["Python", platform.python_version()]]
+    rows += [[name, _version(name)] for name in _PACKAGES]
+    return aligned([*rows, ["platform", platform.platform()]])
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,199 @@
+"""Equations of motion for other programs: sympy, MATLAB, C.
+
+Every law is written once, for numbers and arrays. Here a sympy expression goes through it in their
+place, and sympy's printers write what comes out.
+"""
+
+from __future__ import annotations
+
+import operator
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from romsindy.physics.term import Term
+
+Pairs = Sequence[tuple[Term, float]]
+_WIDTH = 84
+_JUMP = (
+    "Dry friction jumps where q_dot changes its sign, and solvers take small steps there;"
+    " romsindy's model.regularised(velocity_scale) has no jump."
+)
+
+
+def symbols() -> tuple[Any, Any]:
+    """The real symbols q and q_dot of `to_sympy`."""
+    q, q_dot = _sympy().symbols("q q_dot", real=True)
+    return q, q_dot
+
+
+def inertia_and_force(pairs: Pairs) -> tuple[Any, Any]:
+    """M(q) and K(q) + N(q) q_dot^2 + D(q, q_dot) as sympy expressions.
+
+    Raises
+    ------
+    ValueError
+        If a law does something that sympy has no word for, or sympy is not installed.
+    """
+    q, q_dot = map(_Traced, symbols())
+    inertia, force = _Traced(1), _Traced(0)
+    for term, value in pairs:
+        try:
+            if term.has("inertia"):
+                inertia += value * term.inertia(q)
+            if term.has("convection"):
+                force += value * term.convection(q) * q_dot * q_dot
+            if term.has("stiffness"):
+                force += value * term.stiffness(q)
+            if term.has("damping"):
+                force += value * term.damping(q, q_dot)
+        except (AttributeError, TypeError) as error:
+            raise ValueError(
+                f"the term {term.key!r} cannot be exported ({error}): write its law with"
+                " arithmetic and functions that numpy and sympy share, such as abs, sign, maximum,"
+                " tanh, or leave the term out"
+            ) from error
+    return inertia.expression, force.expression
+
+
+def acceleration(pairs: Pairs) -> Any:
+    """q_ddot as a sympy expression of `symbols`."""
+    inertia, force = inertia_and_force(pairs)
+    return -force / inertia
+
+
+def python_script(pairs: Pairs, title: str) -> str:
+    """Python that makes the sympy expression ``q_ddot``, every number to its last digit."""
+    sympy = _sympy()
+    q_ddot = acceleration(pairs)
+    functions = {f.func.__name__ for f in q_ddot.atoms(sympy.Function, sympy.Max, sympy.Min)}
+    code = sympy.sstr(_exact(q_ddot))
+    return (
+        f"{_comment('#', pairs, title)}\n"
+        f"from sympy import {', '.join(sorted({'symbols', *functions}))}\n\n"
+        'q, q_dot = symbols("q q_dot", real=True)\n'
+        f"q_ddot = (\n        {_wrapped(code)}\n)"
+    )
+
+
+def matlab_function(pairs: Pairs, title: str, name: str) -> str:
+    """Text of a function for ``ode45``, for a file ``name``.m."""
+    inertia, force = (_sympy().octave_code(_exact(x)) for x in inertia_and_force(pairs))
+    use = f"[t, y] = ode45(@{_named(name)}, [t0 t1], [q0; q_dot0], odeset('RelTol', 1e-9));"
+    return (
+        f"function dy = {name}(t, y)\n"
+        f"{_comment('%', pairs, title, f'dy/dt of y = [q; q_dot]: {use}')}\n"
+        "q = y(1);\n"
+        "q_dot = y(2);\n"
+        f"inertia = {_wrapped(inertia, ' ...')};\n"
+        f"force = {_wrapped(force, ' ...')};\n"
+        "dy = [q_dot; -force / inertia];\n"
+        "end"
+    )
+
+
+def c_function(pairs: Pairs, title: str, name: str) -> str:
+    """Text of a C99 function."""
+    inertia, force = (_sympy().ccode(x) for x in inertia_and_force(pairs))
+    return (
+        f"{_comment('//', pairs, title, 'dy/dt of y = {q, q_dot}; link with -lm.')}\n"
+        "#include <math.h>\n\n"
+        f"void {_named(name)}(double t, const double y[2], double dy[2])\n"
+        "{\n"
+        "    const double q = y[0], q_dot = y[1];\n"
+        f"    const double inertia = {_wrapped(inertia)};\n"
+        f"    const double force = {_wrapped(force)};\n"
+        "    (void)t;\n"
+        "    dy[0] = q_dot;\n"
+        "    dy[1] = -force / inertia;\n"
+        "}"
+    )
+
+
+def _exact(expression: Any) -> Any:
+    """The same, so that printers show every digit of its numbers."""
+    sympy = _sympy()
+    return expression.xreplace({x: sympy.Float(x, 17) for x in expression.atoms(sympy.Float)})
+
+
+def _comment(sign: str, pairs: Pairs, title: str, use: str = "") -> str:
+    jumps = any(not term.smooth for term, _ in pairs)
+    lines = [*title.splitlines(), use, _JUMP if jumps else ""]
+    return "\n".join(f"{sign} {part}" for line in lines for part in _split(line))
+
+
+def _wrapped(code: str, joint: str = "") -> str:
+    return f"{joint}\n        ".join(_split(code))
+
+
+def _split(line: str) -> list[str]:
+    return textwrap.wrap(line, _WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def _named(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+        raise ValueError(
+            f"name={name!r} names no function: begin with a letter, and go on with letters, digits"
+            " and underscores"
+        )
+    return name
+
+
+# -- laws with sympy in the place of numbers ------------------------------------------------------
+
+
+def _sympy() -> Any:
+    try:
+        return import_module("sympy")
+    except ImportError:
+        raise ValueError(
+            'to export a model needs sympy, which is not installed: pip install "romsindy[export]"'
+        ) from None
+
+
+def _power(base: Any, exponent: Any) -> Any:
+    # x^1.0 is no power to a reader, but sympy keeps it.
+    return base ** (int(exponent) if float(exponent).is_integer() else exponent)
+
+
+# What numpy does with operators, and names that are others in sympy.
+_OPERATIONS: dict[str, Callable[..., Any]] = {
+    "absolute": abs,
+    "add": operator.add,
+    "divide": operator.truediv,
+    "multiply": operator.mul,
+    "negative": operator.neg,
+    "power": _power,
+    "subtract": operator.sub,
+}
+_NAMES = {"maximum": "Max", "minimum": "Min"}
+_LIKE: dict[Callable, int] = {np.ones_like: 1, np.zeros_like: 0}
+
+
+class _Traced(NDArrayOperatorsMixin):
+    """A sympy expression that numpy's operators and functions take for an array."""
+
+    def __init__(self, expression: Any) -> None:
+        self.expression = _sympy().sympify(expression)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        name = ufunc.__name__
+        function = _OPERATIONS.get(name) or getattr(_sympy(), _NAMES.get(name, name), None)
+        # An operator in place (+=) may as well make a new expression: Python gives it the name.
+        if function is None or method != "__call__" or not {*options} <= {"out"}:
+            raise TypeError(f"numpy.{name} has no counterpart in sympy")
+        return _Traced(function(*map(_expression, inputs)))
+
+    def __array_function__(self, function: Callable, _: Any, inputs: Any, options: Any) -> Any:
+        if function not in _LIKE:
+            raise TypeError(f"numpy.{function.__name__} has no counterpart in sympy")
+        return _Traced(_LIKE[function])
+
+
+def _expression(x: Any) -> Any:
+    return x.expression if isinstance(x, _Traced) else _sympy().sympify(x)
