@@ -97,7 +97,9 @@ def inline_math(writer: object, node: nodes.math) -> None:
 
 def block_math(writer: object, node: nodes.math_block) -> None:
     """An equation of its own scrolls where it is wider than the page."""
-    writer.body.append(f'<div class="equation">{convert(node.astext(), display="block")}</div>')
+    writer.body.append(
+        f'<div class="equation" tabindex="0">{convert(node.astext(), display="block")}</div>'
+    )
     raise nodes.SkipNode
 
 
