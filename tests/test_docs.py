@@ -15,8 +15,10 @@ from romsindy.effects import (
     AirDrag,
     CubicStiffness,
     DryFriction,
+    MicroSlip,
     NonlinearInertia,
     QuadraticStiffness,
+    Viscoelastic,
 )
 from romsindy.effects.fingerprint import averaged, fingerprint
 from romsindy.effects.table import described, page
@@ -44,12 +46,21 @@ def test_the_page_of_effects_has_them_all_with_their_advice():
     assert {*targets} == {*re.findall(r"^\((\w+)\)=", text, re.M)}
 
 
+def jenkins(a, slip=0.4):
+    """Spring in series with a slider: its mean stiffness, and 4 slip (a - slip) lost in a cycle."""
+    angle = np.arccos(max(1 - 2 * slip / a, -1.0))
+    stiffness = (angle - np.sin(angle) * np.cos(angle)) / np.pi
+    return stiffness / 2, 2 * slip * max(a - slip, 0.0) / (np.pi * a**2)
+
+
 # Krylov and Bogoliubov's averages in closed form, at amplitude a, 1 rad/s and strength 1.
 CLOSED = [
     (CubicStiffness(), lambda a: (3 / 8 * a**2, 0)),
     (NonlinearInertia(), lambda a: (-(a**2) / 4, 0)),
     (AirDrag(), lambda a: (0, 4 * a / (3 * np.pi))),
     (DryFriction(), lambda a: (0, 2 / (np.pi * a))),
+    (MicroSlip(slip=0.4), jenkins),
+    (Viscoelastic(relaxation=1.0), lambda a: (1 / 4, 1 / 4)),  # i / (1 + i) in series
 ]
 
 

@@ -130,7 +130,7 @@ class Search:
         best = self.settled(self._ranked([best, *alike])[0])
         best = self._ranked([best, *alike])[0]
         compared = sorted((h.at(best.form) for h in seen), key=lambda h: h.score)
-        return Finding(self._rivals(best, compared), compared, base.at(best.form), interrupted)
+        return Finding(self.rivals(best, compared), compared, base.at(best.form), interrupted)
 
     def _best_of(self, base: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
         """The best hypothesis, and all that were weighed on the way."""
@@ -294,7 +294,7 @@ class Search:
         others = (h.at(best.form) for h in found.compared)
         worse = sorted((h for h in others if h.score >= best.score), key=lambda h: h.score)
         compared = [best, *worse]
-        rivals = self._rivals(best, [h for h in compared if len(h.effects) == len(best.effects)])
+        rivals = self.rivals(best, [h for h in compared if len(h.effects) == len(best.effects)])
         return replace(found, rivals=rivals, compared=compared, base=found.base.at(best.form))
 
     def _replaced(self, best: Hypothesis, first: Screening) -> list[Hypothesis]:
@@ -320,7 +320,7 @@ class Search:
         best = min(seen, key=lambda h: h.solution.chi_squared * WORTH ** len(h.effects))
         return self._ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
 
-    def _rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Different hypotheses that the data do not tell apart from the best, best first."""
         found = {frozenset(best.names): best}
         # One effect may stand for values that moved.

@@ -63,7 +63,11 @@ def diagnose_model(
         if judges.blind:
             tests, judged = {}, {name_of(i): record for i, record in enumerate(records)}
     best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
-    rivals = [best, *(h.at(best.form) for h in found.rivals[1:])]
+    # Odds are those of the values as they are told.
+    alike = [h for h in found.compared if len(h.effects) == len(best.effects)]
+    near_by = search.rivals(best, [h.at(best.form) for h in alike])[1:]
+    others = {h.names: h.at(best.form) for h in (*found.rivals[1:], *near_by)}
+    rivals = [best, *others.values()]
     left = search.remainder(best)
     near = motions_of(best)
     predictions = [
