@@ -175,6 +175,8 @@ def test_gap_in_a_file(tmp_path):
 def test_missing_and_foreign_files(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nothing\.csv: no such file"):
         load_decay(tmp_path / "nothing.csv")
+    with pytest.raises(ValueError, match="is a directory: name a file in it"):
+        load_decay(tmp_path)
     with pytest.raises(ValueError, match=r"unknown kind of file '.docx'"):
         load_decay(write(tmp_path / "d.docx", "x"))
     with pytest.raises(ValueError, match=r"not a MATLAB v5 file"):

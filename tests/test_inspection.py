@@ -68,10 +68,10 @@ def test_text_says_what_is_in_it_and_what_comes_next(pair):
     assert re.search(r"Mode 2 is 2\.0\d+ times mode 1 at an amplitude of .* [mu]m: near 1:2", text)
     assert "Used: mode 1 at 11 Hz, which moves most, in channel tip, release 1." in text
     assert "Left out: mode 2 at 22.22 Hz." in text
-    calls = re.findall(r"^  romsindy\.identify\((found\.decays\(.*\))\)$", text, re.M)
+    calls = re.findall(r"^  rs\.identify\((seen\.decays\(.*\))\)$", text, re.M)
     assert len(calls) == 2
     for call, frequency in zip(calls, (LOW, HIGH), strict=True):
-        (alone,) = eval(call, {"found": pair})  # what is printed can be pasted
+        (alone,) = eval(call, {"seen": pair})  # what is printed can be pasted
         assert rs.extract_backbone(alone).linear_frequency() / (2 * np.pi) == pytest.approx(
             frequency, rel=1e-3
         )
@@ -138,7 +138,7 @@ def test_page_is_one_file(pair, tmp_path):
     pair.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 1 and "http" not in page
-    assert "near 1:2" in page and "found.decays(mode=2)" in page
+    assert "near 1:2" in page and "seen.decays(mode=2)" in page
     pair.to_html(tmp_path / "page.html", "romsindy identify pair.csv")
     assert "romsindy identify pair.csv --mode 2" in (tmp_path / "page.html").read_text()
 

@@ -110,8 +110,8 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
         alone = others if channels[1:] else []
         yield from (f"{command} --column {name}" for name in alone[:_MOST_STEPS])
     else:
-        yield "romsindy.identify(found.decays())"
-        calls = (f"romsindy.identify(found.decays({n}={v}))" for n, v in choices[:_MOST_STEPS])
+        yield "rs.identify(seen.decays())"
+        calls = (f"rs.identify(seen.decays({n}={v}))" for n, v in choices[:_MOST_STEPS])
         yield from calls
 
 

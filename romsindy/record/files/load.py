@@ -129,6 +129,8 @@ def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]
     if not isinstance(path, str | PathLike):
         raise ValueError(f"path = {path!r} must be the name of a file, or SEP005 dictionaries")
     path = Path(path)
+    if path.is_dir():
+        raise ValueError(f"{path} is a directory: name a file in it")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
     read = reader_of(path)
