@@ -577,3 +577,13 @@ def test_clamped_beam_has_another_linear_frequency(measured):
     shift = result.base.solution.parts[0].strengths[0, 0]
     omega2 = model.coefficients["omega^2"]
     assert -3.0 < (np.sqrt(omega2 + shift) - np.sqrt(omega2)) / (2 * np.pi) < -1.8
+
+
+def test_pictures_say_what_was_measured():
+    """A velocity was drawn as q in m."""
+    truth = decay(1.0, snr_db=60)
+    rate = rs.Decay.from_velocity(truth.t, np.gradient(truth.q, truth.dt), unit="mm")
+    result = diagnose(MODEL, rate, catalogue=())
+    figures = {name: p.figure() for name, p in result.pictures().items() if name != "record"}
+    assert figures["gap"].get_supylabel() == "velocity (mm/s)"
+    assert figures["amplitude"].axes[-1].get_xlabel() == "amplitude of the velocity (mm/s)"

@@ -13,6 +13,7 @@ from romsindy.diagnosis.words import percent
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
+from romsindy.record.recording import unit_of
 from romsindy.show import diagnosis_plots as show
 from romsindy.show.page import Picture
 from romsindy.typing import Array
@@ -39,7 +40,7 @@ def _in_time(p: Prediction, gap: Gap) -> Picture:
         f" {gap.after:.3g} times after{worst}."
     )
     signals = (p.record.t, p.record.signal, p.misfit(p.before), p.misfit(p.after))
-    draw = partial(show.draw_errors_in_time, *signals, p.record.decay.unit)
+    draw = partial(show.draw_errors_in_time, *signals, *_reading(p.record))
     return Picture("gap", "Before and after", caption, draw)
 
 
@@ -53,10 +54,14 @@ def _by_amplitude(p: Prediction, gap: Gap) -> Picture:
         f" before, {percent(after.frequency)} after; the damping ratio by"
         f" {percent(before.damping)} and {percent(after.damping)} of itself."
     )
-    unit = p.record.decay.unit
-    return Picture(
-        "amplitude", "By amplitude", caption, partial(show.draw_backbones, backbones, unit)
-    )
+    draw = partial(show.draw_backbones, backbones, *_reading(p.record))
+    return Picture("amplitude", "By amplitude", caption, draw)
+
+
+def _reading(record: Record) -> tuple[str, str]:
+    """What a record holds, and its unit."""
+    quantity = record.decay.measured
+    return quantity, unit_of(quantity, record.decay.unit)
 
 
 def _by_phase(missing: MissingForce) -> Picture:

@@ -124,7 +124,7 @@ class Bilinear(TermEffect):
 
     def parameters(self, scales: Scales) -> tuple[Parameter, ...]:
         a = scales.amplitude
-        starts = tuple(a * np.array([0.0, 0.025, -0.025, 0.05, -0.05]))
+        starts = (0.0, 0.025 * a, -0.025 * a, 0.05 * a, -0.05 * a)
         return (Parameter("gap", starts, -0.2 * a, 0.2 * a, 0.05 * a, unit="q"),)
 
 

@@ -19,6 +19,11 @@ QUANTITIES: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
 GAP = 1.5
 
 
+def unit_of(quantity: Quantity, unit: str | None) -> str:
+    """Unit of a quantity where q has a unit."""
+    return (unit or "[q]") + ("", "/s", "/s^2")[QUANTITIES.index(quantity)]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """Channels sampled together, as they were measured.
@@ -95,7 +100,7 @@ class Recording:
     @property
     def signal_unit(self) -> str:
         """Unit of the samples."""
-        return (self.unit or "[q]") + ("", "/s", "/s^2")[QUANTITIES.index(self.quantity)]
+        return unit_of(self.quantity, self.unit)
 
     @cached_property
     def pieces(self) -> list[slice]:

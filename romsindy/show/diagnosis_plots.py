@@ -21,7 +21,13 @@ _LOOKS: dict[str, dict[str, Any]] = {
 
 
 def draw_errors_in_time(
-    t: Array, measured: Array, before: Array, after: Array, unit: str | None, figure: Figure
+    t: Array,
+    measured: Array,
+    before: Array,
+    after: Array,
+    quantity: str,
+    unit: str,
+    figure: Figure,
 ) -> None:
     """A record, and what a simulation misses of it before and after; all (n,).
 
@@ -38,10 +44,12 @@ def draw_errors_in_time(
     for ax in (above, *below):
         ax.legend(frameon=False, loc="upper right", fontsize="small")
     below[1].set_xlabel("time (s)")
-    figure.supylabel(with_unit("q", unit), fontsize="medium")
+    figure.supylabel(with_unit(quantity, unit), fontsize="medium")
 
 
-def draw_backbones(backbones: Mapping[str, Backbone], unit: str | None, figure: Figure) -> None:
+def draw_backbones(
+    backbones: Mapping[str, Backbone], quantity: str, unit: str, figure: Figure
+) -> None:
     """Frequency and damping ratio of every cycle: "measured", "before", "after"."""
     above, below = figure.subplots(2, 1, sharex=True)
     for name, backbone in backbones.items():
@@ -49,7 +57,7 @@ def draw_backbones(backbones: Mapping[str, Backbone], unit: str | None, figure: 
         above.plot(backbone.amplitude, backbone.frequency / (2 * np.pi), **look)
         below.plot(backbone.amplitude, 100 * backbone.damping_ratio, **look)
     above.set_ylabel("frequency (Hz)")
-    below.set(xlabel=with_unit("amplitude", unit), ylabel="damping ratio (%)")
+    below.set(xlabel=with_unit(f"amplitude of the {quantity}", unit), ylabel="damping ratio (%)")
     above.legend(frameon=False, fontsize="small")
 
 
