@@ -587,3 +587,12 @@ def test_pictures_say_what_was_measured():
     figures = {name: p.figure() for name, p in result.pictures().items() if name != "record"}
     assert figures["gap"].get_supylabel() == "velocity (mm/s)"
     assert figures["amplitude"].axes[-1].get_xlabel() == "amplitude of the velocity (mm/s)"
+
+
+def test_what_took_part_in_a_fit_does_not_judge_it():
+    """Fits of short records were weighed a second time by the same samples: more values won."""
+    short = decay(1.0, seed=1, force=lambda t, q, v: 0.02 * abs(v) * v).between(0, 1.2)
+    result = diagnose(MODEL, short)
+    assert not result.gap.unseen
+    assert all(h.tested == 0 for h in result.compared)
+    assert "quadratic_drag" in {name for names in result.equivalent for name in names}

@@ -24,13 +24,15 @@ _MOST = 6  # hypotheses that are asked
 class Judges:
     """Records that hypotheses are asked to predict, by name.
 
-    ``exact`` is the simulation as it was. ``blind`` says afterwards whether these records could not
-    tell what was found from less.
+    ``exact`` is the simulation as it was. Records that are not ``unseen`` took part in the fits:
+    they settle hypotheses, and have no further say. ``blind`` says afterwards whether these records
+    could not tell what was found from less.
     """
 
     search: Search
     exact: Hypothesis
     records: Mapping[str, Record]
+    unseen: bool = True
     blind: bool = field(default=False, init=False)
     least: float = field(default=np.inf, init=False)  # chi-square of the best of those asked
 
@@ -50,8 +52,8 @@ class Judges:
         misfits: dict[int, float] = {}
 
         def beyond(i: int) -> float:
-            far = (misfits[i] - self._count) / compared[i].excess if i in misfits else 0.0
-            return max(far, 0.0)
+            asked = self.unseen and i in misfits
+            return max((misfits[i] - self._count) / compared[i].excess, 0.0) if asked else 0.0
 
         while len(misfits) < _MOST:
             scores = np.array([h.score + beyond(i) for i, h in enumerate(compared)])
@@ -104,5 +106,5 @@ class Judges:
         return misfit_of(self.search.model, hypothesis, self.records, parts)
 
     def _tested(self, hypothesis: Hypothesis, misfit: float) -> Hypothesis:
-        beyond = (misfit - self.least) / self.scale - AS_GOOD
+        beyond = (misfit - self.least) / self.scale - AS_GOOD if self.unseen else 0.0
         return replace(hypothesis, tested=max(beyond, 0.0))

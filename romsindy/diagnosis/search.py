@@ -175,8 +175,9 @@ class Search:
         except TrajectoryError:
             return hypothesis
         again = Hypothesis.of(self.model, more, hypothesis.n_free, self.records)
-        # The misfit of a motion that does not yet satisfy its equation may be too small.
-        return again if more.converged else self._ranked([hypothesis, again])[0]
+        # A motion that is not settled is judged by its misfit: its score may lie steps away.
+        better = again.solution.chi_squared < s.chi_squared
+        return again if more.converged or better else hypothesis
 
     def _beside(self, hypothesis: Hypothesis, base: Hypothesis) -> bool:
         """Whether it is what explains already, and an effect that gains next to nothing."""

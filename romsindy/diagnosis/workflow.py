@@ -57,7 +57,7 @@ def diagnose_model(
     found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
     if not found.interrupted:
-        judges = Judges(search, exact, judged)
+        judges = Judges(search, exact, judged, unseen=bool(tests))
         found = judges.weighed(found)
         found = judges.useful(found) if tests else _with_plain_values(found)
         if judges.blind:
