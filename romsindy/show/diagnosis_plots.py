@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from romsindy.record.backbone import Backbone
 from romsindy.show.axes import log_ratio, with_unit
+from romsindy.show.facts import of_cycles, tell
 from romsindy.typing import Array
 
 BEFORE, AFTER = "C3", "C0"
@@ -31,18 +32,20 @@ def draw_errors_in_time(
 ) -> None:
     """A record, and what a simulation misses of it before and after; all (n,).
 
-    nan where nothing is compared.
+    nan where nothing is compared. The simulated motions show where one can zoom.
     """
     above, *below = figure.subplots(3, 1, sharex=True)
     above.plot(t, measured, color="0.5", lw=0.8, label="measured")
+    above.set_ylim(above.get_ylim())  # as the record has it, whatever is hidden
     top = 1.1 * float(np.nanmax(np.abs([before, after])))
-    for ax, error, name, color in zip(
-        below, (before, after), ("before", "after"), (BEFORE, AFTER), strict=True
+    for ax, error, name, color, width in zip(
+        below, (before, after), ("before", "after"), (BEFORE, AFTER), (1.8, 0.9), strict=True
     ):
         ax.plot(t, error, color=color, lw=0.7, label=f"error {name}")
         ax.set_ylim(-top, top)
+        above.plot(t, measured - error, color=color, lw=width, label=name, visible=False)
     for ax in (above, *below):
-        ax.legend(frameon=False, loc="upper right", fontsize="small")
+        ax.legend(handles=ax.lines[:1], frameon=False, loc="upper right", fontsize="small")
     below[1].set_xlabel("time (s)")
     figure.supylabel(with_unit(quantity, unit), fontsize="medium")
 
@@ -54,8 +57,10 @@ def draw_backbones(
     above, below = figure.subplots(2, 1, sharex=True)
     for name, backbone in backbones.items():
         look = _LOOKS[name] | {"label": name}
-        above.plot(backbone.amplitude, backbone.frequency / (2 * np.pi), **look)
-        below.plot(backbone.amplitude, 100 * backbone.damping_ratio, **look)
+        hz, percent = backbone.frequency / (2 * np.pi), 100 * backbone.damping_ratio
+        for ax, read in ((above, hz), (below, percent)):
+            (cycles,) = ax.plot(backbone.amplitude, read, **look)
+            tell(cycles, *of_cycles(backbone))
     above.set_ylabel("frequency (Hz)")
     below.set(xlabel=with_unit(f"amplitude of the {quantity}", unit), ylabel="damping ratio (%)")
     above.legend(frameon=False, fontsize="small")
