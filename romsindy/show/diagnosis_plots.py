@@ -38,12 +38,12 @@ def draw_errors_in_time(
     above.plot(t, measured, color="0.5", lw=0.8, label="measured")
     above.set_ylim(above.get_ylim())  # as the record has it, whatever is hidden
     top = 1.1 * float(np.nanmax(np.abs([before, after])))
-    for ax, error, name, color, width in zip(
-        below, (before, after), ("before", "after"), (BEFORE, AFTER), (1.8, 0.9), strict=True
+    for ax, error, name, color, dash in zip(
+        below, (before, after), ("before", "after"), (BEFORE, AFTER), "-:", strict=True
     ):
         ax.plot(t, error, color=color, lw=0.7, label=f"error {name}")
         ax.set_ylim(-top, top)
-        above.plot(t, measured - error, color=color, lw=width, label=name, visible=False)
+        above.plot(t, measured - error, dash, color=color, lw=1.5, label=name, visible=False)
     for ax in (above, *below):
         ax.legend(handles=ax.lines[:1], frameon=False, loc="upper right", fontsize="small")
     below[1].set_xlabel("time (s)")

@@ -107,9 +107,10 @@ def draw_motion(found: Identification, index: int, figure: Figure) -> None:
     record, residual = found.records[index], found.residuals[index]
     t = record.decay.t
     above, below = figure.subplots(2, 1, sharex=True)
-    above.plot(t, record.signal, color="0.5", lw=1.8, label="measured")
+    above.plot(t, record.signal, color="0.5", lw=0.8, label="measured")
     above.set_ylim(above.get_ylim())  # as the record has it, whatever is hidden
-    above.plot(t, record.signal - residual, color="C0", lw=0.9, label="simulated", visible=False)
+    simulated = record.signal - residual
+    above.plot(t, simulated, ":", color="C0", lw=1.5, label="simulated", visible=False)
     below.plot(t, residual, color="C0", lw=0.7, label="measured - simulated")
     for ax in (above, below):
         ax.legend(handles=ax.lines[:1], frameon=False, loc="upper right", fontsize="small")

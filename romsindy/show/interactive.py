@@ -23,7 +23,7 @@ from romsindy.show.traces import across, known, texts, traces, words
 _PX_PER_INCH = 82  # of the height of a static figure: as tall as it is in a page
 # px: a panel at least; round all panels; between them, with titles of axes or without; from a panel
 # to the legend; a letter.
-_LEAST, _ROUND, _TITLE, _TICKS, _ABOVE, _LETTER = 180, 100, 80, 26, 6, 7.5
+_LEAST, _ROUND, _TITLE, _TICKS, _ABOVE, _LETTER = 190, 100, 80, 26, 6, 6.5
 _DECADES = 3  # of a logarithmic axis, up to which 2 and 5 are labelled too
 _FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#222"}
 _AXIS = {"showline": True, "mirror": True, "linecolor": "#444", "gridcolor": "#eee"}
@@ -39,7 +39,6 @@ _LAYOUT = {
 # Only these: one of plotly's own buttons uploads what is shown.
 _BUTTONS = ["toImage", "zoom2d", "pan2d", "autoScale2d", "resetScale2d"]
 _CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtons": [_BUTTONS]}
-_CONFIG |= {"plotlyServerURL": ""}
 
 
 def check_plotly() -> None:
@@ -103,10 +102,9 @@ def _column(figure: Figure, panels: Sequence[Axes]) -> dict[str, Any]:
     named = {""}
     for i, (ax, domain) in enumerate(zip(panels, domains, strict=True)):
         n = str(i + 1) if i else ""
-        common = figure.get_supylabel()  # beside the panel in the middle
-        labels = (_label(ax, "x", panels), _label(ax, "y", figure.axes) or common)
-        beside = "" if common and i != len(panels) // 2 else labels[1]
-        letters = int((height - _ROUND) * (1 if common else np.ptp(domain)) / _LETTER)
+        beside = _label(ax, "y", figure.axes) or figure.get_supylabel()
+        labels = (_label(ax, "x", panels), beside)
+        letters = int((height - _ROUND) * np.ptp(domain) / _LETTER)
         axes[f"xaxis{n}"] = {"anchor": f"y{n}", **_matching(ax, panels[:i], "x")}
         axes[f"xaxis{n}"] |= _axis(ax.xaxis, words(ax.get_xlabel()))
         axes[f"yaxis{n}"] = {"anchor": f"x{n}", **_matching(ax, panels[:i], "y"), "domain": domain}

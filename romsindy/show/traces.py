@@ -178,10 +178,8 @@ def _bars(bars: Any, ax: Axes, labels: tuple[str, str]) -> Trace:
     at = np.array([b.get_x() + b.get_width() / 2 for b in bars])
     nearest = np.abs(at[:, None] - ax.get_xticks()).argmin(axis=1)
     ticks = [ax.get_xticklabels()[i].get_text() for i in nearest]
-    shown = _hover(str(bars.get_label()), (Fact(labels[1], base + height),), labels)
-    shown["hovertemplate"] = shown["hovertemplate"].replace(
-        "<br>", f"<br>{words(labels[0])} %{{hovertext}}<br>", 1
-    )
+    name, value = str(bars.get_label()), Fact(labels[1], base + height)
+    where = words(f"{labels[0]} %{{hovertext}}".strip())
     return {
         "type": "bar",
         "x": at,
@@ -190,7 +188,7 @@ def _bars(bars: Any, ax: Axes, labels: tuple[str, str]) -> Trace:
         "width": [b.get_width() for b in bars],
         "marker": {"color": _rgba(bars[0].get_facecolor())},
         "hovertext": ticks,
-        **shown,
+        **_hover(name, (value,), labels, where),
     }
 
 
@@ -209,10 +207,7 @@ def _map(mesh: QuadMesh, labels: tuple[str, str]) -> Trace:
         "zmax": mesh.norm.vmax,
         "colorscale": [[p, _rgba(c)] for p, c in zip(parts, mesh.cmap(parts), strict=True)],
         "showscale": False,
-        "hovertemplate": "<br>".join(
-            [_line(labels[0], "x"), _line(labels[1], "y"), _line(level, "z")]
-        )
-        + "<extra></extra>",
+        **_hover("", (), labels, _line(f"level ({level})", "z", 3)),
     }
 
 
@@ -227,8 +222,8 @@ def _edges(mesh: QuadMesh) -> tuple[Array, Array] | None:
 # -- looks and words -------------------------------------------------------------------------------
 
 
-def _hover(name: str, facts: Sequence[Fact], labels: tuple[str, str]) -> Trace:
-    """What is shown at a point: its facts, or its coordinates where it has none."""
+def _hover(name: str, facts: Sequence[Fact], labels: tuple[str, str], *more: str) -> Trace:
+    """What is shown at a point: its facts, or its coordinates where it has none; and more lines."""
     lines = [f"<b>{words(name)}</b>"] if name else []
     columns: list[Array] = []
     if not facts:
@@ -240,7 +235,7 @@ def _hover(name: str, facts: Sequence[Fact], labels: tuple[str, str]) -> Trace:
             error = f" ± %{{customdata[{len(columns)}]:.2~g}}"
             columns.append(fact.std)
         lines.append(_line(fact.label, place, fact.digits, error))
-    shown: Trace = {"hovertemplate": "<br>".join(lines) + "<extra></extra>"}
+    shown: Trace = {"hovertemplate": "<br>".join([*lines, *more]) + "<extra></extra>"}
     return shown | ({"customdata": np.column_stack(columns)} if columns else {})
 
 
