@@ -173,7 +173,7 @@ def test_a_diagnosis_shows_motions_where_one_can_zoom(tmp_path):
     report = rs.diagnose(model, decay, catalogue=(AirDrag(),))
     report.to_html(tmp_path / "page.html", interactive=True)
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert page.count("<img alt=") == 1 and page.count("Plotly.newPlot(") == 5
+    assert page.count("<img alt=") == 1 and page.count('<div class="curves"') == 5
     traces, gap = traces_of(page, "gap-1"), report.gap.predictions[report.gap.worst]
     for name in ("before", "after"):
         y = array(named(traces, name)["y"])
@@ -193,6 +193,19 @@ def test_cycles_of_several_files_keep_their_numbers(backbone, tmp_path):
         shown = columns(named(traces_of(page, column), "a.csv"))
         numbers = shown["cycle", ""][0]
         np.testing.assert_array_equal(numbers, np.flatnonzero(backbone.certain) + 1)
+
+
+def test_cycles_of_several_decays_have_its_number(backbone):
+    figure = Figure()
+    plots.plot_damping([backbone, backbone], ax=figure.subplots())
+    data = translated(figure)[0].to_dict()["data"]
+    cycles = [columns(t) for t in data if "customdata" in t]
+    for i, shown in enumerate(cycles, 1):
+        assert np.all(shown["decay", ""][0] == i)
+        np.testing.assert_array_equal(shown["time", "s"][0], backbone.t)
+    assert len(cycles) == 2 and [t.get("showlegend") for t in data].count(True) == 1
+    with pytest.raises(ValueError, match="holds no cycles"):
+        plots.plot_damping([])
 
 
 # -- what becomes of a figure ------------------------------------------------------------------

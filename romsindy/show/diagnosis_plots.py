@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from romsindy.record.backbone import Backbone
 from romsindy.show.axes import log_ratio, with_unit
-from romsindy.show.facts import of_cycles, tell
+from romsindy.show.cycles import of_cycles
+from romsindy.show.facts import tell
 from romsindy.typing import Array
 
 BEFORE, AFTER = "C3", "C0"

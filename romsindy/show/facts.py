@@ -9,8 +9,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from numpy.typing import NDArray
 
-from romsindy.record.backbone import Backbone
-from romsindy.show.axes import with_unit
 from romsindy.typing import Array
 
 
@@ -51,15 +49,3 @@ def tell(curve: Artist, *facts: Fact) -> None:
 def told(curve: Artist) -> tuple[Fact, ...]:
     """What was said of a curve, or nothing."""
     return _TOLD.get(curve, ())
-
-
-def of_cycles(backbone: Backbone) -> list[Fact]:
-    """Number, time, amplitude, frequency and damping ratio of every cycle."""
-    b = backbone
-    return [
-        Fact("cycle", np.arange(1.0, len(b) + 1)),
-        Fact("time (s)", b.t),
-        Fact(with_unit("amplitude", b.unit), b.amplitude, b.amplitude_std),
-        Fact("frequency (Hz)", b.frequency / (2 * np.pi), b.frequency_std / (2 * np.pi)),
-        Fact("damping ratio (%)", 100 * b.damping_ratio, 100 * b.damping_ratio_std, 4),
-    ]

@@ -22,6 +22,7 @@ from romsindy.regression.comparison import (
     negative_inertia,
 )
 from romsindy.show import function_plots, plots
+from romsindy.show.cycles import Models
 from romsindy.show.page import Picture, write_page
 from romsindy.text import TextTable, listed
 
@@ -150,7 +151,7 @@ def pictures(report: IdentificationReport) -> list[Picture]:
     amplitudes = np.linspace(b.amplitude.min(), b.amplitude.max(), _CURVE)
     band = {} if found is None else {report.main.name: found.band(amplitudes)}
     others = {c.name: c.model for c in report.shown if c.name not in band}
-    models: plots.Models = {**band, **others}
+    models: Models = {**band, **others}
     inner = _of_regressions(report) if found is None else _of_functions(found, others)
     return [
         _picture(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
-from itertools import chain
 from textwrap import wrap
 from typing import Any
 
@@ -81,47 +80,51 @@ def translated(figure: Figure) -> list[Any]:
     None at all where some axes hold what has no counterpart.
     """
     figure.draw_without_rendering()  # settles limits and ticks
+    maps = [m for ax in figure.axes for m in ax.collections]
+    colour_bars = [m.colorbar.ax for m in maps if m.colorbar is not None]
     columns: dict[int, list[Axes]] = {}
     for ax in figure.axes:
-        if spec := ax.get_subplotspec():  # which bars of colours have none of
+        spec = ax.get_subplotspec()
+        if spec is not None and known(ax):
             columns.setdefault(spec.colspan.start, []).append(ax)
-    if not all(map(known, chain(*columns.values()))):
-        return []
+        elif ax not in colour_bars:
+            return []
     make = import_module("plotly.graph_objects").Figure
     return [make(_column(figure, column)) for column in columns.values()]
 
 
 def _column(figure: Figure, panels: Sequence[Axes]) -> dict[str, Any]:
     height = max(_PX_PER_INCH * figure.get_figheight(), _LEAST * len(panels))
+    room = height - _ROUND
     titles = any(ax.get_xlabel() for ax in panels[:-1])
-    domains = _domains(panels, (_TITLE if titles else _TICKS) / (height - _ROUND))
+    domains = _domains(panels, (_TITLE if titles else _TICKS) / room)
     data: list[dict[str, Any]] = []
-    axes: dict[str, dict[str, Any]] = {}
-    shapes: list[dict[str, Any]] = []
-    annotations: list[dict[str, Any]] = []
-    named = {""}
+    layout: dict[str, Any] = {"height": height, **_LAYOUT, "shapes": [], "annotations": []}
     for i, (ax, domain) in enumerate(zip(panels, domains, strict=True)):
         n = str(i + 1) if i else ""
-        beside = _label(ax, "y", figure.axes) or figure.get_supylabel()
-        labels = (_label(ax, "x", panels), beside)
-        letters = int((height - _ROUND) * np.ptp(domain) / _LETTER)
-        axes[f"xaxis{n}"] = {"anchor": f"y{n}", **_matching(ax, panels[:i], "x")}
-        axes[f"xaxis{n}"] |= _axis(ax.xaxis, words(ax.get_xlabel()))
-        axes[f"yaxis{n}"] = {"anchor": f"x{n}", **_matching(ax, panels[:i], "y"), "domain": domain}
-        axes[f"yaxis{n}"] |= _axis(ax.yaxis, "<br>".join(wrap(words(beside), letters)))
-        if ax.get_aspect() == 1:
-            axes[f"yaxis{n}"]["scaleanchor"] = f"x{n}"
-        shapes += across(ax, n)
-        annotations += texts(ax, n)
-        for trace in traces(ax, labels):
-            name = trace.get("name", "")
-            legend = trace.get("showlegend", True) and name not in named
-            named |= {name} if legend else set()
-            data.append(trace | {"xaxis": f"x{n}", "yaxis": f"y{n}", "showlegend": legend})
-    above = _TICKS if annotations else _ABOVE
-    legend = {"orientation": "h", "y": 1 + above / (height - _ROUND), "yanchor": "bottom"}
-    extras = {"shapes": shapes, "annotations": annotations, "legend": legend}
-    return {"data": data, "layout": {"height": height, **_LAYOUT, **axes, **extras}}
+        labels = (_label(ax, "x", panels), _label(ax, "y", figure.axes) or figure.get_supylabel())
+        side = "<br>".join(wrap(words(labels[1]), int(room * np.ptp(domain) / _LETTER)))
+        x = _axis(ax.xaxis, words(ax.get_xlabel())) | _matching(ax, panels[:i], "x")
+        y = _axis(ax.yaxis, side) | _matching(ax, panels[:i], "y")
+        layout[f"xaxis{n}"] = x | {"anchor": f"y{n}"}
+        equal = f"x{n}" if ax.get_aspect() == 1 else None
+        layout[f"yaxis{n}"] = y | {"anchor": f"x{n}", "domain": domain, "scaleanchor": equal}
+        layout["shapes"] += across(ax, n)
+        layout["annotations"] += texts(ax, n)
+        data += [trace | {"xaxis": f"x{n}", "yaxis": f"y{n}"} for trace in traces(ax, labels)]
+    above = _TICKS if layout["annotations"] else _ABOVE
+    layout["legend"] = {"orientation": "h", "y": 1 + above / room, "yanchor": "bottom"}
+    return {"data": _each_name_once(data), "layout": layout}
+
+
+def _each_name_once(data: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Traces of which the first of a name stands for the others in the legend."""
+    named = {""}
+    for trace in data:
+        name = trace.get("name", "")
+        trace["showlegend"] = trace.get("showlegend", True) and name not in named
+        named |= {name} if trace["showlegend"] else set()
+    return list(data)
 
 
 def _domains(panels: Sequence[Axes], gap: float) -> list[list[float]]:

@@ -13,16 +13,15 @@ from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.refine import Fit
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
-from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
-from romsindy.show.facts import Fact, of_cycles, tell
+from romsindy.show.cycles import Curve, Models, backbones_of, misses, numbered, of_cycles, span_of
+from romsindy.show.facts import tell
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
-Models = Mapping[str, ReducedModel | Estimate | Band]
-_Curve = tuple[Array, Array, tuple[Array, Array] | None, dict[str, Any]]
 _DOTS = "os^Dv<>"
 # How the cycles of a measured decay look in every figure.
 _CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
@@ -31,7 +30,7 @@ _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
 
 def _curves(
     models: Models | None, amplitudes: Array, quantity: str, unit: float
-) -> Iterator[_Curve]:
+) -> Iterator[Curve]:
     """Amplitudes, curve, 95 % band if any, and look of every model."""
     for i, (label, model) in enumerate((models or {}).items()):
         style = look(i) | {"label": label}
@@ -95,14 +94,14 @@ def plot_backbone(
         Curves by label; what has errors has its 95 % band.
     """
     ax = given_or_new(ax)
-    backbones, models = _measured(measured, models)
-    curves = list(_curves(models, _span(backbones), "frequency", 2 * np.pi))
-    for backbone in backbones:
+    backbones, models = backbones_of(measured, models)
+    curves = list(_curves(models, span_of(backbones), "frequency", 2 * np.pi))
+    for number, backbone in numbered(backbones):
         hz, hz_std = (x / (2 * np.pi) for x in (backbone.frequency, backbone.frequency_std))
         cycles = ax.errorbar(
             hz, backbone.amplitude, xerr=hz_std, yerr=backbone.amplitude_std, **_CYCLES
         )
-        tell(cycles.lines[0], *of_cycles(backbone), *_misses(backbone.amplitude, hz, curves))
+        tell(cycles.lines[0], *of_cycles(backbone, number), *misses(backbone.amplitude, hz, curves))
     for amplitudes, middle, band, style in curves:
         if band:
             ax.fill_betweenx(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
@@ -116,33 +115,6 @@ def plot_backbone(
         ax.set_xlim(sure.min() - margin, sure.max() + margin)
     _legend(ax)
     return ax
-
-
-def _measured(
-    measured: Backbone | Sequence[Backbone] | Fit, models: Models | None
-) -> tuple[Sequence[Backbone], Models | None]:
-    if isinstance(measured, Backbone):
-        return [measured], models
-    if measured and isinstance(measured, (list, tuple)):
-        return measured, models
-    if not isinstance(measured, Fit):
-        raise ValueError(
-            f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
-        )
-    return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
-
-
-def _misses(amplitude: Array, measured: Array, curves: Sequence[_Curve]) -> Iterator[Fact]:
-    """How far curves are off what was measured of cycles at their amplitudes."""
-    for amplitudes, middle, _, style in curves:
-        order = np.argsort(amplitudes)
-        said = np.interp(amplitude, amplitudes[order], middle[order], np.nan, np.nan)
-        yield Fact(f"{style['label']} off by (%)", 100 * (said / measured - 1), digits=3)
-
-
-def _span(backbones: Sequence[Backbone]) -> Array:
-    amplitudes = np.concatenate([b.amplitude for b in backbones])
-    return np.linspace(amplitudes.min(), amplitudes.max(), 200)
 
 
 def _legend(ax: Axes) -> None:
@@ -159,14 +131,18 @@ def plot_damping(
 ) -> Axes:
     """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
     ax = given_or_new(ax)
-    backbones, models = _measured(measured, models)
-    curves = list(_curves(models, _span(backbones), "damping_ratio", 0.01))
-    for backbone in backbones:
+    backbones, models = backbones_of(measured, models)
+    curves = list(_curves(models, span_of(backbones), "damping_ratio", 0.01))
+    for number, backbone in numbered(backbones):
         ratio = 100 * backbone.damping_ratio
         cycles = ax.errorbar(
             backbone.amplitude, ratio, yerr=100 * backbone.damping_ratio_std, **_CYCLES
         )
-        tell(cycles.lines[0], *of_cycles(backbone), *_misses(backbone.amplitude, ratio, curves))
+        tell(
+            cycles.lines[0],
+            *of_cycles(backbone, number),
+            *misses(backbone.amplitude, ratio, curves),
+        )
     for amplitudes, middle, band, style in curves:
         if band:
             ax.fill_between(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
