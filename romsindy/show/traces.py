@@ -37,7 +37,10 @@ def known(ax: Axes) -> bool:
     """Whether all that axes hold has a counterpart."""
     kinds = (Rectangle, LineCollection, PolyCollection, Annotation)
     artists = (*ax.patches, *ax.collections, *ax.texts, *ax.images, *ax.tables, *ax.artists)
-    return all(_edges(a) if isinstance(a, QuadMesh) else isinstance(a, kinds) for a in artists)
+    upright = all(getattr(c, "orientation", "vertical") == "vertical" for c in ax.containers)
+    return upright and all(
+        _edges(a) if isinstance(a, QuadMesh) else isinstance(a, kinds) for a in artists
+    )
 
 
 def traces(ax: Axes, labels: tuple[str, str]) -> Iterator[Trace]:

@@ -64,8 +64,10 @@ class Identification(Estimate):
     reach : (float, float)
         Least and largest q of the data, unit of q.
     records : tuple of Record
-        What was fitted, and with it ``residuals``: measured minus one simulation of each record by
-        the equation, unit of the measured quantity. Neither is saved.
+        What was fitted; not saved.
+    residuals : tuple of arrays
+        Measured minus one simulation of each record by the equation, unit of the measured
+        quantity; inf where it has no motion there. Not saved.
     """
 
     structures: tuple[Structure, ...]
