@@ -596,3 +596,23 @@ def test_what_took_part_in_a_fit_does_not_judge_it():
     assert not result.gap.unseen
     assert all(h.tested == 0 for h in result.compared)
     assert "quadratic_drag" in {name for names in result.equivalent for name in names}
+
+
+@pytest.mark.parametrize(
+    ("key", "effect", "law", "truth"),
+    [
+        ("c_quadratic", "quadratic_drag", lambda v: abs(v) * v, 0.02),
+        ("c_coulomb", "dry_friction", lambda v: np.tanh(v / 1e-3), 0.1),
+    ],
+)
+def test_what_a_model_has_already_may_be_too_much(key, effect, law, truth):
+    """A half too much of it was named as a gain and cubic stiffness at odds of 7000 : 1."""
+    record = decay(1.0, force=lambda t, q, v: truth * law(v), seed=3)
+    model = rs.ReducedModel.from_coefficients(NOMINAL | {key: 1.5 * truth})
+    result = diagnose(model, record)
+    assert (result.verdict, result.best.names) == ("named", (effect,))
+    (found,) = result.effects
+    assert found.variant == key
+    # Friction that turns round smoothly is less than it says in the smallest swings.
+    error = max(3 * found.standard_errors["strength"], 0.05 * truth)
+    assert found.values["strength"] == pytest.approx(-truth / 2, abs=error)
