@@ -23,6 +23,7 @@ _PX_PER_INCH = 82  # of the height of a static figure: as tall as it is in a pag
 # px: a panel at least; round all panels; between them, with titles of axes or without; from a panel
 # to the legend; a letter.
 _LEAST, _ROUND, _TITLE, _TICKS, _ABOVE, _LETTER = 190, 100, 80, 26, 6, 6.5
+_TICK_LETTERS = 10  # of a word below a bar, to a line
 _DECADES = 3  # of a logarithmic axis, up to which 2 and 5 are labelled too
 _FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#222"}
 _AXIS = {"showline": True, "mirror": True, "linecolor": "#444", "gridcolor": "#eee"}
@@ -151,7 +152,8 @@ def _axis(axis: Any, title: str) -> dict[str, Any]:
     elif isinstance(axis.get_major_locator(), FixedLocator):
         at = axis.get_ticklocs()
         labels = axis.get_major_formatter().format_ticks(at)
-        shown |= {"tickvals": list(at), "ticktext": [words(t) for t in labels]}
+        short = ["<br>".join(wrap(words(t), _TICK_LETTERS)) for t in labels]
+        shown |= {"tickvals": list(at), "ticktext": short, "ticklabeloverflow": "allow"}
     return shown
 
 
