@@ -22,7 +22,10 @@ from romsindy.show import diagnosis_plots, plots
 from romsindy.show.facts import Fact, tell
 from romsindy.show.interactive import curves, translated
 from romsindy.show.overview import write_overview
+from romsindy.show.page import Picture
 from romsindy.show.traces import words
+from romsindy.study.content import Chapter
+from romsindy.study.pages import write_chapter, write_story
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +186,16 @@ def test_a_diagnosis_shows_motions_where_one_can_zoom(tmp_path):
     cycles = columns(named(traces_of(page, "amplitude-1")[:3], "measured"))
     read = gap.backbone(gap.record.signal)
     np.testing.assert_array_equal(cycles["time", "s"][0], read.t)
+    before, after = (columns(named(traces_of(page, "time-1"), n)) for n in ("before", "after"))
+    assert np.nanmax(after["error over noise", ""]) < np.nanmax(before["error over noise", ""])
+    # Amplitude and frequency of a cycle are between those of the cycles to either side.
+    hz = read.frequency / (2 * np.pi)
+    for key, values in ((("amplitude", "m"), read.amplitude), (("frequency", "Hz"), hz)):
+        known = np.isfinite(after[key][0])
+        place = np.searchsorted(read.t, after["time", "s"][0][known])
+        low, high = np.sort([values[place - 1], values[place]], axis=0)
+        shown = after[key][0][known]
+        assert np.all((low - 1e-12 <= shown) & (shown <= high + 1e-12)) and known.mean() > 0.5
 
 
 def test_cycles_of_several_files_keep_their_numbers(backbone, tmp_path):
@@ -193,6 +206,25 @@ def test_cycles_of_several_files_keep_their_numbers(backbone, tmp_path):
         shown = columns(named(traces_of(page, column), "a.csv"))
         numbers = shown["cycle", ""][0]
         np.testing.assert_array_equal(numbers, np.flatnonzero(backbone.certain) + 1)
+
+
+def test_the_page_of_the_study_has_both(tmp_path):
+    """Files of a picture are written as always; in the page are curves where that can be."""
+
+    def line(figure):
+        figure.subplots().plot([0, 1], [0, 1])
+
+    def cloud(figure):
+        figure.subplots().scatter([0, 1], [0, 1])
+
+    pictures = [Picture(draw.__name__, "Title", "Caption.", draw) for draw in (line, cloud)]
+    written = write_chapter(Chapter("Chapter", "Text.", [], pictures), tmp_path, interactive=True)
+    write_story([written], [], tmp_path, "settings", interactive=True)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<img alt=") == page.count('<div class="curves"') == 1
+    assert len(traces_of(page, "line-1")) == 1
+    files = {f"{p.name}.{kind}" for p in pictures for kind in ("png", "svg")}
+    assert files <= {f.name for f in tmp_path.iterdir()}
 
 
 def test_cycles_of_several_decays_have_its_number(backbone):

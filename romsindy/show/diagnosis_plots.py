@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from romsindy.record.backbone import Backbone
 from romsindy.show.axes import log_ratio, with_unit
 from romsindy.show.cycles import of_cycles
-from romsindy.show.facts import tell
+from romsindy.show.facts import Fact, tell
 from romsindy.typing import Array
 
 BEFORE, AFTER = "C3", "C0"
@@ -94,14 +94,22 @@ def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
     ax.legend(frameon=False, fontsize="small")
 
 
-def draw_cycles(t: Array, before: Array, after: Array, figure: Figure) -> None:
-    """Error over noise of every cycle, (n,) each; lines end where cycles were left out."""
+def draw_cycles(
+    t: Array, before: Array, after: Array, known: Sequence[Fact], figure: Figure
+) -> None:
+    """Error over noise of every cycle, (n,) each; lines end where cycles were left out.
+
+    What is known of the cycles beside it is shown under the pointer.
+    """
     ax = figure.subplots()
     gaps = np.flatnonzero(np.diff(t) > 1.5 * np.min(np.diff(t), initial=np.inf)) + 1
+    facts = [f._replace(values=np.insert(f.values, gaps, np.nan)) for f in known]
     t, before, after = (np.insert(x, gaps, np.nan) for x in (t, before, after))
     # Thick and thin lines, and dots of two sizes: after never hides before.
-    ax.plot(t, before, "o-", color=BEFORE, lw=2.4, ms=4, label="before")
-    ax.plot(t, after, "o-", color=AFTER, lw=1, ms=2, label="after")
+    looks = ((before, BEFORE, 2.4, 4, "before"), (after, AFTER, 1, 2, "after"))
+    for errors, color, width, size, label in looks:
+        (line,) = ax.plot(t, errors, "o-", color=color, lw=width, ms=size, label=label)
+        tell(line, Fact("time (s)", t), *facts, Fact("error over noise", errors, digits=3))
     ax.axhline(1.0, color="0.5", lw=0.8)
     ax.set(xlabel="time (s)", ylabel="error per cycle over noise")
     log_ratio(ax)
