@@ -2,9 +2,9 @@
 
     python benchmarks/beam.py            all of it, about four minutes
     python benchmarks/beam.py speed      only the parts named: statics modes reduction backbone
-                                         normal_mode accuracy speed exudyn
+                                         normal_mode accuracy speed
 
-Run it on one thread (OMP_NUM_THREADS=1).  The Exudyn part needs `pip install exudyn`.
+Run it on one thread (OMP_NUM_THREADS=1).
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import resource
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -20,8 +19,6 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-import itertools
-
 import beam_oracles as oracles
 
 from romsindy.beam import Beam, Motion, Section
@@ -217,92 +214,6 @@ def speed() -> Iterator[Row]:
     yield "largest memory so far, MB", memory, 500.0
 
 
-def exudyn() -> Iterator[Row]:
-    warnings.simplefilter("ignore", DeprecationWarning)  # names that older versions share
-    try:
-        import exudyn as exu
-    except ImportError:
-        print("  exudyn is not installed: skipped (pip install exudyn)")
-        return
-    for elements in (40, 150):
-        for step in (1e-3, 2.5e-4):
-            duration = 1.0 if elements == 40 else 0.1
-            other = _exudyn_seconds(exu, elements, step, duration) / duration
-            own = _own_seconds(elements, step, duration) / duration
-            print(f"  {elements} elements, step {step:g} s: Exudyn {other:.3g}, own {own:.3g} s/s")
-            yield f"own / Exudyn, {elements} elements, step {step:g} s", own / other, np.inf
-
-
-# Its elements have two nodes and its steps are of second order, so at the same number of elements
-# and step the own beam carries twice the unknowns and five orders in time.
-def _heavy_cantilever(elements: int) -> Beam:
-    """The bare default beam in 6 g, let go straight: it swings through a quarter of its length."""
-    return Beam.cantilever(
-        tip_mass=0.0, spring_stiffness=0.0, gravity=6 * 9.81, alpha=0.0, eta=0.0, elements=elements
-    )
-
-
-def _own_seconds(elements: int, step: float, duration: float) -> float:
-    beam = _heavy_cantilever(elements)
-    straight = beam.shape(np.zeros((2 * elements + 1, 3)))
-    return beam.simulate(straight, duration, step, progress=False).cost.seconds
-
-
-def _exudyn_seconds(exu, elements: int, step: float, duration: float) -> float:  # type: ignore[no-untyped-def]
-    from exudyn.utilities import (
-        CoordinateConstraint,
-        LoadMassProportional,
-        MarkerBodyMass,
-        MarkerNodeCoordinate,
-        NodePointGround,
-        NodeRigidBody2D,
-        ObjectBeamGeometricallyExact2D,
-    )
-
-    beam = _heavy_cantilever(elements)
-    section = beam.section
-    length = beam.length / elements
-    mbs = exu.SystemContainer().AddSystem()
-    nodes = [
-        mbs.AddNode(NodeRigidBody2D(referenceCoordinates=[i * length, 0.0, 0.0]))
-        for i in range(elements + 1)
-    ]
-    for pair in itertools.pairwise(nodes):
-        body = mbs.AddObject(
-            ObjectBeamGeometricallyExact2D(
-                nodeNumbers=list(pair),
-                physicsLength=length,
-                physicsMassPerLength=section.mass,
-                physicsCrossSectionInertia=section.rotary_inertia,
-                physicsBendingStiffness=section.EI,
-                physicsAxialStiffness=section.EA,
-                physicsShearStiffness=section.GA,
-            )
-        )
-        marker = mbs.AddMarker(MarkerBodyMass(bodyNumber=body))
-        mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=[0.0, -6 * 9.81, 0.0]))
-    ground = mbs.AddMarker(
-        MarkerNodeCoordinate(nodeNumber=mbs.AddNode(NodePointGround()), coordinate=0)
-    )
-    for coordinate in range(3):
-        held = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate))
-        mbs.AddObject(CoordinateConstraint(markerNumbers=[ground, held]))
-    mbs.Assemble()
-    settings = exu.SimulationSettings()
-    settings.timeIntegration.numberOfSteps = round(duration / step)
-    settings.timeIntegration.endTime = duration
-    settings.timeIntegration.generalizedAlpha.spectralRadius = 0.8
-    settings.timeIntegration.verboseMode = 0
-    # with its default of 1e-8, Newton stalls at the rounding of EA and halves steps for ever
-    settings.timeIntegration.newton.relativeTolerance = 1e-5
-    settings.timeIntegration.newton.absoluteTolerance = 1e-6
-    settings.solutionSettings.writeSolutionToFile = False
-    settings.linearSolverType = exu.LinearSolverType.EigenSparse
-    began = time.perf_counter()
-    mbs.SolveDynamic(settings)
-    return time.perf_counter() - began
-
-
 PARTS: dict[str, Callable[[], Iterator[Row]]] = {
     "statics": statics,
     "modes": modes,
@@ -311,7 +222,6 @@ PARTS: dict[str, Callable[[], Iterator[Row]]] = {
     "normal_mode": normal_mode,
     "accuracy": accuracy,
     "speed": speed,
-    "exudyn": exudyn,
 }
 
 

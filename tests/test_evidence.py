@@ -231,3 +231,12 @@ def test_an_effect_is_named_only_where_it_matters_and_helps():
     assert verdict_for(improves=False) == ("unknown", "noise")
     assert verdict_for(rivals=2) == ("ambiguous", "noise")
     assert verdict_for(moved=("linear_frequency", "viscous")) == ("ambiguous", "noise")
+
+
+def test_without_a_motion_nothing_is_weighed():
+    """Where no hypothesis has a motion, all were weighed at an infinite form error: a traceback."""
+    with_motion, _ = fitted([wandering(0, 0.0)])
+    without = replace(with_motion, weighed=None)
+    (alone,) = ranked([without])
+    assert (alone.form, alone.score) == (NO_FORM_ERROR, np.inf)
+    assert ranked([without, with_motion])[0].weighed is not None

@@ -61,7 +61,7 @@ class Hypothesis:
 
     def settled(self, known: FormError) -> Hypothesis:
         """The same with the form error that is known, or as much more as it needs."""
-        return self.at(known.joined(self.needs))
+        return self.at(known if self.weighed is None else known.joined(self.needs))
 
     @property
     def needs(self) -> FormError:
