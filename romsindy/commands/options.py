@@ -45,11 +45,15 @@ def read(file: Path, reading: Mapping[str, Any]) -> Recording:
 
 
 def command_line(file: Path, reading: Mapping[str, Any]) -> str:
-    """The command that reads a file in this way, ready to be pasted."""
-    words = ["romsindy", "identify", str(file)]
-    columns = [("column", name) for name in reading["column"]]
-    for name, value in [*columns, *reading.items()]:
-        if value is not None and (name != "column" or isinstance(value, str)):
+    """The command that identifies a file read in this way, ready to be pasted.
+
+    Several columns are left out: which of them are used is what the steps that come next differ in.
+    """
+    words = ["romsindy", "identify", f"./{file}" if str(file).startswith("-") else str(file)]
+    columns = reading["column"]
+    alone = {"column": columns[0] if len(columns) == 1 else None}
+    for name, value in {**reading, **alone}.items():
+        if value is not None:
             words += [f"--{name}", f"{value:.12g}" if isinstance(value, float) else str(value)]
     return shlex.join(words)
 
