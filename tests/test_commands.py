@@ -296,6 +296,54 @@ def test_every_command_refuses_in_one_line(run, arguments):
     assert re.fullmatch(r"Error: .*\n", result.stderr)
 
 
+def test_an_option_of_another_command_is_not_mistaken_for_one_of_a_like_name(run):
+    refused = run("inspect", "decay.csv", "--mode", 1).stderr
+    assert "--mode is no option here, but of romsindy diagnose, romsindy identify" in refused
+    assert "Did you mean '--measured'" in run("diagnose", "--measurd", "decay.csv").stderr
+
+
+def test_a_unit_of_no_motion_has_a_remedy(run, tmp_path):
+    """What the message advises works."""
+    save_decay(EXAMPLE_MODEL.simulate(1.8, 0.0, np.arange(0, 25, 0.02)), tmp_path / "decay.csv")
+    refused = run("inspect", "decay.csv", "--unit", "volts")
+    assert refused.exit_code == 2 and "unit 'volts'" in refused.stderr
+    assert "such as V, multiply" in refused.stderr and "leave out --unit to" in refused.stderr
+    assert run("inspect", "decay.csv").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "choice", [["--mode", 9], ["--mode", 0], ["--band", 90, 99], ["--release", 5]], ids=str
+)
+def test_a_choice_that_is_not_there_is_all_that_is_told(run, tmp_path, choice):
+    """The record drifts, which is no news for it."""
+    t = np.arange(0, 25, 0.02)
+    q = EXAMPLE_MODEL.simulate(1.8, 0.0, t).q + 0.05 * t
+    np.savetxt(tmp_path / "decay.csv", np.column_stack([t, q]), header="t q")
+    assert "the level drifts" in run("inspect", "decay.csv").output
+    refused = run("identify", "decay.csv", *choice)
+    assert refused.exit_code == 2 and "drift" not in refused.stderr
+    assert f"{choice[0][2:]} = {choice[1]}" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "files"),
+    [
+        (["inspect", "decay.csv", "--json", "x.json"], ["x.json", "decay_inspection.html"]),
+        (["identify", "decay.csv", "--plain", "--model", "x.json"], ["x.json"]),
+    ],
+)
+def test_who_reads_a_pipe_may_stop(tmp_path, command, files):
+    """As `romsindy ... | head` does: no message, and the files are written."""
+    save_decay(EXAMPLE_MODEL.simulate(1.8, 0.0, np.arange(0, 25, 0.02)), tmp_path / "decay.csv")
+    with subprocess.Popen(
+        [sys.executable, "-m", "romsindy", *command],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as running:  # fmt: skip
+        running.stdout.close()
+        assert running.stderr.read() == b""
+    assert all((tmp_path / name).stat().st_size for name in files)
+
+
 def test_an_internal_error_is_no_refusal(run, monkeypatch):
     """It ends with exit code 1 and keeps its traceback."""
 

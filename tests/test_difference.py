@@ -150,7 +150,7 @@ def test_a_gap_that_closes_matters_and_improves():
 
 
 def test_signals_without_common_amplitudes_have_words_for_it():
-    """A simulation that has died after two cycles: nothing can be compared, and nan says nothing."""
+    """A simulation that dies after two cycles: nothing can be compared, and nan says nothing."""
     found = gap(signal(zeta=0.5), signal())
     rows = {row[0]: row[1:] for row in found.table()}
     assert "nan" not in str(rows)

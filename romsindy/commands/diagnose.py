@@ -188,13 +188,13 @@ def diagnose(
                 "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
             }
             raise ValueError(_on_command_line(str(error), names)) from error
-    _tell(result)
-    result.to_html(page)
-    click.echo(f"Report: {page}")
+    result.to_html(page)  # files come first: who reads a pipe may stop
     if json_file is not None:
         json_file.write_text(result.to_json() + "\n", encoding="utf-8")
     if csv_file is not None:
         result.to_csv(csv_file)
+    _tell(result)
+    click.echo(f"Report: {page}")
     if result.interrupted:
         raise click.exceptions.Exit(INTERRUPTED)
 

@@ -497,7 +497,7 @@ class ReducedModel:
     def to_sympy(self) -> Any:
         """q_ddot as a sympy expression of the real symbols q and q_dot.
 
-        Needs sympy: ``pip install "romsindy[export]"``.
+        Needs sympy: ``pip install sympy``.
 
         Returns
         -------
