@@ -317,7 +317,10 @@ def checked_time(t: ArrayLike) -> Array:
     """
     t = _as_floats("t", t)
     if t.ndim != 1 or len(t) < 8:
-        raise ValueError(f"t must be one-dimensional with at least 8 samples, got shape {t.shape}")
+        raise ValueError(
+            f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
+            " the record"
+        )
     _refuse_nan("t", t)
     steps = np.diff(t)
     bad = np.flatnonzero(steps <= 0)

@@ -200,6 +200,9 @@ def _recording(
     for k, (c, (_, factor)) in enumerate(zip(columns, units, strict=True)):
         np.multiply(c.values, factor, out=x[:, k])
     x[~np.isfinite(x)] = np.nan
+    dead = [name for name, values in zip(names, x.T, strict=True) if np.all(np.isnan(values))]
+    if dead:
+        raise ValueError(f"columns {dead} hold no number: choose another one with column=")
     basis = _basis(columns[0], unit, quantity)
     base = units[0][0]
     return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
