@@ -150,6 +150,12 @@ def test_file_with_options(run, tmp_path):
     assert (tmp_path / "page.html").is_file()
 
 
+def test_one_cycle_is_too_little(run):
+    """Cycles at 35 dB fall by 4 % each: less than three are within 5 %."""
+    result = run("identify", "--example", "--amplitude", 1.0, 1.05)
+    assert result.exit_code == 2 and "fewer than 3: those of the decay have" in result.stderr
+
+
 def test_amplitudes_without_a_cycle(run):
     result = run("identify", "--example", "--amplitude", 100, 200)
     assert result.exit_code == 2 and "amplitude = (100.0, 200.0) holds no cycle" in result.stderr
@@ -223,9 +229,13 @@ def bad(name):
         ("good", ["--fix", "omega^2=39.5e6"], "contradicts the data"),
         ("good", ["--fix", "omega^2"], "is not NAME=NUMBER"),
         ("good", ["--harmonics", "0..3"], "neither a range such as 0-3 nor a list"),
+        ("good", ["--figure", "backbone.doc"], "backbone.doc: name a .png or .svg or .pdf file"),
         ("good", ["--unit", "yard"], "unit 'yard' is not known"),
         ("good", ["--order", "2"], "order = 2 must be at least 3"),
         ("good", ["--cutoff", "-5"], "must be a positive frequency"),
+        ("good", ["--cutoff", "0.5"], "cutoff = 0.5 Hz would take away the vibration itself"),
+        ("good", ["--harmonics", "5-2"], "neither a range such as 0-3 nor a list"),
+        ("good", ["--fix", "omega^2=-36"], "fixed omega^2 = -36 must not be negative"),
         ("good", ["--start", "50"], "leave 0 samples"),
         ("good", ["--damping", "magic"], "'magic' is not one of"),
     ],
@@ -288,11 +298,19 @@ def test_saved_decays_are_read_back(run, tmp_path):
         ["study", "--seeds", "1"],
         ["diagnose"],
         ["diagnose", "--measured", "nowhere.csv"],
+        ["diagnose", "--measured", "no_text.json", "--model", "no_text.json"],
+        ["diagnose", "--measured", "no_text.json", "--beam", "no_text.json"],
+        ["export", "no_text.json", "--to", "c"],
+        ["export", "nowhere.json", "--to", "c"],
+        ["export", ".", "--to", "c"],
     ],
 )
-def test_every_command_refuses_in_one_line(run, arguments):
+def test_every_command_refuses_in_one_line(run, tmp_path, arguments):
+    (tmp_path / "no_text.json").write_bytes(bytes(range(128, 256)))
     result = run(*arguments)
     assert result.exit_code == 2 and result.stdout == ""
+    assert "Errno" not in result.stderr and "codec" not in result.stderr
+    assert all(name in result.stderr for name in arguments[1:] if "no_text" in name)
     assert re.fullmatch(r"Error: .*\n", result.stderr)
 
 

@@ -12,7 +12,7 @@ import click
 
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import Output, reading_options
+from romsindy.commands.options import Output, reading_options, text_of
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
@@ -201,7 +201,7 @@ def diagnose(
 
 def _model(path: Path) -> ReducedModel | Estimate:
     """A model, with what is known of it if the file says so."""
-    text = path.read_text(encoding="utf-8")
+    text = text_of(path)
     with named(f"{path}"):
         return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
 

@@ -45,15 +45,17 @@ def _coefficients(
 def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, ...] | None:
     if value is None:
         return None
+    low, dash, high = value.partition("-")
     try:
-        low, dash, high = value.partition("-")
-        if dash:
-            return tuple(range(int(low), int(high) + 1))
-        return tuple(int(v) for v in value.split(","))
+        chosen = range(int(low), int(high) + 1) if dash else map(int, value.split(","))
+        harmonics = tuple(chosen)
     except ValueError:
+        harmonics = ()
+    if not harmonics:
         raise click.BadParameter(
             f"{value!r} is neither a range such as 0-3 nor a list such as 1,2,3"
-        ) from None
+        )
+    return harmonics
 
 
 @click.command()
@@ -124,7 +126,11 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
 @click.option(
     "--save", type=Output(), help="Write all that was identified, bands included, as JSON."
 )
-@click.option("--figure", type=Output(), help="Write the backbone figure to this file.")
+@click.option(
+    "--figure",
+    type=Output(kinds=(".png", ".svg", ".pdf")),
+    help="Write the backbone figure to this PNG, SVG or PDF file.",
+)
 def identify(
     files: tuple[Path, ...],
     example: bool,

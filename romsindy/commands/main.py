@@ -42,7 +42,10 @@ def _refusals() -> Iterator[None]:
     except click.UsageError as error:
         hint = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
         raise _Refusal(_one_line(_elsewhere(error) or error.format_message()) + hint) from error
-    except (ValueError, OSError, RuntimeError) as error:
+    except OSError as error:
+        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        raise _Refusal(_one_line(what)) from error
+    except (ValueError, RuntimeError) as error:
         raise _Refusal(_one_line(str(error))) from error
     except KeyboardInterrupt:
         raise click.exceptions.Exit(INTERRUPTED) from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,11 +61,13 @@ def command_line(file: Path, reading: Mapping[str, Any]) -> str:
 class Output(click.Path):
     """A file to be written: a place where none can be is refused before the work.
 
-    ``-`` is the standard output where that is allowed.
+    ``-`` is the standard output where that is allowed; ``kinds`` are the endings that a name may
+    have, where not all may.
     """
 
-    def __init__(self, allow_dash: bool = False) -> None:
+    def __init__(self, allow_dash: bool = False, kinds: Sequence[str] = ()) -> None:
         super().__init__(path_type=Path, allow_dash=allow_dash)
+        self.kinds = kinds
 
     @classmethod
     def of(cls, name: str) -> Path:
@@ -76,6 +78,8 @@ class Output(click.Path):
         path = Path(value)
         if self.allow_dash and str(value) == "-":
             return path
+        if self.kinds and path.suffix.lower() not in self.kinds:
+            self.fail(f"{path}: name a {' or '.join(self.kinds)} file", param, ctx)
         folder = path.parent
         if not folder.is_dir():
             self.fail(f"{path}: there is no folder {folder}", param, ctx)
@@ -84,6 +88,20 @@ class Output(click.Path):
         if not os.access(path if path.exists() else folder, os.W_OK):
             self.fail(f"{path} cannot be written: choose another place", param, ctx)
         return path
+
+
+def text_of(path: Path) -> str:
+    """The text of a file.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text in UTF-8: name another file, or save it so") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -57,7 +57,12 @@ class ReducedModel:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(self.terms))
-        object.__setattr__(self, "values", tuple(float(v) for v in self.values))
+        try:
+            values = tuple(float(v) for v in self.values)
+        except ValueError:
+            given = dict(zip((t.key for t in self.terms), self.values, strict=False))
+            raise ValueError(f"coefficients must be numbers, got {given}") from None
+        object.__setattr__(self, "values", values)
         if len(self.terms) != len(self.values):
             raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
         if len({t.key for t in self.terms}) != len(self.terms):
