@@ -336,7 +336,8 @@ def checked_time(t: ArrayLike) -> Array:
         i = int(np.argmax(steps))
         raise ValueError(
             f"t has a gap of {steps[i]:.6g} s after {t[i]:.9g} s (usual step {usual:.6g} s): split"
-            " the record there and pass the pieces as a list, keep one of them with start= or end=, or interpolate"
+            " the record there and pass the pieces as a list, keep one with start= or end=, or"
+            " interpolate"
         )
     return t
 

@@ -42,7 +42,9 @@ def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:
     """
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no TOML: it is no text in UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path} is no TOML: {error}") from error
     try:
         beam = _beam(content.get("beam", {}))
