@@ -229,7 +229,11 @@ def bad(name):
         ("good", ["--fix", "omega^2=39.5e6"], "contradicts the data"),
         ("good", ["--fix", "omega^2"], "is not NAME=NUMBER"),
         ("good", ["--harmonics", "0..3"], "neither a range such as 0-3 nor a list"),
-        ("good", ["--figure", "backbone.doc"], "backbone.doc: name a .png or .svg or .pdf file"),
+        (
+            "good",
+            ["--figure", "backbone.doc"],
+            "backbone.doc: its name must end in .png or .svg or .pdf",
+        ),
         ("good", ["--unit", "yard"], "unit 'yard' is not known"),
         ("good", ["--order", "2"], "order = 2 must be at least 3"),
         ("good", ["--cutoff", "-5"], "must be a positive frequency"),

@@ -79,7 +79,7 @@ class Output(click.Path):
         if self.allow_dash and str(value) == "-":
             return path
         if self.kinds and path.suffix.lower() not in self.kinds:
-            self.fail(f"{path}: name a {' or '.join(self.kinds)} file", param, ctx)
+            self.fail(f"{path}: its name must end in {' or '.join(self.kinds)}", param, ctx)
         folder = path.parent
         if not folder.is_dir():
             self.fail(f"{path}: there is no folder {folder}", param, ctx)
