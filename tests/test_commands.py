@@ -53,7 +53,7 @@ def test_example_is_identified_beside_plain_regressions(run, tmp_path):
     assert abs(float(row[1]) - 36) < 4 * float(row[2])
     page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
     drawn = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(drawn) == 7 and "http" not in page.replace("http-equiv", "")
+    assert len(drawn) == 8 and "http" not in page.replace("http-equiv", "")
     assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in drawn)
     assert "gamma_3" in page and __version__ in page
     model = ReducedModel.from_json((tmp_path / "model.json").read_text())

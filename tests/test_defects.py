@@ -345,3 +345,23 @@ def test_structure_that_is_held_anew_is_no_drift():
     cleaned, defects = clean(Recording(t, x))
     assert not {d.kind for d in defects} & {"drift", "step"}
     assert np.abs(cleaned.x[:, 0] - x).max() < 0.1
+
+
+@pytest.mark.parametrize("reach", [0.011, 0.023])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_rest_where_friction_holds_it_is_no_level(reach, seed):
+    """Half cycles about +-reach in turn, in closed form, until friction holds it off the middle."""
+    period = 1.0
+    t = np.arange(0, 30, 0.02)
+    half = np.floor(2 * t / period)
+    start = 1.0 + 0.37 * reach * seed
+    swings = np.arange(half[-1] + 1)
+    at = np.maximum(start - 2 * reach * swings, 0)  # |x| where each swing begins
+    held = int(np.argmax(at <= reach))
+    k = np.minimum(half, held).astype(int)
+    sign = (-1.0) ** k
+    x = sign * np.where(
+        half < held, reach + (at[k] - reach) * np.cos(np.pi * (2 * t / period - half)), at[held]
+    )
+    noise = 0.004 * np.random.default_rng(seed).standard_normal(len(t))
+    assert not {d.kind for d in clean(Recording(t, x + noise))[1]} & {"drift", "offset", "step"}

@@ -466,7 +466,7 @@ def test_ship_lacks_quadratic_damping(measured, run, start):
     )
     # Seven cycles, and a simulation whose stiffness is known to 100 %: laws of damping that grows
     # with amplitude are alike here, the hysteresis of a joint among them.
-    growing = {"quadratic_drag", "cubic_damping", "amplitude_damping", "bouc_wen"}
+    growing = {"quadratic_drag", "cubic_damping", "amplitude_damping", "bouc_wen", "micro_slip"}
     assert result.verdict in ("named", "ambiguous")
     assert {name for names in result.equivalent for name in names} <= growing
     left = np.rad2deg(np.sqrt(np.mean(result.best.solution.residuals[0] ** 2)))
@@ -596,3 +596,34 @@ def test_what_took_part_in_a_fit_does_not_judge_it():
     assert not result.gap.unseen
     assert all(h.tested == 0 for h in result.compared)
     assert "quadratic_drag" in {name for names in result.equivalent for name in names}
+
+
+@pytest.mark.parametrize(
+    ("key", "effect", "law", "truth"),
+    [
+        ("c_quadratic", "quadratic_drag", lambda v: abs(v) * v, 0.02),
+        ("c_coulomb", "dry_friction", lambda v: np.tanh(v / 1e-3), 0.1),
+    ],
+)
+def test_what_a_model_has_already_may_be_too_much(key, effect, law, truth):
+    """A half too much of it was named as a gain and cubic stiffness at odds of 7000 : 1."""
+    record = decay(1.0, force=lambda t, q, v: truth * law(v), seed=3)
+    model = rs.ReducedModel.from_coefficients(NOMINAL | {key: 1.5 * truth})
+    result = diagnose(model, record)
+    assert (result.verdict, result.best.names) == ("named", (effect,))
+    (found,) = result.effects
+    assert found.variant == key
+    # Friction that turns round smoothly is less than it says in the smallest swings.
+    error = max(3 * found.standard_errors["strength"], 0.05 * truth)
+    assert found.values["strength"] == pytest.approx(-truth / 2, abs=error)
+
+
+def test_simulation_with_friction_is_reduced_with_it():
+    """Without it the reduction missed its own series by 50 %, and nothing mattered any more."""
+    force = lambda t, q, v: 0.2 * np.tanh(v / 1e-3)  # noqa: E731
+    known = model_of_simulation(decay(1.0, force, snr_db=90))
+    # What the smooth law lacks of a jump is a thousandth of it.
+    assert known.model.coefficients["c_coulomb"] == pytest.approx(0.2, rel=5e-3)
+    test = decay(0.9, force, seed=1)
+    given = {"tolerances": known.tolerances, "floor": known.floor, "reference": known.reference}
+    assert diagnose(known.model, test, **given).verdict == "none"

@@ -13,7 +13,7 @@ from scipy.signal import butter, freqz, lfilter, lfilter_zi, sosfilt
 import romsindy as rs
 from romsindy.fit.adequacy import examine
 from romsindy.fit.record import Record, sharing_drift
-from romsindy.fit.tones import combs
+from romsindy.fit.tones import combs, tuned
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.record.lag import distortion
 from romsindy.record.spectrum import Line, Spectrum
@@ -197,6 +197,20 @@ def test_a_line_alone_may_be_the_second_harmonic():
     t = np.arange(0, 10, 1 / 450)
     found = combs([Line(100.0, 1.0), Line(71.3, 0.5)], t)
     assert [(round(w / (2 * np.pi)), n) for w, n in found] == [(100, 2), (50, 4)]
+
+
+def test_comb_keeps_step_with_long_records():
+    """The third harmonic of 50.02 Hz, read as 50 Hz, slips by two turns in 37 s."""
+    first, rng = 50.019, np.random.default_rng(0)
+    signals = []
+    for n, sizes in ((13739, (1.0, 0.2, 0.6)), (9001, (0.3, 0.8, 0.1))):
+        t = np.arange(n) / 376.0
+        hum = sum(a * np.cos(2 * np.pi * k * first * t + k) for k, a in enumerate(sizes, 1))
+        signals.append((t, hum + 0.3 * rng.standard_normal(n)))
+    found, highest = tuned((2 * np.pi * 50.0, 3), signals)
+    assert highest == 3
+    # A twentieth of a turn of the third harmonic over the longer record.
+    assert found / (2 * np.pi) == pytest.approx(first, abs=1 / (20 * 3 * 36.5))
 
 
 def test_a_drift_that_is_hidden_in_one_record_is_known_from_another():

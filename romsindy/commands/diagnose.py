@@ -12,7 +12,7 @@ import click
 
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import Output, reading_options, text_of
+from romsindy.commands.options import Output, interactive_option, reading_options, text_of
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
@@ -108,6 +108,7 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
 @click.option("--floor", type=float, help="Disagreement that does not matter, per amplitude.")
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
 @click.option("--report", type=Output(), help="Name of the HTML report.")
+@interactive_option
 @click.option("--json", "json_file", type=Output(), help="Write the result.")
 @click.option("--csv", "csv_file", type=Output(), help="Write the table.")
 def diagnose(
@@ -128,6 +129,7 @@ def diagnose(
     floor: float | None,
     jobs: int,
     report: Path | None,
+    interactive: bool,
     json_file: Path | None,
     csv_file: Path | None,
     **reading: Any,
@@ -188,7 +190,7 @@ def diagnose(
                 "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
             }
             raise ValueError(_on_command_line(str(error), names)) from error
-    result.to_html(page)  # files come first: who reads a pipe may stop
+    result.to_html(page, interactive=interactive)  # files come first: who reads a pipe may stop
     if json_file is not None:
         json_file.write_text(result.to_json() + "\n", encoding="utf-8")
     if csv_file is not None:

@@ -13,7 +13,14 @@ import click
 
 from romsindy.commands.analysis import Settings, analysed
 from romsindy.commands.main import INTERRUPTED, REFUSED
-from romsindy.commands.options import FILE, Output, read, reading_options, write_text
+from romsindy.commands.options import (
+    FILE,
+    Output,
+    interactive_option,
+    read,
+    reading_options,
+    write_text,
+)
 from romsindy.commands.results import Refusal, Result, table
 from romsindy.inspection.inspect import inspect
 from romsindy.inspection.page import picture
@@ -121,6 +128,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     help="As --plain, with rows weighted by the noise expected in them.",
 )
 @click.option("--report", type=Output(), help="Name of the HTML report, or of the overview.")
+@interactive_option
 @click.option("--json", "json_file", type=Output(allow_dash=True), help="Write a list of results.")
 @click.option("--model", type=Output(), help="Write the equation as JSON.")
 @click.option(
@@ -138,6 +146,7 @@ def identify(
     band: tuple[float, float] | None,
     release: int | None,
     report: Path | None,
+    interactive: bool,
     json_file: Path | None,
     model: Path | None,
     save: Path | None,
@@ -163,7 +172,11 @@ def identify(
     if many and (model or save or figure):
         raise click.UsageError("--model, --save and --figure hold one result: name one FILE")
     identified = partial(
-        _identified, options=options, choice=(mode, band, release), settings=settings
+        _identified,
+        options=options,
+        choice=(mode, band, release),
+        settings=settings,
+        interactive=interactive,
     )
     # With JSON on the standard output, words go to the other one.
     say = partial(click.echo, err=str(json_file) == "-")
@@ -172,7 +185,7 @@ def identify(
         pages = [Output.of(name) for name in _page_names(files)]
         jobs = {str(f): partial(identified, f, page) for f, page in zip(files, pages, strict=True)}
         results, interrupted = _all_of(jobs)
-        tell = partial(_tell_all, results, overview, say)
+        tell = partial(_tell_all, results, overview, interactive, say)
     else:
         file = files[0] if files else None
         page = report or Output.of(f"{file.stem if file else 'example'}_report.html")
@@ -192,6 +205,7 @@ def _identified(
     options: Mapping[str, Any],
     choice: tuple[int | None, tuple[float, float] | None, int | None],
     settings: Settings,
+    interactive: bool,
 ) -> Result:
     """Identify one file, or the example, and write its page."""
     title = f"Free decay {file.name}" if file else "Example: synthetic decay, 35 dB"
@@ -212,7 +226,7 @@ def _identified(
     figures = pictures(report)
     if len(found.modes) > 1 or len(found.releases) > 1:
         figures.append(picture(found))
-    write_identification(report, page, bar(figures, "drawing"))
+    write_identification(report, page, bar(figures, "drawing"), interactive=interactive)
     numbers = tuple(i + 1 for i in releases)
     return Result(str(file or "example"), report, found, mode, numbers, page)
 
@@ -276,14 +290,17 @@ def _tell_one(
         raise click.ClickException(report.trouble)
 
 
-def _tell_all(results: Sequence[Result | Refusal], overview: Path, say: Callable) -> None:
+def _tell_all(
+    results: Sequence[Result | Refusal], overview: Path, interactive: bool, say: Callable
+) -> None:
     """Print the table, and write the page of all files."""
     done = [r for r in results if isinstance(r, Result)]
     refused = [r.sentence for r in results if isinstance(r, Refusal)]
     explained = sum(r.explained for r in done)
     sentence = f"Identified: {len(done)} files, {explained} of them explained to the noise."
     rows = table(results)
-    write_overview(overview, sentence, rows, {r.file: r.report.backbone for r in done}, refused)
+    backbones = {r.file: r.report.backbone for r in done}
+    write_overview(overview, sentence, rows, backbones, refused, interactive=interactive)
     say("\n".join([aligned(rows), "", *refused, sentence, f"Overview: {overview}"]))
 
 

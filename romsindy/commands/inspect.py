@@ -11,6 +11,7 @@ from romsindy.commands.options import (
     FILE,
     Output,
     command_line,
+    interactive_option,
     read,
     reading_options,
     write_text,
@@ -24,13 +25,16 @@ from romsindy.text import bar
 @click.argument("file", type=FILE)
 @reading_options
 @click.option("--report", type=Output(), help="Name of the HTML page.")
+@interactive_option
 @click.option(
     "--json",
     "json_file",
     type=Output(allow_dash=True),
     help="Write the numbers to this file; - prints them and nothing else.",
 )
-def inspect(file: Path, report: Path | None, json_file: Path | None, **reading: Any) -> None:
+def inspect(
+    file: Path, report: Path | None, interactive: bool, json_file: Path | None, **reading: Any
+) -> None:
     """Say what is in the record in FILE, what would be used, and what comes next.
 
     Sampling, noise, releases, modes, and all that is left out or wrong, as text and as one HTML
@@ -44,7 +48,7 @@ def inspect(file: Path, report: Path | None, json_file: Path | None, **reading: 
     command = command_line(file, reading)
     # Files come first: who reads a pipe may stop.
     if report is not None:
-        found.to_html(report, command)
+        found.to_html(report, command, interactive=interactive)
     if json_file is not None:
         write_text(json_file, found.to_json())
     if not alone:

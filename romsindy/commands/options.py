@@ -31,6 +31,22 @@ _READING = (
 )
 
 
+def _needs_plotly(_: click.Context, __: click.Parameter, asked: bool) -> bool:
+    if asked:
+        from romsindy.show.interactive import check_plotly  # figures are for those who ask
+
+        check_plotly()
+    return asked
+
+
+interactive_option = click.option(
+    "--interactive",
+    is_flag=True,
+    callback=_needs_plotly,
+    help="Figures of pages zoom and show what is under the pointer (pip install plotly).",
+)
+
+
 def reading_options(command: Callable) -> Callable:
     """The options with which `read` reads a file."""
     for option in reversed(_READING):

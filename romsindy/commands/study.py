@@ -9,6 +9,7 @@ from typing import Any
 import click
 from joblib import parallel_config
 
+from romsindy.commands.options import interactive_option
 from romsindy.study.content import Check
 from romsindy.study.pages import Written, checks_table, write_chapter, write_story
 from romsindy.study.story import tell
@@ -31,8 +32,11 @@ _QUICK_SEEDS, _SEEDS = 10, 100
     "--seeds", type=click.IntRange(2), help="Noisy experiments.  [default: 100, quick 10]"
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="First seed.")
+@interactive_option
 @click.option("--jobs", type=int, help="Processes.  [default: all processors, quick: 1]")
-def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int | None) -> None:
+def study(
+    out: Path, quick: bool, seeds: int | None, seed: int, interactive: bool, jobs: int | None
+) -> None:
     """Run the study of the method's paper on the default beam.
 
     Simulates the decay, identifies stiffness polynomials, beam theory and IC-ROM, repeats the noisy
@@ -51,12 +55,12 @@ def study(out: Path, quick: bool, seeds: int | None, seed: int, jobs: int | None
     try:
         with parallel_config(n_jobs=jobs):
             for chapter in tell(bar, seeds=seeds, seed=seed, **size):
-                written.append(write_chapter(chapter, out))
+                written.append(write_chapter(chapter, out, interactive))
                 checks += chapter.checks
                 _say(chapter.title, started)
         ending = f"{time.perf_counter() - started:.0f} s"
     finally:  # what is finished is not lost
-        write_story(written, checks, out, f"{settings}; {ending}")
+        write_story(written, checks, out, f"{settings}; {ending}", interactive)
         _print(checks)
         click.echo(f"Report: {out / 'report.html'}")
 

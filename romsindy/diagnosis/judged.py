@@ -15,7 +15,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.prediction import misfit_of
 from romsindy.diagnosis.search import Finding, Search
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import AS_GOOD, EQUIVALENT, GAINED, MATERIAL, PREDICTED
+from romsindy.fit.verdict import AS_GOOD, EQUIVALENT, GAINED, MATERIAL, PREDICTED, UNJUDGED
 
 _MOST = 6  # hypotheses that are asked
 
@@ -95,6 +95,9 @@ class Judges:
                 break
             if not fewer[i].forced and len(fewer[i].moved) > len(best.moved):
                 # Values of the model in its place are another explanation, not a simpler one.
+                apart = np.sum((without[i] - left) ** 2) > EQUIVALENT * best.excess * self.scale
+                if not apart and fewer[i].at(best.form).score - best.score > UNJUDGED:
+                    break  # no one could tell here, and the fits do
                 found = self.search.finding(best, found)
                 return replace(found, rivals=[*found.rivals, self._tested(fewer[i], misfit)])
             best, left = self._tested(fewer[i], misfit), without[i]

@@ -16,6 +16,8 @@ from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.show import diagnosis_plots as show
+from romsindy.show.axes import with_unit
+from romsindy.show.facts import Fact
 from romsindy.show.page import Picture
 from romsindy.typing import Array
 
@@ -111,7 +113,18 @@ def _by_cycle(p: Prediction) -> Picture:
         f"After, no cycle is worse than {after[worst]:.3g} times the noise (at {t[worst]:.3g} s);"
         f" before, the worst was {before.max():.3g}."
     )
-    return Picture("time", "Over time", caption, partial(show.draw_cycles, t, before, after))
+    draw = partial(show.draw_cycles, t, before, after, _measured_at(t, p))
+    return Picture("time", "Over time", caption, draw)
+
+
+def _measured_at(t: Array, p: Prediction) -> list[Fact]:
+    """Amplitude and frequency that were measured about times, between the middles of cycles."""
+    b = p.backbone(p.record.signal)
+    if b is None:
+        return []
+    amplitude, hz = (np.interp(t, b.t, x, np.nan, np.nan) for x in (b.amplitude, b.frequency))
+    label = with_unit("amplitude", _reading(p.record)[1])
+    return [Fact(label, amplitude), Fact("frequency (Hz)", hz / (2 * np.pi))]
 
 
 def by(what: str, names: Sequence[str], before: Array, after: Array) -> Picture:

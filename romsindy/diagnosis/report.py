@@ -257,11 +257,20 @@ class DiagnosisReport:
         with open(path, "w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(self.table())
 
-    def to_html(self, path: str | Path) -> None:
-        """Write one self-contained page with figures."""
+    def to_html(self, path: str | Path, *, interactive: bool = False) -> None:
+        """Write one self-contained page with figures.
+
+        Parameters
+        ----------
+        path : str or Path
+        interactive : bool
+            Whether figures zoom and show what is under the pointer; needs plotly:
+            ``pip install plotly``.
+        """
         from romsindy.show.page import write_page  # draws: only where a page is asked for
 
-        write_page(path, "report", pictures=self.pictures().values(), **self.page())
+        pictures = self.pictures().values()
+        write_page(path, "report", pictures=pictures, interactive=interactive, **self.page())
 
     def pictures(self) -> dict[str, Picture]:
         """Pictures by name; ``draw(figure)`` draws one, its caption is what its numbers say.

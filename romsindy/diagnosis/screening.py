@@ -19,7 +19,7 @@ from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
 from romsindy.fit.record import Record
-from romsindy.fit.tones import combs, strongest_tones
+from romsindy.fit.tones import combs, strongest_tones, tuned
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
@@ -111,12 +111,12 @@ def screen(
     motions = motions or [r.motion for r in records]
     parts = tuple(parts)
     n_parts, n_records = sum(p.size for p in parts), len(records)
-    tuned = _with_tones(model, parts, records, scales, motions)
+    scales = _with_tones(model, parts, records, scales, motions)
     trials = [
-        Part.of(e, tuned, n_records, start)
+        Part.of(e, scales, n_records, start)
         for effect in effects
-        for e in effect.forms(tuned)
-        for start in itertools.product(*(p.starts for p in e.parameters(tuned)))
+        for e in effect.forms(scales)
+        for start in itertools.product(*(p.starts for p in e.parameters(scales)))
     ]
     n_base = first = n_parts + 2 * n_records
     candidates: list[tuple[Effect, Indices]] = []
@@ -129,7 +129,7 @@ def screen(
         where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
         system.add(np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int), rows)
     system.add_priors(parts)
-    return Screening(system, n_base, tuple(candidates), tuned)
+    return Screening(system, n_base, tuple(candidates), scales)
 
 
 def _rows(
@@ -180,7 +180,8 @@ def _with_tones(
 ) -> Scales:
     """The strongest lines: beside the harmonics, and in what the parts leave."""
     record, motion = records[0], motions[0]
-    rest = record.signal - record.spline(record.t)[0]
+    rests = [(r.t, r.signal - r.spline(r.t)[0]) for r in records]
+    rest = rests[0][1]
     equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
     change = response.samples(record.derivative)[:, 0]
@@ -198,7 +199,8 @@ def _with_tones(
                 tones.append(tone)
     lines = [line for r in records for line in r.noise.lines]
     shortest = min((r.t for r in records), key=lambda t: float(t[-1]))
-    return scales._replace(tones=tuple(tones), combs=combs(lines, shortest))
+    found = tuple(tuned(comb, rests) for comb in combs(lines, shortest))
+    return scales._replace(tones=tuple(tones), combs=found)
 
 
 def part_of(screened: Screened, scales: Scales, n_records: int) -> Part:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,8 @@ from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
 
 _STIFFNESS = ("gamma_3",)
+# One by one beside it, where they explain nearly all: so many times less is left for each of them.
+_MORE, _NEARLY_ALL = ("c_coulomb", "c_quadratic", "Upsilon_3", "gamma_5", "gamma_2"), 5.0
 _RICH = ("gamma_2", "gamma_3", "gamma_4", "gamma_5", "Upsilon_3", "Upsilon_5", "c_quadratic")
 
 
@@ -41,7 +44,7 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     """
     record = Record.loud(simulated, 1e-4)
     start = ReducedModel.from_coefficients({"omega^2": scales([record]).omega ** 2}, simulated.unit)
-    plain, rich = (_fitted(start, names, record) for names in (_STIFFNESS, _RICH))
+    plain, rich = _plainest(start, record), _fitted(start, _RICH, record)
     left = min(_misfit(s, record) for s in (plain, rich))
     if not left < ONE_MODE:
         raise ValueError(
@@ -54,7 +57,22 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     return SimulationModel(model, dict.fromkeys(_STIFFNESS, 1.0), max(2 * left, FLOOR), simulated)
 
 
-def _fitted(start: ReducedModel, names: tuple[str, ...], record: Record) -> Solution:
+def _plainest(start: ReducedModel, record: Record) -> Solution:
+    """Cubic stiffness, and what else the series cannot do without."""
+    found = last = _fitted(start, _STIFFNESS, record)
+    first, names = _misfit(found, record), [*_STIFFNESS]
+    while len(names) <= len(_MORE) and _misfit(last, record) > FLOOR:
+        left = [name for name in _MORE if name not in names]
+        trials = [_fitted(start, [*names, name], record) for name in left]
+        misfits = [_misfit(trial, record) for trial in trials]
+        best = int(np.argmin(misfits))
+        names, last = [*names, left[best]], trials[best]
+        if misfits[best] * _NEARLY_ALL ** (len(names) - len(_STIFFNESS)) < first:
+            found = last
+    return found
+
+
+def _fitted(start: ReducedModel, names: Sequence[str], record: Record) -> Solution:
     nonlinear = [Coefficient(term_from_key(n)) for n in names]
     effects: list[Effect] = [LinearFrequency(), Viscous(), *nonlinear]
     parts = [Part.of(e, scales([record]), 1) for e in effects]

@@ -20,7 +20,7 @@ from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.verdict import verdict_of
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
-from romsindy.fit.coefficient import Coefficient, extended
+from romsindy.fit.coefficient import Coefficient, extended, in_place
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import NOTHING_LEFT, PREDICTED, ROUNDED, SHARED, UNJUDGED
@@ -51,7 +51,9 @@ def diagnose_model(
         records, tests = _parted(records, tests)
     parts = _unsure(model, free, tolerances, all_scales, len(records))
     unsure = {p.effect.name for p in parts}
-    looked_for = tuple(e for e in options.catalogue if e.name not in unsure)
+    catalogue = [e for e in options.catalogue if e.name not in unsure]
+    known = [c for c in in_place(model, catalogue) if c.of.key not in tolerances]
+    looked_for = (*catalogue, *known)
     search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
     exact = replace(search, free=()).hypothesis([])
     found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()

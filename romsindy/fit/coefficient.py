@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import TermEffect
+from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.part import Part
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -15,12 +15,17 @@ from romsindy.physics.term import Term
 
 @dataclass(frozen=True)
 class Coefficient(TermEffect):
-    """Another value of one coefficient; the strength is the change."""
+    """Another value of one coefficient; the strength is the change.
+
+    It is ``called`` as the effect whose law the model has already, where it stands for that.
+    """
 
     of: Term
+    called: str = "coefficient"
 
-    name, family = "coefficient", "stiffness"
+    family = "stiffness"
     label = "another coefficient than assumed"
+    name = property(lambda self: self.called)
 
     @property
     def variant(self) -> str:
@@ -36,6 +41,14 @@ def free_coefficients(model: ReducedModel, names: Sequence[str]) -> tuple[Part, 
     """Changes, 0 at first, of some coefficients of a model."""
     terms = {term.key: term for term in model.terms}
     return tuple(Part(Coefficient(terms[name]), (), np.zeros((1, 1))) for name in names)
+
+
+def in_place(model: ReducedModel, catalogue: Iterable[Effect]) -> list[Coefficient]:
+    """Wrong coefficients of what only adds to a model, but is in it already: it may be too much."""
+    terms = {term.key: term for term in model.terms}
+    laws = {e: e.term() for e in catalogue if e.sign}
+    there = [(e, terms[law.key]) for e, law in laws.items() if law and law.key in terms]
+    return [Coefficient(term, called=effect.name) for effect, term in there]
 
 
 def extended(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:

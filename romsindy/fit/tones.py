@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from romsindy.effects.outside import HIGHEST
 from romsindy.record.spectrum import Line
@@ -13,6 +14,8 @@ from romsindy.typing import Array
 
 # Of a comb of lines: which may be its first harmonics, and combs to be tried.
 _STRONGEST, _COMBS = 3, 2
+# Points of a spectrum for each line of its own.
+_FINE = 8
 
 
 def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]:
@@ -77,3 +80,23 @@ def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
         for first in ([first for first, _ in seen] or alone)
     ]
     return tuple(dict.fromkeys((*seen, *(comb for comb in guessed if comb[1] > 1))))
+
+
+def tuned(comb: tuple[float, int], signals: Sequence[tuple[Array, Array]]) -> tuple[float, int]:
+    """A comb with the frequency, within a line's width, at which it holds most of some signals.
+
+    Its highest harmonic must keep step over the whole of a record, or nothing of it is found.
+    ``signals`` are uniform times (s) and values of each record, without its vibration.
+    """
+    first, highest = comb[0] / (2 * np.pi), comb[1]
+    spans = [float(t[-1] - t[0]) for t, _ in signals]
+    fine = 1 / (_FINE * highest * max(spans))
+    tried = first + np.arange(-1 / min(spans), 1 / min(spans), fine)
+    power = np.zeros(len(tried))
+    for t, x in signals:
+        n = next_fast_len(_FINE * len(x), real=True)
+        spectrum = np.abs(np.fft.rfft(x * np.hanning(len(x)), n)) ** 2
+        lines = np.fft.rfftfreq(n, t[1] - t[0])
+        for k in range(1, highest + 1):
+            power += np.interp(k * tried, lines, spectrum, right=0.0)
+    return 2 * np.pi * float(tried[np.argmax(power)]), highest

@@ -43,7 +43,7 @@ class Inspection(Findings):
 
         return picture(self).figure()
 
-    def to_html(self, path: str | Path, command: str = "") -> None:
+    def to_html(self, path: str | Path, command: str = "", *, interactive: bool = False) -> None:
         """Write one self-contained page with figures.
 
         Parameters
@@ -51,7 +51,10 @@ class Inspection(Findings):
         path : str or Path
         command : str
             A command line that identifies the record, for the steps that come next.
+        interactive : bool
+            Whether figures zoom and show what is under the pointer; needs plotly:
+            ``pip install plotly``.
         """
         from romsindy.inspection.page import write
 
-        write(self, path, command)
+        write(self, path, command, interactive=interactive)

@@ -23,7 +23,9 @@ _NO_RELEASE = (
 )
 
 
-def write(found: Findings, path: str | Path, command: str = "") -> None:
+def write(
+    found: Findings, path: str | Path, command: str = "", *, interactive: bool = False
+) -> None:
     """Write one self-contained page with figures."""
     steps = tables.next_steps(found, command)
     say = as_options if command else str
@@ -40,6 +42,7 @@ def write(found: Findings, path: str | Path, command: str = "") -> None:
         equation="\n".join(steps),
         tables=in_words,
         pictures=[picture(found)],
+        interactive=interactive,
     )
 
 

@@ -91,15 +91,15 @@ class FreeFamily(Family):
     def jacobian(self, u: Array, p: float) -> Array:
         c, omega = self.orbit(u, p)
         rate, mu = self.balance.basis.rate, u[-1] * self.omega_0
-        by_c, by_omega = self.balance.derivatives(c, omega)
-        by_c = by_c - mu * omega * rate
+        force, by_c, by_omega = self.balance.linearise(c, omega)
+        force, by_c = force - mu * omega * (rate @ c), by_c - mu * omega * rate
         size = p * self.amplitude_top * self.omega_0**2
         n = len(c)
         matrix = np.zeros((n + 2, n + 3))
         matrix[:n, :n] = by_c / self.omega_0**2
         matrix[:n, n] = (by_omega - mu * (rate @ c)) * self.omega_0 / size
         matrix[:n, n + 1] = -omega * (rate @ c) * self.omega_0 / size
-        matrix[:n, n + 2] = (by_c @ c / size - self.residual(u, p)[:n]) / p
+        matrix[:n, n + 2] = (by_c @ c - force) / size / p
         matrix[n, :n], matrix[n + 1, 1:n:4] = self.balance.basis.first[0], 1.0
         return matrix
 
@@ -141,7 +141,7 @@ class ForcedFamily(Family):
         return result
 
     def jacobian(self, u: Array, p: float) -> Array:
-        by_c, by_omega = self.balance.derivatives(*self.orbit(u, p))
+        _, by_c, by_omega = self.balance.linearise(*self.orbit(u, p))
         by_p = by_omega * np.subtract(*self.path.omega[::-1])
         by_p[1] -= np.subtract(*self.path.force[::-1])
         return np.column_stack([by_c * self.size, by_p]) / self._unit

@@ -86,18 +86,18 @@ class HarmonicBalance:
         """Coefficients of M q_ddot + N q_dot^2 + K + D, (2 H + 1,)."""
         return self.basis.projection @ self.model.residual(*self.motion(c, omega))
 
-    def derivatives(self, c: Array, omega: float) -> tuple[Array, Array]:
-        """Derivatives of `residual` by c, (2 H + 1, 2 H + 1), and by omega, (2 H + 1,)."""
+    def linearise(self, c: Array, omega: float) -> tuple[Array, Array, Array]:
+        """`residual`, its derivatives by c, (2 H + 1, 2 H + 1), and by omega, (2 H + 1,)."""
         b = self.basis
         q, q_dot, q_ddot = self.motion(c, omega)
-        _, by_q, by_q_dot, by_q_ddot = self.model.linearise(q, q_dot, q_ddot)
+        force, by_q, by_q_dot, by_q_ddot = self.model.linearise(q, q_dot, q_ddot)
         by_c = (
             by_q[:, None] * b.values
             + (omega * by_q_dot)[:, None] * b.first
             + (omega**2 * by_q_ddot)[:, None] * b.second
         )
         by_omega = (by_q_dot * q_dot + 2 * by_q_ddot * q_ddot) / omega
-        return b.projection @ by_c, b.projection @ by_omega
+        return b.projection @ force, b.projection @ by_c, b.projection @ by_omega
 
     def leftover(self, c: Array, omega: float) -> float:
         """Largest force that the harmonics beyond H leave in the equation, relative.
@@ -105,7 +105,7 @@ class HarmonicBalance:
         The tail of the spectrum of the forces, in time, over the largest |M q_ddot|.
         """
         motion = self.motion(c, omega)
-        force = self.model.residual(*motion)
+        force, _, _, inertia = self.model.linearise(*motion)
         beyond = force - self.basis.values @ (self.basis.projection @ force)
-        inertial = np.max(np.abs(self.model.inertia(motion[0]) * motion[2]))
+        inertial = np.max(np.abs(inertia * motion[2]))
         return float(np.max(np.abs(beyond)) / max(inertial, np.finfo(float).tiny))  # 0 at rest

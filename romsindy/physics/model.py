@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import Chebyshev
-from numpy.polynomial.polynomial import polyval
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
@@ -29,6 +29,8 @@ _N_GAUSS = 80
 _NEAR = (0.02, 0.1, 0.5)
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
 _SINGULAR = 1e-3
+# Parts of the equation that are functions of q alone.
+_OF_Q = ("inertia", "convection", "stiffness")
 
 
 class SingularInertiaError(ValueError):
@@ -129,37 +131,25 @@ class ReducedModel:
 
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
         """Left side of the equation, shape of q: zero along a free motion."""
-        q_dot, q_ddot = np.asarray(q_dot, float), np.asarray(q_ddot, float)
-        return (
-            self.inertia(q) * q_ddot
-            + self.convection(q) * q_dot**2
-            + self.stiffness(q)
-            + self.damping(q, q_dot)
-        )
+        q, q_dot, q_ddot = (np.asarray(x, float) for x in (q, q_dot, q_ddot))
+        h, convection, stiffness = self._functions(q)[:3]
+        residual = (1.0 + h) * q_ddot + convection * q_dot**2 + stiffness
+        for term, c in self._damped:
+            residual = residual + c * term.damping(q, q_dot)
+        return np.asarray(residual)
 
     def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
         """Residual and its derivatives with respect to q, q_dot and q_ddot, shape of q each."""
         squared = q_dot * q_dot
-        residual, inertia = np.array(q_ddot), np.ones_like(q_ddot)
-        by_q, by_q_dot = np.zeros_like(q_ddot), np.zeros_like(q_ddot)
-        for term, c in self._pairs:
-            if term.has("inertia"):
-                part = c * term.inertia(q)
-                inertia += part
-                residual += part * q_ddot
-                by_q += c * term.inertia_dq(q) * q_ddot
-            if term.has("convection"):
-                part = c * term.convection(q)
-                residual += part * squared
-                by_q += c * term.convection_dq(q) * squared
-                by_q_dot += 2 * part * q_dot
-            if term.has("stiffness"):
-                residual += c * term.stiffness(q)
-                by_q += c * term.stiffness_dq(q)
-            if term.has("damping"):
-                residual += c * term.damping(q, q_dot)
-                by_q += c * term.damping_dq(q, q_dot)
-                by_q_dot += c * term.damping_dq_dot(q, q_dot)
+        h, convection, stiffness, h_dq, convection_dq, stiffness_dq = self._functions(q)
+        inertia = 1.0 + h
+        residual = inertia * q_ddot + convection * squared + stiffness
+        by_q = h_dq * q_ddot + convection_dq * squared + stiffness_dq
+        by_q_dot = 2.0 * convection * q_dot
+        for term, c in self._damped:
+            residual += c * term.damping(q, q_dot)
+            by_q += c * term.damping_dq(q, q_dot)
+            by_q_dot += c * term.damping_dq_dot(q, q_dot)
         return residual, by_q, by_q_dot, inertia
 
     def undamped(self) -> ReducedModel:
@@ -171,6 +161,35 @@ class ReducedModel:
     def regularised(self, velocity_scale: float) -> ReducedModel:
         """Model whose forces do not jump (see `Term.regularised`); unit of q per second."""
         return replace(self, terms=tuple(t.regularised(velocity_scale) for t in self.terms))
+
+    @cached_property
+    def _damped(self) -> list[tuple[Term, float]]:
+        return [(term, value) for term, value in self._pairs if term.has("damping")]
+
+    def _functions(self, q: Array) -> Array:
+        """h, N, K and their derivatives, (6, *shape of q): all from one table of powers of q."""
+        powers, others = self._expanded
+        table = np.vander(q.ravel(), len(powers), increasing=True)
+        found = (table @ powers).T.reshape(-1, *q.shape)
+        for row, coefficient, function in others:
+            found[row] += coefficient * function(q)
+        return found
+
+    @cached_property
+    def _expanded(self) -> tuple[Array, list[tuple[int, float, Callable]]]:
+        """Coefficients of the powers of q in `_functions`, (n, 6), and what is no power."""
+        sums = [self._sums(part) for part in _OF_Q]
+        rows = [row for row, _ in sums] + [polyder(row) if len(row) else row for row, _ in sums]
+        powers = np.zeros((max(map(len, rows)), len(rows)))
+        for column, row in zip(powers.T, rows, strict=True):
+            column[: len(row)] = row
+        others = []
+        for i, part in enumerate(_OF_Q):
+            for term, value in self._pairs:
+                if term.has(part) and term.monomial(part) is None:
+                    others.append((i, value, getattr(term, part)))
+                    others.append((i + len(_OF_Q), value, getattr(term, f"{part}_dq")))
+        return powers, others
 
     def _total(self, part: str, *arguments: ArrayLike) -> Array:
         arrays = np.broadcast_arrays(*(np.asarray(a, float) for a in arguments))

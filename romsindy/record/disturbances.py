@@ -13,8 +13,10 @@ import numpy as np
 from scipy.interpolate import make_lsq_spline
 from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks, periodogram
+from scipy.special import binom
+from scipy.stats import chi2
 
-from romsindy.record.faults import filled
+from romsindy.record.faults import Mask, filled
 from romsindy.typing import Array, Indices
 
 # Cycles for each value of a drift; a midline that moves faster belongs to the vibration.
@@ -23,6 +25,9 @@ _SLOW, _MOST_VALUES = 6.0, 16
 _RATE = 16
 # Of the amplitude at the time: where a drift reaches as much, and so often, it matters.
 _MATTERS, _OFTEN = 0.05, 0.1
+# What has less than so many times the power of the noise has come to rest; what had more than so
+# many times as much a cycle before was stopped there.
+_ALIVE, _STOPPED = 4.0, 16.0
 # Cycles at either end that count less.
 _TAPER = 4.0
 # What has less than this part of the largest power is still, and what goes so far, in the largest
@@ -55,7 +60,8 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     ``cycle`` in samples.
     """
     n, known, x = len(x), np.isfinite(x), filled(x)
-    power = _power(x - uniform_filter1d(x, 2 * round(cycle) + 1), cycle)
+    midline = uniform_filter1d(x, 2 * round(cycle) + 1)
+    power = _power(x - midline, cycle)
     loud = power.max()
     # Before the release there may be a hold, whose level is not that of rest.
     begin = min(int(np.argmax(power > loud / 4)) + round(cycle), n // 2)
@@ -66,18 +72,30 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
     if len(here) < _RATE or not np.any(power[here]):
         return 0.0, np.zeros(n)  # hardly a cycle between holes
+    here, alive = _moving(here, power[here], _noise_power(x))
     # The ends of a vibration, the loud one above all, would bend the spline: the taper.
-    ends = np.clip(np.minimum(here - begin, n - here) / (_TAPER * cycle), 1e-3, 1)
+    ends = np.clip(np.minimum(here - begin, here[-1] - here) / (_TAPER * cycle), 1e-3, 1)
     weight = np.sin(np.pi / 2 * ends) ** 2 / np.maximum(power[here], 1e-4 * loud)
     smooth = uniform_filter1d(uniform_filter1d(x, 2 * step - 1), 2 * step - 1)
-    values = min(int((n - begin) / (_SLOW * cycle)), _MOST_VALUES)
+    values = min(int((here[-1] - begin) / (_SLOW * cycle)), _MOST_VALUES)
     slow = _slow_part(here.astype(float), smooth[here], weight, values)
     slow = slow - _own_midline(here, slow, power[here], weight)
-    level = float(np.average(slow, weights=weight))
-    amplitude = _MATTERS * np.sqrt(2 * power[here])
+    level = float(np.average(slow[alive], weights=weight[alive]))
+    # Where nothing vibrates, there is nothing to bend; a drift is no extrapolation.
+    judged = alive & (ends > ends[alive].max() / 2)
+    amplitude = np.where(judged, _MATTERS * np.sqrt(2 * power[here]), np.inf)
     matters = np.mean(np.abs(slow - level) > amplitude) > _OFTEN
     drift = np.interp(np.arange(n), here, slow - level) if matters else np.zeros(n)
     return (level if np.mean(abs(level) > amplitude) > _OFTEN else 0.0), drift
+
+
+def _moving(here: Indices, power: Array, noise: float) -> tuple[Indices, Mask]:
+    """Samples without those at rest where friction stopped it, and whether it vibrates there."""
+    alive = power > _ALIVE * noise
+    moving = minimum_filter1d(alive, 2 * _RATE + 1)  # windows that hold nothing of a rest
+    if np.any(moving) and power[moving].min() > _STOPPED * noise:
+        return here[moving], alive[moving]  # friction holds it anywhere
+    return here, alive if np.any(alive) else np.ones(len(here), bool)
 
 
 def moved_by_hand(x: Array, power: Array, cycle: float) -> bool:
@@ -113,6 +131,13 @@ def _own_midline(at: Indices, slow: Array, power: Array, weight: Array) -> Array
 def _power(x: Array, cycle: float) -> Array:
     """Mean square over two cycles."""
     return np.maximum(uniform_filter1d(x**2, 2 * round(cycle) + 1), 0.0)  # sums are rounded
+
+
+def _noise_power(x: Array) -> float:
+    """That of white noise; fourth differences leave next to nothing of a vibration."""
+    return float(
+        np.median(np.diff(x, 4) ** 2) / (chi2.ppf(0.5, 1) * np.sum(binom(4, range(5)) ** 2))
+    )
 
 
 def _slow_part(t: Array, x: Array, weight: Array, values: int) -> Array:

@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 
 from romsindy.record.backbone import Backbone
 from romsindy.show.axes import log_ratio, with_unit
+from romsindy.show.cycles import of_cycles
+from romsindy.show.facts import Fact, tell
 from romsindy.typing import Array
 
 BEFORE, AFTER = "C3", "C0"
@@ -31,18 +33,20 @@ def draw_errors_in_time(
 ) -> None:
     """A record, and what a simulation misses of it before and after; all (n,).
 
-    nan where nothing is compared.
+    nan where nothing is compared. The simulated motions show where one can zoom.
     """
     above, *below = figure.subplots(3, 1, sharex=True)
     above.plot(t, measured, color="0.5", lw=0.8, label="measured")
+    above.set_ylim(above.get_ylim())  # as the record has it, whatever is hidden
     top = 1.1 * float(np.nanmax(np.abs([before, after])))
-    for ax, error, name, color in zip(
-        below, (before, after), ("before", "after"), (BEFORE, AFTER), strict=True
+    for ax, error, name, color, dash in zip(
+        below, (before, after), ("before", "after"), (BEFORE, AFTER), "-:", strict=True
     ):
         ax.plot(t, error, color=color, lw=0.7, label=f"error {name}")
         ax.set_ylim(-top, top)
+        above.plot(t, measured - error, dash, color=color, lw=1.5, label=name, visible=False)
     for ax in (above, *below):
-        ax.legend(frameon=False, loc="upper right", fontsize="small")
+        ax.legend(handles=ax.lines[:1], frameon=False, loc="upper right", fontsize="small")
     below[1].set_xlabel("time (s)")
     figure.supylabel(with_unit(quantity, unit), fontsize="medium")
 
@@ -54,8 +58,10 @@ def draw_backbones(
     above, below = figure.subplots(2, 1, sharex=True)
     for name, backbone in backbones.items():
         look = _LOOKS[name] | {"label": name}
-        above.plot(backbone.amplitude, backbone.frequency / (2 * np.pi), **look)
-        below.plot(backbone.amplitude, 100 * backbone.damping_ratio, **look)
+        hz, percent = backbone.frequency / (2 * np.pi), 100 * backbone.damping_ratio
+        for ax, read in ((above, hz), (below, percent)):
+            (cycles,) = ax.plot(backbone.amplitude, read, **look)
+            tell(cycles, *of_cycles(backbone))
     above.set_ylabel("frequency (Hz)")
     below.set(xlabel=with_unit(f"amplitude of the {quantity}", unit), ylabel="damping ratio (%)")
     above.legend(frameon=False, fontsize="small")
@@ -88,14 +94,22 @@ def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
     ax.legend(frameon=False, fontsize="small")
 
 
-def draw_cycles(t: Array, before: Array, after: Array, figure: Figure) -> None:
-    """Error over noise of every cycle, (n,) each; lines end where cycles were left out."""
+def draw_cycles(
+    t: Array, before: Array, after: Array, known: Sequence[Fact], figure: Figure
+) -> None:
+    """Error over noise of every cycle, (n,) each; lines end where cycles were left out.
+
+    What is known of the cycles beside it is shown under the pointer.
+    """
     ax = figure.subplots()
     gaps = np.flatnonzero(np.diff(t) > 1.5 * np.min(np.diff(t), initial=np.inf)) + 1
+    facts = [f._replace(values=np.insert(f.values, gaps, np.nan)) for f in known]
     t, before, after = (np.insert(x, gaps, np.nan) for x in (t, before, after))
     # Thick and thin lines, and dots of two sizes: after never hides before.
-    ax.plot(t, before, "o-", color=BEFORE, lw=2.4, ms=4, label="before")
-    ax.plot(t, after, "o-", color=AFTER, lw=1, ms=2, label="after")
+    looks = ((before, BEFORE, 2.4, 4, "before"), (after, AFTER, 1, 2, "after"))
+    for errors, color, width, size, label in looks:
+        (line,) = ax.plot(t, errors, "o-", color=color, lw=width, ms=size, label=label)
+        tell(line, Fact("time (s)", t), *facts, Fact("error over noise", errors, digits=3))
     ax.axhline(1.0, color="0.5", lw=0.8)
     ax.set(xlabel="time (s)", ylabel="error per cycle over noise")
     log_ratio(ax)

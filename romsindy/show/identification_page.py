@@ -22,6 +22,7 @@ from romsindy.regression.comparison import (
     negative_inertia,
 )
 from romsindy.show import function_plots, plots
+from romsindy.show.cycles import Models
 from romsindy.show.page import Picture, write_page
 from romsindy.text import TextTable, listed
 
@@ -150,7 +151,7 @@ def pictures(report: IdentificationReport) -> list[Picture]:
     amplitudes = np.linspace(b.amplitude.min(), b.amplitude.max(), _CURVE)
     band = {} if found is None else {report.main.name: found.band(amplitudes)}
     others = {c.name: c.model for c in report.shown if c.name not in band}
-    models: plots.Models = {**band, **others}
+    models: Models = {**band, **others}
     inner = _of_regressions(report) if found is None else _of_functions(found, others)
     return [
         _picture(
@@ -164,13 +165,13 @@ def pictures(report: IdentificationReport) -> list[Picture]:
             "Backbone",
             "Each circle is a cycle with its standard error; curves are the undamped models, the"
             " identified one with its 95 % band.",
-            partial(plots.plot_backbone, b, models),
+            partial(plots.plot_backbone, report.backbones, models),
         ),
         _picture(
             "damping",
             "Damping",
             "Damping ratio of each cycle, and what the models dissipate.",
-            partial(plots.plot_damping, b, models),
+            partial(plots.plot_damping, report.backbones, models),
         ),
         *inner,
     ]
@@ -213,6 +214,26 @@ def _of_functions(found: Identification, others: dict) -> list[Picture]:
             " near 1 nothing is missing; single points scatter by chance.",
             partial(plots.plot_misfit, found),
         ),
+        *_motion(found),
+    ]
+
+
+def _motion(found: Identification) -> list[Picture]:
+    """The record of which the equation leaves most; nothing where it has no motion."""
+    if not all(np.isfinite(residual).all() for residual in found.residuals):
+        return []
+    left = [
+        float(np.std(residual)) / record.noise.std
+        for record, residual in zip(found.records, found.residuals, strict=True)
+    ]
+    worst = int(np.argmax(left))
+    which = f" Decay {worst + 1}, the worst of {len(left)}." if len(left) > 1 else ""
+    caption = (
+        "Below: what one simulation of the equation leaves of the record from its start to its"
+        f" end, {left[worst]:.3g} times the noise.{which}"
+    )
+    return [
+        Picture("motion", "Over time", caption, partial(function_plots.draw_motion, found, worst))
     ]
 
 
@@ -264,6 +285,8 @@ def write_identification(
     report: IdentificationReport,
     path: str | Path,
     figures: Iterable[Picture],
+    *,
+    interactive: bool = False,
 ) -> None:
     """Write the page with figures, those of `pictures` and others."""
     write_page(
@@ -273,5 +296,6 @@ def write_identification(
         equation_title="The equation of motion",
         **_found_or_not(report),
         pictures=figures,
+        interactive=interactive,
         notes=[report.picked, *report.notes()] if report.picked else report.notes(),
     )

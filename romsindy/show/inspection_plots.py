@@ -18,9 +18,10 @@ from romsindy.record.releases import Discarded, Release
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
 from romsindy.record.vibrations import Vibration
+from romsindy.show.facts import Fact, tell
 from romsindy.typing import Array
 
-_POINTS, _LINES = 2000, 20_000  # across a figure: of a signal, and of a spectrum
+_POINTS = 20_000  # across a figure: one can zoom in
 _COLUMNS, _ROWS = 400, 600  # of a spectrogram
 _CYCLES, _PARTS = 16.0, 8  # of the lowest tone in a window; windows in a record, at least
 _DYNAMICS = 90.0  # dB that are shown
@@ -128,7 +129,13 @@ def plot_ridges(recording: Recording, tones: Sequence[Tone], *, ax: Axes) -> Axe
     for tone in tones:
         for order, ridge in tone.ridges:
             t, dashes = tone.start + ridge.t, "-" if order == 1 else ":"
-            ax.plot(t, ridge.frequency, color=tone.color, ls=dashes, lw=1.2, path_effects=around)
+            name = f"mode {tone.number}" + (f", harmonic {order}" if order > 1 else "")
+            (line,) = ax.plot(
+                t, ridge.frequency, color=tone.color, ls=dashes, lw=1.2, path_effects=around,
+                label=name,
+            )  # fmt: skip
+            size = Fact(f"amplitude ({recording.signal_unit})", ridge.amplitude)
+            tell(line, Fact("time (s)", t), size, Fact("frequency (Hz)", ridge.frequency))
     _frequencies(ax, "y", low, high)
     return ax
 
@@ -149,7 +156,7 @@ def plot_spectrum(
     for of, color in ((recording, _PALE), (cleaned, "0.25")):
         f, size = _spectrum(of, high)
         inside = (f > 0) & (f <= high)
-        ax.plot(*_thinned(f[inside], size[inside], _LINES), lw=0.8, color=color)
+        ax.plot(*_thinned(f[inside], size[inside]), lw=0.8, color=color)
     for tone in tones:
         for order, ridge in tone.ridges:
             at = tone.vibration.mean_frequency if order == 1 else float(np.median(ridge.frequency))
@@ -229,9 +236,9 @@ def _slow(recording: Recording, piece: slice, high: float) -> tuple[Array, float
     return downsample(np.nan_to_num(x - level), factor), factor * recording.dt
 
 
-def _thinned(t: Array, x: Array, points: int = _POINTS) -> tuple[Array, Array]:
+def _thinned(t: Array, x: Array) -> tuple[Array, Array]:
     """Least and largest of the samples that share a point of the figure."""
-    step = len(t) // points
+    step = len(t) // _POINTS
     if step < 2:
         return t, x
     n = len(t) // step

@@ -13,6 +13,8 @@ from matplotlib.ticker import MaxNLocator
 
 from romsindy.record.backbone import Backbone
 from romsindy.show.axes import with_unit
+from romsindy.show.cycles import of_cycles
+from romsindy.show.facts import tell
 from romsindy.show.page import Picture, write_page
 from romsindy.text import TextTable
 
@@ -25,6 +27,8 @@ def write_overview(
     rows: Sequence[Sequence[str]],
     backbones: Mapping[str, Backbone],
     notes: Sequence[str] = (),
+    *,
+    interactive: bool = False,
 ) -> None:
     """Write the page.
 
@@ -39,6 +43,8 @@ def write_overview(
         By name of the file.
     notes : sequence of str
         Why files have no report.
+    interactive : bool
+        Whether the figure zooms and shows the cycle under the pointer.
     """
     header, *body = rows
     linked = [[*row[:-1], _link(row[-1])] for row in body]
@@ -50,6 +56,7 @@ def write_overview(
         sentence=sentence,
         tables=[TextTable("Files", [header, *linked])],
         pictures=pictures if backbones else [],
+        interactive=interactive,
         notes_title="Without a report",
         notes=notes,
     )
@@ -63,11 +70,18 @@ def _draw(backbones: Mapping[str, Backbone], figure: Figure) -> None:
     frequency, damping = figure.subplots(1, 2, sharey=True)
     for name, b in backbones.items():
         sure = b.certain
-        frequency.plot(b.frequency[sure] / (2 * np.pi), b.amplitude[sure], ".", ms=3, label=name)
-        damping.plot(100 * b.damping_ratio[sure], b.amplitude[sure], ".", ms=3)
+        for ax, read in ((frequency, b.frequency / (2 * np.pi)), (damping, 100 * b.damping_ratio)):
+            (dots,) = ax.plot(read[sure], b.amplitude[sure], ".", ms=3, label=name)
+            tell(dots, *(f.at(sure) for f in of_cycles(b)))
     units = sorted({b.unit or "unit of q" for b in backbones.values()})
     frequency.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", ", ".join(units)))
     damping.set(xlabel="damping ratio (%)")
     frequency.set_ylim(0, None)
     frequency.xaxis.set_major_locator(MaxNLocator(5))
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
+    figure.legend(
+        handles=frequency.lines,
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize="small",
+    )

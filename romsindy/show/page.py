@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy import __version__
+from romsindy.show.interactive import curves, script
 from romsindy.text import columns_of_numbers
 
 _DPI = 130
@@ -63,21 +64,30 @@ class Picture:
         """Draw it to a file; the ending of a path says how, as in matplotlib."""
         self.figure().savefig(path, format=format, dpi=_DPI)
 
+    def image(self, figure: Figure, interactive: bool, dpi: int = _DPI) -> Image:
+        """Its figure as a page holds it."""
+        elements = curves(figure, self.name) if interactive else ""
+        return Image.of(figure, self.title, dpi, elements)
+
 
 @dataclass(frozen=True)
 class Image:
-    """A figure as a page holds it: PNG in base64, and a text that says what is seen."""
+    """A figure as a page holds it: PNG in base64, and a text that says what is seen.
+
+    ``curves`` are the elements that take the place of the PNG in an interactive page, if any can.
+    """
 
     png: str
     alt: str
+    curves: str = ""
 
     @classmethod
-    def of(cls, figure: Figure, title: str, dpi: int = _DPI) -> Image:
+    def of(cls, figure: Figure, title: str, dpi: int = _DPI, curves: str = "") -> Image:
         """Draw a figure; its axes and labelled curves make the text."""
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=dpi)
         seen = filter(None, map(_seen, figure.axes))
-        return cls(base64.b64encode(buffer.getvalue()).decode(), "; ".join([title, *seen]))
+        return cls(base64.b64encode(buffer.getvalue()).decode(), "; ".join([title, *seen]), curves)
 
 
 def _seen(ax: Axes) -> str:
@@ -94,7 +104,12 @@ def _mathml(latex: str) -> Markup:
 
 
 def write_page(
-    path: str | Path, template: str, *, pictures: Iterable[Picture] = (), **content: Any
+    path: str | Path,
+    template: str,
+    *,
+    pictures: Iterable[Picture] = (),
+    interactive: bool = False,
+    **content: Any,
 ) -> None:
     """Fill one of the package's templates and write it.
 
@@ -105,17 +120,25 @@ def write_page(
         "report" for an inspection, an identification or a diagnosis; "study".
     pictures : iterable of Picture
         Drawn one after the other, the template's ``figures``.
+    interactive : bool
+        Whether figures zoom and show what is under the pointer.
     **content
         What else the template names; ``formula`` is LaTeX in parts, between which lines may end.
+
+    Raises
+    ------
+    ValueError
+        If the page is to be interactive and plotly is not installed.
     """
+    plotly = script() if interactive else ""
     environment = Environment(
         loader=PackageLoader("romsindy.show"), autoescape=select_autoescape(["j2"])
     )
     environment.filters["columns_of_numbers"] = columns_of_numbers
     environment.filters["mathml"] = _mathml
     environment.filters["tone"] = lambda verdict: _TONES.get(verdict, "")
-    figures = [vars(p) | vars(Image.of(p.figure(), p.title)) for p in pictures]
+    figures = [vars(p) | vars(p.image(p.figure(), interactive)) for p in pictures]
     text = environment.get_template(f"{template}.html.j2").render(
-        version=__version__, figures=figures, **content
+        version=__version__, plotly=plotly, figures=figures, **content
     )
     Path(path).write_text(text, encoding="utf-8")

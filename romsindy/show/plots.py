@@ -13,14 +13,15 @@ from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.refine import Fit
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
-from romsindy.record.backbone import Backbone, extract_backbone
+from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
+from romsindy.show.cycles import Curve, Models, backbones_of, misses, numbered, of_cycles, span_of
+from romsindy.show.facts import tell
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
-Models = Mapping[str, ReducedModel | Estimate | Band]
 _DOTS = "os^Dv<>"
 # How the cycles of a measured decay look in every figure.
 _CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
@@ -29,7 +30,7 @@ _CYCLES |= {"label": "cycles of the decay", "zorder": 1}
 
 def _curves(
     models: Models | None, amplitudes: Array, quantity: str, unit: float
-) -> Iterator[tuple[Array, Array, tuple[Array, Array] | None, dict[str, Any]]]:
+) -> Iterator[Curve]:
     """Amplitudes, curve, 95 % band if any, and look of every model."""
     for i, (label, model) in enumerate((models or {}).items()):
         style = look(i) | {"label": label}
@@ -68,8 +69,9 @@ def plot_decay(
         ax.plot(record.t, record.q, color="0.8", lw=0.6, label="record")
     ax.plot(decay.t, decay.q, color="C0", lw=0.6, label="free decay")
     if backbone is not None:
-        ax.plot(backbone.t, backbone.positive_peak, color="C1", lw=1.2, label="peaks")
-        ax.plot(backbone.t, backbone.negative_peak, color="C1", lw=1.2)
+        for peak, label in ((backbone.positive_peak, "peaks"), (backbone.negative_peak, None)):
+            (line,) = ax.plot(backbone.t, peak, color="C1", lw=1.2, label=label)
+            tell(line, *of_cycles(backbone))
     ax.set(xlabel="time (s)", ylabel=with_unit("q", decay.unit))
     ax.margins(x=0.01)
     ax.legend(loc="upper right", frameon=False)
@@ -77,29 +79,30 @@ def plot_decay(
 
 
 def plot_backbone(
-    measured: Backbone | Fit, models: Models | None = None, *, ax: Axes | None = None
+    measured: Backbone | Sequence[Backbone] | Fit,
+    models: Models | None = None,
+    *,
+    ax: Axes | None = None,
 ) -> Axes:
     """Frequency against amplitude of every cycle, with the backbones of models over it.
 
     Parameters
     ----------
-    measured : Backbone or Fit
+    measured : Backbone, sequence of Backbone or Fit
         Points with their standard errors. A fit gives the cycles of its decays, and its own curve.
     models : mapping of str to ReducedModel, Estimate or Band, optional
         Curves by label; what has errors has its 95 % band.
     """
     ax = given_or_new(ax)
-    backbones, models = _measured(measured, models)
-    for backbone in backbones:
-        ax.errorbar(
-            backbone.frequency / (2 * np.pi),
-            backbone.amplitude,
-            xerr=backbone.frequency_std / (2 * np.pi),
-            yerr=backbone.amplitude_std,
-            **_CYCLES,
+    backbones, models = backbones_of(measured, models)
+    curves = list(_curves(models, span_of(backbones), "frequency", 2 * np.pi))
+    for number, backbone in numbered(backbones):
+        hz, hz_std = (x / (2 * np.pi) for x in (backbone.frequency, backbone.frequency_std))
+        cycles = ax.errorbar(
+            hz, backbone.amplitude, xerr=hz_std, yerr=backbone.amplitude_std, **_CYCLES
         )
-    span = _span(backbones)
-    for amplitudes, middle, band, style in _curves(models, span, "frequency", 2 * np.pi):
+        tell(cycles.lines[0], *of_cycles(backbone, number), *misses(backbone.amplitude, hz, curves))
+    for amplitudes, middle, band, style in curves:
         if band:
             ax.fill_betweenx(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
         ax.plot(middle, amplitudes, **style)
@@ -114,23 +117,6 @@ def plot_backbone(
     return ax
 
 
-def _measured(
-    measured: Backbone | Fit, models: Models | None
-) -> tuple[list[Backbone], Models | None]:
-    if isinstance(measured, Backbone):
-        return [measured], models
-    if not isinstance(measured, Fit):
-        raise ValueError(
-            f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
-        )
-    return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
-
-
-def _span(backbones: Sequence[Backbone]) -> Array:
-    amplitudes = np.concatenate([b.amplitude for b in backbones])
-    return np.linspace(amplitudes.min(), amplitudes.max(), 200)
-
-
 def _legend(ax: Axes) -> None:
     handles, labels = ax.get_legend_handles_labels()
     named = dict(zip(labels, handles, strict=True))  # several decays share one label
@@ -138,20 +124,26 @@ def _legend(ax: Axes) -> None:
 
 
 def plot_damping(
-    measured: Backbone | Fit, models: Models | None = None, *, ax: Axes | None = None
+    measured: Backbone | Sequence[Backbone] | Fit,
+    models: Models | None = None,
+    *,
+    ax: Axes | None = None,
 ) -> Axes:
     """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
     ax = given_or_new(ax)
-    backbones, models = _measured(measured, models)
-    for backbone in backbones:
-        ax.errorbar(
-            backbone.amplitude,
-            100 * backbone.damping_ratio,
-            yerr=100 * backbone.damping_ratio_std,
-            **_CYCLES,
+    backbones, models = backbones_of(measured, models)
+    curves = list(_curves(models, span_of(backbones), "damping_ratio", 0.01))
+    for number, backbone in numbered(backbones):
+        ratio = 100 * backbone.damping_ratio
+        cycles = ax.errorbar(
+            backbone.amplitude, ratio, yerr=100 * backbone.damping_ratio_std, **_CYCLES
         )
-    span = _span(backbones)
-    for amplitudes, middle, band, style in _curves(models, span, "damping_ratio", 0.01):
+        tell(
+            cycles.lines[0],
+            *of_cycles(backbone, number),
+            *misses(backbone.amplitude, ratio, curves),
+        )
+    for amplitudes, middle, band, style in curves:
         if band:
             ax.fill_between(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
         ax.plot(amplitudes, middle, **style)

@@ -19,16 +19,17 @@ class Written:
     images: dict[str, Image]
 
 
-def write_chapter(chapter: Chapter, folder: Path) -> Written:
+def write_chapter(chapter: Chapter, folder: Path, interactive: bool = False) -> Written:
     """Write every table as CSV and every picture as PNG and SVG into the folder."""
     for table in chapter.tables:
         table.write_csv(folder)
-    return Written(chapter, {p.name: _write_picture(p, folder) for p in chapter.pictures})
+    images = {p.name: _write_picture(p, folder, interactive) for p in chapter.pictures}
+    return Written(chapter, images)
 
 
-def _write_picture(picture: Picture, folder: Path) -> Image:
+def _write_picture(picture: Picture, folder: Path, interactive: bool) -> Image:
     figure = picture.figure()
-    image = Image.of(figure, picture.title, dpi=110)
+    image = picture.image(figure, interactive, dpi=110)
     path = folder / f"{picture.name}.png"
     path.write_bytes(base64.b64decode(image.png))
     figure.set_layout_engine("none")  # as laid out, once
@@ -51,7 +52,11 @@ def checks_table(checks: Sequence[Check]) -> Table:
 
 
 def write_story(
-    written: Sequence[Written], checks: Sequence[Check], folder: Path, settings: str
+    written: Sequence[Written],
+    checks: Sequence[Check],
+    folder: Path,
+    settings: str,
+    interactive: bool = False,
 ) -> None:
     """Write report.html about the chapters that there are, and checks.csv."""
     table = checks_table(checks)
@@ -63,4 +68,5 @@ def write_story(
         checks=table,
         written=written,
         settings=settings,
+        interactive=interactive,
     )

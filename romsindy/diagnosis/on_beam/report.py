@@ -197,8 +197,8 @@ class BeamReport:
         sensors = by("sensor", [e.label for e in self.sensor_errors], before, after)
         return {**self.reduced.pictures(), sensors.name: sensors}
 
-    def to_html(self, path: str | Path) -> None:
-        """Write one self-contained page with figures."""
+    def to_html(self, path: str | Path, *, interactive: bool = False) -> None:
+        """Write one self-contained page with figures; see `DiagnosisReport.to_html`."""
         from romsindy.show.page import write_page
 
         page = self.reduced.page()
@@ -212,7 +212,8 @@ class BeamReport:
             "equation_note": "",
             "tables": [gap, sensors, *explanations],
         }
-        write_page(path, "report", pictures=self.pictures().values(), **page | own)
+        pictures = self.pictures().values()
+        write_page(path, "report", pictures=pictures, interactive=interactive, **page | own)
 
 
 def recipe_of(effects: Sequence[Any]) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.functions.structures import Structure
+from romsindy.fit.record import Record
 from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
@@ -62,6 +63,11 @@ class Identification(Estimate):
         The same from the richest structure alone: limits of what the data do not ask for.
     reach : (float, float)
         Least and largest q of the data, unit of q.
+    records : tuple of Record
+        What was fitted; not saved.
+    residuals : tuple of arrays
+        Measured minus one simulation of each record by the equation, unit of the measured
+        quantity; inf where it has no motion there. Not saved.
     """
 
     structures: tuple[Structure, ...]
@@ -70,6 +76,8 @@ class Identification(Estimate):
     samples: Array
     widest: Array
     reach: tuple[float, float]
+    records: tuple[Record, ...] = ()
+    residuals: tuple[Array, ...] = ()
 
     @cached_property
     def _models(self) -> list[ReducedModel]:

@@ -275,11 +275,12 @@ def _assembled(
     free = tuple(k for k in model.coefficients if k not in fixed)
     columns = [[t.key for t in terms].index(key) for key in free]
     motions = [r.motion.q for r in records]
+    residuals = _residuals(head, own.mean(axis=0), records)
     result = Identification(
         model,
         free,
         np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
-        examine(records, _residuals(head, own.mean(axis=0), records), head.n_effective),
+        examine(records, residuals, head.n_effective),
         (),
         structures,
         structures[at],
@@ -287,6 +288,8 @@ def _assembled(
         pooled,
         _exactly(terms, _among(terms, richest, widest), fixed),
         (float(min(q.min() for q in motions)), float(max(q.max() for q in motions))),
+        tuple(records),
+        tuple(residuals),
     )
     return replace(result, notes=tuple(sentences(result, richest, records)))
 
