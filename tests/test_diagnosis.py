@@ -191,6 +191,9 @@ def test_an_effect_in_no_catalogue_is_unknown():
     result = diagnose(MODEL, learn, held_out=test, catalogue=CATALOGUE[:12], max_effects=1)
     assert result.verdict == "unknown"
     assert "nothing in the catalogue" in result.sentence
+    page = replace(result, added=(), model=result.nominal).page()
+    assert page["equation_title"] == "The simulation, unchanged" and page["equation_note"] == ""
+    assert page["tables"][-1].title in ("What comes nearest", "The gap, before and after")
 
 
 def test_the_model_with_the_effect_moves_like_the_truth():

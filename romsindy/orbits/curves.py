@@ -130,7 +130,9 @@ class ForcedResponse(PeriodicOrbits):
         rows = [["point", "frequency [Hz]", f"amplitude [{unit}]"]]
         for name, i in sorted(points, key=lambda point: point[1]):
             rows.append([name, f"{hz[i]:.5g}", f"{self.amplitude[i]:.4g}"])
-        title = f"Response to {self.force:g} {unit}/s^2 per unit mass, {len(self)} orbits"
+        title = (
+            f"Response to a force of {self.force:g} {unit}/s^2 per unit mass, {len(self)} orbits"
+        )
         note = "Stable everywhere."
         if not np.all(self.stable):
             low, high = np.min(hz[~self.stable]), np.max(hz[~self.stable])
