@@ -1,8 +1,10 @@
 """Configuration of the documentation: ``sphinx-build -W --keep-going docs build/docs``."""
 
+import re
 import shutil
 from importlib.metadata import version as version_of
 from pathlib import Path
+from textwrap import indent
 
 import matplotlib.pyplot as plt
 from docutils import nodes
@@ -30,7 +32,7 @@ extensions = [
     "sphinx_design",
     "matplotlib.sphinxext.plot_directive",
 ]
-exclude_patterns = ["_templates"]
+exclude_patterns = ["_templates", "effects"]
 templates_path = ["_templates"]
 default_role = "py:obj"  # a name in single backticks links to what it names
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
@@ -69,10 +71,10 @@ copyright = "the romsindy developers, MIT licence"
 
 
 def write_effects() -> None:
-    """The page of effects and its pictures, from the effects themselves."""
+    """What the page of effects includes and its pictures, from the effects themselves."""
     folder = HERE / "effects"
     folder.mkdir(exist_ok=True)
-    (HERE / "effects.md").write_text(page(), encoding="utf-8")
+    (folder / "catalogue.md").write_text(page(), encoding="utf-8")
     for effect in kinds_of((*CATALOGUE, *BEAM_CATALOGUE)):
         found = fingerprint(effect)
         if found is None:
@@ -87,6 +89,22 @@ def copy_notebooks() -> None:
     """Notebooks live in examples/, and Sphinx reads what is below its sources alone."""
     for notebook in (HERE.parent / "examples").glob("*.ipynb"):
         shutil.copy(notebook, HERE / "tutorials")
+
+
+_NOTEBOOK = re.compile(r"\]\((?:\.\./)+examples/(\w+\.ipynb)\)")
+_FIGURE = re.compile(r"^```python\n((?:(?!```).*\n)*)```\n<!-- figure: (.*) -->\n", re.M)
+
+
+def for_the_site(app: Sphinx, name: str, source: list[str]) -> None:
+    """What is plain Markdown in the repository: links to notebooks, snippets that draw a figure."""
+    text = _NOTEBOOK.sub(r"](/tutorials/\1)", source[0])
+    source[0] = _FIGURE.sub(_with_figure, text)
+
+
+def _with_figure(found: re.Match[str]) -> str:
+    code, alt = found.groups()
+    plot = f".. plot::\n   :alt: {alt}\n\n{indent(code, '   ')}"
+    return f"```python\n{code}```\n\n```{{eval-rst}}\n{plot}```\n"
 
 
 def inline_math(writer: object, node: nodes.math) -> None:
@@ -112,5 +130,6 @@ def setup(app: Sphinx) -> None:
     """Make what is made, and how equations are set."""
     write_effects()
     copy_notebooks()
+    app.connect("source-read", for_the_site)
     app.connect("autodoc-skip-member", foreign)
     app.add_html_math_renderer("mathml", (inline_math, None), (block_math, None))

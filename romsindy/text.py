@@ -18,6 +18,7 @@ _OPTIONS = {"channel": "column", "fixed": "fix"}
 _ARGUMENT = re.compile(
     rf"""(?<![\w.=-])({_ARGUMENTS.replace(" ", "|")})=(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""
 )
+_FIXED = re.compile(r"\bfixed\['([^']+)'\] = ")  # as a message names a known coefficient
 _PREFIXES = {-1: "m", -2: "u", -3: "n", -4: "p"}
 
 
@@ -119,4 +120,4 @@ def as_options(sentence: str) -> str:
         words = f"'{value}'" if value and " " in value else value
         return f"--{_OPTIONS.get(name, name)}" + (f" {words}" if words else "")
 
-    return _ARGUMENT.sub(option, sentence)
+    return _ARGUMENT.sub(option, _FIXED.sub(r"--fix \1=", sentence))

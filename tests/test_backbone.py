@@ -103,6 +103,14 @@ def test_linear_frequency_of_a_hardening_decay():
     np.testing.assert_allclose(b.frequency, duffing_frequency(36.0, 20.0, b.amplitude), rtol=1e-4)
 
 
+def test_linear_frequency_where_nothing_decays():
+    """One amplitude: nothing is extrapolated from the scatter of it."""
+    t = np.arange(2000) / 200
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    b = extract_backbone(Decay(t, np.sin(2 * np.pi * 8 * t) + noise))
+    assert b.linear_frequency() == pytest.approx(2 * np.pi * 8, rel=1e-4)
+
+
 @pytest.mark.parametrize("rate", [0.3, 0.6])
 def test_falling_frequency_of_an_asymmetric_decay(rate):
     """As of a clamped beam under its weight: 1.8 f to f, and the centre moves with amplitude^2."""

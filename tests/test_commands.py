@@ -150,6 +150,12 @@ def test_file_with_options(run, tmp_path):
     assert (tmp_path / "page.html").is_file()
 
 
+def test_one_cycle_is_too_little(run):
+    """Cycles at 35 dB fall by 4 % each: less than three are within 5 %."""
+    result = run("identify", "--example", "--amplitude", 1.0, 1.05)
+    assert result.exit_code == 2 and "fewer than 3: those of the decay have" in result.stderr
+
+
 def test_amplitudes_without_a_cycle(run):
     result = run("identify", "--example", "--amplitude", 100, 200)
     assert result.exit_code == 2 and "amplitude = (100.0, 200.0) holds no cycle" in result.stderr
@@ -223,9 +229,17 @@ def bad(name):
         ("good", ["--fix", "omega^2=39.5e6"], "contradicts the data"),
         ("good", ["--fix", "omega^2"], "is not NAME=NUMBER"),
         ("good", ["--harmonics", "0..3"], "neither a range such as 0-3 nor a list"),
+        (
+            "good",
+            ["--figure", "backbone.doc"],
+            "backbone.doc: its name must end in .png or .svg or .pdf",
+        ),
         ("good", ["--unit", "yard"], "unit 'yard' is not known"),
         ("good", ["--order", "2"], "order = 2 must be at least 3"),
         ("good", ["--cutoff", "-5"], "must be a positive frequency"),
+        ("good", ["--cutoff", "0.5"], "cutoff = 0.5 Hz would take away the vibration itself"),
+        ("good", ["--harmonics", "5-2"], "neither a range such as 0-3 nor a list"),
+        ("good", ["--fix", "omega^2=-36"], "fixed omega^2 = -36 must not be negative"),
         ("good", ["--start", "50"], "leave 0 samples"),
         ("good", ["--damping", "magic"], "'magic' is not one of"),
     ],
@@ -288,12 +302,68 @@ def test_saved_decays_are_read_back(run, tmp_path):
         ["study", "--seeds", "1"],
         ["diagnose"],
         ["diagnose", "--measured", "nowhere.csv"],
+        ["diagnose", "--measured", "no_text.json", "--model", "no_text.json"],
+        ["diagnose", "--measured", "no_text.json", "--beam", "no_text.json"],
+        ["export", "no_text.json", "--to", "c"],
+        ["export", "nowhere.json", "--to", "c"],
+        ["export", ".", "--to", "c"],
     ],
 )
-def test_every_command_refuses_in_one_line(run, arguments):
+def test_every_command_refuses_in_one_line(run, tmp_path, arguments):
+    (tmp_path / "no_text.json").write_bytes(bytes(range(128, 256)))
     result = run(*arguments)
     assert result.exit_code == 2 and result.stdout == ""
+    assert "Errno" not in result.stderr and "codec" not in result.stderr
+    assert all(name in result.stderr for name in arguments[1:] if "no_text" in name)
     assert re.fullmatch(r"Error: .*\n", result.stderr)
+
+
+def test_an_option_of_another_command_is_not_mistaken_for_one_of_a_like_name(run):
+    refused = run("inspect", "decay.csv", "--mode", 1).stderr
+    assert "--mode is no option here, but of romsindy diagnose, romsindy identify" in refused
+    assert "Did you mean '--measured'" in run("diagnose", "--measurd", "decay.csv").stderr
+
+
+def test_a_unit_of_no_motion_has_a_remedy(run, tmp_path):
+    """What the message advises works."""
+    save_decay(EXAMPLE_MODEL.simulate(1.8, 0.0, np.arange(0, 25, 0.02)), tmp_path / "decay.csv")
+    refused = run("inspect", "decay.csv", "--unit", "volts")
+    assert refused.exit_code == 2 and "unit 'volts'" in refused.stderr
+    assert "such as V, multiply" in refused.stderr and "leave out --unit to" in refused.stderr
+    assert run("inspect", "decay.csv").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    "choice", [["--mode", 9], ["--mode", 0], ["--band", 90, 99], ["--release", 5]], ids=str
+)
+def test_a_choice_that_is_not_there_is_all_that_is_told(run, tmp_path, choice):
+    """The record drifts, which is no news for it."""
+    t = np.arange(0, 25, 0.02)
+    q = EXAMPLE_MODEL.simulate(1.8, 0.0, t).q + 0.05 * t
+    np.savetxt(tmp_path / "decay.csv", np.column_stack([t, q]), header="t q")
+    assert "the level drifts" in run("inspect", "decay.csv").output
+    refused = run("identify", "decay.csv", *choice)
+    assert refused.exit_code == 2 and "drift" not in refused.stderr
+    assert f"{choice[0][2:]} = {choice[1]}" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "files"),
+    [
+        (["inspect", "decay.csv", "--json", "x.json"], ["x.json", "decay_inspection.html"]),
+        (["identify", "decay.csv", "--plain", "--model", "x.json"], ["x.json"]),
+    ],
+)
+def test_who_reads_a_pipe_may_stop(tmp_path, command, files):
+    """As `romsindy ... | head` does: no message, and the files are written."""
+    save_decay(EXAMPLE_MODEL.simulate(1.8, 0.0, np.arange(0, 25, 0.02)), tmp_path / "decay.csv")
+    with subprocess.Popen(
+        [sys.executable, "-m", "romsindy", *command],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as running:  # fmt: skip
+        running.stdout.close()
+        assert running.stderr.read() == b""
+    assert all((tmp_path / name).stat().st_size for name in files)
 
 
 def test_an_internal_error_is_no_refusal(run, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import shlex
@@ -214,6 +215,34 @@ def test_several_channels(run, tmp_path):
     result = run(*shlex.split(commands[0]), "--weighted")
     assert result.exit_code == 0 and "in channels base and left tip" in result.output
     assert "channels base (+0.1) and left tip (+1) together" in result.output
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "options"),
+    [
+        ("t [s],tip y [m],tip x [m]", "beam.csv", []),
+        ("t [s],tip y [m],tip x [m],temperature [K]", "beam.csv", ["tip x", "tip y"]),
+        ("t [s],tip y [mm],tip x [m]", "beam.csv", ["tip y"]),
+        ("t,a,a", "my beam.csv", []),
+        ('t [s],-x [m],$y\'s "q" [m]', "./-beam.csv", []),
+    ],
+)
+def test_every_command_that_is_proposed_runs(run, tmp_path, header, name, options):
+    """Each reads the columns that it names, whatever they and the file are called."""
+    t, q = duffing(1.0, 3, 6.0)
+    axial = -0.1 * q**2 + 1e-3 * np.random.default_rng(4).standard_normal(len(t))
+    more = [20 + 0.01 * t] if "temperature" in header else []
+    write(tmp_path / name, t, header, q, axial, *more)
+    chosen = [word for column in options for word in ("--column", column)]
+    printed = run("inspect", name, *chosen, "--start", 0).output
+    commands = re.findall(r"^  romsindy (identify .*)$", printed, re.M)
+    assert len({*commands}) == len(commands) == (1 if len(options) == 1 else 3)
+    for command in commands:
+        words = shlex.split(command)
+        result = run(*words, "--plain")  # reads alike, and is fast
+        assert result.exit_code == 0, f"{command}: {result.stderr}"
+        columns = [b for a, b in itertools.pairwise(words) if a == "--column"]
+        assert f"in channel{'s' * (len(columns) > 1)} {' and '.join(columns)}" in result.output
 
 
 def test_one_result_for_outputs_of_one_result(run):

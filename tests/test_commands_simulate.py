@@ -75,6 +75,11 @@ def test_undamped(tmp_path):
     ("arguments", "message"),
     [
         (["decay.txt"], "name a .csv or an .npz file"),
+        (["nowhere/decay.csv"], "there is no folder nowhere"),
+        (["."], ". is a folder: name a file"),
+        (["decay.csv", "--snr", "40"], "place them with --sensor"),
+        (["decay.csv", "--full"], "--full needs room for arrays: name an .npz file"),
+        (["decay.csv", "--seed", "-1"], "-1 is not in the range x>=0"),
         (["decay.csv", "--length", "-1"], "length must be positive"),
         (["decay.csv", "--sensor", "2"], "off the beam"),
         (["decay.csv", "--spring-length", "0", "--spring-pretension", "0"], "move the anchor"),

@@ -191,6 +191,9 @@ def test_an_effect_in_no_catalogue_is_unknown():
     result = diagnose(MODEL, learn, held_out=test, catalogue=CATALOGUE[:12], max_effects=1)
     assert result.verdict == "unknown"
     assert "nothing in the catalogue" in result.sentence
+    page = replace(result, added=(), model=result.nominal).page()
+    assert page["equation_title"] == "The simulation, unchanged" and page["equation_note"] == ""
+    assert page["tables"][-1].title in ("What comes nearest", "The gap, before and after")
 
 
 def test_the_model_with_the_effect_moves_like_the_truth():
@@ -281,7 +284,7 @@ def test_before_by_record_is_the_simulation_as_it_was():
     names, before, after = record_errors(MODEL, parts, result.records, result.gap)
     # The held-out decay reaches less far than the others: stretches of these judge, too.
     learns = ["record 1, fitted", "record 2, fitted"]
-    assert names == [*learns, "record 1, held out", "record 2, held out", "held out"]
+    assert names == [*learns, "record 1, held out", "record 2, held out", "the held-out record"]
     assert before[2:].max() == result.gap.before and after[2:].max() == result.gap.after
     # In 12 s the phase is lost by a tenth of a cycle, and noise is at 1 % of the rms.
     assert before.min() > 5 and after.max() < 1.1

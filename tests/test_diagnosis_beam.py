@@ -433,13 +433,16 @@ def test_a_beam_of_another_length_lacks_no_mass():
     assert report.names != ("added_mass",) and ("length",) in report.equivalent
 
 
-def test_command_line_reads_a_beam(heavier, tmp_path):
+@pytest.mark.parametrize("elements", [8, 24])  # more than are simulated
+def test_command_line_reads_a_beam(heavier, tmp_path, elements):
     table = np.column_stack([heavier[0].t, heavier[0].q])
     header = ",".join(["t [s]", *(f"y{i} [m]" for i in range(5))])
     np.savetxt(tmp_path / "test.csv", table, delimiter=",", header=header, comments="")
     file = tmp_path / "beam.toml"
     columns = f"columns = {[f'y{i}' for i in range(5)]}\n"
-    file.write_text(f"[beam]\nelements = 8\n[sensors]\npositions = {list(PLACES)}\n{columns}")
+    file.write_text(
+        f"[beam]\nelements = {elements}\n[sensors]\npositions = {list(PLACES)}\n{columns}"
+    )
     arguments = ["diagnose", "--measured", str(tmp_path / "test.csv"), "--beam", str(file)]
     done = CliRunner().invoke(main, [*arguments, "--report", str(tmp_path / "page.html")])
     assert done.exit_code == 0, done.output

@@ -6,8 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 
 import romsindy as rs
+from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.gap import Gap, Prediction
+from romsindy.diagnosis.gap import HELD_OUT, Gap, Prediction
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.fit.record import Record
 from romsindy.record.demodulation import Cycles
@@ -146,6 +147,47 @@ def test_a_gap_that_closes_matters_and_improves():
     found = gap(signal(frequency=5.005), signal())
     assert found.matters(TOLERANCE) and found.improves(TOLERANCE)
     assert 0.99 < found.closed <= 1
+
+
+def test_signals_without_common_amplitudes_have_words_for_it():
+    """A simulation that dies after two cycles: nothing can be compared, and nan says nothing."""
+    found = gap(signal(zeta=0.5), signal())
+    rows = {row[0]: row[1:] for row in found.table()}
+    assert "nan" not in str(rows)
+    before, after = rows["amplitudes compared, [q]"]
+    assert before == "hardly any in common"
+    # From 1 to exp(-pi), less up to two cycles of 3 % at either end: their windows lie within.
+    ends = [np.exp(-np.pi), 1.0]
+    assert_allclose([float(a) for a in after.split(" to ")], ends, rtol=0.07)
+    assert rows["frequency, % off"][0] == rows["damping ratio, % off"][0] == "-"
+    assert rows["waveform, % of amplitude"][0].endswith("(all that differs)")
+
+
+def test_a_record_has_one_name_in_sentence_and_table():
+    """The held-out record is the worst of two: it differs by the frequency that was put in."""
+    measured, n = record(noise=0.001), len(record(noise=0.001).t)
+    one = Prediction(measured, signal()[:n], signal()[:n])
+    other = Prediction(measured, signal(frequency=5.005)[:n], signal()[:n], HELD_OUT)
+    found = Gap((one, other), True)
+    sentence = words.difference(found.differences_before, TOLERANCE, None)
+    assert "0.1 % in frequency over" in sentence and f"in {HELD_OUT} (" in sentence
+    assert "record 2" not in sentence
+    titles = [row[0].partition(": ")[0] for row in found.table()[1:]]
+    assert {*titles} == {"record 1", HELD_OUT}
+
+
+def test_a_part_of_a_record_is_said_to_be_one():
+    """In the second half the simulation runs ahead faster and faster."""
+    omega = 2 * np.pi * 5
+    ahead = 1e-4 * omega * np.maximum(T - 10, 0) ** 2
+    later = np.exp(-0.005 * omega * T) * np.cos(omega * T + ahead)
+    found = gap(later, signal())
+    (whole,) = found.differences_before
+    sentence = words.difference([whole], TOLERANCE, None)
+    part = whole.worst(TOLERANCE)
+    assert part is not whole and part.frequency > abs(whole.frequency)
+    assert part.amplitude[1] < np.exp(-np.pi / 2)
+    assert ", where they differ most (" in sentence
 
 
 def test_a_gap_within_tolerance_does_not_matter():

@@ -118,6 +118,22 @@ VERDICT = BY_HAND["verdict"]
 
 
 @pytest.mark.parametrize(
+    ("change", "explained", "words"),
+    [
+        ({"p_value": 0.15}, True, "it may be noise, p = 0.15)"),
+        ({"p_value": 9e-24, "structure": 1.2}, True, "but too little to matter: within 30 % of"),
+        ({"p_value": 9e-24, "below_floor": True}, True, "too little to matter: below the floor)"),
+        ({"p_value": 9e-24, "structure": 2.0}, False, "it is more than noise, p = 9e-24)"),
+    ],
+)
+def test_words_and_p_value_agree(change: dict, explained: bool, words: str) -> None:
+    content = BY_HAND | {"verdict": VERDICT | {"limit": 0.4} | change}
+    verdict = rs.Estimate.from_json(json.dumps(content)).verdict
+    assert verdict.explained is explained and words in str(verdict)
+    assert ("does not explain" in str(verdict)) is not explained
+
+
+@pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"covariance": [[0.0144]]}, r"covariance has the shape \(1, 1\), but 2 .* give \(2, 2\)"),

@@ -3,7 +3,7 @@ import pytest
 from oracles import viscous_decay
 from scipy.io import savemat
 
-from romsindy import Decay, load_decay, save_decay
+from romsindy import Decay, load_decay, load_recording, save_decay
 from romsindy.record.units import UNITS, parse_unit
 
 T = np.arange(1000) * 0.01
@@ -126,6 +126,14 @@ def test_several_channels_come_back(tmp_path):
 def test_part_of_a_record(tmp_path):
     decay = load_decay(write(tmp_path / "d.csv", table()), start=2.0, end=7.0)
     assert (decay.t[0], decay.t[-1]) == (2.0, 7.0)
+
+
+def test_a_column_without_a_number_is_not_what_was_measured(tmp_path):
+    rows = table(",", "t,q,dead").replace("\n", ",nan\n").replace("dead,nan", "dead")
+    recording = load_recording(write(tmp_path / "d.csv", rows))
+    assert recording.names == ("q",) and "left out: dead" in recording.notes
+    with pytest.raises(ValueError, match=r"columns \['dead'\] hold no number: choose another"):
+        load_recording(tmp_path / "d.csv", column="dead")
 
 
 def corrupted(line, text):

@@ -364,6 +364,12 @@ def test_what_cannot_be_is_refused(options, message):
         rs.identify(**({"decays": decay(STIFF, seconds=2.0)} | options))
 
 
+def test_a_size_of_which_no_power_is_a_number_is_refused():
+    known = decay(STIFF, seconds=2.0)
+    with pytest.raises(ValueError, match=r"the decay reaches .*e-31 .*: say what .* unit="):
+        rs.identify(rs.Decay(known.t, 1e-30 * known.q))
+
+
 def test_two_structures_in_one_fit_are_refused():
     other = decay(STIFF | {"omega^2": 3000.0}, seconds=4.0, seed=2)
     with pytest.raises(rs.fit.collocation.TrajectoryError, match="different structures"):

@@ -267,6 +267,8 @@ def test_amplitudes_are_checked(amplitudes):
 
 
 def test_coefficients_are_checked():
+    with pytest.raises(ValueError, match=r"must be numbers, got {'omega\^2': 'stiff'}"):
+        ReducedModel.from_json('{"coefficients": {"omega^2": "stiff"}}')
     with pytest.raises(ValueError, match="must be finite"):
         model(omega2=np.nan)
     with pytest.raises(ValueError, match="2 values for 1 terms"):

@@ -1,4 +1,5 @@
 import math
+import re
 
 import numpy as np
 import pytest
@@ -215,6 +216,22 @@ def test_duffing_response_has_two_folds_and_an_unstable_part_between(hardening):
     contraction = np.exp(-0.02 * 2 * np.pi / hardening.frequency[hardening.folds])
     np.testing.assert_allclose(hardening.multipliers[hardening.folds, 0], 1, atol=1e-6)
     np.testing.assert_allclose(hardening.multipliers[hardening.folds, 1], contraction, rtol=1e-6)
+
+
+def test_a_response_says_where_it_is_largest_and_where_it_jumps(hardening):
+    """In Hz, in the order of the branch; the part between the folds is unstable."""
+    response = hardening
+    lines = str(response).splitlines()
+    points = {line.split()[0]: line.split()[1:] for line in lines[2:-1]}
+    assert [line.split()[0] for line in lines[2:-1]].count("fold") == 2
+    peak = int(np.argmax(response.amplitude))
+    assert float(points["largest"][0]) == pytest.approx(
+        response.frequency[peak] / (2 * np.pi), rel=1e-4
+    )
+    assert float(points["largest"][1]) == pytest.approx(response.amplitude.max(), rel=1e-3)
+    jumps = sorted(response.frequency[b.index] / (2 * np.pi) for b in response.bifurcations)
+    told = [float(x) for x in re.findall(r"[\d.]+", lines[-1])[:2]]
+    assert told == pytest.approx(jumps, rel=1e-3)
 
 
 def test_upper_fold_lies_near_the_backbone(hardening):

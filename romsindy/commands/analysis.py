@@ -11,6 +11,7 @@ import numpy as np
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify as fit
+from romsindy.fit.verdict import LEAST_CYCLES
 from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Butterworth
@@ -64,6 +65,12 @@ def analysed(
     """
     free, backbones = _used(decays, settings.amplitude)
     backbone = joined(backbones)
+    fastest = float(backbone.frequency.max()) / (2 * np.pi)
+    if settings.cutoff is not None and 0 < settings.cutoff < fastest:
+        raise ValueError(
+            f"cutoff = {settings.cutoff:g} Hz would take away the vibration itself, of up to"
+            f" {fastest:.4g} Hz: choose a multiple of that"
+        )
     conditioned = [d.conditioned(Butterworth(settings.cutoff)) for d in free]
     recipe = deepcopy(WEIGHTED if settings.weighted else PAPER)
     if settings.harmonics is not None:
@@ -116,15 +123,18 @@ def _used(
         return free, backbones
     low, high = amplitude
     inside = [(b.amplitude >= low) & (b.amplitude <= high) for b in backbones]
-    if not any(map(np.any, inside)):
+    enough = [np.count_nonzero(cycles) >= LEAST_CYCLES for cycles in inside]
+    if not any(enough):
+        n = max(int(np.sum(cycles)) for cycles in inside)
         sizes = joined(backbones).amplitude
         raise ValueError(
-            f"amplitude = {amplitude} holds no cycle: those of the decay have amplitudes from"
-            f" {sizes.min():.3g} to {sizes.max():.3g} {free[0].unit or '[q]'}"
+            f"amplitude = {amplitude} holds {n or 'no'} cycle{'s' * (n > 1)}, fewer than"
+            f" {LEAST_CYCLES}: those of the decay have amplitudes from {sizes.min():.3g} to"
+            f" {sizes.max():.3g} {free[0].unit or '[q]'}"
         )
     parts = [
         d.between(float(b.t[cycles][0]), float(b.t[cycles][-1]))
-        for d, b, cycles in zip(free, backbones, inside, strict=True)
-        if np.any(cycles)
+        for d, b, cycles, some in zip(free, backbones, inside, enough, strict=True)
+        if some
     ]
     return parts, [extract_backbone(d) for d in parts]

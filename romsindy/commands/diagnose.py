@@ -12,7 +12,7 @@ import click
 
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import Output, interactive_option, reading_options
+from romsindy.commands.options import Output, interactive_option, reading_options, text_of
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
@@ -190,20 +190,20 @@ def diagnose(
                 "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
             }
             raise ValueError(_on_command_line(str(error), names)) from error
-    _tell(result)
-    result.to_html(page, interactive=interactive)
-    click.echo(f"Report: {page}")
+    result.to_html(page, interactive=interactive)  # files come first: who reads a pipe may stop
     if json_file is not None:
         json_file.write_text(result.to_json() + "\n", encoding="utf-8")
     if csv_file is not None:
         result.to_csv(csv_file)
+    _tell(result)
+    click.echo(f"Report: {page}")
     if result.interrupted:
         raise click.exceptions.Exit(INTERRUPTED)
 
 
 def _model(path: Path) -> ReducedModel | Estimate:
     """A model, with what is known of it if the file says so."""
-    text = path.read_text(encoding="utf-8")
+    text = text_of(path)
     with named(f"{path}"):
         return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
 

@@ -20,9 +20,13 @@ from romsindy.typing import Array
 STRIP = ReducedModel.from_coefficients(
     {"omega^2": 2500.0, "gamma_3": 5e4, "Upsilon_3": 60.0, "c_linear": 0.4}, unit="m"
 )
-SIMULATION = ReducedModel.from_coefficients(
-    {"omega^2": 2500.0, "gamma_3": 5e4, "c_linear": 0.4}, unit="m"
-)
+_MODEL = """\
+{
+  "coefficients": {"omega^2": 2500.0, "gamma_3": 50000.0, "c_linear": 0.4},
+  "unit": "m"
+}
+"""
+SIMULATION = ReducedModel.from_json(_MODEL)
 DRAG = 1.0  # 1/m, which the simulation lacks
 REAL = ReducedModel(
     (*SIMULATION.terms, AirDrag().term()), (*SIMULATION.values, DRAG), SIMULATION.unit
@@ -83,7 +87,7 @@ _FILES: tuple[tuple[str, str, Writer], ...] = (
     ("decay.csv", "free decay of a thin strip: time in s, displacement in m", _decay(STRIP, 80, 0)),
     ("run1.csv", "the same strip, released from 70 mm", _decay(STRIP, 70, 1)),
     ("run2.csv", "and from 60 mm", _decay(STRIP, 60, 2)),
-    ("model.json", "simulation of another structure: an equation", _text(SIMULATION.to_json())),
+    ("model.json", "simulation of another structure: an equation", _text(_MODEL)),
     ("sim.csv", "the same simulation: its free decay", _decay(SIMULATION, 80, None)),
     ("test.csv", "that structure measured: the simulation lacks an effect", _decay(REAL, 80, 3)),
     ("held_out.csv", "measured once more, to judge by", _decay(REAL, 70, 4)),

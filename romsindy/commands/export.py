@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from romsindy.commands.options import FILE, Output, write_text
+from romsindy.commands.options import Output, text_of, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.physics.export import python_script
 from romsindy.physics.model import ReducedModel
@@ -20,7 +20,7 @@ _STDOUT = Path("-")
 
 
 @click.command()
-@click.argument("file", type=FILE)
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
     "--to",
     "language",
@@ -41,8 +41,9 @@ def export(file: Path, language: str, output: Path, name: str | None) -> None:
 
     FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
     """
+    text = text_of(file)
     with named(f"{file}"):
-        model = _model(file.read_text(encoding="utf-8"))
+        model = _model(text)
     name = name or ("rhs" if output == _STDOUT else output.stem)
     with named(f"{file}"):
         write_text(output, _code(model, language, name))

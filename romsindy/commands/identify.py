@@ -52,15 +52,17 @@ def _coefficients(
 def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, ...] | None:
     if value is None:
         return None
+    low, dash, high = value.partition("-")
     try:
-        low, dash, high = value.partition("-")
-        if dash:
-            return tuple(range(int(low), int(high) + 1))
-        return tuple(int(v) for v in value.split(","))
+        chosen = range(int(low), int(high) + 1) if dash else map(int, value.split(","))
+        harmonics = tuple(chosen)
     except ValueError:
+        harmonics = ()
+    if not harmonics:
         raise click.BadParameter(
             f"{value!r} is neither a range such as 0-3 nor a list such as 1,2,3"
-        ) from None
+        )
+    return harmonics
 
 
 @click.command()
@@ -132,7 +134,11 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
 @click.option(
     "--save", type=Output(), help="Write all that was identified, bands included, as JSON."
 )
-@click.option("--figure", type=Output(), help="Write the backbone figure to this file.")
+@click.option(
+    "--figure",
+    type=Output(kinds=(".png", ".svg", ".pdf")),
+    help="Write the backbone figure to this PNG, SVG or PDF file.",
+)
 def identify(
     files: tuple[Path, ...],
     example: bool,
@@ -179,15 +185,16 @@ def identify(
         pages = [Output.of(name) for name in _page_names(files)]
         jobs = {str(f): partial(identified, f, page) for f, page in zip(files, pages, strict=True)}
         results, interrupted = _all_of(jobs)
-        _tell_all(results, overview, interactive, say)
+        tell = partial(_tell_all, results, overview, interactive, say)
     else:
         file = files[0] if files else None
         page = report or Output.of(f"{file.stem if file else 'example'}_report.html")
         result = identified(file, page)
         results, interrupted = [result], result.report.interrupted
-        _tell_one(result, say, model, save, figure)
+        tell = partial(_tell_one, result, say, model, save, figure)
     if json_file is not None:
         write_text(json_file, json_text([r.content() for r in results]))
+    tell()
     if interrupted or any(isinstance(r, Refusal) for r in results):
         raise click.exceptions.Exit(INTERRUPTED if interrupted else REFUSED)
 
@@ -208,17 +215,26 @@ def _identified(
     try:
         mode = found.mode(*choice[:2])
         releases = found.rings_in(mode, choice[2])
+    except ValueError as error:
+        # What is wrong with samples is no news for a choice that does not exist.
+        raise _of(file, error, found.warnings if choice == (None, None, None) else ()) from error
+    try:
         decays = found.decays(mode.number, release=choice[2])
         report = analysed(title, decays, settings, picked(found, mode, releases))
-    except ValueError as error:  # names neither the file nor what is wrong with its samples
-        named = str(error).removeprefix(f"{file}: ")
-        raise ValueError("; ".join([f"{file or 'example'}: {named}", *found.warnings])) from error
+    except ValueError as error:
+        raise _of(file, error, found.warnings) from error
     figures = pictures(report)
     if len(found.modes) > 1 or len(found.releases) > 1:
         figures.append(picture(found))
     write_identification(report, page, bar(figures, "drawing"), interactive=interactive)
     numbers = tuple(i + 1 for i in releases)
     return Result(str(file or "example"), report, found, mode, numbers, page)
+
+
+def _of(file: Path | None, error: ValueError, warnings: Sequence[str]) -> ValueError:
+    """The same error with the name of the file, and what is wrong with its samples."""
+    sentence = str(error).removeprefix(f"{file}: ")
+    return ValueError("; ".join([f"{file or 'example'}: {sentence}", *warnings]))
 
 
 def _chosen(file: Path, options: Mapping[str, Any]) -> Recording:
@@ -253,24 +269,25 @@ def _tell_one(
     result: Result, say: Callable, model: Path | None, save: Path | None, figure: Path | None
 ) -> None:
     """Print a result, and write what was asked for beside its page."""
-    report = result.report
+    report, written = result.report, [f"Report: {result.page}"]
+    # Files come first: who reads a pipe may stop.
+    if model is not None:
+        write_text(model, report.main.model.to_json())
+        written.append(f"Model: {model}")
+    if save is not None and report.found is not None:
+        report.found.save(save)
+        written.append(f"Saved: {save}")
+    if figure is not None:
+        next(p for p in pictures(report) if p.name == "backbone").write(figure)
+        written.append(f"Figure: {figure}")
     say(f"{report.picked}\n")
     for decay, backbone in zip(report.decays, report.backbones, strict=True):
         say(f"{decay!r}\n{backbone!r}\n")
     say(f"{report.equation}\n")
     say(f"{aligned(report.table())}\n\n{report.errors()}\n{report.note()}")
-    say(f"Report: {result.page}")
-    if model is not None:
-        write_text(model, report.main.model.to_json())
-        say(f"Model: {model}")
-    if save is not None:
-        if report.found is None:
-            raise click.ClickException(report.trouble)
-        report.found.save(save)
-        say(f"Saved: {save}")
-    if figure is not None:
-        next(p for p in pictures(report) if p.name == "backbone").write(figure)
-        say(f"Figure: {figure}")
+    say("\n".join(written))
+    if save is not None and report.found is None:
+        raise click.ClickException(report.trouble)
 
 
 def _tell_all(

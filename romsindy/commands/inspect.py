@@ -46,10 +46,12 @@ def inspect(
     with bar(None, "inspecting") as progress:
         found = look(read(file, reading), progress=progress.set_postfix_str)
     command = command_line(file, reading)
-    if not alone:
-        click.echo(text_of(found, command))
-    if json_file is not None:
-        write_text(json_file, found.to_json())
+    # Files come first: who reads a pipe may stop.
     if report is not None:
         found.to_html(report, command, interactive=interactive)
+    if json_file is not None:
+        write_text(json_file, found.to_json())
+    if not alone:
+        click.echo(text_of(found, command))
+    if report is not None:
         click.echo(f"\nReport: {report}", err=alone)

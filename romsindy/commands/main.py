@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from romsindy import __version__
-from romsindy.text import as_options
+from romsindy.text import as_options, listed
 
 _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured free decays.",
@@ -37,15 +37,35 @@ def _refusals() -> Iterator[None]:
     """Turn refused input into one line and exit code 2; an internal error keeps its traceback."""
     try:
         yield
-    except click.exceptions.Exit:
+    except (click.exceptions.Exit, BrokenPipeError):  # nobody reads on: click ends quietly
         raise
     except click.UsageError as error:
         hint = f" (see '{error.ctx.command_path} --help')" if error.ctx else ""
-        raise _Refusal(_one_line(error.format_message()) + hint) from error
-    except (ValueError, OSError, RuntimeError) as error:
+        raise _Refusal(_one_line(_elsewhere(error) or error.format_message()) + hint) from error
+    except OSError as error:
+        what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        raise _Refusal(_one_line(what)) from error
+    except (ValueError, RuntimeError) as error:
         raise _Refusal(_one_line(str(error))) from error
     except KeyboardInterrupt:
         raise click.exceptions.Exit(INTERRUPTED) from None
+
+
+def _elsewhere(error: click.UsageError) -> str:
+    """Which commands have an option that this one has not: nearer than one of a like name."""
+    if not isinstance(error, click.NoSuchOption) or error.ctx is None:
+        return ""
+    have = [
+        f"romsindy {name}"
+        for name in _COMMANDS
+        if any(error.option_name in p.opts for p in _command(name).params)
+    ]
+    return f"{error.option_name} is no option here, but of {listed(have)}" if have else ""
+
+
+def _command(name: str) -> click.Command:
+    command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+    return command
 
 
 def _one_line(message: str) -> str:
@@ -61,8 +81,7 @@ class _Commands(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in _COMMANDS:
             return None
-        command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
-        return command
+        return _command(name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

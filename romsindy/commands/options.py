@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +43,7 @@ interactive_option = click.option(
     "--interactive",
     is_flag=True,
     callback=_needs_plotly,
-    help="Figures of pages zoom and show what is under the pointer (pip install"
-    ' "romsindy[interactive]").',
+    help="Figures of pages zoom and show what is under the pointer (pip install plotly).",
 )
 
 
@@ -62,11 +61,15 @@ def read(file: Path, reading: Mapping[str, Any]) -> Recording:
 
 
 def command_line(file: Path, reading: Mapping[str, Any]) -> str:
-    """The command that reads a file in this way, ready to be pasted."""
-    words = ["romsindy", "identify", str(file)]
-    columns = [("column", name) for name in reading["column"]]
-    for name, value in [*columns, *reading.items()]:
-        if value is not None and (name != "column" or isinstance(value, str)):
+    """The command that identifies a file read in this way, ready to be pasted.
+
+    Several columns are left out: which of them are used is what the steps that come next differ in.
+    """
+    words = ["romsindy", "identify", f"./{file}" if str(file).startswith("-") else str(file)]
+    columns = reading["column"]
+    alone = {"column": columns[0] if len(columns) == 1 else None}
+    for name, value in {**reading, **alone}.items():
+        if value is not None:
             words += [f"--{name}", f"{value:.12g}" if isinstance(value, float) else str(value)]
     return shlex.join(words)
 
@@ -74,11 +77,13 @@ def command_line(file: Path, reading: Mapping[str, Any]) -> str:
 class Output(click.Path):
     """A file to be written: a place where none can be is refused before the work.
 
-    ``-`` is the standard output where that is allowed.
+    ``-`` is the standard output where that is allowed; ``kinds`` are the endings that a name may
+    have, where not all may.
     """
 
-    def __init__(self, allow_dash: bool = False) -> None:
+    def __init__(self, allow_dash: bool = False, kinds: Sequence[str] = ()) -> None:
         super().__init__(path_type=Path, allow_dash=allow_dash)
+        self.kinds = kinds
 
     @classmethod
     def of(cls, name: str) -> Path:
@@ -89,6 +94,8 @@ class Output(click.Path):
         path = Path(value)
         if self.allow_dash and str(value) == "-":
             return path
+        if self.kinds and path.suffix.lower() not in self.kinds:
+            self.fail(f"{path}: its name must end in {' or '.join(self.kinds)}", param, ctx)
         folder = path.parent
         if not folder.is_dir():
             self.fail(f"{path}: there is no folder {folder}", param, ctx)
@@ -97,6 +104,20 @@ class Output(click.Path):
         if not os.access(path if path.exists() else folder, os.W_OK):
             self.fail(f"{path} cannot be written: choose another place", param, ctx)
         return path
+
+
+def text_of(path: Path) -> str:
+    """The text of a file.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text in UTF-8: name another file, or save it so") from error
 
 
 def write_text(path: Path, text: str) -> None:

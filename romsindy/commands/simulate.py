@@ -8,12 +8,13 @@ import click
 import numpy as np
 
 from romsindy.beam import Beam, Motion, SensorArray, StepTooLongError
+from romsindy.commands.options import Output
 
 _UNIT = "kg^0.5 m"
 
 
 @click.command()
-@click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("output", type=Output())
 @click.option("--duration", default=25.0, show_default=True, help="Time to follow, s.")
 @click.option("--step", default=1e-3, show_default=True, help="Sampling interval, s.")
 @click.option(
@@ -51,7 +52,9 @@ _UNIT = "kg^0.5 m"
     help="Position of a sensor, m (transverse and axial); may be repeated.",
 )
 @click.option("--snr", type=float, help="Noise on the sensors, signal-to-noise ratio in dB.")
-@click.option("--seed", default=0, show_default=True, help="Seed of the noise.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the noise."
+)
 @click.option("--full", is_flag=True, help="Also write all modes and the energy (npz only).")
 @click.option("--quiet", is_flag=True, help="No progress bar, no summary.")
 def simulate(
@@ -79,6 +82,10 @@ def simulate(
     """
     if output.suffix not in (".csv", ".npz"):
         raise click.BadParameter(f"{output}: name a .csv or an .npz file", param_hint="OUTPUT")
+    if snr is not None and not sensors:
+        raise click.UsageError("--snr is noise on sensors: place them with --sensor")
+    if full and output.suffix != ".npz":
+        raise click.UsageError(f"--full needs room for arrays: name an .npz file, not {output}")
     damping = {"alpha": 0.0, "eta": 0.0} if undamped else {"alpha": alpha, "eta": eta}
     beam = Beam.cantilever(**parameters, **damping)  # type: ignore[arg-type]
     array = beam.sensors(sensors) if sensors else None

@@ -31,7 +31,7 @@ _QUICK_SEEDS, _SEEDS = 10, 100
 @click.option(
     "--seeds", type=click.IntRange(2), help="Noisy experiments.  [default: 100, quick 10]"
 )
-@click.option("--seed", default=0, show_default=True, help="First seed.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="First seed.")
 @interactive_option
 @click.option("--jobs", type=int, help="Processes.  [default: all processors, quick: 1]")
 def study(

@@ -62,6 +62,8 @@ class Difference:
         tone, hum), over the largest amplitude, and what of it may be chance.
     parts : tuple of Difference
         Of the halves, quarters and eighths of a record that is long enough.
+    name : str
+        Of the record.
     """
 
     amplitude: tuple[float, float]
@@ -75,6 +77,7 @@ class Difference:
     beside: float = 0.0
     beside_std: float = 0.0
     parts: tuple[Difference, ...] = ()
+    name: str = ""
 
     @classmethod
     def of(cls, record: Record, simulated: Array) -> Difference:
@@ -109,6 +112,11 @@ class Difference:
                 f" {_LEAST} cycles of the same amplitude: release them alike, in the same unit"
             )
         return _of_parts(pair)
+
+    @property
+    def apart(self) -> bool:
+        """Whether the two share hardly any cycles of the same amplitude."""
+        return bool(np.isnan(self.frequency))
 
     def exceeds(self, tolerance: Tolerance) -> bool:
         """Whether it, or a part of it, is surely beyond a tolerance."""

@@ -15,6 +15,7 @@ from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
+HELD_OUT = "the held-out record"
 _EIGHTHS = 8
 
 
@@ -31,6 +32,15 @@ class Prediction:
     before: Array
     after: Array
     name: str = name_of(0)
+
+    @property
+    def title(self) -> str:
+        """Name of the record, or of its stretches that were held out."""
+        return self.name if self.record.part is None else f"{self.name}, held out"
+
+    def difference(self, simulated: Array) -> Difference:
+        """What a simulation differs by, (n,)."""
+        return replace(Difference.of(self.record, simulated), name=self.name)
 
     def error(self, simulated: Array) -> float:
         """Rms of the misfit over the noise; 1 is perfect."""
@@ -114,12 +124,12 @@ class Gap:
     @cached_property
     def differences_before(self) -> tuple[Difference, ...]:
         """Of the simulation as it was, one a record."""
-        return tuple(Difference.of(p.record, p.before) for p in self.predictions)
+        return tuple(p.difference(p.before) for p in self.predictions)
 
     @cached_property
     def differences_after(self) -> tuple[Difference, ...]:
         """With the effects added, one a record."""
-        return tuple(Difference.of(p.record, p.after) for p in self.predictions)
+        return tuple(p.difference(p.after) for p in self.predictions)
 
     def unchanged(self) -> Gap:
         """The same with nothing added."""
@@ -162,12 +172,14 @@ class Gap:
 
     def table(self) -> list[list[str]]:
         """Rows of text: what, before, after."""
-        rows = [["held out" if self.unseen else "fitted", "before", "after"]]
+        rows = [[f"on {self.where}" if self.unseen else "fitted", "before", "after"]]
         both = (self.differences_before, self.differences_after)
         for p, *differences in zip(self.predictions, *both, strict=True):
-            name = f"{p.name}: " if len(self.predictions) > 1 else ""
+            name = f"{p.title}: " if len(self.predictions) > 1 else ""
             errors = [f"{p.error(x):.3g}" for x in (p.before, p.after)]
             rows.append([f"{name}error over noise", *errors])
+            unit = p.record.decay.unit or "[q]"
+            rows.append([f"{name}amplitudes compared, {unit}", *map(_amplitudes, differences)])
             for kind, title in _ROWS.items():
                 rows.append([f"{name}{title}", *(_percent(d, kind) for d in differences)])
         return rows
@@ -180,6 +192,16 @@ _ROWS = {
 }
 
 
+def _amplitudes(difference: Difference) -> str:
+    if difference.apart:
+        return "hardly any in common"
+    low, high = difference.amplitude
+    return f"{low:.2g} to {high:.2g}"
+
+
 def _percent(difference: Difference, kind: str) -> str:
+    if difference.apart and kind != "signal":
+        return "-"
     value, error = (100 * getattr(difference, k) for k in (kind, f"{kind}_std"))
-    return f"{value:.3g} +- {error:.1g}"
+    what = " (all that differs)" if difference.apart else ""
+    return f"{value:.3g} +- {error:.1g}{what}"

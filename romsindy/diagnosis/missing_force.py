@@ -98,8 +98,7 @@ def record_errors(
     names = [p.name if p.record.part is None else f"{p.name}, fitted" for p in predictions]
     if gap.unseen:
         predictions += gap.predictions
-        unseen = [(p.name, p.record.part is None) for p in gap.predictions]
-        names += [name if whole else f"{name}, held out" for name, whole in unseen]
+        names += [p.title for p in gap.predictions]
     before = np.array([p.error(p.before) for p in predictions])
     after = np.array([p.error(p.after) for p in predictions])
     return names, before, after

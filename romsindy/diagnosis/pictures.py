@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap, Prediction
 from romsindy.diagnosis.missing_force import MissingForce, errors_per_cycle, record_errors
 from romsindy.diagnosis.words import percent
@@ -36,7 +37,7 @@ def pictures(
 
 
 def _in_time(p: Prediction, gap: Gap) -> Picture:
-    worst = f"; drawn is {p.name}, the worst afterwards" if len(gap.predictions) > 1 else ""
+    worst = f"; drawn is {p.title}, the worst afterwards" if len(gap.predictions) > 1 else ""
     caption = (
         f"On {gap.where} the error is {gap.before:.3g} times the noise before,"
         f" {gap.after:.3g} times after{worst}."
@@ -50,14 +51,20 @@ def _by_amplitude(p: Prediction, gap: Gap) -> Picture:
     signals = {"measured": p.record.signal, "before": p.before, "after": p.after}
     read = {name: p.backbone(signal) for name, signal in signals.items()}
     backbones = {name: backbone for name, backbone in read.items() if backbone is not None}
-    before, after = (d[gap.worst] for d in (gap.differences_before, gap.differences_after))
-    caption = (
-        f"At equal amplitude, in {p.name}, the frequency is off by {percent(before.frequency)}"
-        f" before, {percent(after.frequency)} after; the damping ratio by"
-        f" {percent(before.damping)} and {percent(after.damping)} of itself."
-    )
+    differences = {"before": gap.differences_before, "after": gap.differences_after}
+    off = "; ".join(f"{when}, {_off(d[gap.worst])}" for when, d in differences.items())
+    caption = f"At equal amplitude, in {p.title}: {off}."
     draw = partial(show.draw_backbones, backbones, *_reading(p.record))
     return Picture("amplitude", "By amplitude", caption, draw)
+
+
+def _off(found: Difference) -> str:
+    if found.apart:
+        return "hardly any cycles have an amplitude in common"
+    return (
+        f"the frequency is off by {percent(found.frequency)}, the damping ratio by"
+        f" {percent(found.damping)} of itself"
+    )
 
 
 def _reading(record: Record) -> tuple[str, str]:

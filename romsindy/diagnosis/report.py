@@ -265,7 +265,7 @@ class DiagnosisReport:
         path : str or Path
         interactive : bool
             Whether figures zoom and show what is under the pointer; needs plotly:
-            ``pip install "romsindy[interactive]"``.
+            ``pip install plotly``.
         """
         from romsindy.show.page import write_page  # draws: only where a page is asked for
 
@@ -285,20 +285,22 @@ class DiagnosisReport:
         """What the page shows beside the pictures."""
         parts = self.added
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
-        outside = ", ".join(e.label for e in self.effects if e.name not in terms)
+        outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
         note = "Not a term of the equation of motion, so not in it: "
         rows = self.table()
+        explained = self.verdict in ("named", "ambiguous")
+        found = "Explanations that the data allow" if explained else "What comes nearest"
         return {
             "title": "What the simulation lacks",
             "verdict": self.verdict,
             "sentence": self.sentence,
-            "equation_title": "The simulation with it added",
+            "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
             "formula": self.model.latex_terms(),
             "equation": str(self.model),
             "equation_note": f"{note}{outside}." if outside else "",
             "tables": [
                 TextTable("The gap, before and after", self.gap.table()),
-                *([TextTable("Explanations that the data allow", rows)] if rows[1:] else []),
+                *([TextTable(found, rows)] if rows[1:] else []),
             ],
             "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
         }

@@ -44,8 +44,8 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
         range(len(differences)), key=lambda i: differences[i].largest(tolerance).excess(tolerance)
     )
     worst = differences[which].worst(tolerance)
-    over = _over(worst, unit) + (f" in record {which + 1}" if len(differences) > 1 else "")
-    if np.isnan(worst.frequency):
+    over = _over(worst, unit) + (f" in {differences[which].name}" if len(differences) > 1 else "")
+    if worst.apart:
         if differences[which].exceeds(tolerance):
             return (
                 f"They differ by {percent(worst.signal)} of the amplitude {over}, and share hardly"
@@ -55,6 +55,7 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
     sure = [k for k in KINDS if worst.excess_of(k, tolerance) > SURE]
     known = _known(tolerance, sure or KINDS)
     if sure:
+        over += ", where they differ most" if worst is not differences[which] else ""
         return f"They differ: {_sizes(worst, sure)} {over} ({known})."
     worst = differences[which]  # all of it: chance is smaller there than in a part
     errors = {k: abs(getattr(worst, k)) + getattr(worst, f"{k}_std") for k in KINDS}

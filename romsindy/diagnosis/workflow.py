@@ -10,7 +10,7 @@ import numpy as np
 from romsindy.diagnosis.checks import check_request, checked_records
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.gap import Gap, name_of
+from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
 from romsindy.diagnosis.held_out import parted
 from romsindy.diagnosis.judged import Judges
 from romsindy.diagnosis.prediction import follow, motions_of, predict
@@ -41,7 +41,7 @@ def diagnose_model(
     check_request(model, measured, held_out, free, tolerances)
     everything = [*measured, *([] if held_out is None else [held_out])]
     records = sharing_drift(checked_records(model, everything, options.floor))
-    tests = {} if held_out is None else {"held out": records.pop()}
+    tests = {} if held_out is None else {HELD_OUT: records.pop()}
     all_scales = scales(records)
     model = _smooth_model(model, all_scales)
     judged = {name_of(i): record for i, record in enumerate(records)} | tests

@@ -1,4 +1,4 @@
-"""The page of effects, from the effects themselves: ``python -m romsindy.effects.table``."""
+"""The catalogue of effects, from themselves: ``python -m romsindy.effects.table``."""
 
 from __future__ import annotations
 
@@ -13,19 +13,6 @@ from romsindy.effects.memory import MemoryEffect
 from romsindy.typing import Array
 
 _HEAD = ("what is missing", "family", "class")
-_PAGE = """# Effects
-
-What a diagnosis looks for, written by `python -m romsindy.effects.table` from the effects
-themselves. An effect adds its strength times a formula to the left side of the equation of motion,
-or to what the sensor shows.
-
-The picture of an effect is its *fingerprint*: what it does to frequency and damping ratio against
-amplitude. It is computed from the force, averaged over the cycles of harmonic motions
-(`romsindy.effects.fingerprint`), with a positive strength and the shape that a diagnosis tries
-first. Both panels have one scale, on which the largest change is 1. An effect has no picture where
-it is no force, knows the time, or changes neither to first order, as an even force does.
-
-"""
 _FAMILIES = ("damping", "stiffness", "inertia", "time", "outside", "measurement")
 _FLAT = 0.02  # of the largest change: what is seen as none
 # Values that stand in the text of a law for the names of fields, to be put back.
@@ -42,7 +29,7 @@ def page(catalogue: Iterable[Effect] = (*CATALOGUE, *BEAM_CATALOGUE)) -> str:
     kinds = kinds_of(catalogue)
     head, *body = rows(kinds)
     lines = [head, ("---",) * len(head), *body]
-    text = _PAGE + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     for family in _FAMILIES:
         text += f"\n## {family.capitalize()}\n"
         text += "".join(_section(e, kinds) for e in kinds if e.family == family)

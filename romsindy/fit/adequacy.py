@@ -95,7 +95,7 @@ class Adequacy:
         if self.explained:
             return (
                 f"The model explains the data to their noise, up to the largest amplitude of"
-                f" {self.limit:.3g} {self.unit or '[q]'} ({size}; p = {self.p_value:.2g})."
+                f" {self.limit:.3g} {self.unit or '[q]'} ({size}; {self._chance()})."
             )
         where = (
             f"up to an amplitude of {self.limit:.3g} {self.unit or '[q]'} it does"
@@ -104,8 +104,20 @@ class Adequacy:
         )
         return (
             f"The model does not explain the data to their noise: {where} ({size};"
-            f" {self._loudest()}; p = {self.p_value:.1g})."
+            f" {self._loudest()}; {self._chance()})."
         )
+
+    def _chance(self) -> str:
+        """The p-value in words that agree with the verdict."""
+        p = f"p = {self.p_value:.2g}"
+        if self.p_value >= self.false_alarm:
+            return f"at the harmonics it may be noise, {p}"
+        more = f"at the harmonics it is more than noise, {p}"
+        if self.structured:
+            return more
+        share = f"within {100 * (STRUCTURE - 1):.0f} % of the power of the noise"
+        small = "below the floor" if self.below_floor else share
+        return f"{more}, but too little to matter: {small}"
 
     def _loudest(self) -> str:
         if not self.structured:

@@ -53,7 +53,7 @@ class Inspection(Findings):
             A command line that identifies the record, for the steps that come next.
         interactive : bool
             Whether figures zoom and show what is under the pointer; needs plotly:
-            ``pip install "romsindy[interactive]"``.
+            ``pip install plotly``.
         """
         from romsindy.inspection.page import write
 

@@ -28,6 +28,7 @@ from romsindy.orbits.families import (
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import floquet_multipliers
 from romsindy.physics.model import ReducedModel
+from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
 
 METHODS = ("conservative", "phase resonance")
@@ -119,6 +120,24 @@ class ForcedResponse(PeriodicOrbits):
     multipliers: NDArray[np.complex128]
     stable: NDArray[np.bool_]
     bifurcations: tuple[Bifurcation, ...]
+
+    def __str__(self) -> str:
+        """Points that matter, in the order of the branch, and where it is unstable."""
+        unit = self.unit or "[q]"
+        points = [("start", 0), ("largest", int(np.argmax(self.amplitude)))]
+        points += [(b.kind, b.index) for b in self.bifurcations] + [("end", len(self) - 1)]
+        hz = self.frequency / (2 * np.pi)
+        rows = [["point", "frequency [Hz]", f"amplitude [{unit}]"]]
+        for name, i in sorted(points, key=lambda point: point[1]):
+            rows.append([name, f"{hz[i]:.5g}", f"{self.amplitude[i]:.4g}"])
+        title = (
+            f"Response to a force of {self.force:g} {unit}/s^2 per unit mass, {len(self)} orbits"
+        )
+        note = "Stable everywhere."
+        if not np.all(self.stable):
+            low, high = np.min(hz[~self.stable]), np.max(hz[~self.stable])
+            note = f"Unstable orbits from {low:.5g} to {high:.5g} Hz: a test jumps across them."
+        return as_text(TextTable(title, rows, note))
 
 
 def backbone_curve(

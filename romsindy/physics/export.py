@@ -152,7 +152,7 @@ def _sympy() -> Any:
         return import_module("sympy")
     except ImportError:
         raise ValueError(
-            'to export a model needs sympy, which is not installed: pip install "romsindy[export]"'
+            "to export a model needs sympy, which is not installed: python -m pip install sympy"
         ) from None
 
 

@@ -59,7 +59,12 @@ class ReducedModel:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(self.terms))
-        object.__setattr__(self, "values", tuple(float(v) for v in self.values))
+        try:
+            values = tuple(float(v) for v in self.values)
+        except ValueError:
+            given = dict(zip((t.key for t in self.terms), self.values, strict=False))
+            raise ValueError(f"coefficients must be numbers, got {given}") from None
+        object.__setattr__(self, "values", values)
         if len(self.terms) != len(self.values):
             raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
         if len({t.key for t in self.terms}) != len(self.terms):
@@ -516,7 +521,7 @@ class ReducedModel:
     def to_sympy(self) -> Any:
         """q_ddot as a sympy expression of the real symbols q and q_dot.
 
-        Needs sympy: ``pip install "romsindy[export]"``.
+        Needs sympy: ``pip install sympy``.
 
         Returns
         -------

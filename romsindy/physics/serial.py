@@ -104,6 +104,8 @@ def term_of(content: Mapping[str, Any]) -> Term:
         return kind(**values)
     except TypeError as error:
         names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
+        if {*values} == {*names}:
+            raise ValueError(f"a {content['type']} cannot have {values}: give numbers") from error
         raise ValueError(
             f"a {content['type']} has the fields {names}, not {list(values)}"
         ) from error

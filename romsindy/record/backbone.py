@@ -22,6 +22,9 @@ _TIME_DEGREE, _SIZE_DEGREE = 4, 2
 _MOST_ALIKE = 0.8
 # A part of the largest amplitude that stands for none at all.
 _NO_PEAK = 1e-12
+# Squared amplitudes must differ by this part of the least: further than a hundred times what they
+# span, nothing but noise is extrapolated.
+_LEVER = 0.01
 # A cycle whose own frequency has a larger relative standard error judges no model.
 CERTAIN = 0.01
 
@@ -73,13 +76,16 @@ class Backbone:
         """Angular frequency at vanishing amplitude, rad/s.
 
         Intercept of frequency^2 against amplitude^2 over the quietest third of the cycles (four at
-        least), weighted by their standard errors.
+        least), weighted by their standard errors; the mean where their amplitudes hardly differ.
         """
         quiet = np.argsort(self.amplitude)[: max(len(self) // 3, min(4, len(self)))]
         squared = self.frequency[quiet] ** 2
         std = 2 * self.frequency[quiet] * self.frequency_std[quiet]
         std = np.maximum(std, 1e-6 * squared)  # clean records have no scatter to weigh by
-        line = np.polynomial.Polynomial.fit(self.amplitude[quiet] ** 2, squared, 1, w=1 / std)
+        sizes = self.amplitude[quiet] ** 2
+        if np.ptp(sizes) < _LEVER * sizes.min():
+            return float(np.sqrt(np.average(squared, weights=1 / std**2)))
+        line = np.polynomial.Polynomial.fit(sizes, squared, 1, w=1 / std)
         return float(np.sqrt(line(0.0)))
 
     def __repr__(self) -> str:

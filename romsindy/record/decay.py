@@ -317,7 +317,10 @@ def checked_time(t: ArrayLike) -> Array:
     """
     t = _as_floats("t", t)
     if t.ndim != 1 or len(t) < 8:
-        raise ValueError(f"t must be one-dimensional with at least 8 samples, got shape {t.shape}")
+        raise ValueError(
+            f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
+            " the record"
+        )
     _refuse_nan("t", t)
     steps = np.diff(t)
     bad = np.flatnonzero(steps <= 0)
@@ -333,7 +336,8 @@ def checked_time(t: ArrayLike) -> Array:
         i = int(np.argmax(steps))
         raise ValueError(
             f"t has a gap of {steps[i]:.6g} s after {t[i]:.9g} s (usual step {usual:.6g} s): split"
-            " the record there and pass the pieces as a list, or interpolate"
+            " the record there and pass the pieces as a list, keep one with start= or end=, or"
+            " interpolate"
         )
     return t
 

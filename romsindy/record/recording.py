@@ -70,7 +70,10 @@ class Recording:
         t, x = np.asarray(self.t, float), np.asarray(self.x, float)
         x = x[:, None] if x.ndim == 1 else x
         if t.ndim != 1 or len(t) < 8:
-            raise ValueError(f"t must be one-dimensional with at least 8 samples, got {t.shape}")
+            raise ValueError(
+                f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more"
+                " of the record"
+            )
         if x.ndim != 2 or len(x) != len(t) or x.shape[1] == 0:
             raise ValueError(f"x must have shape ({len(t)},) or ({len(t)}, m), got {x.shape}")
         if self.quantity not in QUANTITIES:

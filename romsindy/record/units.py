@@ -83,6 +83,8 @@ def parse_unit(text: str) -> Unit:
     if unit not in UNITS:
         lengths = ", ".join([*_LENGTHS, *_ANGLES, "kg^0.5 m"])
         raise ValueError(
-            f"unit {text!r} is not known: use {lengths}, each alone, with /s or /s^2, or g"
+            f"unit {text!r} is not known: use {lengths}, each alone, with /s or /s^2, or g; of"
+            " anything else, such as V, multiply the samples by what one of it stands for, or leave"
+            " out unit= to keep the numbers as they are"
         )
     return UNITS[unit]

@@ -317,7 +317,7 @@ def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows
         if term.key == "omega^2" and (share < 1 / _ABSURD or share > _ABSURD):
             raise ValueError(
                 f"fixed['omega^2'] = {value:.6g} 1/s^2 contradicts the data, which oscillate near"
-                f" omega^2 = {value / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
+                f" omega^2 = {abs(value) / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
                 " and t must be in s (a factor of 1e6 means milliseconds)"
             )
         if share > _ABSURD:

@@ -169,7 +169,8 @@ def plot_spectrum(
                 va="bottom",
                 color=tone.color,
             )
-    ax.set_yscale("log")
+    if any(np.any(np.asarray(line.get_ydata()) > 0) for line in ax.lines):
+        ax.set_yscale("log")
     _frequencies(ax, "x", low, high)
     ax.set(ylabel=f"amplitude ({recording.signal_unit})")
     return ax

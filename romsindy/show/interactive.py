@@ -53,8 +53,7 @@ def check_plotly() -> None:
         import_module("plotly")
     except ImportError:
         raise ValueError(
-            "interactive figures need plotly, which is not installed:"
-            ' pip install "romsindy[interactive]"'
+            "interactive figures need plotly, which is not installed: python -m pip install plotly"
         ) from None
 
 

@@ -42,6 +42,8 @@ def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:
     """
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no TOML: it is no text in UTF-8") from error
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path} is no TOML: {error}") from error
     try:

@@ -75,7 +75,8 @@ def diagnose_beam(
         checked_readings(d, i, sensors, beam.length)
         for i, d in enumerate([*everything, *references])
     ]
-    seen = InstrumentedBeam(coarse(beam), sensors)
+    small = coarse(beam) if release is None else beam  # its load is one of these nodes
+    seen = InstrumentedBeam(small, small.sensors(sensors.sensors))
     off = near.get("sensor_positions")
     seen, own, faults, raw = _with_right_sensors(seen, everything, len(measured), off)
     known, raw = raw[len(raw) - len(references) :], raw[: len(raw) - len(references)]

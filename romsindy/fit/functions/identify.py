@@ -40,6 +40,7 @@ _FORCES = ("coulomb", "quadratic")
 # Fewer functions save at most about so much in the logarithm of the evidence.
 _HOPELESS = 100.0
 _EXACT = 1e-8  # error of what is known, in values of order one
+_LARGEST = 1e15  # amplitude, or its inverse, of which all powers of the series are numbers
 _SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
 
 
@@ -79,6 +80,12 @@ def identify(
         raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")
     several = several_decays(decays)
     records = prepared(several, several[0].unit)
+    reach = max(r.amplitude for r in records)
+    if not 1 / _LARGEST < reach < _LARGEST:
+        raise ValueError(
+            f"the decay reaches {reach:.3g} {several[0].unit or '[q]'}, of which no power can be"
+            " computed: say what the samples are in with unit=, or scale them"
+        )
     say = progress or (lambda line: None)
     series = Series.linear(_scales(records), RICHEST)
     known = _known(series, fixed or {})

@@ -197,11 +197,12 @@ def checked_times(t: Array) -> None:
 def measured(signals: Sequence[Column], quantity: Quantity | None) -> list[Column]:
     """Columns that measure one quantity in one unit: the one that most of them do.
 
-    A column that never falls, as a counter or a dead channel, or in a unit of something else than
-    motion comes last.
+    A column without a number, one that never falls, as a counter or a dead channel, or one in a
+    unit of something else than motion comes last.
     """
     left = list(signals)
     for fits in (
+        lambda c: np.any(np.isfinite(c.values)),
         lambda c: c.is_motion,
         lambda c: np.any(c.values[1:] < c.values[:-1]),
         lambda c: quantity is None or c.quantity == quantity,

@@ -164,7 +164,7 @@ def refused(path: Path, kind: str) -> Iterator[None]:
 
 
 def library(module: str, path: Path) -> Any:
-    """A library of the extra ``romsindy[formats]``.
+    """A library of the extra ``formats``.
 
     Raises
     ------
@@ -175,6 +175,6 @@ def library(module: str, path: Path) -> Any:
         return import_module(module)
     except ImportError:
         raise ValueError(
-            f"{path}: to read it needs {module}, which is not installed:"
-            ' pip install "romsindy[formats]"'
+            f"{path}: to read it needs {module}, which is not installed: python -m pip install"
+            f" {module}"
         ) from None

@@ -39,8 +39,8 @@ def load_recording(
     """Read what sensors gave from a file of any common kind, converted to SI units.
 
     Text (CSV in any dress), NPY, NPZ, MATLAB, HDF5, WAV, universal files (UFF 55 and 58), TDMS,
-    LVM, XLSX; some need ``pip install "romsindy[formats]"``. Or SEP005 dictionaries that another
-    package has read.
+    LVM, XLSX; some need ``pip install h5py pyuff nptdms openpyxl``. Or SEP005 dictionaries that
+    another package has read.
 
     Parameters
     ----------
@@ -200,6 +200,9 @@ def _recording(
     for k, (c, (_, factor)) in enumerate(zip(columns, units, strict=True)):
         np.multiply(c.values, factor, out=x[:, k])
     x[~np.isfinite(x)] = np.nan
+    dead = [name for name, values in zip(names, x.T, strict=True) if np.all(np.isnan(values))]
+    if dead:
+        raise ValueError(f"columns {dead} hold no number: choose another one with column=")
     basis = _basis(columns[0], unit, quantity)
     base = units[0][0]
     return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)

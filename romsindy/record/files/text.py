@@ -103,7 +103,10 @@ def parse(source: Path, stream: TextIO) -> Table:
     head = _head(source, stream)
     layouts = [found for dialect in _DIALECTS if (found := _layout(head, *dialect))]
     if not layouts:
-        raise ValueError(f"{source}: no line starts with a number")
+        raise ValueError(
+            f"{source}: no line starts with a number: a table is needed, with the time and what was"
+            " measured in every line"
+        )
     most = max(layout.rows for layout in layouts)
     layouts = [layout for layout in layouts if layout.rows == most]
     # A single cell may be two numbers that another separator would part.
@@ -141,7 +144,7 @@ def _head(source: Path, stream: TextIO) -> list[str]:
     head: list[str] = []
     while len(head) < _HEAD and (line := stream.readline(_LONGEST)):
         if len(line) == _LONGEST or "\0" in line:
-            raise ValueError(f"{source}: the content is no table of text")
+            raise ValueError(f"{source}: the content is no table of text: export it as CSV")
         head.append(line)
     if not any(map(_is_content, head)):
         raise ValueError(f"{source}: the file has no lines of data")
