@@ -101,6 +101,13 @@ def test_names_of_functions_are_checked(name):
             write(name)
 
 
+@pytest.mark.parametrize("name", ["for", "end", "double", "q_dot"])
+def test_functions_are_not_named_as_words_of_their_language(name):
+    for write in (EXAMPLE_MODEL.to_c, EXAMPLE_MODEL.to_matlab):
+        with pytest.raises(ValueError, match=f"name='{name}' is a word of C or MATLAB"):
+            write(name)
+
+
 @dataclass(frozen=True)
 class Stepping(ForceLaw):
     """Laws that sympy cannot follow."""

@@ -30,6 +30,7 @@ from romsindy.fit.verdict import (
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.smoothing import HarmonicSpline, swing
+from romsindy.record.units import UNITS
 from romsindy.typing import Array
 
 # What a model is unsure of, where nothing else is said.
@@ -104,9 +105,13 @@ def check_request(
     everything = [*measured, *([held_out] if held_out is not None else [])]
     for i, decay in enumerate(everything):
         if decay.unit is not None and model.unit is not None and decay.unit != model.unit:
+            known = UNITS.get(model.unit)
+            remedy = f"load the decay with unit={model.unit!r}, or give"
+            if known is None or known.base == decay.unit:  # records are in SI once they are read
+                remedy = "give"
             raise ValueError(
-                f"decay {i} is in {decay.unit}, the model in {model.unit}: load the decay with"
-                f" unit={model.unit!r}, or convert the model"
+                f"decay {i} is in {decay.unit}, the model in {model.unit}: {remedy} the model's"
+                f" coefficients for q in {decay.unit}"
             )
         if any(decay.same_record(other) for other in everything[:i]):
             raise ValueError(

@@ -20,6 +20,11 @@ from romsindy.physics.term import Term
 
 Pairs = Sequence[tuple[Term, float]]
 _WIDTH = 84
+# Of MATLAB, beside those of C that sympy knows; and what the functions define or call.
+_WORDS = {
+    *("catch", "classdef", "elseif", "end", "function", "global", "otherwise", "parfor"),
+    *("persistent", "spmd", "try", "main", "t", "y", "dy", "q", "q_dot", "inertia", "force"),
+}
 _JUMP = (
     "Dry friction jumps where q_dot changes its sign, and solvers take small steps there;"
     " romsindy's model.regularised(velocity_scale) has no jump."
@@ -136,6 +141,8 @@ def _split(line: str) -> list[str]:
 
 
 def _named(name: str) -> str:
+    if name in {*import_module("sympy.printing.c").reserved_words, *_WORDS}:
+        raise ValueError(f"name={name!r} is a word of C or MATLAB: take another, such as 'rhs'")
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise ValueError(
             f"name={name!r} names no function: begin with a letter, and go on with letters, digits"
