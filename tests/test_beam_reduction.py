@@ -70,6 +70,12 @@ def test_default_system_near_its_taylor_series():
     assert_allclose(model["Upsilon_3"], 229.7, rtol=1e-3)
 
 
+def test_static_curve_begins_with_the_linear_frequency():
+    """The default beam's first mode has 1482.2 1/s^2, whatever the curve does at the edge."""
+    curve = Beam.cantilever(elements=40).static_curve(mode=1, amplitude=0.024)
+    assert curve.omega2 == pytest.approx(1482.2, rel=2e-4)
+
+
 def test_default_system_fitted_over_its_release():
     """Order 5 depends on the range and the spacing of the fit: a few per cent."""
     model = Beam.cantilever(elements=30).reduce(order=5, amplitude=0.024).coefficients
