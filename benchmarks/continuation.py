@@ -272,7 +272,7 @@ def _print(title: str, rows: dict[str, Row | None]) -> None:
 
 
 def main() -> None:
-    print("frequency: largest relative error of any point, asked for: 1e-9, and 200 points/s")
+    print("frequency: largest relative error of any point, asked for: 1e-9, and 1000 points/s")
     print("force left: largest force that the harmonics leave in the equation, relative")
     peers = {f"AUTO-07p, {n} intervals": auto_07p(n) for n in (20, 50)}
     _print("Duffing", duffing() | peers | {"PyCont-Lite": pycont_lite()})

@@ -168,11 +168,11 @@ def draw(runs: list[Run], truth: float, duration: float, path: Path) -> None:
     ax = figure.subplots()
     by_line = itertools.groupby(runs, key=lambda run: (run.what.split(",")[0], run.elements))
     for (name, elements), group in by_line:
-        points = [(r.seconds / duration, abs(r.omega / truth - 1)) for r in group]
+        points = sorted((r.seconds / duration, abs(r.omega / truth - 1)) for r in group)
         style = {"own": "C0o", "Exudyn": "C1s"}[name] + ("-" if elements < 100 else "--")
         ax.loglog(*zip(*points, strict=True), style, label=f"{name}, {elements} elements")
     ax.set(xlabel="s per simulated s", ylabel="error of the frequency, relative")
-    ax.legend()
+    figure.legend(loc="outside upper center", ncols=2)
     figure.savefig(path)
 
 

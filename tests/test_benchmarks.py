@@ -332,3 +332,19 @@ def test_small_rows(benchmark, row, tmp_path):
     result = benchmark.ROWS[row].one(seed, tmp_path)
     assert "error" not in result and not result["wrong"]
     assert result["sentence"] and result["seconds"] > 0
+
+
+@benchmark_of("work_precision")
+def test_work_is_compared_at_equal_precision(benchmark, tmp_path):
+    """An own run, and the fastest of those whose error is no larger than another's."""
+    coarse, fine = (benchmark.own(4, step, 1e-2, 1.0) for step in (4e-3, 2e-3))
+    # Four elements of three nodes: their error of the shape is the same, that of the steps 1e-5.
+    assert coarse.omega == pytest.approx(fine.omega, rel=1e-4)
+    run = benchmark.Run
+    good, better, slow = (run("own", 4, s, w) for s, w in ((1.0, 1.01), (2.0, 1.001), (3.0, 1.0)))
+    fastest = benchmark.fastest_as_good
+    assert fastest(run("Exudyn", 4, 9.0, 0.98), [slow, better, good], 1.0) is good
+    assert fastest(run("Exudyn", 4, 9.0, 0.995), [slow, better, good], 1.0) is better
+    assert fastest(run("Exudyn", 4, 9.0, 1.0 - 1e-9), [better, good], 1.0) is None
+    benchmark.draw([good, better, slow], 1.0 + 1e-6, 1.0, tmp_path / "work.png")
+    assert (tmp_path / "work.png").stat().st_size > 1000
