@@ -83,9 +83,11 @@ class Hypothesis:
         """Score at the form error that it needs itself: what repeats has the power of that."""
         if self.weighed is None:
             return np.inf
-        excess = self.weighed.excess(self.needs)
-        explained = self.weighed.n_functions * (excess - 1 - float(np.log(excess)))
-        return self.at(FormError(self.needs.jump)).score - explained
+        plain, n = self.at(FormError(self.needs.jump)), self.weighed.n_functions
+        # The other samples hold noise: what repeats cannot have more than the rest of the misfit.
+        most = max((plain.misfit - (self.n_samples - n)) / n, 1.0)
+        excess = min(self.weighed.excess(self.needs), most)
+        return plain.score - n * (excess - 1 - float(np.log(excess)))
 
     @property
     def price(self) -> float:
