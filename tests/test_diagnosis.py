@@ -615,7 +615,7 @@ def test_what_a_model_has_already_may_be_too_much(key, effect, law, truth):
     result = diagnose(model, record)
     assert (result.verdict, result.best.names) == ("named", (effect,))
     (found,) = result.effects
-    assert found.variant == key
+    assert (found.variant, found.family) == (key, "damping")
     # Friction that turns round smoothly is less than it says in the smallest swings.
     error = max(3 * found.standard_errors["strength"], 0.05 * truth)
     assert found.values["strength"] == pytest.approx(-truth / 2, abs=error)
@@ -630,3 +630,17 @@ def test_simulation_with_friction_is_reduced_with_it():
     test = decay(0.9, force, seed=1)
     given = {"tolerances": known.tolerances, "floor": known.floor, "reference": known.reference}
     assert diagnose(known.model, test, **given).verdict == "none"
+
+
+@pytest.mark.parametrize(
+    ("unit", "remedy"),
+    [
+        ("mm", r"the model in mm: give the model's coefficients for q in m$"),  # records are in SI
+        ("rad", r"the model in rad: load the decay with unit='rad', or give the model's coeff"),
+    ],
+)
+def test_remedy_for_a_unit_works(unit, remedy):
+    model = rs.ReducedModel(MODEL.terms, MODEL.values, unit)
+    record = decay(1.0)
+    with pytest.raises(ValueError, match=f"decay 0 is in m, {remedy}"):
+        diagnose(model, rs.Decay(record.t, record.q, unit="m"))

@@ -23,9 +23,13 @@ class Coefficient(TermEffect):
     of: Term
     called: str = "coefficient"
 
-    family = "stiffness"
     label = "another coefficient than assumed"
     name = property(lambda self: self.called)
+
+    @property
+    def family(self) -> str:  # type: ignore[override]
+        """That of the law."""
+        return next((f for f in ("damping", "inertia") if self.of.has(f)), "stiffness")
 
     @property
     def variant(self) -> str:
