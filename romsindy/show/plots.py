@@ -147,6 +147,7 @@ def plot_damping(
         if band:
             ax.fill_between(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
         ax.plot(amplitudes, middle, **style)
+    ax.locator_params(axis="x", nbins=6)  # amplitudes such as 0.0025 are wide
     ratios = np.concatenate([b.damping_ratio for b in backbones])
     spread = np.quantile(ratios, [0.05, 0.95]) * 100
     ax.set_ylim(min(0, spread[0]), 1.5 * spread[1])
