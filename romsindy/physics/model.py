@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,8 +16,8 @@ from scipy.optimize import elementwise
 
 from romsindy.physics import export
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
-from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
 from romsindy.physics.term import Term
+from romsindy.physics.term_sum import TermSum, signed_text
 from romsindy.physics.validation import require_finite
 from romsindy.record.decay import Decay, checked_time
 from romsindy.typing import Array
@@ -38,7 +38,7 @@ class SingularInertiaError(ValueError):
 
 
 @dataclass(frozen=True)
-class ReducedModel:
+class ReducedModel(TermSum):
     """Equation M(q) q_ddot + N(q) q_dot^2 + K(q) + D(q, q_dot) = 0 with known coefficients.
 
     Parameters
@@ -50,66 +50,19 @@ class ReducedModel:
         Unit of q, such as "m"; None where it is not known.
     amplitude_range : (float, float), optional
         Least and largest amplitude of the data behind the model, in the unit of q.
+
+    Examples
+    --------
+    >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0}, unit="m")
+    >>> print(model)
+    q_ddot + 36 q + 9 q^3 = 0    (q in m, t in s)
+      omega^2                36  1/s^2           omega = 6 rad/s, 0.95493 Hz
+      gamma_3                 9  1/(m^2 s^2)
     """
-
-    terms: tuple[Term, ...]
-    values: tuple[float, ...]
-    unit: str | None = None
-    amplitude_range: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "terms", tuple(self.terms))
-        try:
-            values = tuple(float(v) for v in self.values)
-        except ValueError:
-            given = dict(zip((t.key for t in self.terms), self.values, strict=False))
-            raise ValueError(f"coefficients must be numbers, got {given}") from None
-        object.__setattr__(self, "values", values)
-        if len(self.terms) != len(self.values):
-            raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
-        if len({t.key for t in self.terms}) != len(self.terms):
-            raise ValueError(f"terms appear twice: {[t.key for t in self.terms]}")
-        bad = {term.key: value for term, value in self._pairs if not np.isfinite(value)}
-        if bad:
-            raise ValueError(f"coefficients must be finite, got {bad}")
 
     @cached_property
     def _cache(self) -> dict[str, tuple[Array, list[tuple[float, Callable]]]]:
         return {}
-
-    @classmethod
-    def from_coefficients(
-        cls,
-        coefficients: Mapping[str, float],
-        unit: str | None = None,
-        amplitude_range: tuple[float, float] | None = None,
-    ) -> ReducedModel:
-        """Build a model from named coefficients.
-
-        Raises
-        ------
-        ValueError
-            If a name is not known (see `romsindy.physics.serial.term_from_key`).
-
-        Examples
-        --------
-        >>> model = ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 9.0}, unit="m")
-        >>> print(model)
-        q_ddot + 36 q + 9 q^3 = 0    (q in m, t in s)
-          omega^2                36  1/s^2           omega = 6 rad/s, 0.95493 Hz
-          gamma_3                 9  1/(m^2 s^2)
-        """
-        terms = tuple(term_from_key(key) for key in coefficients)
-        return cls(terms, tuple(coefficients.values()), unit, amplitude_range)
-
-    @property
-    def coefficients(self) -> dict[str, float]:
-        """Coefficients by name: "omega^2", "gamma_3", "Upsilon_3", "c_linear", ..."""
-        return {term.key: value for term, value in self._pairs}
-
-    @property
-    def _pairs(self) -> list[tuple[Term, float]]:
-        return list(zip(self.terms, self.values, strict=True))
 
     # -- the four functions of the equation ---------------------------------------------------
 
@@ -151,16 +104,6 @@ class ReducedModel:
             by_q += c * term.damping_dq(q, q_dot)
             by_q_dot += c * term.damping_dq_dot(q, q_dot)
         return residual, by_q, by_q_dot, inertia
-
-    def undamped(self) -> ReducedModel:
-        """Model without its damping terms."""
-        pairs = [(term.undamped(), value) for term, value in self._pairs]
-        kept = {term: value for term, value in pairs if term is not None}
-        return replace(self, terms=tuple(kept), values=tuple(kept.values()))
-
-    def regularised(self, velocity_scale: float) -> ReducedModel:
-        """Model whose forces do not jump (see `Term.regularised`); unit of q per second."""
-        return replace(self, terms=tuple(t.regularised(velocity_scale) for t in self.terms))
 
     @cached_property
     def _damped(self) -> list[tuple[Term, float]]:
@@ -491,15 +434,7 @@ class ReducedModel:
     def _sum(
         self, precision: int, expression: Callable[[Term], str], latex: bool = False
     ) -> list[str]:
-        parts = []
-        for term, value in self._pairs:
-            number = f"{abs(value):.{precision}g}"
-            if latex and "e" in number:
-                mantissa, exponent = number.split("e")
-                number = rf"{mantissa} \times 10^{{{int(exponent)}}}"
-            separator = r" \, " if latex else " "
-            parts.append(f" {'-' if value < 0 else '+'} {number}{separator}{expression(term)}")
-        return parts
+        return [signed_text(v, expression(t), precision, latex=latex) for t, v in self._pairs]
 
     def __str__(self) -> str:
         lines = [f"{self.equation()}    (q in {self.unit or 'its own unit [q]'}, t in s)"]
@@ -553,51 +488,6 @@ class ReducedModel:
         y = {q, q_dot}. Numbers have all their digits; raises as `to_matlab`.
         """
         return export.c_function(self._pairs, str(self), name)
-
-    # -- JSON ---------------------------------------------------------------------------------
-
-    def to_json(self) -> str:
-        """JSON text: type, fields, name and value of every term, unit and amplitude range.
-
-        Every number reads back as the same number, see `romsindy.physics.serial`.
-        """
-        content = {
-            "terms": [{"name": t.key, "value": v, **content_of(t)} for t, v in self._pairs],
-            "unit": self.unit,
-            "amplitude_range": self.amplitude_range,
-        }
-        return json_text(content)
-
-    @classmethod
-    def from_json(cls, text: str) -> ReducedModel:
-        """Read what `to_json` wrote, or ``{"coefficients": {"omega^2": ...}, "unit": ...}``.
-
-        Other entries beside these do not matter: a saved `romsindy.fit.estimate.Estimate` is read
-        as the model that it holds.
-
-        Raises
-        ------
-        ValueError
-            If the text is not JSON, or holds no model, or a law that is not known.
-        """
-        content = read_json(text)
-        if not isinstance(content, dict) or not {"terms", "coefficients"} & set(content):
-            raise ValueError(
-                'the JSON text holds no model: expected {"terms": [...], ...} or'
-                ' {"coefficients": {...}, ...}'
-            )
-        unit, limits = content.get("unit"), content.get("amplitude_range")
-        try:
-            reach = (float(limits[0]), float(limits[1])) if limits else None
-            if "coefficients" in content:
-                return cls.from_coefficients(content["coefficients"], unit, reach)
-            terms = content["terms"]
-            return cls(tuple(map(term_of, terms)), tuple(c["value"] for c in terms), unit, reach)
-        except (AttributeError, LookupError, TypeError) as error:
-            raise ValueError(
-                f"the JSON text holds a model that is not complete ({error!r}): every term has a"
-                " type, its fields and a value, every coefficient a number, amplitude_range two"
-            ) from error
 
 
 @dataclass(frozen=True)
