@@ -25,6 +25,7 @@ from romsindy.orbits.curves import Bifurcation as Bifurcation
 from romsindy.orbits.curves import ForcedResponse as ForcedResponse
 from romsindy.orbits.curves import backbone_curve as backbone_curve
 from romsindy.orbits.curves import forced_response as forced_response
+from romsindy.physics.coupled import CoupledModel as CoupledModel
 from romsindy.physics.example import add_noise as add_noise
 from romsindy.physics.example import example_decay as example_decay
 from romsindy.physics.integration import EscapeError as EscapeError

@@ -1,10 +1,14 @@
-"""Time integration of q_ddot = acceleration(q, q_dot), with and without dry friction."""
+"""Time integration of q_ddot = acceleration(q, q_dot), with and without dry friction.
+
+One coordinate goes through plain floats, several through arrays: the first are ten times faster.
+"""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +16,7 @@ from scipy.integrate import ODEintWarning, odeint, solve_ivp
 
 from romsindy.typing import Array
 
-Acceleration = Callable[[float, float], float]
+Acceleration = Callable[[Any, Any], Any]  # of floats, or of (R,) arrays
 # Accelerations that a motion may take: so many for each of its times, and for so many more. A cycle
 # takes some 300 to ten digits: motion that takes more is faster than its times show.
 _MOST, _AHEAD = 200, 1000
@@ -31,13 +35,13 @@ class _Followed:
 
     def __init__(self, acceleration: Acceleration, state: Array, t: Array) -> None:
         self.acceleration, self.end = acceleration, t[-1]
-        self.start: list[float] = state.tolist()
-        self.place = (t[0], *self.start)
+        self.place = self.start = (t[0], *np.split(state, 2))
         self.left = _MOST * (_AHEAD + len(t))
 
-    def __call__(self, t: float, q: float, q_dot: float) -> float:
+    def __call__(self, t: float, q: Any, q_dot: Any) -> Any:
         q_ddot = self.acceleration(q, q_dot)
-        if not math.isfinite(q_ddot):
+        whole = math.isfinite(q_ddot) if isinstance(q_ddot, float) else np.isfinite(q_ddot).all()
+        if not whole:
             raise self.escaped("goes to infinity")
         if self.left == 0:
             raise self.escaped("becomes too fast for these times")
@@ -46,10 +50,13 @@ class _Followed:
 
     def escaped(self, how: str) -> EscapeError:
         """What is said of a motion that ends where it last was."""
-        (q0, q_dot0), (t, q, q_dot) = self.start, self.place
+        (_, *first), (t, *last) = self.start, self.place
+        q0, q_dot0, q, q_dot = (
+            ", ".join(f"{v:.4g}" for v in np.atleast_1d(x)) for x in (*first, *last)
+        )
         return EscapeError(
-            f"the motion from q = {q0:.4g}, q_dot = {q_dot0:.4g} cannot be followed to"
-            f" {self.end:.6g} s: near t = {t:.6g} s, q = {q:.3g}, q_dot = {q_dot:.3g} it {how};"
+            f"the motion from q = {q0}, q_dot = {q_dot0} cannot be followed to"
+            f" {self.end:.6g} s: near t = {t:.6g} s, q = {q}, q_dot = {q_dot} it {how};"
             " start at a smaller amplitude, within that of the data behind the model"
         )
 
@@ -59,26 +66,35 @@ def integrate_smooth(
 ) -> tuple[Array, Array]:
     """Motion (q, q_dot) without jumps of force at increasing times, by LSODA.
 
-    ``state`` is (q, q_dot) at t[0]; the absolute tolerance is ``rtol * scale``.
+    ``state`` is (q, q_dot) at t[0], of one coordinate or (2 R,) of several; the absolute tolerance
+    is ``rtol * scale``.
+
+    Returns
+    -------
+    q, q_dot : (n,) or (n, R) arrays
 
     Raises
     ------
     EscapeError
         If the motion cannot be followed to the last time.
     """
-    followed = _Followed(acceleration, state, t)
+    followed, r = _Followed(acceleration, state, t), len(state) // 2
 
     def rates(y: Array, now: float) -> tuple[float, float]:
         q, q_dot = y.tolist()
         return q_dot, followed(now, q, q_dot)
 
+    def several(y: Array, now: float) -> Array:
+        return np.concatenate([y[r:], followed(now, y[:r], y[r:])])
+
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.simplefilter("error", ODEintWarning)
         try:
-            y = odeint(rates, state, t, rtol=rtol, atol=rtol * scale, mxstep=followed.left)
+            own = rates if r == 1 else several
+            y = odeint(own, state, t, rtol=rtol, atol=rtol * scale, mxstep=followed.left)
         except ODEintWarning as warning:
             raise followed.escaped(f"stops ({warning})") from None
-    return y[:, 0], y[:, 1]
+    return (y[:, 0], y[:, 1]) if r == 1 else (y[:, :r], y[:, r:])
 
 
 def integrate_strokes(

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import elementwise
 
 from romsindy.physics import export
+from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
@@ -59,6 +60,15 @@ class ReducedModel(TermSum):
       omega^2                36  1/s^2           omega = 6 rad/s, 0.95493 Hz
       gamma_3                 9  1/(m^2 s^2)
     """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        coupled = [t.key for t in self.terms if isinstance(t, CoupledTerm)]
+        if coupled:
+            raise ValueError(
+                f"the terms {coupled} are of several coordinates: use CoupledModel in the place of"
+                " ReducedModel"
+            )
 
     @cached_property
     def _cache(self) -> dict[str, tuple[Array, list[tuple[float, Callable]]]]:
@@ -226,16 +236,28 @@ class ReducedModel(TermSum):
         return Decay(t, q, q_dot, q_ddot, unit=self.unit)
 
     def _scalar_acceleration(self) -> Callable[[float, float], float]:
-        # Plain floats: an integrator calls this 1e5 times, and arrays of one cost ten times more.
+        mass_and_force = self.mass_and_force()
+
+        def acceleration(q: float, q_dot: float) -> float:
+            mass, force = mass_and_force(q, q_dot)
+            if mass <= _SINGULAR:
+                self._refuse(q)
+            return -force / mass
+
+        return acceleration
+
+    def mass_and_force(self) -> Callable[[float, float], tuple[float, float]]:
+        """A function of q and q_dot, plain floats: M(q) and K + N q_dot^2 + D.
+
+        An integrator calls it 1e5 times, and arrays of one cost ten times more.
+        """
         inertia, convection = self._parts("inertia"), self._parts("convection")
         stiffness, damping = self._parts("stiffness"), self._parts("damping")
 
-        def acceleration(q: float, q_dot: float) -> float:
+        def both(q: float, q_dot: float) -> tuple[float, float]:
             mass = 1.0
             for c, f in inertia:
                 mass += c * f(q)
-            if mass <= _SINGULAR:
-                self._refuse(q)
             force = 0.0
             for c, f in convection:
                 force += c * f(q)
@@ -244,9 +266,9 @@ class ReducedModel(TermSum):
                 force += c * f(q)
             for c, f in damping:
                 force += c * f(q, q_dot)
-            return -force / mass
+            return mass, force
 
-        return acceleration
+        return both
 
     # -- energy and backbone ------------------------------------------------------------------
 

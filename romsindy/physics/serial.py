@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 # The laws must be there before they are looked up by name.
-from romsindy.physics import combination, inertia  # noqa: F401
+from romsindy.physics import combination, coupling, inertia  # noqa: F401
 from romsindy.physics.damping import DAMPING
-from romsindy.physics.term import Term, type_name
+from romsindy.physics.term import Term, law_called, type_name
 
 _NAMES = (*(law.key for law in DAMPING.values()), "omega^2", "beta_1", "beta_2")
 _NOT_FINITE = {"Infinity": math.inf, "-Infinity": -math.inf, "NaN": math.nan}
@@ -34,15 +34,15 @@ def term_from_key(key: str) -> Term:
     ValueError
         If no law has this key; the message names the keys there are and the nearest one.
     """
-    for kind in list(Term.kinds.values()):
-        term = kind.from_key(key)
-        if term is not None:
-            return term
+    term = law_called(key)
+    if term is not None:
+        return term
     near = difflib.get_close_matches(key, [*_NAMES, "gamma_2", "gamma_3", "Upsilon_3"], n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     raise ValueError(
         f"coefficient name {key!r} is not known: use {', '.join(_NAMES)}, gamma_m or Upsilon_k"
-        f" (m, k >= 2){hint}"
+        f" (m, k >= 2); of several coordinates, each with [q1] behind it, V q1^2 q2, g(q1 q2)^2 or"
+        f" C_12{hint}"
     )
 
 

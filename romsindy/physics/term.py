@@ -175,6 +175,12 @@ class Term(ABC):
         return unit_text({unit or "[q]": 1 - length, "s": -2 - time})
 
 
+def law_called(key: str) -> Term | None:
+    """The law whose coefficient has this name, or None if there is none."""
+    found = (kind.from_key(key) for kind in list(Term.kinds.values()))
+    return next((term for term in found if term is not None), None)
+
+
 class ForceLaw(Term):
     """A force of q and q_dot without inertia; its weak form is itself."""
 
@@ -197,7 +203,7 @@ def power_text(name: str, power: float) -> str:
     """Text of name^power; products in brackets, and nothing where the power is 0."""
     if power == 0:
         return ""
-    base = f"({name})" if " " in name else name
+    base = f"({name})" if " " in name and not name.startswith("(") else name
     return base if power == 1 else f"{base}^{power:.4g}"
 
 

@@ -1,0 +1,422 @@
+"""The equations of motion of several coordinates, and what follows from them.
+
+    M(q) q_ddot + G(q)[q_dot, q_dot] + dV/dq + D(q, q_dot) = 0,    M(0) = 1 on every coordinate
+
+Laws along one direction make a `ReducedModel` of that direction; the equations are the sum of these
+and of the polynomials that couple coordinates (`romsindy.physics.coupling`). Arrays have R
+coordinates on their last axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import eigh
+
+from romsindy.physics.coupling import (
+    Along,
+    CoupledTerm,
+    MixedStiffness,
+    Names,
+    PolynomialTerm,
+    Powers,
+)
+from romsindy.physics.integration import integrate_smooth
+from romsindy.physics.model import ReducedModel, SingularInertiaError
+from romsindy.physics.term_sum import TermSum, signed_text
+from romsindy.physics.validation import require_finite
+from romsindy.record.decay import Decay, checked_time
+from romsindy.typing import Array
+
+# The least part of the inertia that a direction may be left with; see `ReducedModel`.
+_SINGULAR = 1e-3
+
+
+@dataclass(frozen=True)
+class CoupledModel(TermSum):
+    """Equations of R coordinates with known coefficients.
+
+    Parameters
+    ----------
+    terms : tuple of CoupledTerm
+        `Along`, `MixedStiffness`, `SlavedInertia` and `MixedDamping`.
+    values, unit, amplitude_range
+        As in `ReducedModel`; all coordinates have the same unit.
+
+    Raises
+    ------
+    ValueError
+        If a term is one of a single coordinate without saying of which.
+
+    Examples
+    --------
+    >>> model = CoupledModel.from_coefficients(
+    ...     {"omega^2 [q1]": 36.0, "omega^2 [q2]": 144.0, "V q1^2 q2": 5.0, "c_linear [q2]": 0.1},
+    ...     unit="m",
+    ... )
+    >>> print(model)
+    q1_ddot + 36 q1 + 10 q1 q2 = 0
+    q2_ddot + 144 q2 + 5 q1^2 + 0.1 q2_dot = 0    (q in m, t in s)
+      omega^2 [q1]            36  1/s^2           mode 1: 6 rad/s, 0.95493 Hz
+      omega^2 [q2]           144  1/s^2           mode 2: 12 rad/s, 1.9099 Hz
+      V q1^2 q2                5  1/(m s^2)
+      c_linear [q2]          0.1  1/s
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        plain = [t.key for t in self.terms if not isinstance(t, CoupledTerm)]
+        if plain:
+            raise ValueError(
+                f"the terms {plain} do not say which coordinate they act on: write"
+                f" {f'{plain[0]} [q1]'!r}, or use ReducedModel for a single coordinate"
+            )
+        if not self.terms:
+            raise ValueError("terms is empty: give at least one")
+
+    @cached_property
+    def n_coordinates(self) -> int:
+        """R."""
+        return max(t.n_coordinates for t in self.terms if isinstance(t, CoupledTerm))
+
+    # -- the functions of the equations -------------------------------------------------------
+
+    @cached_property
+    def _directions(self) -> list[tuple[Array, ReducedModel]]:
+        """Weights (R,) and what acts along them; each coordinate comes with its unit mass."""
+        r = self.n_coordinates
+        groups: dict[tuple[float, ...], dict] = {tuple(row.tolist()): {} for row in np.eye(r)}
+        for term, value in self._pairs:
+            if isinstance(term, Along):
+                weights = (*term.weights, *(0.0,) * (r - len(term.weights)))
+                groups.setdefault(weights, {})[term.law] = value
+        return [
+            (np.array(w), ReducedModel(tuple(laws), tuple(laws.values()), self.unit))
+            for w, laws in groups.items()
+        ]
+
+    @cached_property
+    def _polynomials(self) -> _Polynomials:
+        return _Polynomials.of(self._pairs, self.n_coordinates)
+
+    def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
+        """Residual (..., R), its derivatives by q, q_dot and q_ddot (..., R, R) at (..., R)."""
+        residual, by_q, by_q_dot, by_q_ddot = self._polynomials.linearise(q, q_dot, q_ddot)
+        for w, model in self._directions:
+            d, d_dot, d_ddot = q @ w, q_dot @ w, q_ddot @ w
+            force, *slopes = model.linearise(d, d_dot, d_ddot)
+            if not _is_coordinate(w):  # unit masses belong to the coordinates alone
+                force, slopes[2] = force - d_ddot, slopes[2] - 1.0
+            both = w[:, None] * w
+            residual += force[..., None] * w
+            by_q += slopes[0][..., None, None] * both
+            by_q_dot += slopes[1][..., None, None] * both
+            by_q_ddot += slopes[2][..., None, None] * both
+        return residual, by_q, by_q_dot, by_q_ddot
+
+    def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
+        """Left sides of the equations, (..., R): zero along a free motion."""
+        return self.linearise(*self._motion(q, q_dot, q_ddot))[0]
+
+    def inertia(self, q: ArrayLike) -> Array:
+        """M(q), (..., R, R)."""
+        (q,) = self._motion(q)
+        return self.linearise(q, np.zeros_like(q), np.zeros_like(q))[3]
+
+    def stiffness(self, q: ArrayLike) -> Array:
+        """dV/dq, restoring forces per unit mass, (..., R)."""
+        (q,) = self._motion(q)
+        along = [m.stiffness(q @ w)[..., None] * w for w, m in self._directions]
+        return np.asarray(self._polynomials.stiffness(q) + sum(along))
+
+    def damping(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """D(q, q_dot), damping forces per unit mass, (..., R)."""
+        q, q_dot = self._motion(q, q_dot)
+        along = [m.damping(q @ w, q_dot @ w)[..., None] * w for w, m in self._directions]
+        return np.asarray(self._polynomials.damping(q, q_dot) + sum(along))
+
+    def acceleration(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """q_ddot of the free motion, (..., R).
+
+        Raises
+        ------
+        SingularInertiaError
+            If M(q) is not positive definite somewhere.
+        """
+        q, q_dot = self._motion(q, q_dot)
+        force, _, _, inertia = self.linearise(q, q_dot, np.zeros_like(q))
+        least = np.linalg.eigvalsh(inertia)[..., 0]
+        if np.any(least <= _SINGULAR):
+            self._refuse(q.reshape(-1, self.n_coordinates)[int(np.argmin(least))])
+        return -np.linalg.solve(inertia, force[..., None])[..., 0]
+
+    def _refuse(self, q: Array) -> None:
+        raise SingularInertiaError(
+            f"M(q) is not positive definite at q = {np.round(q, 6).tolist()} {self.unit or '[q]'}:"
+            " the model has no motion there; stay at smaller amplitudes, or leave inertia terms out"
+        )
+
+    def _motion(self, *signals: ArrayLike) -> tuple[Array, ...]:
+        arrays = np.broadcast_arrays(*(np.asarray(x, float) for x in signals))
+        if arrays[0].ndim == 0 or arrays[0].shape[-1] != self.n_coordinates:
+            raise ValueError(
+                f"q has the shape {arrays[0].shape}: its last axis must hold the"
+                f" {self.n_coordinates} coordinates of the model"
+            )
+        return tuple(arrays)
+
+    @cached_property
+    def linear_modes(self) -> tuple[Array, Array]:
+        """Of small vibrations: angular frequencies (R,), rad/s, and modes, the columns (R, R).
+
+        Raises
+        ------
+        ValueError
+            If q = 0 is not a stable position of rest.
+        """
+        rest = np.zeros(self.n_coordinates)
+        _, stiffness, _, inertia = self.undamped().linearise(rest, rest, rest)
+        if np.linalg.eigvalsh(inertia)[0] <= _SINGULAR:
+            self._refuse(rest)
+        squared, modes = eigh((stiffness + stiffness.T) / 2, inertia)
+        if not squared[0] > 0:
+            raise ValueError(
+                f"omega^2 = {squared[0]:.6g} is not positive: measure q from a stable position of"
+                " rest"
+            )
+        largest = np.argmax(np.abs(modes), axis=0)
+        return np.sqrt(squared), modes * np.sign(modes[largest, np.arange(len(squared))])
+
+    # -- motion and energy --------------------------------------------------------------------
+
+    def simulate(
+        self, q0: ArrayLike, q_dot0: ArrayLike, t: ArrayLike, *, rtol: float = 1e-10
+    ) -> Decay:
+        """Integrate the free motion by LSODA.
+
+        Parameters
+        ----------
+        q0, q_dot0 : (R,) arrays
+            Displacements (unit of q) and velocities (per second) at t[0].
+        t : (n,) array
+            Increasing uniform times in s at which the motion is wanted.
+        rtol : float
+            Local relative tolerance of the integration.
+
+        Returns
+        -------
+        Decay
+            With q, q_dot, q_ddot, (n, R) each.
+
+        Raises
+        ------
+        ValueError
+            If a force jumps: take `regularised` first.
+        SingularInertiaError
+            If M(q) ceases to be positive definite on the way.
+        EscapeError
+            If the motion goes to infinity, or becomes too fast to be followed to the last time.
+        """
+        q, q_dot = self._motion(q0, q_dot0)
+        if q.shape != (self.n_coordinates,):
+            raise ValueError(f"q0 has the shape {q.shape}: give {self.n_coordinates} values")
+        require_finite("q0", *q)
+        require_finite("q_dot0", *q_dot)
+        jumps = [term.key for term in self.terms if not term.smooth]
+        if jumps:
+            raise ValueError(
+                f"the force {jumps[0]} jumps: give model.regularised(velocity_scale), such as a"
+                " hundredth of the largest velocity, in the place of the model"
+            )
+        t = checked_time(t)
+        rate = np.sqrt(np.abs(np.diag(self._slopes_at_rest))).max() or 1.0
+        scale = max(np.abs(q).max(), np.abs(q_dot).max() / rate, 1e-300)
+        state = np.concatenate([q, q_dot])
+        q, q_dot = integrate_smooth(self._quick_acceleration(), state, t, rtol, scale)
+        return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
+
+    @property
+    def _slopes_at_rest(self) -> Array:
+        rest = np.zeros(self.n_coordinates)
+        return self.linearise(rest, rest, rest)[1]
+
+    def _quick_acceleration(self) -> Callable[[Array, Array], Array]:
+        # An integrator asks for one state 1e5 times: laws along a direction take plain floats.
+        polynomials, along = self._polynomials, []
+        for w, model in self._directions:
+            if model.terms:
+                along.append((w, w[:, None] * w, model.mass_and_force()))
+
+        def acceleration(q: Array, q_dot: Array) -> Array:
+            mass, force = polynomials.mass_and_force(q, q_dot)
+            mass = mass + np.eye(len(q))
+            for w, both, law in along:
+                h, pull = law(float(q @ w), float(q_dot @ w))
+                mass += (h - 1.0) * both
+                force = force + pull * w
+            try:
+                np.linalg.cholesky(mass - _SINGULAR * np.eye(len(q)))
+            except np.linalg.LinAlgError:
+                self._refuse(q)
+            return -np.linalg.solve(mass, force)
+
+        return acceleration
+
+    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """q_dot^T M(q) q_dot / 2 + V(q), per unit mass, (...): constant without damping."""
+        q, q_dot = self._motion(q, q_dot)
+        kinetic = np.einsum("...i,...ij,...j->...", q_dot, self.inertia(q), q_dot) / 2
+        return kinetic + self.potential(q)
+
+    def potential(self, q: ArrayLike) -> Array:
+        """V(q), per unit mass, (...)."""
+        (q,) = self._motion(q)
+        along = (m.energy(q @ w, np.zeros(q.shape[:-1])) for w, m in self._directions)
+        return np.asarray(self._polynomials.potential(q) + sum(along))
+
+    # -- text ---------------------------------------------------------------------------------
+
+    def equations(self, precision: int = 4) -> list[str]:
+        """One line of text for each equation."""
+        sums = self._sums(precision, Names())
+        return [f"q{i + 1}_ddot{''.join(parts)} = 0" for i, parts in enumerate(sums)]
+
+    def latex(self, precision: int = 4) -> str:
+        """The equations as LaTeX, for an ``aligned`` environment, without dollar signs."""
+        sums = self._sums(precision, Names("q_{}", r"\dot{{q}}_{}", r"\ddot{{q}}_{}"), latex=True)
+        lines = [rf"\ddot{{q}}_{i + 1}{''.join(parts)} &= 0" for i, parts in enumerate(sums)]
+        return " \\\\\n".join(lines)
+
+    def _sums(self, precision: int, names: Names, latex: bool = False) -> list[list[str]]:
+        sums: list[list[str]] = [[] for _ in range(self.n_coordinates)]
+        for term, value in self._pairs:
+            if isinstance(term, CoupledTerm):
+                for i, (factor, text) in term.expressions(names).items():
+                    sums[i].append(signed_text(factor * value, text, precision, latex=latex))
+        return sums
+
+    def __str__(self) -> str:
+        modes = _notes(self)
+        lines = self.equations()
+        lines[-1] += f"    (q in {self.unit or 'its own unit [q]'}, t in s)"
+        width = max(12, *(len(t.key) for t in self.terms))
+        for term, value in self._pairs:
+            note, unit = modes.get(term.key, ""), term.unit(self.unit)
+            lines.append(f"  {term.key:<{width}} {value:>12.6g}  {unit:<14}  {note}".rstrip())
+        if self.amplitude_range is not None:
+            low, high = self.amplitude_range
+            lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")
+        return "\n".join(lines)
+
+
+def _notes(model: CoupledModel) -> dict[str, str]:
+    """Frequencies of the modes behind the stiffness of the coordinates that they move most."""
+    try:
+        omega, modes = model.linear_modes
+    except ValueError:
+        return {}
+    notes = {}
+    for number, (rate, mode) in enumerate(zip(omega, modes.T, strict=True), 1):
+        key = f"omega^2 [q{int(np.argmax(np.abs(mode))) + 1}]"
+        notes[key] = f"mode {number}: {rate:.5g} rad/s, {rate / (2 * np.pi):.5g} Hz"
+    return notes
+
+
+def _is_coordinate(w: Array) -> bool:
+    return bool(np.count_nonzero(w) == 1 and np.max(w) == 1.0)
+
+
+class _Polynomials(NamedTuple):
+    """All polynomial terms as coefficients of one table of n products of powers.
+
+    Attributes
+    ----------
+    powers : (n, R) array of int
+    v : (n,) array
+        Of the potential.
+    k, c, m, g : (n, R), (n, R, R), (n, R, R), (n, R, R, R) arrays
+        Of dV/dq; of what multiplies q_dot, q_ddot, and two velocities, in each equation.
+    """
+
+    powers: Array
+    v: Array
+    k: Array
+    c: Array
+    m: Array
+    g: Array
+
+    @classmethod
+    def of(cls, pairs: list, r: int) -> _Polynomials:
+        rows: dict[Powers, int] = {}
+        entries: dict[str, list[tuple[tuple[int, ...], float]]] = {x: [] for x in "vkcmg"}
+
+        def row(powers: Powers) -> int:
+            return rows.setdefault((*powers, *(0,) * (r - len(powers))), len(rows))
+
+        for term, value in pairs:
+            if isinstance(term, MixedStiffness):
+                entries["v"].append(((row(term.powers),), value))
+            for m in term.monomials() if isinstance(term, PolynomialTerm) else ():
+                part = "m" if m.second is not None else "kcg"[len(m.rates)]
+                last = () if m.second is None else (m.second,)
+                place = (row(m.powers), m.equation, *m.rates, *last)
+                entries[part].append((place, value * m.factor))
+        n = len(rows)
+        axes = {"v": 0, "k": 1, "c": 2, "m": 2, "g": 3}
+        arrays = {part: np.zeros((n, *(r,) * count)) for part, count in axes.items()}
+        for part, found in entries.items():
+            for place, value in found:
+                arrays[part][place] += value
+        arrays["g"] = (arrays["g"] + arrays["g"].swapaxes(2, 3)) / 2
+        return cls(np.array(list(rows), int).reshape(n, r), **arrays)
+
+    def table(self, q: Array) -> Array:
+        """Products of powers, (..., n)."""
+        return np.prod(q[..., None, :] ** self.powers, axis=-1)
+
+    def slopes(self, q: Array) -> Array:
+        """Their derivatives by each coordinate, (..., n, R)."""
+        found = np.zeros((*q.shape[:-1], *self.powers.shape))
+        for i in range(q.shape[-1]):
+            lower = self.powers.copy()
+            lower[:, i] = np.maximum(lower[:, i] - 1, 0)
+            found[..., i] = self.powers[:, i] * np.prod(q[..., None, :] ** lower, axis=-1)
+        return found
+
+    def potential(self, q: Array) -> Array:
+        return self.table(q) @ self.v
+
+    def stiffness(self, q: Array) -> Array:
+        return self.table(q) @ self.k
+
+    def damping(self, q: Array, q_dot: Array) -> Array:
+        return np.einsum("...n,nij,...j->...i", self.table(q), self.c, q_dot)
+
+    def mass_and_force(self, q: Array, q_dot: Array) -> tuple[Array, Array]:
+        """M (R, R) and all forces (R,) at one state."""
+        table = self.table(q)
+        turning = np.tensordot(table, self.g, 1) @ q_dot + np.tensordot(table, self.c, 1)
+        return np.tensordot(table, self.m, 1), table @ self.k + turning @ q_dot
+
+    def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
+        """As `CoupledModel.linearise`."""
+        n, r = self.powers.shape
+        coefficients = np.concatenate(
+            [x.reshape(n, r, r ** (x.ndim - 2)) for x in (self.k, self.c, self.m, self.g)], axis=2
+        )
+        value = np.tensordot(self.table(q), coefficients, 1)
+        slope = np.einsum("...nl,nia->...lia", self.slopes(q), coefficients)
+        both = q_dot[..., :, None] * q_dot[..., None, :]
+        rates = [np.ones_like(q[..., :1]), q_dot, q_ddot, both.reshape(*q.shape[:-1], -1)]
+        signal = np.concatenate(rates, axis=-1)
+        c, m = value[..., 1 : 1 + r], value[..., 1 + r : 1 + 2 * r]
+        g = value[..., 1 + 2 * r :].reshape(*q.shape, r, r)
+        residual = np.einsum("...ia,...a->...i", value, signal)
+        by_q = np.einsum("...lia,...a->...il", slope, signal)
+        by_q_dot = c + 2 * np.einsum("...ijk,...k->...ij", g, q_dot)
+        return residual, by_q, by_q_dot, m.copy()
