@@ -236,7 +236,7 @@ class CoupledModel(TermSum):
         t = checked_time(t)
         rate = np.sqrt(np.abs(np.diag(self._slopes_at_rest))).max() or 1.0
         scale = max(np.abs(q).max(), np.abs(q_dot).max() / rate, 1e-300)
-        state = np.concatenate([q, q_dot])
+        state = np.stack([q, q_dot])
         q, q_dot = integrate_smooth(self._quick_acceleration(), state, t, rtol, scale)
         return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
 

@@ -35,7 +35,7 @@ class _Followed:
 
     def __init__(self, acceleration: Acceleration, state: Array, t: Array) -> None:
         self.acceleration, self.end = acceleration, t[-1]
-        self.place = self.start = (t[0], *np.split(state, 2))
+        self.place = self.start = (t[0], *state)
         self.left = _MOST * (_AHEAD + len(t))
 
     def __call__(self, t: float, q: Any, q_dot: Any) -> Any:
@@ -66,8 +66,8 @@ def integrate_smooth(
 ) -> tuple[Array, Array]:
     """Motion (q, q_dot) without jumps of force at increasing times, by LSODA.
 
-    ``state`` is (q, q_dot) at t[0], of one coordinate or (2 R,) of several; the absolute tolerance
-    is ``rtol * scale``.
+    ``state`` is (q, q_dot) at t[0], (2,) of one coordinate or (2, R) of several; the absolute
+    tolerance is ``rtol * scale``.
 
     Returns
     -------
@@ -78,23 +78,25 @@ def integrate_smooth(
     EscapeError
         If the motion cannot be followed to the last time.
     """
-    followed, r = _Followed(acceleration, state, t), len(state) // 2
+    followed = _Followed(acceleration, state, t)
 
     def rates(y: Array, now: float) -> tuple[float, float]:
         q, q_dot = y.tolist()
         return q_dot, followed(now, q, q_dot)
 
     def several(y: Array, now: float) -> Array:
-        return np.concatenate([y[r:], followed(now, y[:r], y[r:])])
+        q, q_dot = y.reshape(state.shape)
+        return np.concatenate([q_dot, followed(now, q, q_dot)])
 
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.simplefilter("error", ODEintWarning)
         try:
-            own = rates if r == 1 else several
-            y = odeint(own, state, t, rtol=rtol, atol=rtol * scale, mxstep=followed.left)
+            own = rates if state.ndim == 1 else several
+            y = odeint(own, state.ravel(), t, rtol=rtol, atol=rtol * scale, mxstep=followed.left)
         except ODEintWarning as warning:
             raise followed.escaped(f"stops ({warning})") from None
-    return (y[:, 0], y[:, 1]) if r == 1 else (y[:, :r], y[:, r:])
+    q, q_dot = np.moveaxis(y.reshape(len(t), *state.shape), 1, 0)
+    return q, q_dot
 
 
 def integrate_strokes(
