@@ -84,7 +84,7 @@ def analysed(
         found, trouble, interrupted = _functions(free, settings)
         if found is not None:
             fixed = settings.fix
-            main = judge("identified", found.model, backbone, fixed, found.standard_errors)
+            main = judge("identified", found.single_model, backbone, fixed, found.standard_errors)
             columns = [main, *_beside(four, "omega^2" in fixed)]
     return IdentificationReport(
         title, conditioned, backbones, columns, main, found, trouble, picked, interrupted

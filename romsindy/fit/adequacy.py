@@ -15,6 +15,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.special import fdtrc
 
+from romsindy.fit.coupled_record import AnyRecord
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EXPLAINED, FALSE_ALARM, STRUCTURE
 from romsindy.typing import Array
@@ -131,7 +132,7 @@ class Adequacy:
 
 
 def examine(
-    records: Sequence[Record],
+    records: Sequence[AnyRecord],
     residuals: Sequence[Array],
     n_values: int,
     false_alarm: float = FALSE_ALARM,
@@ -148,8 +149,10 @@ def examine(
     false_alarm : float
         How often a right model may be said to leave something at the harmonics.
     """
-    white = [r.whitened(x) for r, x in zip(records, residuals, strict=True)]
-    return examine_white(records, white, n_values, false_alarm)
+    pairs = [p for r, x in zip(records, residuals, strict=True) for p in r.alone(x)]
+    alone, white = zip(*pairs, strict=True)
+    repeated = sum(map(len, white)) / sum(map(len, residuals))  # for each coordinate once
+    return examine_white(alone, white, round(n_values * repeated), false_alarm)
 
 
 def examine_white(

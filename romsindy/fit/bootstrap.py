@@ -102,7 +102,7 @@ def bootstrap(
 def _repeat(fit: Fit, seed: np.random.SeedSequence) -> Array | None:
     rng = np.random.default_rng(seed)
     records = [
-        r.with_signal(r.signal - e + r.noise.draw(len(e), r.decay.dt, rng))
+        r.with_signal(r.signal - e + r.drawn(rng))
         for r, e in zip(fit.records, fit.residuals, strict=True)
     ]
     parts, motions = fit.solution.parts, fit.solution.motions

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.part import Part
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
+from romsindy.physics.term_sum import TermSum
+
+Model = TypeVar("Model", bound=TermSum)
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class Coefficient(TermEffect):
         return self.of
 
 
-def free_coefficients(model: ReducedModel, names: Sequence[str]) -> tuple[Part, ...]:
+def free_coefficients(model: AnyModel, names: Sequence[str]) -> tuple[Part, ...]:
     """Changes, 0 at first, of some coefficients of a model."""
     terms = {term.key: term for term in model.terms}
     return tuple(Part(Coefficient(terms[name]), (), np.zeros((1, 1))) for name in names)
@@ -55,7 +60,7 @@ def in_place(model: ReducedModel, catalogue: Iterable[Effect]) -> list[Coefficie
     return [Coefficient(term, called=effect.name) for effect, term in there]
 
 
-def extended(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
+def extended(model: Model, parts: Sequence[Part]) -> Model:
     """The model with the terms of the parts added; parts that are no terms are left out."""
     terms = {t.key: t for t in model.terms}
     values = model.coefficients

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
 from romsindy.typing import Array
@@ -29,7 +30,7 @@ class Estimate:
 
     Parameters
     ----------
-    model : ReducedModel
+    model : ReducedModel or CoupledModel
         With the estimated coefficients.
     free : tuple of str
         Names of the coefficients that were estimated, in the order of `covariance`.
@@ -46,7 +47,7 @@ class Estimate:
         If a free name is not in the model or stands twice, or the covariance does not fit.
     """
 
-    model: ReducedModel
+    model: AnyModel
     free: tuple[str, ...]
     covariance: Array
     verdict: Adequacy
@@ -81,6 +82,22 @@ class Estimate:
         """Rms of the residual over the noise; 1 where the model explains the data to it."""
         return self.verdict.ratio
 
+    @property
+    def single_model(self) -> ReducedModel:
+        """The model, where it has one coordinate.
+
+        Raises
+        ------
+        ValueError
+            For a model of several.
+        """
+        if isinstance(self.model, CoupledModel):
+            raise ValueError(
+                f"the model has {self.model.n_coordinates} coordinates, and one is needed here:"
+                " backbone_curve(model, mode=...) follows the modes of several"
+            )
+        return self.model
+
     def band(self, amplitudes: ArrayLike) -> Band:
         """Backbone and damping of the model with their standard errors.
 
@@ -92,23 +109,18 @@ class Estimate:
         Returns
         -------
         Band
+
+        Raises
+        ------
+        ValueError
+            For a model of several coordinates.
         """
         a = np.atleast_1d(np.asarray(amplitudes, float))
-        slopes = [self._slope(name, error, a) for name, error in self.standard_errors.items()]
+        errors, model = self.standard_errors, self.single_model
+        slopes = [_slope(model, name, error, a) for name, error in errors.items()]
         variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
-        (omega, zeta), (omega_std, zeta_std) = _curves(self.model, a), np.sqrt(variance)
-        return Band(a, omega, zeta, omega_std, zeta_std, self.model.unit)
-
-    def _slope(self, name: str, error: float, amplitudes: Array) -> Array:
-        """Derivative of the curves with respect to a coefficient."""
-        if error == 0:  # without error it adds nothing, whatever its slope
-            return np.zeros((2, len(amplitudes)))
-        values = self.model.coefficients
-        ends = [values | {name: values[name] + s * error} for s in (_STEP, -_STEP)]
-        high, low = (
-            _curves(replace(self.model, values=tuple(end.values())), amplitudes) for end in ends
-        )
-        return (high - low) / (2 * _STEP * error)
+        (omega, zeta), (omega_std, zeta_std) = _curves(model, a), np.sqrt(variance)
+        return Band(a, omega, zeta, omega_std, zeta_std, model.unit)
 
     def __str__(self) -> str:
         errors = self.standard_errors
@@ -153,7 +165,7 @@ class Estimate:
             do not belong together.
         """
         content = read_json(text)
-        model = ReducedModel.from_json(text)
+        model = model_from_json(text)
         missing = {"free", "covariance", "verdict", "notes"} - set(content)
         if missing:
             raise ValueError(
@@ -226,3 +238,13 @@ class Band:
 
 def _curves(model: ReducedModel, amplitudes: Array) -> Array:
     return np.array([model.backbone(amplitudes), model.damping_ratio(amplitudes)])
+
+
+def _slope(model: ReducedModel, name: str, error: float, amplitudes: Array) -> Array:
+    """Derivative of the curves with respect to a coefficient."""
+    if error == 0:  # without error it adds nothing, whatever its slope
+        return np.zeros((2, len(amplitudes)))
+    values = model.coefficients
+    ends = [values | {name: values[name] + s * error} for s in (_STEP, -_STEP)]
+    high, low = (_curves(replace(model, values=tuple(end.values())), amplitudes) for end in ends)
+    return (high - low) / (2 * _STEP * error)

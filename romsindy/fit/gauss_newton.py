@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.coupled_record import AnyRecord
+from romsindy.fit.equation import equation_of
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import ExtendedEquation, Part, columns_of, prior_cost, read
-from romsindy.fit.record import Record
-from romsindy.physics.model import ReducedModel
+from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 _ITERATIONS = 16
@@ -65,7 +66,7 @@ class Solution:
     @property
     def n_values(self) -> int:
         """Number of fitted values, with q and q_dot at the start of each record."""
-        return sum(p.size for p in self.parts) + 2 * len(self.motions)
+        return sum(p.size for p in self.parts) + sum(len(m.start) for m in self.motions)
 
     def slices(self) -> list[slice]:
         """Where the values of each part are."""
@@ -74,9 +75,9 @@ class Solution:
 
 
 def fit(
-    model: ReducedModel,
+    model: AnyModel,
     parts: Sequence[Part],
-    records: Sequence[Record],
+    records: Sequence[AnyRecord],
     motions: Sequence[Trajectory] | None = None,
     *,
     fixed: bool = False,
@@ -86,7 +87,7 @@ def fit(
 
     Parameters
     ----------
-    model : ReducedModel
+    model : ReducedModel or CoupledModel
     parts : sequence of Part
         With their starting values.
     records : sequence of Record
@@ -120,7 +121,7 @@ def fit(
                 held_values(parts, fixed, first=iteration == 0), *limits(parts)
             )
             weights = tuple(
-                np.concatenate([[1.0], step[columns_of(parts, i)], step[n_values + 2 * i :][:2]])
+                np.concatenate([[1.0], step[columns_of(parts, i)], step[system.states_of(i)]])
                 for i in range(len(records))
             )
             largest = max(
@@ -140,7 +141,7 @@ def fit(
             break
         last = chi_squared
     residuals = tuple(
-        r.signal - read(parts, i, r.t, sampled(m, r.derivative))[0]
+        r.signal - r.read(parts, i, sampled(m, r.derivative)).shown
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
     pairs = list(zip(records, residuals, strict=True))
@@ -182,16 +183,17 @@ class _Stage:
 
 
 def _linearised(
-    model: ReducedModel,
+    model: AnyModel,
     parts: tuple[Part, ...],
-    records: Sequence[Record],
+    records: Sequence[AnyRecord],
     motions: Sequence[Trajectory],
 ) -> tuple[NormalEquations, list[Response]]:
     """Normal equations about the present motions, and the responses that they combine."""
-    system = NormalEquations(sum(p.size for p in parts), len(records))
+    n_values = sum(p.size for p in parts)
+    system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
     responses = []
     for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
-        equation = ExtendedEquation(model, parts, i, motion.grid.step, record.clock)
+        equation = equation_of(model, parts, i, motion.grid.step, record.clock)
         response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
         change = response.samples(record.derivative)
         x = sampled(motion, record.derivative) + change[..., 0]
@@ -202,16 +204,16 @@ def _linearised(
     return system, responses
 
 
-def table(parts: Sequence[Part], i: int, record: Record, x: Array, by_value: Array) -> Array:
+def table(parts: Sequence[Part], i: int, record: AnyRecord, x: Array, by_value: Array) -> Array:
     """Derivatives of the reading of a motion x in record i, and its misfit, whitened: (n, m + 1).
 
-    ``by_value`` (n, 1, m) are those of the motion (n, 1), by the values that act in the record and
+    ``by_value`` (n, R, m) are those of the motion (n, R), by the values that act in the record and
     the state.
     """
-    shown, slope, by_reading = read(parts, i, record.t, x)
-    jacobian = slope[:, None] * by_value[:, 0]
-    jacobian[:, :-2] += by_reading.T
-    return record.whitened(np.column_stack([jacobian, record.signal - shown]))
+    reading = record.read(parts, i, x)
+    jacobian = reading.by_motion(by_value)
+    jacobian[:, : len(reading.by_value)] += reading.by_value.T
+    return record.whitened(np.column_stack([jacobian, record.signal - reading.shown]))
 
 
 def _failed(parts: tuple[Part, ...], motions: Sequence[Trajectory], n_values: int) -> Solution:

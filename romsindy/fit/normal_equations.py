@@ -20,13 +20,17 @@ _ACTIVE = 5  # rounds in which values may reach their limits
 
 
 class NormalEquations:
-    """Normal equations of all records: values of the parts, two states of each record, and more.
+    """Normal equations of all records: values of the parts, the state of each record, and more.
 
-    What comes last are strengths of candidates, which are zero so far.
+    A state holds q and q_dot at the start, two values of each coordinate. What comes last are
+    strengths of candidates, which are zero so far.
     """
 
-    def __init__(self, n_values: int, n_records: int, n_more: int = 0) -> None:
-        self.size = n_values + 2 * n_records + n_more
+    def __init__(
+        self, n_values: int, n_records: int, n_more: int = 0, n_coordinates: int = 1
+    ) -> None:
+        self.n_states = 2 * n_coordinates
+        self.size = n_values + self.n_states * n_records + n_more
         self.n_values = n_values
         self.matrix = np.zeros((self.size, self.size))
         self.right = np.zeros(self.size)
@@ -58,7 +62,7 @@ class NormalEquations:
 
     def states_of(self, record: int) -> Indices:
         """Places of q and q_dot at the start of a record."""
-        return self.n_values + 2 * record + np.arange(2)
+        return self.n_values + self.n_states * record + np.arange(self.n_states)
 
     def add_priors(self, parts: Sequence[Part]) -> None:
         """What is known beforehand."""

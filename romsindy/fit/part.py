@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -187,7 +188,22 @@ class ExtendedEquation:
         return np.concatenate(rows)[..., None] if rows else np.zeros((0, len(t), 1))
 
 
-def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> tuple[Array, Array, Array]:
+class Reading(NamedTuple):
+    """What sensors show of a motion: (n,) values, how they follow it and values of the parts.
+
+    ``slope`` has (n,) for one coordinate, ``by_value`` (m, n).
+    """
+
+    shown: Array
+    slope: Array
+    by_value: Array
+
+    def by_motion(self, change: Array) -> Array:
+        """Changes of the reading, (n, k), by changes (n, 1, k) of the motion."""
+        return self.slope[:, None] * change[:, 0]
+
+
+def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> Reading:
     """What the sensor shows of a motion x, (n, 1).
 
     Reading (n,), its slope in x (n,), and its derivatives by values (m, n).
@@ -204,7 +220,7 @@ def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> tuple[Array,
         shown = shown + own @ added
         slope = slope + own @ part.effect.reading_slopes(t, x)
         rows.append(part.by_value("readings", (t, x), record))
-    return shown, slope, np.concatenate(rows) if rows else np.zeros((0, len(x)))
+    return Reading(shown, slope, np.concatenate(rows) if rows else np.zeros((0, len(x))))
 
 
 def columns_of(parts: Sequence[Part], record: int) -> Indices:

@@ -13,6 +13,7 @@ from scipy.ndimage import uniform_filter1d
 
 from romsindy.effects.base import Scales
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
@@ -158,6 +159,29 @@ class Record:
         modes, sizes, _ = np.linalg.svd(self.noise(self.doubts), full_matrices=False)
         return modes, 1 - 1 / np.sqrt(1 + sizes**2)
 
+    def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
+        """What the sensor shows of a motion x, (n, 1), with the parts of a hypothesis."""
+        return read(parts, number, self.t, x)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the reader of a fit must know of it."""
+        found = []
+        lost = int(np.sum(~self.valid))
+        if lost:
+            found.append(f"{lost} samples stick to the end of the sensor's range and take no part")
+        if self.noise.lines:
+            line = self.noise.lines[0]
+            found.append(
+                f"another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g}, is counted as"
+                " noise; it is no part of this model"
+            )
+        return found
+
+    def alone(self, residual: Array) -> list[tuple[Record, Array]]:
+        """Records of single coordinates, with a residual of this one whitened."""
+        return [(self, self.whitened(residual))]
+
     def until(self, end: float) -> Record:
         """The first seconds of the record, with the noise of all of it."""
         m, grid = self.motion, self.motion.grid.until(end)
@@ -183,6 +207,10 @@ class Record:
     def with_signal(self, signal: Array) -> Record:
         """The same with another measurement, such as a simulated one."""
         return replace(self, signal=signal)
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Noise like that of the record, (n,)."""
+        return self.noise.draw(len(self.signal), self.decay.dt, rng)
 
     def whitened(self, x: Array) -> Array:
         """Misfits or their derivatives (n, ...) over the noise, made white."""

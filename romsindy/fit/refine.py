@@ -18,13 +18,14 @@ from romsindy.effects import Bias
 from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import extended, free_coefficients
 from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.coupled_record import AnyRecord, CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, sharing_drift
 from romsindy.fit.shooting import LOSSES, shoot
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
 from romsindy.typing import Array
@@ -57,8 +58,8 @@ class Fit(Estimate):
         Changes of the free coefficients, then the offsets of the sensor where they were fitted.
     """
 
-    start: ReducedModel
-    records: tuple[Record, ...]
+    start: AnyModel
+    records: tuple[AnyRecord, ...]
     solution: Solution
 
     @property
@@ -73,14 +74,24 @@ class Fit(Estimate):
 
     @property
     def states(self) -> Array:
-        """q and q_dot at the first sample of each decay, (n_decays, 2)."""
+        """q and q_dot at the first sample of each decay, (n_decays, 2 R) for R coordinates."""
         return np.array([m.start for m in self.solution.motions])
 
     @property
     def offsets(self) -> Array:
         """Offset of the sensor in each decay, unit of the measured quantity; 0 if not fitted."""
-        parts = self.solution.parts[len(self.free) :]
-        return parts[0].strengths[:, 0] if parts else np.zeros(len(self.records))
+        for part in self.solution.parts:
+            if isinstance(part.effect, _Offset):
+                return part.strengths[:, 0]
+        return np.zeros(len(self.records))
+
+    @property
+    def mode_shapes(self) -> Array:
+        """What each channel shows of each coordinate, (n_channels, R); 1 in its main channel."""
+        record = self.records[0]
+        if not isinstance(record, CoupledRecord):
+            return np.ones((1, 1))
+        return record.read(self.solution.parts, 0, record.motion.q[:1]).slope
 
     @property
     def decays(self) -> tuple[Decay, ...]:
@@ -88,8 +99,8 @@ class Fit(Estimate):
         return tuple(record.decay for record in self.records)
 
     @property
-    def noise(self) -> tuple[Noise, ...]:
-        """Noise of each decay, found without the model."""
+    def noise(self) -> tuple[Noise | tuple[Noise, ...], ...]:
+        """Noise of each decay, found without the model; a tuple of the channels of several."""
         return tuple(record.noise for record in self.records)
 
     def __repr__(self) -> str:
@@ -98,7 +109,7 @@ class Fit(Estimate):
 
 
 def refine(
-    model: ReducedModel,
+    model: AnyModel,
     decays: Decay | Sequence[Decay],
     *,
     fixed: Collection[str] = (),
@@ -110,11 +121,13 @@ def refine(
 
     Parameters
     ----------
-    model : ReducedModel
-        Structure and start, such as ``HarmonicSINDy().fit(decay).model_``.
+    model : ReducedModel or CoupledModel
+        Structure and start, such as ``HarmonicSINDy().fit(decay).model_``. A model of several
+        coordinates needs frequencies near those of the record; all else may start from 0.
     decays : Decay or sequence of Decay
-        One channel each, in the unit of the model. The free part is fitted, in the quantity that
-        was measured: displacement, velocity or acceleration.
+        In the unit of the model; one channel each, or for several coordinates any number: what a
+        channel shows of a coordinate is fitted, and is 1 where that moves it most. The free part
+        is fitted, in the quantity that was measured: displacement, velocity or acceleration.
     fixed : names
         Coefficients that keep their value: any of ``model.coefficients``.
     offset : bool
@@ -140,12 +153,10 @@ def refine(
     """
     if loss not in LOSSES:
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
-    records = prepared(decays, model.unit)
     free = _free_names(model, fixed)
+    records, more = _seen(model, several_decays(decays), offset)
     start = _smoothed(model, records)
-    parts: tuple[Part, ...] = free_coefficients(start, free)
-    if offset:
-        parts += (Part(_Offset(), (), np.zeros((len(records), 1))),)
+    parts = (*free_coefficients(start, free), *more)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
@@ -197,6 +208,13 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
         For no decays, another unit, or a decay given twice.
     """
     several = several_decays(decays)
+    _require_unit(several, unit)
+    records = sharing_drift([Record.of(d.single().free(), _NUMERICS) for d in several])
+    return tuple(record.without_faults() for record in records)
+
+
+def _require_unit(several: Sequence[Decay], unit: str | None) -> None:
+    """All decays in the unit of the model, each given once."""
     for i, decay in enumerate(several):
         if decay.unit != unit:
             raise ValueError(
@@ -208,11 +226,28 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
                 f"decay {i} is the same record as an earlier one: counted twice, it would make"
                 " every error bar too small; give it once"
             )
-    records = sharing_drift([Record.of(d.single().free(), _NUMERICS) for d in several])
-    return tuple(record.without_faults() for record in records)
 
 
-def _notes(records: Sequence[Record], solution: Solution) -> tuple[str, ...]:
+def _seen(
+    model: AnyModel, decays: Sequence[Decay], offset: bool
+) -> tuple[tuple[AnyRecord, ...], tuple[Part, ...]]:
+    """Records, and what of their sensors is fitted: offsets, or mode shapes."""
+    if not isinstance(model, CoupledModel):
+        records = prepared(decays, model.unit)
+        zero = Part(_Offset(), (), np.zeros((len(records), 1)))
+        return records, (zero,) if offset else ()
+    if offset:
+        raise ValueError(
+            "offset = True is for models of one coordinate: subtract the mean of each channel"
+        )
+    _require_unit(decays, model.unit)
+    omega, modes = model.linear_modes
+    order = np.argsort(np.argmax(np.abs(modes), axis=0))
+    several = coupled_records([d.free() for d in decays], omega[order] / (2 * np.pi), _NUMERICS)
+    return several, free_shapes(several)
+
+
+def _notes(records: Sequence[AnyRecord], solution: Solution) -> tuple[str, ...]:
     """What the reader must know of the records and of the fit."""
     notes = []
     if solution.interrupted:
@@ -222,40 +257,28 @@ def _notes(records: Sequence[Record], solution: Solution) -> tuple[str, ...]:
     return (*notes, *record_notes(records))
 
 
-def record_notes(records: Sequence[Record]) -> list[str]:
+def record_notes(records: Sequence[AnyRecord]) -> list[str]:
     """What the reader must know of the records."""
-    notes = []
-    for i, record in enumerate(records):
-        lost = int(np.sum(~record.valid))
-        if lost:
-            notes.append(
-                f"decay {i}: {lost} samples stick to the end of the sensor's range and take no part"
-            )
-        if record.noise.lines:
-            line = record.noise.lines[0]
-            notes.append(
-                f"decay {i}: another vibration at {line.frequency:.4g} Hz, rms {line.rms:.2g},"
-                " is counted as noise; it is no part of this model"
-            )
-    return notes
+    return [f"decay {i}: {text}" for i, record in enumerate(records) for text in record.remarks]
 
 
 def _followed(
-    model: ReducedModel,
+    model: AnyModel,
     parts: tuple[Part, ...],
-    records: Sequence[Record],
+    records: Sequence[AnyRecord],
     loss: str,
     progress: Callable[[str], None] | None,
 ) -> tuple[Solution, Array]:
     """Fit from the measured motion; where that does not settle, over growing horizons."""
     near = fit(model, parts, records)
-    if near.converged:
+    alone = [r for r in records if isinstance(r, Record)]
+    if near.converged or isinstance(model, CoupledModel) or not alone:
         return shoot(model, near.parts, records, near.motions, loss=loss, progress=progress)
-    found, motions = fit_growing(model, parts, records)
+    found, motions = fit_growing(model, parts, alone)
     return shoot(model, found, records, motions, loss=loss, progress=progress)
 
 
-def _free_names(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
+def _free_names(model: AnyModel, fixed: Collection[str]) -> tuple[str, ...]:
     unknown = sorted(set(fixed) - set(model.coefficients))
     if unknown:
         raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
@@ -265,7 +288,7 @@ def _free_names(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
     return free
 
 
-def _smoothed(model: ReducedModel, records: Sequence[Record]) -> ReducedModel:
+def _smoothed(model: AnyModel, records: Sequence[AnyRecord]) -> AnyModel:
     """Model whose dry friction is smooth at the speeds of the records."""
     if all(term.smooth for term in model.terms):
         return model

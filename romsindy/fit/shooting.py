@@ -14,12 +14,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.coupled_record import AnyRecord
+from romsindy.fit.equation import equation_of
 from romsindy.fit.gauss_newton import Solution, held_values, limits, moved_parts, table
 from romsindy.fit.linear_response import sensitivity
+from romsindy.fit.linear_steps import Equation
 from romsindy.fit.normal_equations import NormalEquations, priors
-from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
-from romsindy.fit.record import Record
-from romsindy.physics.model import ReducedModel
+from romsindy.fit.part import Part, columns_of
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 _EVALUATIONS = 40
@@ -35,9 +37,9 @@ LOSSES = ("linear", "soft_l1")
 class _Problem:
     """Whitened misfits as a function of the values of all parts, then of the initial states."""
 
-    model: ReducedModel
+    model: AnyModel
     parts: tuple[Part, ...]
-    records: Sequence[Record]
+    records: Sequence[AnyRecord]
     motions: list[Trajectory]  # the last ones, from which the next are found
     say: Callable[[str], None]
 
@@ -47,11 +49,11 @@ class _Problem:
         self.start = np.concatenate([*start, *(m.start for m in self.motions)])
         self._simulated: Array | None = None  # values of the last motions
 
-    def at(self, values: Array) -> tuple[tuple[Part, ...], list[ExtendedEquation]]:
+    def at(self, values: Array) -> tuple[tuple[Part, ...], list[Equation]]:
         """Parts and equations with other values."""
         parts = moved_parts(self.parts, values[: self.n_values] - self.start[: self.n_values])
         return parts, [
-            ExtendedEquation(self.model, parts, i, r.motion.grid.step, r.clock)
+            equation_of(self.model, parts, i, r.motion.grid.step, r.clock)
             for i, r in enumerate(self.records)
         ]
 
@@ -60,7 +62,7 @@ class _Problem:
         if self._simulated is not None and np.array_equal(values, self._simulated):
             return self.motions
         _, equations = self.at(values)
-        states = values[self.n_values :].reshape(-1, 2)
+        states = values[self.n_values :].reshape(len(self.records), -1)
         triples = zip(equations, states, self.records, self.motions, strict=True)
         self.motions = [integrate(e, s, r.motion.grid, m) for e, s, r, m in triples]
         self._simulated = values.copy()
@@ -71,7 +73,7 @@ class _Problem:
         parts, equations = self.at(values)
         motions = zip(self.records, equations, self.simulate(values), strict=True)
         return [
-            r.signal - read(parts, i, r.t, m.samples(e, r.derivative))[0]
+            r.signal - r.read(parts, i, m.samples(e, r.derivative)).shown
             for i, (r, e, m) in enumerate(motions)
         ]
 
@@ -103,9 +105,11 @@ class _Problem:
             slopes = sensitivity(equation, motion, record.derivative)
             x = motion.samples(equation, record.derivative)
             own = table(parts, i, record, x, slopes)
-            rows = np.zeros((len(own), self.n_values + 2 * len(self.records) + 1))
-            first = self.n_values + 2 * i
-            rows[:, [*columns_of(parts, i), first, first + 1, -1]] = own
+            n_states = len(motion.start)
+            rows = np.zeros((len(own), len(values) + 1))
+            first = self.n_values + n_states * i
+            states = range(first, first + n_states)
+            rows[:, [*columns_of(parts, i), *states, -1]] = own
             found.append(rows)
         return found
 
@@ -116,9 +120,9 @@ class _Problem:
 
 
 def simulated_misfit(
-    model: ReducedModel,
+    model: AnyModel,
     parts: Sequence[Part],
-    records: Sequence[Record],
+    records: Sequence[AnyRecord],
     motions: Sequence[Trajectory],
 ) -> Array:
     """Whitened misfit of all records, simulated from the initial states of some motions."""
@@ -130,9 +134,9 @@ def simulated_misfit(
 
 
 def shoot(
-    model: ReducedModel,
+    model: AnyModel,
     parts: Sequence[Part],
-    records: Sequence[Record],
+    records: Sequence[AnyRecord],
     motions: Sequence[Trajectory],
     *,
     fixed: bool = False,
@@ -202,7 +206,7 @@ def shoot(
     except KeyboardInterrupt:
         values, interrupted = problem.start, True
     n = problem.n_values
-    system = NormalEquations(n, len(records))
+    system = NormalEquations(n, len(records), n_coordinates=model.n_coordinates)
     rows = problem.tables(values)
     for own in rows:
         system.add(np.arange(system.size), own)

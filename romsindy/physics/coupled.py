@@ -28,6 +28,8 @@ from romsindy.physics.coupling import (
 )
 from romsindy.physics.integration import integrate_smooth
 from romsindy.physics.model import ReducedModel, SingularInertiaError
+from romsindy.physics.serial import read_json
+from romsindy.physics.term import Term, law_called, type_name
 from romsindy.physics.term_sum import TermSum, signed_text
 from romsindy.physics.validation import require_finite
 from romsindy.record.decay import Decay, checked_time
@@ -286,6 +288,10 @@ class CoupledModel(TermSum):
         sums = self._sums(precision, Names())
         return [f"q{i + 1}_ddot{''.join(parts)} = 0" for i, parts in enumerate(sums)]
 
+    def equation(self, precision: int = 4) -> str:
+        """All equations, a line each."""
+        return "\n".join(self.equations(precision))
+
     def latex(self, precision: int = 4) -> str:
         """The equations as LaTeX, for an ``aligned`` environment, without dollar signs."""
         sums = self._sums(precision, Names("q_{}", r"\dot{{q}}_{}", r"\ddot{{q}}_{}"), latex=True)
@@ -312,6 +318,26 @@ class CoupledModel(TermSum):
             low, high = self.amplitude_range
             lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")
         return "\n".join(lines)
+
+
+AnyModel = ReducedModel | CoupledModel
+
+
+def model_from_json(text: str) -> AnyModel:
+    """The model of one coordinate or of several that ``to_json`` wrote.
+
+    Raises
+    ------
+    ValueError
+        As those of `ReducedModel.from_json`.
+    """
+    content = read_json(text)
+    terms = content.get("terms", ()) if isinstance(content, dict) else ()
+    types = {term.get("type") for term in terms if isinstance(term, dict)}
+    coupled = {type_name(kind) for kind in Term.kinds.values() if issubclass(kind, CoupledTerm)}
+    names = content.get("coefficients", ()) if isinstance(content, dict) else ()
+    several = types & coupled or any(isinstance(law_called(str(n)), CoupledTerm) for n in names)
+    return (CoupledModel if several else ReducedModel).from_json(text)
 
 
 def _notes(model: CoupledModel) -> dict[str, str]:

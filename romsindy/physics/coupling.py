@@ -22,7 +22,18 @@ from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
-from romsindy.physics.term import Scalars, Term, WeakForm, exact, law_called, power_text
+import numpy as np
+
+from romsindy.physics.term import (
+    Scalars,
+    Term,
+    WeakForm,
+    exact,
+    law_called,
+    power_of,
+    power_text,
+)
+from romsindy.typing import Array
 
 Powers = tuple[int, ...]
 
@@ -60,6 +71,10 @@ class CoupledTerm(Term):
         """Text in all of its equations."""
         found = self.expressions(Names()).values()
         return ", ".join(text if f == 1 else f"{exact(f)} {text}" for f, text in found)
+
+    @abstractmethod
+    def strong(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        """Value of the term in every equation, (..., R), from (..., R) each."""
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         """Windows of coupled motion are not integrated by parts.
@@ -159,6 +174,13 @@ class Along(CoupledTerm):
         text = self.law.expression(*(a if alone else f"({a})" for a in along))
         return {i: (w, text) for i, w in enumerate(self.weights) if w}
 
+    def strong(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        n = self.n_coordinates
+        along = (x[..., :n] @ np.array(self.weights) for x in (q, q_dot, q_ddot))
+        value = np.zeros_like(q)
+        value[..., :n] = np.asarray(self.law.strong(*along))[..., None] * self.weights
+        return value
+
     def has(self, part: str) -> bool:
         return self.law.has(part)
 
@@ -184,6 +206,15 @@ class PolynomialTerm(CoupledTerm):
     @abstractmethod
     def monomials(self) -> list[Monomial]:
         """What it adds to the equations."""
+
+    def strong(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        value = np.zeros_like(q)
+        for m in self.monomials():
+            factors = [power_of(q[..., i], p) for i, p in enumerate(m.powers) if p]
+            factors += [q_dot[..., j] for j in m.rates]
+            factors += [] if m.second is None else [q_ddot[..., m.second]]
+            value[..., m.equation] += m.factor * np.prod(factors, axis=0)
+        return value
 
     def expressions(self, names: Names) -> dict[int, tuple[float, str]]:
         found = {}

@@ -70,6 +70,8 @@ class ReducedModel(TermSum):
                 " ReducedModel"
             )
 
+    n_coordinates = 1  # no field: see `romsindy.physics.coupled.CoupledModel` for several
+
     @cached_property
     def _cache(self) -> dict[str, tuple[Array, list[tuple[float, Callable]]]]:
         return {}

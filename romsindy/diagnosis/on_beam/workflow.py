@@ -219,7 +219,7 @@ def calibrated(beam: Beam, simulated: Decay) -> ReducedModel:
     damping = {"c_linear": beam.alpha + beam.eta * omega2, "c_q^2 q_dot": 0.0}
     start = ReducedModel.from_coefficients({**static, **damping}, unit=UNIT)
     fitted = refine(start, simulated, fixed=("Upsilon_6", "Upsilon_7"))
-    return replace(fitted.model, amplitude_range=None)
+    return replace(fitted.single_model, amplitude_range=None)
 
 
 def _frequency_shift(model: ReducedModel, decays: Sequence[Decay]) -> float:

@@ -127,7 +127,7 @@ class Identification(Estimate):
                 " there; stay within reach"
             )
         values = np.array([function(m, q) for m in models])
-        return Curve(q, function(self.model, q), *_shortest(values))
+        return Curve(q, function(self.single_model, q), *_shortest(values))
 
     def band(self, amplitudes: ArrayLike) -> Band:
         """Backbone and damping ratio with their standard errors, over all that the data allow.
@@ -254,7 +254,7 @@ class Identification(Estimate):
     def off(self) -> str:
         """How far the frequency of the short equation is off that of the functions."""
         a = np.linspace(0.05, 0.95, 19) * min(map(abs, self.reach))
-        off = 100 * np.abs(self.short.backbone(a) / self.model.backbone(a) - 1)
+        off = 100 * np.abs(self.short.backbone(a) / self.single_model.backbone(a) - 1)
         reach = f"up to {a[-1]:.3g} {self.model.unit or '[q]'}"
         if np.isnan(off).any():
             return f"it has no motion at some amplitudes {reach}"

@@ -1,0 +1,287 @@
+"""A decay in which several coordinates ring, ready to be compared with a simulation.
+
+The vibrations are followed in the channels (`romsindy.record.vibrations`). As they were followed
+they are the motion from which a fit starts; what they leave of a channel is noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from romsindy.effects.base import ReadingEffect
+from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.part import Part, Reading
+from romsindy.fit.record import Record
+from romsindy.record.decay import Decay
+from romsindy.record.noise import Noise
+from romsindy.record.ridges import Ridge
+from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.vibrations import Vibration, find_vibrations
+from romsindy.typing import Array
+
+# Steps of the integration in a cycle of the fastest coordinate: its error, of order six, stays
+# below a hundredth of a noise of 40 dB.
+_STEPS = 20
+# A vibration is a coordinate's where its frequency is so near, as a ratio.
+_NEAR = 1.25
+# Noise is measured where the coordinates ring: a filter may have taken what lies beyond.
+_BELOW, _ABOVE = 0.5, 1.5
+_CYCLES = 3.0  # between knots of the amplitudes of a tone
+
+
+@dataclass(frozen=True)
+class ModeShape(ReadingEffect):
+    """What one channel shows of one coordinate, beyond what was read off the record."""
+
+    channel: int = 0
+    coordinate: int = 0
+
+    name, label = "mode_shape", "another mode shape at a sensor"
+
+    @property
+    def variant(self) -> str:
+        """Channel and coordinate, from 1."""
+        return f"channel {self.channel + 1}, q{self.coordinate + 1}"
+
+    def readings(self, t: Array, q: Array) -> Array:
+        """Of its channel, (1, n), by a motion (n, R)."""
+        return q[:, self.coordinate][None]
+
+
+class CoupledReading(Reading):
+    """What c channels show of R coordinates, one channel after the other; ``slope`` is (c, R)."""
+
+    def by_motion(self, change: Array) -> Array:
+        """Changes of the reading, (c n, k), by changes (n, R, k) of the motion."""
+        return np.einsum("cr,nrk->cnk", self.slope, change).reshape(-1, change.shape[2])
+
+
+@dataclass(frozen=True)
+class CoupledRecord:
+    """One decay of several coordinates: what was measured, its noise, and the motion behind it.
+
+    Attributes
+    ----------
+    decay : Decay
+        Of one channel or several.
+    signal : (c n,) array
+        The measured channels, one after the other.
+    noise : tuple of Noise
+        Of each channel.
+    shapes : (c, R) array
+        What each channel shows of each coordinate; 1 in the main channel of the coordinate.
+    motion : Trajectory
+        Smooth displacement of the R coordinates; times from the start of the record.
+    tones : tuple of Ridge
+        The fundamentals of the coordinates, as followed in their main channels.
+    """
+
+    decay: Decay
+    signal: Array
+    noise: tuple[Noise, ...]
+    shapes: Array
+    motion: Trajectory
+    tones: tuple[Ridge, ...]
+
+    @classmethod
+    def of(
+        cls, decay: Decay, frequencies: Array, floor: float, main: Sequence[int] = ()
+    ) -> CoupledRecord:
+        """Look at a free decay for vibrations near some frequencies, Hz, one for each coordinate.
+
+        ``floor`` is the least noise, as a part of the largest sample; ``main`` the channel of each
+        coordinate, by default that in which it moves most.
+
+        Raises
+        ------
+        ValueError
+            If no vibration near a frequency stands out of the noise.
+        """
+        t, signals = decay.t - decay.t[0], decay.signal.reshape(len(decay.t), -1)
+        found = [find_vibrations(x, decay.dt, decay.derivative) for x in signals.T]
+        everywhere = list(range(len(found)))
+        wanted = [[channel] for channel in main] or [everywhere] * len(frequencies)
+        pairs = [_main(found, f, some) for f, some in zip(frequencies, wanted, strict=True)]
+        main, own = zip(*pairs, strict=True)
+        tones = tuple(v.tone for v in own)
+        waves = np.stack([_wave(tone, t, 0) for tone in tones], axis=1)
+        shapes = np.linalg.lstsq(waves, signals, rcond=None)[0].T
+        shapes = shapes / shapes[list(main), range(len(main))]
+        noise = tuple(
+            _noise(x, several, own, decay.dt, floor * float(np.abs(x).max()))
+            for x, several in zip(signals.T, found, strict=True)
+        )
+        fastest = max(float(tone.frequency.max()) for tone in tones)
+        grid = Grid.over(t, 1 / fastest, _STEPS)
+        return cls(
+            decay, signals.T.ravel(), noise, shapes, _motion(grid, tones, decay.derivative), tones
+        )
+
+    @property
+    def t(self) -> Array:
+        """Times from the start of the record, s."""
+        return self.decay.t - self.decay.t[0]
+
+    @property
+    def clock(self) -> float:
+        """Time of the start of the record as it was recorded, s."""
+        return float(self.decay.t[0])
+
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return self.decay.derivative
+
+    @property
+    def amplitude(self) -> float:
+        """Largest displacement of a coordinate."""
+        return float(np.abs(self.motion.q).max())
+
+    @property
+    def main(self) -> list[int]:
+        """The channel of each coordinate whose reading says how large it is."""
+        return [int(np.argmin(np.abs(column - 1))) for column in self.shapes.T]
+
+    def read(self, parts: Sequence[Part], number: int, x: Array) -> CoupledReading:
+        """What the channels show of a motion x, (n, R)."""
+        shapes, rows = self.shapes.copy(), []
+        for part in parts:
+            effect, row = part.effect, np.zeros((len(self.noise), len(x)))
+            if isinstance(effect, ModeShape):
+                shapes[effect.channel, effect.coordinate] += part.own(number)[0]
+                row[effect.channel] = effect.readings(self.t, x)[0]
+            rows.append(row.ravel())
+        by_value = np.array(rows).reshape(len(rows), -1)
+        return CoupledReading((shapes @ x.T).ravel(), shapes, by_value)
+
+    def with_signal(self, signal: Array) -> CoupledRecord:
+        """The same with another measurement, such as a simulated one."""
+        return replace(self, signal=signal)
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Noise like that of the channels, (c n,)."""
+        n = len(self.decay.t)
+        return np.concatenate([noise.draw(n, self.decay.dt, rng) for noise in self.noise])
+
+    def whitened(self, x: Array) -> Array:
+        """Misfits or their derivatives (c n, ...) over the noise of their channel."""
+        channels = x.reshape(len(self.noise), -1, *x.shape[1:])
+        white = [noise(part) for noise, part in zip(self.noise, channels, strict=True)]
+        return np.concatenate(white)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the reader of a fit must know of it."""
+        return []
+
+    def alone(self, residual: Array) -> list[tuple[Record, Array]]:
+        """Each channel as the record of each coordinate, with a residual of it whitened.
+
+        They are looked at for what is left at the harmonics of the coordinate.
+        """
+        t = self.t
+        signals, white = (
+            x.reshape(len(self.noise), -1) for x in (self.signal, self.whitened(residual))
+        )
+        found = []
+        for signal, noise, left in zip(signals, self.noise, white, strict=True):
+            for tone in self.tones:
+                clock = np.clip(t, tone.start, tone.end)
+                q = np.real(_displaced(tone, clock, -self.derivative))
+                decay = Decay(self.decay.t, q, unit=self.decay.unit, stage="free")
+                spline = HarmonicSpline.along(tone.phase, clock, q, _CYCLES, 1)
+                valid = np.ones(len(t), bool)
+                record = Record(decay, signal, valid, noise, spline, self.motion)
+                found.append((record, left))
+        return found
+
+
+AnyRecord = Record | CoupledRecord
+
+
+def coupled_records(
+    decays: Sequence[Decay], frequencies: Array, floor: float
+) -> tuple[CoupledRecord, ...]:
+    """Free decays of one structure, with the mode shapes that they have in the mean.
+
+    Arguments and errors as those of `CoupledRecord.of`.
+    """
+    first = CoupledRecord.of(decays[0], frequencies, floor)
+    others = [CoupledRecord.of(d, frequencies, floor, first.main) for d in decays[1:]]
+    shapes = np.mean([r.shapes for r in (first, *others)], axis=0)
+    return tuple(replace(r, shapes=shapes) for r in (first, *others))
+
+
+def free_shapes(records: Sequence[CoupledRecord]) -> tuple[Part, ...]:
+    """What channels show of coordinates beyond their main channels, as values to be fitted."""
+    main = records[0].main
+    return tuple(
+        Part(ModeShape(channel, j), (), np.zeros((1, 1)))
+        for channel, j in np.ndindex(records[0].shapes.shape)
+        if channel != main[j]
+    )
+
+
+def _main(
+    found: Sequence[Sequence[Vibration]], frequency: float, channels: Sequence[int]
+) -> tuple[int, Vibration]:
+    """The channel in which a vibration near a frequency moves most, and the vibration there."""
+    near = [
+        (v.energy, channel, v)
+        for channel in channels
+        for v in found[channel]
+        if not v.steady and 1 / _NEAR < v.mean_frequency / frequency < _NEAR
+    ]
+    if not near:
+        heard = sorted({f"{v.mean_frequency:.4g} Hz" for several in found for v in several})
+        raise ValueError(
+            f"the model has a mode of {frequency:.4g} Hz, but nothing near it rings in the record,"
+            f" which holds {', '.join(heard) or 'no vibration'}: start from a model whose"
+            " omega^2 are those of the vibrations, or leave the coordinate out"
+        )
+    _, channel, vibration = max(near, key=lambda x: x[0])
+    return channel, vibration
+
+
+def _displaced(tone: Ridge, t: Array, times: int) -> Array:
+    """A tone differentiated so often, or integrated if that is negative; complex, (n,)."""
+    return tone.z(t) * np.exp(1j * tone.phase(t)) * (1j * tone.phase(t, 1)) ** times
+
+
+def _wave(tone: Ridge, t: Array, times: int) -> Array:
+    """The same, real, beyond the ends of the tone as well: there it dies as it did before."""
+    inside = np.clip(t, tone.start, tone.end)
+    log = np.log(np.maximum(tone.amplitude, 1e-300))
+    fall = max(-float(np.polyfit(tone.t, log, 1)[0]), 0.0) if len(log) > 1 else 0.0
+    late = t - inside
+    turned = np.exp((1j * tone.phase(inside, 1) - fall * np.sign(late)) * late)
+    return np.real(_displaced(tone, inside, times) * turned)
+
+
+def _motion(grid: Grid, tones: Sequence[Ridge], derivative: int) -> Trajectory:
+    ends = grid.start + grid.step * np.arange(grid.n_steps + 1)
+    inside = grid.node_times(0, grid.n_steps).ravel()
+    q, q_dot, q_ddot = (
+        np.stack([_wave(tone, t, d - derivative) for tone in tones], axis=1)
+        for d, t in enumerate((ends, ends, inside))
+    )
+    return Trajectory(grid, q, q_dot, q_ddot.reshape(-1, 3, len(tones)))
+
+
+def _noise(
+    x: Array, several: Sequence[Vibration], own: Sequence[Vibration], dt: float, floor: float
+) -> Noise:
+    """Noise of a channel beside all that was followed in it, alike for all samples."""
+    t = dt * np.arange(len(x))
+    rest = x - sum((v(t) for v in several), np.zeros(len(x)))
+    tone = max(own, key=lambda v: v.energy).tone
+    size = np.abs(tone.z(np.clip(t, tone.start, tone.end)))
+    frequency = [float(np.median(v.frequency)) for v in own]
+    noise = Noise.of(rest, np.zeros(len(x)), size, 1 / max(frequency), dt, floor)
+    every = np.fft.rfftfreq(len(x), dt)
+    ringing = (every > _BELOW * min(frequency)) & (every < _ABOVE * max(frequency))
+    std = float(np.sqrt(np.mean(noise.spectrum(every[ringing]))))
+    return replace(noise, std=std, level=std, alike=True, drift=None)
