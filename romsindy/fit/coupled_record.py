@@ -27,8 +27,9 @@ from romsindy.typing import Array
 _STEPS = 20
 # A vibration is a coordinate's where its frequency is so near, as a ratio.
 _NEAR = 1.25
-# Noise is measured where the coordinates ring: a filter may have taken what lies beyond.
-_BELOW, _ABOVE = 0.5, 1.5
+# Noise is measured where the coordinates ring, and where it is about as loud: a filter may have
+# taken what lies beyond.
+_BELOW, _ABOVE, _ALIKE = 0.5, 1.5, 4.0
 _CYCLES = 3.0  # between knots of the amplitudes of a tone
 
 
@@ -282,6 +283,9 @@ def _noise(
     frequency = [float(np.median(v.frequency)) for v in own]
     noise = Noise.of(rest, np.zeros(len(x)), size, 1 / max(frequency), dt, floor)
     every = np.fft.rfftfreq(len(x), dt)
+    power = noise.spectrum(every)
     ringing = (every > _BELOW * min(frequency)) & (every < _ABOVE * max(frequency))
-    std = float(np.sqrt(np.mean(noise.spectrum(every[ringing]))))
+    level = float(np.mean(power[ringing]))
+    alike = (power > level / _ALIKE) & (power < _ALIKE * level)
+    std = float(np.sqrt(np.mean(power[alike | ringing])))
     return replace(noise, std=std, level=std, alike=True, drift=None)

@@ -1,0 +1,104 @@
+"""Fits of several coordinates, to decays of a simulator that shares nothing with the package."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from romsindy import CoupledModel, Decay, Estimate, bootstrap, refine
+
+SHAPES = np.array([[1.0, 0.7], [0.5, 1.0]])
+TRUTH = {
+    "omega^2 [q1]": (2 * np.pi * 10.0) ** 2,
+    "omega^2 [q2]": (2 * np.pi * 20.7) ** 2,
+    "c_linear [q1]": 0.6,
+    "c_linear [q2]": 1.0,
+    "gamma_3 [q1]": 900.0,
+    "V q1^2 q2": 500.0,
+    "g(q1^2)^2": 0.05,
+}
+# Frequencies 1 % off, the rest unknown.
+START = {k: 1.02 * v if "omega" in k else v if "c_" in k else 0.0 for k, v in TRUTH.items()}
+
+
+def rates(_, y):
+    """The equations of TRUTH, written down by hand."""
+    q1, q2, v1, v2 = y
+    k1, k2, c1, c2, gamma, v, g = TRUTH.values()
+    force_1 = k1 * q1 + c1 * v1 + gamma * q1**3 + 2 * v * q1 * q2 + 4 * g * q1 * v1**2
+    force_2 = k2 * q2 + c2 * v2 + v * q1**2
+    return [v1, v2, -force_1 / (1 + 4 * g * q1**2), -force_2]
+
+
+def decays(seed, shapes, starts=((0.8, 0.4), (0.4, 0.6)), duration=5.0):
+    rng, t, found = np.random.default_rng(seed), np.arange(0, duration, 1 / 300), []
+    for start in starts:
+        options = {"t_eval": t, "method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
+        q = solve_ivp(rates, (0, duration), [*start, 0.0, 0.0], **options).y[:2].T
+        y = q @ np.atleast_2d(shapes).T
+        y += 0.01 * y.std(axis=0) * rng.standard_normal(y.shape)  # 40 dB
+        found.append(Decay(t, y if y.shape[1] > 1 else y[:, 0], unit="m"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def two_sensors():
+    return refine(CoupledModel.from_coefficients(START, unit="m"), decays(11, SHAPES))
+
+
+def misses(fit):
+    """Errors over standard errors."""
+    found, error = fit.model.coefficients, fit.standard_errors
+    return np.array([(found[k] - v) / error[k] for k, v in TRUTH.items()])
+
+
+def test_coefficients_and_mode_shapes_from_two_sensors(two_sensors):
+    fit = two_sensors
+    # Seven values: one in 2000 such fits has one beyond four standard errors.
+    assert np.abs(misses(fit)).max() < 4
+    assert fit.standard_errors["V q1^2 q2"] < 0.01 * TRUTH["V q1^2 q2"]
+    # Noise of 1 % in 3000 samples of two records: shapes to some 1e-3.
+    np.testing.assert_allclose(fit.mode_shapes, SHAPES, atol=5e-3)
+    # The level of the noise is known to about 3 %, from medians of a spectrum.
+    assert fit.adequacy == pytest.approx(1.0, abs=0.1)
+    assert fit.verdict.explained and fit.solution.converged
+    assert fit.states.shape == (2, 4)
+    np.testing.assert_allclose(fit.states[:, :2], [[0.8, 0.4], [0.4, 0.6]], atol=0.01)
+
+
+def test_coefficients_from_one_sensor():
+    fit = refine(CoupledModel.from_coefficients(START, unit="m"), decays(12, [1.0, 1.0]))
+    assert np.abs(misses(fit)).max() < 4
+    np.testing.assert_array_equal(fit.mode_shapes, [[1.0, 1.0]])
+    assert fit.adequacy == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_is_missing_shows_at_the_harmonics(two_sensors):
+    lacking = {k: v for k, v in START.items() if k != "V q1^2 q2"}
+    fit = refine(CoupledModel.from_coefficients(lacking, unit="m"), two_sensors.decays)
+    assert fit.adequacy > 2 and fit.verdict.structured
+
+
+def test_a_fit_can_be_kept_and_repeated(two_sensors, tmp_path):
+    two_sensors.save(tmp_path / "fit.json")
+    again = Estimate.load(tmp_path / "fit.json")
+    assert again.model == two_sensors.model
+    np.testing.assert_array_equal(again.covariance, two_sensors.covariance)
+    assert str(again) == str(two_sensors) and "q2_ddot" in str(again)
+    drawn = bootstrap(two_sensors, repetitions=3, seed=1)
+    # Three repetitions give a standard error to some 50 %.
+    spread = drawn.values.std(axis=0, ddof=1) / np.sqrt(np.diag(two_sensors.covariance))
+    assert np.all((spread > 0.05) & (spread < 4))
+
+
+def test_what_cannot_be_fitted(two_sensors):
+    decay = two_sensors.decays[0]
+    far = CoupledModel.from_coefficients({**START, "omega^2 [q2]": 1e5}, unit="m")
+    with pytest.raises(ValueError, match=r"a mode of 50.33 Hz, but nothing near it rings .*10.*Hz"):
+        refine(far, decay)
+    model = CoupledModel.from_coefficients(START, unit="m")
+    with pytest.raises(ValueError, match="offset = True is for models of one coordinate"):
+        refine(model, decay, offset=True)
+    with pytest.raises(ValueError, match="decay 1 is the same record"):
+        refine(model, [decay, decay])
+    with pytest.raises(ValueError, match=r"has 2 coordinates, and one is needed.*backbone_curve"):
+        two_sensors.band([0.1])
