@@ -222,3 +222,22 @@ def test_a_drift_that_is_hidden_in_one_record_is_known_from_another():
     assert first is drifting
     np.testing.assert_allclose(second.noise.drift.power, drifting.noise.drift.power)
     assert sharing_drift([quiet]) == [quiet]
+
+
+@pytest.mark.parametrize("kind", [white, low_passed])
+def test_noise_of_few_cycles_is_read_off_what_follows_them(kind):
+    """Dry friction stops five swings; a smooth motion through so few takes slow noise with it."""
+    stopped = np.maximum(1 - F0 * T / 5, 0.0) * np.cos(OMEGA * T)
+    noise = 2 * STD * kind(np.random.default_rng(0))
+    record = Record.loud(rs.Decay(T, stopped + noise), 1e-6)
+    assert record.t[-1] * F0 < 6
+    # The level of coloured noise is known to 10 %.
+    assert record.noise.std == pytest.approx(np.std(noise), rel=0.1)
+
+
+def test_a_vibration_that_goes_on_fading_is_no_noise():
+    """Below a hundredth of its amplitude it is not looked at, but 40 dB above this noise."""
+    fading = np.exp(-3 * T) * np.cos(OMEGA * T)
+    record = Record.loud(rs.Decay(T, fading + 1e-4 * STD * white(np.random.default_rng(0))), 1e-9)
+    alone = Record.of(record.decay, 1e-9)
+    assert record.noise.std == alone.noise.std

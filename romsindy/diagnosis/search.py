@@ -17,6 +17,7 @@ from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect
 from romsindy.effects.memory import MemoryEffect
+from romsindy.effects.outside import Hum
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.gauss_newton import fit
@@ -141,7 +142,8 @@ class Search:
             first = first or screening
             tried = self._one_more(best, screening)
             if best is base and tried and not self.remainder(tried[0]).explained:
-                tried = self._ranked([*tried, *self._pairs(screening)])
+                pairs = [*self._pairs(screening), *self._beside_hum(screening)]
+                tried = self._ranked([*tried, *pairs])
             seen += tried
             if not tried or not self._worth(best, tried[0]):
                 break
@@ -248,6 +250,27 @@ class Search:
             if len(trials) == _PAIRS:
                 break
         return self.fitted(trials)
+
+    def _beside_hum(self, screening: Screening) -> list[Hypothesis]:
+        """Where the records show lines: hum, and effects that show once it is gone."""
+        hums = self._hums(screening)
+        if not hums:
+            return []
+        hum = self.hypothesis([self._part(hums[0], screening)])
+        return [hum, *self._one_more(hum, self._screened(hum))]
+
+    def _hums(self, screening: Screening) -> list[Screened]:
+        """Hum that lines of the records show, what gains most for its price first."""
+        lines = np.array([line.frequency for r in self.records for line in r.noise.lines])
+        width = 2 / min(float(r.t[-1]) for r in self.records)  # Hz, as in `combs`
+        price = float(np.log(sum(r.count for r in self.records)))
+
+        def shown(hum: Hum) -> bool:
+            apart = np.abs(lines - hum.frequency / (2 * np.pi))
+            return hum.harmonics > 1 or bool(np.any(apart < width))
+
+        hums = [s for s in screening.singles() if isinstance(s.effect, Hum) and shown(s.effect)]
+        return sorted(hums, key=lambda s: s.chi_squared + price * s.strengths.size)
 
     def _worth(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether more effects gain more than chance would, over all that was looked at."""

@@ -28,6 +28,7 @@ _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
 _FOLLOWS = 3  # powers of the amplitude
 _DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
+_FEW = 16  # cycles: in fewer, too few lines for a median lie between two harmonics
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,11 @@ class Record:
     first: int = 0
 
     @classmethod
-    def of(cls, decay: Decay, floor: float) -> Record:
+    def of(cls, decay: Decay, floor: float, after: Array | None = None) -> Record:
         """Look at a decay; ``floor`` is the least noise, as a part of the largest amplitude.
 
-        What other vibrations left in it counts beside that.
+        What other vibrations left in it counts beside that. The noise is read off what came
+        ``after`` the decay, (m,), where that is given.
         """
         decay = decay.single()
         t = decay.t - decay.t[0]
@@ -80,7 +82,7 @@ class Record:
         peak = float(np.abs(signal).max())
         least = float(np.hypot(floor * peak, decay.leftover))
         rest, envelope = signal - spline(t)[0], np.abs(spline.amplitudes(t)[:, 1])
-        noise = Noise.of(rest, spline.midline(t), envelope, cycle, decay.dt, least)
+        noise = Noise.of(rest, spline.midline(t), envelope, cycle, decay.dt, least, after)
         displacement = spline if decay.derivative == 0 else HarmonicSpline.fit(t, decay.q)
         shortest = 2 * np.pi / float(spline.phase(t, 1).max())
         grid = Grid.over(t, shortest, _steps_per_cycle(noise.std / peak))
@@ -107,7 +109,9 @@ class Record:
         record = cls.of(_loud(decay, white), floor)
         # Coloured noise is louder than it seems from its quietest part.
         loud = record.noise.std > _LOUDER * white
-        return cls.of(_loud(decay, record.noise.std), floor) if loud else record
+        record = cls.of(_loud(decay, record.noise.std), floor) if loud else record
+        after = _after(decay, record)
+        return record if after is None else cls.of(record.decay, floor, after)
 
     @property
     def t(self) -> Array:
@@ -269,6 +273,15 @@ def _loud(decay: Decay, noise: float) -> Decay:
             " cycles: it is noise, or another channel vibrates"
         )
     return decay.between(decay.t[first], decay.t[above[-1]])
+
+
+def _after(decay: Decay, record: Record) -> Array | None:
+    """What follows a vibration of few cycles, (m,), if it is longer, and noise alone."""
+    after = decay.signal[decay.t > record.decay.t[-1]]
+    if record.t[-1] * record.rate > _FEW * 2 * np.pi or len(after) < len(record.signal):
+        return None
+    first, last = (np.var(half) for half in np.array_split(after, 2))
+    return after - np.mean(after) if first < 2 * last else None  # a vibration goes on fading
 
 
 def _motion(grid: Grid, spline: HarmonicSpline) -> Trajectory:

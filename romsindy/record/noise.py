@@ -64,7 +64,14 @@ class Noise:
 
     @classmethod
     def of(
-        cls, rest: Array, slow: Array, amplitude: Array, cycle: float, dt: float, floor: float
+        cls,
+        rest: Array,
+        slow: Array,
+        amplitude: Array,
+        cycle: float,
+        dt: float,
+        floor: float,
+        after: Array | None = None,
     ) -> Noise:
         """From what a smooth motion leaves of a record, and the least standard deviation.
 
@@ -82,9 +89,12 @@ class Noise:
             Sampling interval, s.
         floor : float
             Unit of the record.
+        after : (m,) array, optional
+            What follows the vibration, where that is noise alone and tells more than the rest.
         """
-        order, power = lines_between(rest, cycle / dt)
-        lines = strong_lines(order, power, len(rest), cycle)
+        alone = rest if after is None else after
+        order, power = lines_between(alone, cycle / dt)
+        lines = strong_lines(order, power, len(alone), cycle)
         level = float(np.sqrt(np.mean(power) + floor**2))
         spectrum = Spectrum.between_harmonics(order, power, cycle)
         spectrum = replace(spectrum, power=spectrum.power + floor**2)
