@@ -35,6 +35,9 @@ METHODS = ("conservative", "phase resonance")
 
 # Multipliers of undamped orbits have size 1 to rounding; they do not count as unstable.
 _NEUTRAL = 1e-7
+# Those of several coordinates have the size 1 to the error of the propagator; what grows less than
+# this in a period is as good as stable.
+_DRIFT = 1e-5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +75,7 @@ class PeriodicOrbits:
         return len(self.frequency)
 
     def motion(self, index: int, n_samples: int = 200) -> tuple[Array, Array]:
-        """Time in s, (n_samples,), and displacement, (n_samples, R), over one period of an orbit."""
+        """Time in s, (n_samples,), and displacement, (n_samples, R), over one period."""
         phase = np.linspace(0, 2 * np.pi, n_samples)
         k = np.arange(self.coefficients.shape[1])
         q = np.real(np.exp(1j * np.outer(phase, k)) @ self.coefficients[index])
@@ -107,11 +110,15 @@ class BackboneCurve(PeriodicOrbits):
         Whose orbits these are: undamped, or with forces that do not jump.
     conservative : bool
         Whether the model has no damping.
+    crossings : (k,) array of int
+        First points past orbits of another mode, in which the first coordinate does not take part:
+        there two curves cross.
     """
 
     negative_damping: Array
     model: Model
     conservative: bool
+    crossings: Indices
 
     @cached_property
     def multipliers(self) -> NDArray[np.complex128]:
@@ -131,12 +138,18 @@ class BackboneCurve(PeriodicOrbits):
     @cached_property
     def stable(self) -> NDArray[np.bool_]:
         """Whether small deviations stay small, (n,)."""
-        return np.max(np.abs(self.multipliers), axis=1) <= 1 + _NEUTRAL
+        return np.max(np.abs(self.multipliers), axis=1) <= 1 + _DRIFT
 
     @property
     def bifurcations(self) -> tuple[Bifurcation, ...]:
-        """Folds and changes of stability as those of a `ForcedResponse`."""
-        return _bifurcations(self.multipliers, self.stable, self.folds)
+        """As those of a `ForcedResponse`; at a fold, the energy turns back, not the amplitude."""
+        if not self.conservative:
+            return _bifurcations(self.multipliers, self.stable, np.array([], int))
+        q = np.real(np.sum(self.coefficients, axis=1))  # at rest
+        energy = self.model.energy(q, np.zeros_like(q))
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
+        crossed = np.min(np.abs(turns[:, None] - self.crossings), axis=1, initial=2) < 2
+        return _bifurcations(self.multipliers, self.stable, turns[~crossed])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,7 +184,7 @@ class ForcedResponse(PeriodicOrbits):
         rows = [["point", "frequency [Hz]", *(f"{name} [{unit}]" for name in names)]]
         for name, i in sorted(points, key=lambda point: point[1]):
             rows.append([name, f"{hz[i]:.5g}", *(f"{a:.4g}" for a in sizes[i])])
-        force = " and ".join(f"{f:g}" for f in np.atleast_1d(self.force))
+        force = _listed(np.atleast_1d(self.force))
         title = f"Response to a force of {force} {unit}/s^2 per unit mass, {len(self)} orbits"
         note = "Stable everywhere."
         if not np.all(self.stable):
@@ -272,11 +285,13 @@ def backbone_curve(
         u = np.append(first * start.u[:-2], start.u[-2:])
         branch = follow(partial(family, False), ladder, Start(u, first), (-1.0, 1.0), steps)
     end = f"amplitude reached {abs(branch.end.p) * high:.6g} {model.unit or '[q]'}"
+    later = np.sum(branch.c[:, 1::4, coordinate], axis=1) < 0
     return BackboneCurve(
-        **_orbits(_in_phase(branch, coordinate), end, model.unit),
+        **_orbits(_shifted(branch, later), end, model.unit),
         negative_damping=omega_0 * branch.other[:, 1],
         model=smooth,
         conservative=conservative,
+        crossings=np.flatnonzero(later[1:] != later[:-1]) + 1,
     )
 
 
@@ -342,7 +357,7 @@ def forced_response(
     # One unit in p, and twice up and down the resonance in two components.
     steps = _steps(n_points, 5.0)
     raising = partial(family, Path((first, first), (np.zeros_like(forces), forces)))
-    failure = f"the force cannot be raised to {force} at {first:g} rad/s, start elsewhere"
+    failure = f"the force cannot be raised to {_listed(forces)} at {first:g} rad/s, start elsewhere"
     rest = Start(np.zeros(3 * len(forces)), 0.0)
     raised = _led(raising, ladder, rest, 1.0, steps, failure)
     sweeping = partial(family, Path((first, last), (forces, forces)))
@@ -411,6 +426,10 @@ def _checked_force(force: ArrayLike, equations: Equations) -> Array:
     return forces.reshape(count)
 
 
+def _listed(forces: Array) -> str:
+    return " and ".join(f"{f:g}" for f in forces)
+
+
 def _resonance(equations: Equations, forces: Array, omega: float) -> float:
     """Amplitude of a linear resonance at omega, unit of q: the size of what is to come."""
     rest = np.zeros((1, equations.n_coordinates))
@@ -437,10 +456,9 @@ def _led(
     return branch.end
 
 
-def _in_phase(branch: OrbitBranch, coordinate: int) -> OrbitBranch:
-    """The same orbits, half a period later where a coordinate starts from its negative side."""
+def _shifted(branch: OrbitBranch, later: NDArray[np.bool_]) -> OrbitBranch:
+    """The same orbits, some of them, (n,), half a period later."""
     c = branch.c
-    later = np.sum(c[:, 1::4, coordinate], axis=1) < 0
     turned = (-1.0) ** ((np.arange(c.shape[1]) + 1) // 2)  # odd harmonics change their sign
     return replace(branch, c=np.where(later[:, None, None], turned[:, None] * c, c))
 

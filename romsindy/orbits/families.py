@@ -161,10 +161,10 @@ class ForcedFamily(Family):
         return self.size * self.balance.series(u), first + p * (last - first)
 
     def residual(self, u: Array, p: float) -> Array:
-        first, last = self.path.force
-        result = self.balance.residual(*self.orbit(u, p)) / self._unit
-        self._cosine(result)[:] -= (first + p * np.subtract(last, first)) / self._unit
-        return result
+        first, last = (np.asarray(force) for force in self.path.force)
+        result = self.balance.residual(*self.orbit(u, p))
+        self._cosine(result)[:] -= first + p * (last - first)
+        return result / self._unit
 
     def jacobian(self, u: Array, p: float) -> Array:
         _, by_c, by_omega = self.balance.linearise(*self.orbit(u, p))
@@ -276,10 +276,9 @@ def _joined(pieces: list[tuple[Family, Branch]], end: Start) -> OrbitBranch:
         n = len(branch) - (branch is not last)
         folds += [len(orbits) + k for k in branch.folds if k < n]
         for u, p in zip(branch.u[:n], branch.p[:n], strict=True):
-            c, omega = family.orbit(u, p)
-            left = family.balance.leftover(c, omega)
+            orbit, beyond = family.orbit(u, p), u[len(u) - family.n_other :]
             padded = np.zeros(shape)
-            padded[: len(c)] = c
-            orbits.append((padded, omega, u[len(u) - family.n_other :], left))
+            padded[: len(orbit[0])] = orbit[0]
+            orbits.append((padded, orbit[1], beyond, family.balance.leftover(*orbit)))
     c, omega, other, leftover = (np.array(column) for column in zip(*orbits, strict=True))
     return OrbitBranch(c, omega, other, leftover, np.array(folds, int), last.stop_reason, end)

@@ -1,8 +1,8 @@
 """Harmonic balance: a model's equations for a truncated Fourier series, and their derivatives.
 
 q(t) = a_0 + sum_k a_k cos(k omega t) + b_k sin(k omega t), k = 1 ... H, is kept as the array
-c = (a_0, a_1, b_1, ..., a_H, b_H), (2 H + 1, R), with one column for each of R coordinates. Where
-c and the equations are a vector, of m = (2 H + 1) R, the coordinates of one harmonic stand together.
+c = (a_0, a_1, b_1, ..., a_H, b_H), (2 H + 1, R), with one column for each of R coordinates. Where c
+and the equations are a vector, of m = (2 H + 1) R, coordinates of one harmonic stand together.
 Forces are evaluated at samples of one period and projected back (alternating frequency and time,
 [1]).
 

@@ -11,6 +11,8 @@ matrix, is the product of exponentials of fourth-order Magnus steps with two Gau
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,7 +109,7 @@ def monodromy(
     )
 
 
-def _sorted(multipliers: Array) -> NDArray[np.complex128]:
+def _sorted(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
     order = np.argsort(-np.abs(multipliers), axis=1)
     return np.take_along_axis(multipliers.astype(complex), order, axis=1)
 

@@ -405,14 +405,20 @@ class _Polynomials(NamedTuple):
         """Products of powers, (..., n)."""
         return np.prod(q[..., None, :] ** self.powers, axis=-1)
 
-    def slopes(self, q: Array) -> Array:
-        """Their derivatives by each coordinate, (..., n, R)."""
-        found = np.zeros((*q.shape[:-1], *self.powers.shape))
-        for i in range(q.shape[-1]):
-            lower = self.powers.copy()
-            lower[:, i] = np.maximum(lower[:, i] - 1, 0)
-            found[..., i] = self.powers[:, i] * np.prod(q[..., None, :] ** lower, axis=-1)
-        return found
+    def products(self, q: Array) -> tuple[Array, Array]:
+        """`table` and its derivatives by each coordinate, (..., n, R), of many states at once."""
+        steps = [np.ones_like(q)]
+        for _ in range(int(np.max(self.powers, initial=0))):
+            steps.append(steps[-1] * q)
+        found, lower = np.stack(steps), np.maximum(self.powers - 1, 0)  # multiplied, not raised
+        factors = [found[p, ..., i] for i, p in enumerate(self.powers.T)]  # (n, ...)
+        slopes = np.empty((q.shape[-1], *factors[0].shape))
+        for i, slope in enumerate(slopes):
+            slope[:] = (found[lower[:, i], ..., i].T * self.powers[:, i]).T
+            for other in factors[:i] + factors[i + 1 :]:
+                slope *= other
+        table = np.prod(factors, axis=0)
+        return np.moveaxis(table, 0, -1), np.moveaxis(slopes, (0, 1), (-1, -2))
 
     def potential(self, q: Array) -> Array:
         return self.table(q) @ self.v
@@ -435,8 +441,9 @@ class _Polynomials(NamedTuple):
         coefficients = np.concatenate(
             [x.reshape(n, r, r ** (x.ndim - 2)) for x in (self.k, self.c, self.m, self.g)], axis=2
         )
-        value = np.tensordot(self.table(q), coefficients, 1)
-        slope = np.einsum("...nl,nia->...lia", self.slopes(q), coefficients)
+        table, slopes = self.products(q)
+        value = np.tensordot(table, coefficients, 1)
+        slope = np.tensordot(slopes.swapaxes(-1, -2), coefficients, 1)
         both = q_dot[..., :, None] * q_dot[..., None, :]
         rates = [np.ones_like(q[..., :1]), q_dot, q_ddot, both.reshape(*q.shape[:-1], -1)]
         signal = np.concatenate(rates, axis=-1)
