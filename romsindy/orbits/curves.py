@@ -406,8 +406,9 @@ def _linear_mode(model: Model, number: int) -> tuple[float, Array]:
     equations = equations_of(model)
     count = equations.n_coordinates
     if isinstance(number, bool) or number not in range(1, count + 1):
-        only = " of one coordinate: give 1, or a CoupledModel" if count == 1 else f" of {count}"
-        raise ValueError(f"mode = {number!r} is none of a model{only}")
+        several = f"the modes 1 to {count}: give one of them"
+        one = "a model of one coordinate: give 1, or a CoupledModel"
+        raise ValueError(f"mode = {number!r} is none of {several if count > 1 else one}")
     omega, shapes = equations.linear_modes()
     return float(omega[number - 1]), shapes[:, number - 1]
 

@@ -131,7 +131,13 @@ class FreeFamily(Family):
         return self.balance.equations.turning_objection(turning) or super().objection(u, p)
 
     def end(self, u: Array, p: float) -> str:
-        reach = np.max(np.abs(self.balance.basis.values @ self.orbit(u, p)[0]), axis=0)
+        c, _ = self.orbit(u, p)
+        if p < 0 and np.linalg.norm(_odd(c)) < np.linalg.norm(c) / np.sqrt(2):
+            return (
+                "the branch ends on orbits of another mode, of an even multiple of its frequency:"
+                " beyond them come the same orbits, half a period later"
+            )
+        reach = np.max(np.abs(self.balance.basis.values @ c), axis=0)
         reach[self.coordinate] = 0.0
         if np.max(reach) <= _ELSEWHERE * self.amplitude_top:
             return ""
@@ -139,6 +145,11 @@ class FreeFamily(Family):
             f"q{np.argmax(reach) + 1} moves {_ELSEWHERE:g} times as far as the last amplitude: the"
             " branch has gone over to another mode"
         )
+
+
+def _odd(c: Array) -> Array:
+    """Coefficients of odd harmonics."""
+    return c[(np.arange(len(c)) + 1) // 2 % 2 == 1]
 
 
 class Path(NamedTuple):
