@@ -142,14 +142,15 @@ class BackboneCurve(PeriodicOrbits):
 
     @property
     def bifurcations(self) -> tuple[Bifurcation, ...]:
-        """As those of a `ForcedResponse`; at a fold, the energy turns back, not the amplitude."""
-        if not self.conservative:
-            return _bifurcations(self.multipliers, self.stable, np.array([], int))
-        q = np.real(np.sum(self.coefficients, axis=1))  # at rest
-        energy = self.model.energy(q, np.zeros_like(q))
-        turns = np.flatnonzero(np.diff(np.sign(np.diff(energy)))) + 1
-        crossed = np.min(np.abs(turns[:, None] - self.crossings), axis=1, initial=2) < 2
-        return _bifurcations(self.multipliers, self.stable, turns[~crossed])
+        """Where stability changes: at a "fold", energy or, with damping, mu turns back."""
+        q = np.real(np.sum(self.coefficients, axis=1))  # conservative orbits are at rest there
+        at_rest = np.zeros_like(q)
+        size = self.model.energy(q, at_rest) if self.conservative else self.negative_damping
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(size)))) + 1
+        changes = np.flatnonzero(self.stable[1:] != self.stable[:-1])
+        folds = np.intersect1d(turns, [changes, changes + 1])
+        crossings = [self.crossings - 1, self.crossings]
+        return _bifurcations(self.multipliers, self.stable, np.setdiff1d(folds, crossings))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -276,14 +277,15 @@ def backbone_curve(
     first = low / high
     still = np.zeros_like(shape)
     linear_mode = np.concatenate([still, shape / shape[coordinate], still, [1.0, 0.0]])
+    start = Start(linear_mode, 1e-3 * first)
     failure = f"no orbit of amplitude {low:g} is reached from the linear mode"
-    growing = partial(family, True)
-    start = _led(growing, ladder, Start(linear_mode, 1e-3 * first), first, steps, failure)
-    if len(shape) == 1:
-        branch = follow(growing, ladder, start, (first, 1.0), steps)
-    else:
-        u = np.append(first * start.u[:-2], start.u[-2:])
-        branch = follow(partial(family, False), ladder, Start(u, first), (-1.0, 1.0), steps)
+    led, ends = partial(family, True), (first, 1.0)
+    if len(shape) > 1:  # a branch may pass through zero, but not start there
+        start = _led(led, ladder, start, (0.0, 1e-2 * first), steps, failure)
+        start = Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
+        led, ends = partial(family, False), (-1.0, 1.0)
+    start = _led(led, ladder, start, (-first, first), steps, failure)
+    branch = follow(led, ladder, start, ends, steps)
     end = f"amplitude reached {abs(branch.end.p) * high:.6g} {model.unit or '[q]'}"
     later = np.sum(branch.c[:, 1::4, coordinate], axis=1) < 0
     return BackboneCurve(
@@ -359,7 +361,7 @@ def forced_response(
     raising = partial(family, Path((first, first), (np.zeros_like(forces), forces)))
     failure = f"the force cannot be raised to {_listed(forces)} at {first:g} rad/s, start elsewhere"
     rest = Start(np.zeros(3 * len(forces)), 0.0)
-    raised = _led(raising, ladder, rest, 1.0, steps, failure)
+    raised = _led(raising, ladder, rest, (0.0, 1.0), steps, failure)
     sweeping = partial(family, Path((first, last), (forces, forces)))
     branch = follow(sweeping, ladder, Start(raised.u, 0.0), (0.0, 1.0), steps)
     multipliers = floquet_multipliers(smooth, branch.c, branch.omega)
@@ -443,16 +445,16 @@ def _led(
     family: Callable[[int], Family],
     ladder: tuple[int, ...],
     start: Start,
-    p: float,
+    p_range: tuple[float, float],
     steps: Steps,
     failure: str,
 ) -> Start:
-    """Where a family that sets out from a known orbit arrives at p."""
+    """Where a family that sets out from a known orbit arrives at the size of the last p."""
     try:
-        branch = follow(family, ladder, start, (0.0, p), steps)
+        branch = follow(family, ladder, start, p_range, steps)
     except ContinuationError as error:
         raise ContinuationError(f"{failure}: {error}") from None
-    if branch.end.p != p:
+    if abs(branch.end.p) != p_range[1]:
         raise ContinuationError(f"{failure}: {branch.stop_reason}")
     return branch.end
 

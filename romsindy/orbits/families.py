@@ -131,6 +131,8 @@ class FreeFamily(Family):
         return self.balance.equations.turning_objection(turning) or super().objection(u, p)
 
     def end(self, u: Array, p: float) -> str:
+        if self.from_rest:
+            return ""
         c, _ = self.orbit(u, p)
         if p < 0 and np.linalg.norm(_odd(c)) < np.linalg.norm(c) / np.sqrt(2):
             return (
