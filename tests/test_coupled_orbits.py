@@ -192,8 +192,8 @@ def largest(motion):
 def test_orbits_in_the_tongue_are_those_of_shooting(tongue):
     (fold,), (crossing,) = tongue.folds, tongue.crossings
     states, frequency = starts(tongue), tongue.frequency
-    sampled = [5, fold - 5, fold + 2, (fold + crossing) // 2, crossing - 3, crossing + 5]
-    sampled += [crossing + 15, len(tongue) - 5]
+    sampled = [5, fold - 5, fold + 2, (fold + crossing) // 2, crossing - 8, crossing + 18]
+    sampled += [crossing + 26, len(tongue) - 5]
     for i in sampled:
         held = int(np.argmax(np.abs(states[i + 1] - states[i - 1])[:2]))
         nearby = states[i] * (1 + 1e-4 * (np.arange(4) != held))
@@ -210,7 +210,7 @@ def test_orbits_in_the_tongue_are_those_of_shooting(tongue):
 
 def test_multipliers_are_those_of_integrated_deviations(tongue):
     (fold,), (crossing,) = tongue.folds, tongue.crossings
-    for i in (5, fold, crossing - 6, crossing + 5, crossing + 10, len(tongue) - 1):
+    for i in (5, fold, crossing - 8, crossing + 18, crossing + 26, len(tongue) - 1):
         own = propagator(starts(tongue)[i], 2 * np.pi / tongue.frequency[i])[1]
         found = np.linalg.eigvals(own)
         assert tongue.multipliers.shape == (len(tongue), 4)

@@ -37,7 +37,9 @@ METHODS = ("conservative", "phase resonance")
 _NEUTRAL = 1e-7
 # Those of several coordinates have the size 1 to the error of the propagator; what grows less than
 # this in a period is as good as stable.
-_DRIFT = 1e-5
+_DRIFT = 1e-6
+# Of the longest step: two branches that come nearer than this are taken to cross.
+_CROSSING = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -284,6 +286,7 @@ def backbone_curve(
         start = _led(led, ladder, start, (0.0, 1e-2 * first), steps, failure)
         start = Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
         led, ends = partial(family, False), (-1.0, 1.0)
+        steps = replace(steps, crossing=_CROSSING * steps.most)
     start = _led(led, ladder, start, (-first, first), steps, failure)
     branch = follow(led, ladder, start, ends, steps)
     end = f"amplitude reached {abs(branch.end.p) * high:.6g} {model.unit or '[q]'}"

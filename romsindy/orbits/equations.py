@@ -95,7 +95,7 @@ class SeveralCoordinates(Equations):
         return self._model.linearise(q, q_dot, q_ddot)
 
     def residual(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:
-        return self._model.linearise(q, q_dot, q_ddot)[0]
+        return self._model.residual(q, q_dot, q_ddot)
 
     def objection(self, q: Array) -> str:
         least = np.linalg.eigvalsh(self._model.inertia(q))[:, 0]
