@@ -252,6 +252,7 @@ def backbone_curve(
 
     Examples
     --------
+    >>> from romsindy import ReducedModel
     >>> model = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0}, unit="m")
     >>> curve = backbone_curve(model, amplitude=(0.01, 2.9))
     >>> bool(np.allclose(curve.frequency, model.backbone(curve.amplitude), rtol=1e-9))
@@ -342,6 +343,7 @@ def forced_response(
 
     Examples
     --------
+    >>> from romsindy import ReducedModel
     >>> model = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0, "c_linear": 0.02})
     >>> response = forced_response(model, force=0.02, frequency=(0.8, 1.6))
     >>> [bifurcation.kind for bifurcation in response.bifurcations]

@@ -118,12 +118,12 @@ class HarmonicBalance:
             + (omega * by_q_dot)[:, :, None] * first
             + (omega**2 * by_q_ddot)[:, :, None] * second
         )
-        by_omega = by_q_dot @ q_dot[..., None] + 2 * by_q_ddot @ q_ddot[..., None]
+        changes = by_q_dot * q_dot[:, None] + 2 * by_q_ddot * q_ddot[:, None]
         projected = b.projection @ by_c.reshape(len(q), -1)
         return (
             (b.projection @ force).ravel(),
             projected.reshape(c.size, c.size),
-            (b.projection @ by_omega[..., 0]).ravel() / omega,
+            (b.projection @ np.sum(changes, axis=2)).ravel() / omega,
         )
 
     def leftover(self, c: Array, omega: float) -> float:

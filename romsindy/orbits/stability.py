@@ -11,6 +11,7 @@ matrix, is the product of exponentials of fourth-order Magnus steps with two Gau
 
 from __future__ import annotations
 
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,8 @@ from romsindy.typing import Array
 _STEPS_PER_HARMONIC = 16
 _FEWEST_STEPS = 256
 
-# Taylor's series of exp to this order is exact to rounding for matrices of this norm.
-_ORDER, _NORM = 12, 0.25
+# Taylor's series of exp to the power 9 is exact to rounding for matrices of this norm.
+_PAIRS, _NORM = 5, 0.1
 
 
 def floquet_multipliers(model: Model, coefficients: Array, omega: Array) -> NDArray[np.complex128]:
@@ -129,7 +130,8 @@ def _generator(equations: Equations, series: Array, omega: Array, mu: Array, pha
     generator = np.zeros((*by_q.shape[:2], 2 * r, 2 * r))
     generator[..., :r, r:] = np.eye(r)
     slopes = np.concatenate([by_q / w**2, by_q_dot / w], axis=-1)
-    generator[..., r:, :] = -np.linalg.solve(inertia, slopes)
+    # One by one, a division takes a fifth of the time.
+    generator[..., r:, :] = -(slopes / inertia if r == 1 else np.linalg.solve(inertia, slopes))
     return generator
 
 
@@ -138,10 +140,10 @@ def _exponential(matrices: Array) -> Array:
     norm = np.max(np.sum(np.abs(matrices), axis=-1), initial=0.0)
     halvings = max(0, int(np.ceil(np.log2(max(norm, _NORM) / _NORM))))
     part = matrices / 2**halvings
-    identity = np.eye(part.shape[-1])
-    result = identity + part / _ORDER
-    for k in range(_ORDER - 1, 0, -1):
-        result = identity + part @ result / k
+    identity, square = np.eye(part.shape[-1]), part @ part
+    result = np.zeros_like(part)
+    for k in range(2 * _PAIRS - 2, -1, -2):  # an even and an odd power together
+        result = result @ square + (identity + part / (k + 1)) / factorial(k)
     for _ in range(halvings):
         result = result @ result
     return result
