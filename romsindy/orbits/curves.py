@@ -84,9 +84,10 @@ class PeriodicOrbits:
         return phase / self.frequency[index], q
 
     def __repr__(self) -> str:
-        a, f = self.amplitude, self.frequency
+        f, sizes = self.frequency, self.amplitude.reshape(len(self), -1).T
+        reach = " and ".join(f"{a.min():.4g} to {a.max():.4g}" for a in sizes)
         return (
-            f"<{type(self).__name__}: {len(self)} orbits, amplitude {a.min():.4g} to {a.max():.4g}"
+            f"<{type(self).__name__}: {len(self)} orbits, amplitude {reach}"
             f" {self.unit or '[q]'}, frequency {f.min():.5g} to {f.max():.5g} rad/s\n"
             f" {self.stop_reason}>"
         )
@@ -278,14 +279,12 @@ def backbone_curve(
     # The branch is one unit long in p, and as much in shape and frequency.
     steps = _steps(n_points, 2.0)
     first = low / high
-    still = np.zeros_like(shape)
-    linear_mode = np.concatenate([still, shape / shape[coordinate], still, [1.0, 0.0]])
-    start = Start(linear_mode, 1e-3 * first)
+    start = _small(shape / shape[coordinate], 1e-3 * first)
     failure = f"no orbit of amplitude {low:g} is reached from the linear mode"
     led, ends = partial(family, True), (first, 1.0)
     if len(shape) > 1:  # a branch may pass through zero, but not start there
         start = _led(led, ladder, start, (0.0, 1e-2 * first), steps, failure)
-        start = Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
+        start = _unscaled(start)
         led, ends = partial(family, False), (-1.0, 1.0)
         steps = replace(steps, crossing=_CROSSING * steps.most)
     start = _led(led, ladder, start, (-first, first), steps, failure)
@@ -418,6 +417,17 @@ def _linear_mode(model: Model, number: int) -> tuple[float, Array]:
         raise ValueError(f"mode = {number!r} is none of {several if count > 1 else one}")
     omega, shapes = equations.linear_modes()
     return float(omega[number - 1]), shapes[:, number - 1]
+
+
+def _small(shape: Array, p: float) -> Start:
+    """A vibration in a linear mode, as unknowns of a `FreeFamily` from rest."""
+    still = np.zeros_like(shape)
+    return Start(np.concatenate([still, shape, still, [1.0, 0.0]]), p)
+
+
+def _unscaled(start: Start) -> Start:
+    """The same orbit for a `FreeFamily` that is not from rest."""
+    return Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
 
 
 def _checked_force(force: ArrayLike, equations: Equations) -> Array:
