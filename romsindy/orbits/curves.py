@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from romsindy.orbits.continuation import ContinuationError, Steps
-from romsindy.orbits.equations import Equations, Model, equations_of
+from romsindy.orbits.equations import Equations, equations_of
 from romsindy.orbits.families import (
     LADDER,
     Family,
@@ -28,6 +28,7 @@ from romsindy.orbits.families import (
 )
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import floquet_multipliers, free_multipliers
+from romsindy.physics.coupled import AnyModel
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
 
@@ -119,7 +120,7 @@ class BackboneCurve(PeriodicOrbits):
     """
 
     negative_damping: Array
-    model: Model
+    model: AnyModel
     conservative: bool
     crossings: Indices
 
@@ -198,7 +199,7 @@ class ForcedResponse(PeriodicOrbits):
 
 
 def backbone_curve(
-    model: Model,
+    model: AnyModel,
     amplitude: tuple[float, float],
     n_harmonics: int | None = None,
     *,
@@ -301,7 +302,7 @@ def backbone_curve(
 
 
 def forced_response(
-    model: Model,
+    model: AnyModel,
     force: ArrayLike,
     frequency: tuple[float, float],
     n_harmonics: int | None = None,
@@ -395,7 +396,7 @@ def _steps(n_points: int, length: float) -> Steps:
     return Steps(first=most / 10, least=1e-4 * most, most=most, max_points=100 * n_points)
 
 
-def _smooth(model: Model, velocity_scale: float | None) -> Model:
+def _smooth(model: AnyModel, velocity_scale: float | None) -> AnyModel:
     if velocity_scale is not None:
         return model.regularised(velocity_scale)
     jumps = [term.expression() for term in model.terms if not term.smooth]
@@ -407,7 +408,7 @@ def _smooth(model: Model, velocity_scale: float | None) -> Model:
     return model
 
 
-def _linear_mode(model: Model, number: int) -> tuple[float, Array]:
+def _linear_mode(model: AnyModel, number: int) -> tuple[float, Array]:
     """Angular frequency, rad/s, and shape, (R,), of a mode counted from 1."""
     equations = equations_of(model)
     count = equations.n_coordinates

@@ -9,11 +9,9 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
-
-Model = ReducedModel | CoupledModel
 
 _SINGULAR = 1e-3  # of the inertia, as in `ReducedModel.acceleration`
 
@@ -111,6 +109,6 @@ class SeveralCoordinates(Equations):
         return self._model.linear_modes
 
 
-def equations_of(model: Model) -> Equations:
+def equations_of(model: AnyModel) -> Equations:
     """The equations of a model of either kind."""
     return SeveralCoordinates(model) if isinstance(model, CoupledModel) else OneCoordinate(model)

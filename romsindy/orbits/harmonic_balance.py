@@ -16,7 +16,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from romsindy.orbits.equations import Model, equations_of
+from romsindy.orbits.equations import equations_of
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 # Samples for every harmonic: products of up to ten factors, q^9 q_ddot, do not fold back onto the
@@ -74,7 +75,7 @@ class HarmonicBalance:
     The model's forces must not jump.
     """
 
-    def __init__(self, model: Model, n_harmonics: int) -> None:
+    def __init__(self, model: AnyModel, n_harmonics: int) -> None:
         self.equations = equations_of(model)
         self.n_harmonics = n_harmonics
         self.basis = uniform_basis(n_harmonics)

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.orbits.equations import Equations, Model, equations_of
+from romsindy.orbits.equations import Equations, equations_of
 from romsindy.orbits.harmonic_balance import FourierBasis
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 _STEPS_PER_HARMONIC = 16
@@ -28,7 +29,9 @@ _FEWEST_STEPS = 256
 _PAIRS, _NORM = 5, 0.1
 
 
-def floquet_multipliers(model: Model, coefficients: Array, omega: Array) -> NDArray[np.complex128]:
+def floquet_multipliers(
+    model: AnyModel, coefficients: Array, omega: Array
+) -> NDArray[np.complex128]:
     """Floquet multipliers of forced orbits: an orbit is stable if all are below 1 in size.
 
     Parameters
@@ -49,7 +52,7 @@ def floquet_multipliers(model: Model, coefficients: Array, omega: Array) -> NDAr
 
 
 def free_multipliers(
-    model: Model, coefficients: Array, omega: Array, negative_damping: Array, conservative: bool
+    model: AnyModel, coefficients: Array, omega: Array, negative_damping: Array, conservative: bool
 ) -> NDArray[np.complex128]:
     """Floquet multipliers of orbits that forces mu q_dot sustain, without those known to be 1.
 
@@ -88,7 +91,7 @@ def free_multipliers(
 
 
 def monodromy(
-    model: Model, coefficients: Array, omega: Array, negative_damping: Array | float = 0.0
+    model: AnyModel, coefficients: Array, omega: Array, negative_damping: Array | float = 0.0
 ) -> Array:
     """From deviations (delta, d delta / d phase) at phase 0 to those one period later.
 
