@@ -24,6 +24,7 @@ from romsindy.typing import Array
 
 _STEPS_PER_HARMONIC = 16
 _FEWEST_STEPS = 256
+_MOST_MATRICES = 8192  # at a time: they stay in the cache of a processor
 
 # Taylor's series of exp to the power 9 is exact to rounding for matrices of this norm.
 _PAIRS, _NORM = 5, 0.1
@@ -101,6 +102,16 @@ def monodromy(
     series = coefficients.reshape(len(omega), -1, equations.n_coordinates)
     mu = np.broadcast_to(negative_damping, omega.shape)
     n_steps = max(_FEWEST_STEPS, _STEPS_PER_HARMONIC * (series.shape[1] // 2))
+    parts = np.array_split(np.arange(len(omega)), len(omega) * n_steps // _MOST_MATRICES + 1)
+    return np.concatenate(
+        [_propagators(equations, series[i], omega[i], mu[i], n_steps) for i in parts]
+    )
+
+
+def _propagators(
+    equations: Equations, series: Array, omega: Array, mu: Array, n_steps: int
+) -> Array:
+    """Products of the exponentials of all steps, (n, 2 R, 2 R)."""
     step = 2 * np.pi / n_steps
     middle = step * (np.arange(n_steps) + 0.5)
     early, late = (
