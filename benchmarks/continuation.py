@@ -33,6 +33,18 @@ exact_duffing = partial(duffing_frequency, 1.0, 1.0)
 HARMONICS = (None, 3, 5, 11, 21, 41)
 FORCED = {"omega^2": 1.0, "gamma_3": 1.0, "c_linear": 0.02}
 FORCE = 0.1
+# Mode 1 hardens, meets mode 2 at three times its frequency, and goes through a tongue there.
+TONGUE = rs.CoupledModel.from_coefficients(
+    {
+        "omega^2 [q1]": 1.0,
+        "omega^2 [q2]": 10.0,
+        "gamma_3 [q1]": 1.0,
+        "V q1^3 q2": 0.1,
+        "V q1^2 q2^2": 1.5,
+        "g(q1^2)^2": 0.05,
+        "g(q1 q2)^2": 0.1,
+    }
+)
 
 
 class Row(NamedTuple):
@@ -257,6 +269,34 @@ def _settled(omega: float, q: float, v: float, periods: int = 600) -> float:
     return float(np.ptp(last) / 2)
 
 
+# -- two coordinates --------------------------------------------------------------------------
+
+
+def tongue(repeats: int = 5) -> dict[str, float]:
+    """Two modes at 1:3, amplitude 0.01 to 1, with orbits integrated over one period."""
+    curve = rs.backbone_curve(TONGUE, (LOW, 1.0))
+    seconds = fastest(lambda: rs.backbone_curve(TONGUE, (LOW, 1.0)), repeats)
+    sampled = np.linspace(0, len(curve) - 1, 20).astype(int)
+    return {
+        "orbits": len(curve),
+        "orbits per second": len(curve) / seconds,
+        "harmonics": curve.coefficients.shape[1] - 1,
+        "folds": len(curve.folds),
+        "crossings of mode 2": len(curve.crossings),
+        "unstable orbits": np.count_nonzero(~curve.stable),
+        "how far integrated orbits are off, of their amplitude": max(
+            _integrated(curve, i) for i in sampled
+        ),
+        "largest force left over": curve.residual.max(),
+    }
+
+
+def _integrated(curve: rs.BackboneCurve, index: int) -> float:
+    t, q = curve.motion(index)
+    motion = TONGUE.simulate(q[0], [0.0, 0.0], t, rtol=1e-12)
+    return float(np.abs(motion.q - q).max() / curve.amplitude[index].max())
+
+
 def _print(title: str, rows: dict[str, Row | None]) -> None:
     print(f"\n{title}")
     print(f"  {'':<34}{'points':>7}{'points/s':>10}{'frequency':>12}{'force left':>12}")
@@ -277,9 +317,13 @@ def main() -> None:
     peers = {f"AUTO-07p, {n} intervals": auto_07p(n) for n in (20, 50)}
     _print("Duffing", duffing() | peers | {"PyCont-Lite": pycont_lite()})
     _print("IC-ROM, asymmetric", icrom())
-    print("\nForced Duffing, zeta 1 %")
-    for name, value in forced().items():
-        print(f"  {name:<60} {value:>11.5g}")
+    for title, numbers in (
+        ("Forced Duffing, zeta 1 %", forced()),
+        ("Two modes at 1:3, asked for: 100 orbits per second", tongue()),
+    ):
+        print(f"\n{title}")
+        for name, value in numbers.items():
+            print(f"  {name:<60} {value:>11.5g}")
 
 
 if __name__ == "__main__":

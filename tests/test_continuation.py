@@ -130,6 +130,23 @@ def test_steps_stay_in_their_bounds():
     assert np.all(np.arccos(np.clip(cosines, -1, 1)) <= steps.turn + 1e-7)
 
 
+@pytest.mark.parametrize(("gap", "crossing"), [(1e-4, None), (1e-4, 1e-3), (0.0, 1e-3)])
+def test_branches_that_come_near_are_not_mistaken_for_one(gap, crossing):
+    """u p = gap: two hyperbolas, 2 sqrt(2 gap) = 0.028 apart, or two lines that cross."""
+    steps = Steps(first=0.1, crossing=crossing)
+    branch = continue_branch(
+        lambda u, p: u * p - gap,
+        [-gap / 2],
+        -2.0,
+        p_range=(-2, 2),
+        steps=steps,
+        until=lambda u, p: "u is large" if abs(u[0]) > 1 else "",
+    )
+    apart = gap > 0 and crossing is not None
+    assert branch.stop_reason == ("u is large" if apart else "p reached 2")
+    assert np.all(branch.p < 0) == apart
+
+
 def test_interruption_keeps_what_was_computed():
     calls = iter(range(100))
 
@@ -159,3 +176,5 @@ def test_bad_input_is_refused():
         Steps(first=1.0)
     with pytest.raises(ValueError, match="must be positive"):
         Steps(turn=0.0)
+    with pytest.raises(ValueError, match="crossing = 1e-09 must be at least least = 1e-06"):
+        Steps(crossing=1e-9)

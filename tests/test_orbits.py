@@ -149,6 +149,21 @@ def test_phase_resonance_balances_the_loss(damping):
     np.testing.assert_allclose(motion, q, atol=1e-5 if "c_quadratic" in damping else 1e-7)
 
 
+def test_free_orbits_of_one_coordinate_are_as_stable_as_the_loss_grows():
+    """Liouville: the multiplier beside 1 is exp of the integral of mu - dD/dq_dot."""
+    curve = backbone_curve(model(DUFFING), (0.1, 2.0), n_points=10)
+    np.testing.assert_array_equal(curve.multipliers, np.ones((len(curve), 2)))
+    assert np.all(curve.stable) and curve.bifurcations == ()
+    damped = model(DUFFING | {"c_cubic": 0.02})
+    curve = backbone_curve(damped, (0.1, 2.0), method="phase resonance", n_points=10)
+    t, q = curve.motion(-1, 2001)
+    q_dot = np.gradient(q, t, edge_order=2)
+    net = curve.negative_damping[-1] - 3 * 0.02 * q_dot**2
+    expected = np.exp(np.sum((net[1:] + net[:-1]) / 2) * (t[1] - t[0]))
+    # Differences of 2000 samples a period are good to (3 * 2 pi / 2000)^2 / 6.
+    np.testing.assert_allclose(curve.multipliers[-1], [expected, 1.0], rtol=1e-4)
+
+
 def test_phase_resonance_with_dry_friction():
     """A linear oscillator: 4 c / (pi a omega) does the work of the friction c."""
     c, scale = 0.05, 0.02

@@ -42,12 +42,16 @@ class Steps:
     first, least, most : float
         Lengths of steps in the space of (u, p). A branch ends where steps above ``least`` fail.
     turn : float
-        Largest angle between the tangents at both ends of a step, rad.
+        Largest angle, rad, from the tangent at one end of a step to that at the other, and to the
+        way between them.
     tolerance : float
         Last Newton update, relative to ``1 + |z|``. Newton squares the error: what is left after an
         update of 1e-8 is at rounding.
     max_points : int
         Length of the branch at which to stop.
+    crossing : float, optional
+        Longest step across a point where another branch may cross. A longer one could change over
+        to a branch that only comes near; without this limit it is not looked for.
 
     Raises
     ------
@@ -61,6 +65,7 @@ class Steps:
     turn: float = 0.3
     tolerance: float = 1e-8
     max_points: int = 1000
+    crossing: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.least <= self.first <= self.most:
@@ -70,6 +75,10 @@ class Steps:
             )
         if not (self.turn > 0 and self.tolerance > 0 and self.max_points > 0):
             raise ValueError("turn, tolerance and max_points must be positive")
+        if self.crossing is not None and self.crossing < self.least:
+            raise ValueError(
+                f"crossing = {self.crossing!r} must be at least least = {self.least!r}"
+            )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,14 +173,15 @@ def continue_branch(
     if not low <= p <= high:
         raise ValueError(f"p = {p!r} lies outside p_range = {p_range!r}: start within it")
     steps = steps or Steps()
-    system = _System(residual, jacobian, objection, until, steps.tolerance)
+    sided = steps.crossing is not None
+    system = _System(residual, jacobian, objection, until, steps.tolerance, sided)
     with np.errstate(all="ignore"):  # steps that lead out of F's domain are taken back
         points = [_first_point(system, np.append(u, p), direction)]
         try:
             stop_reason = _walk(system, points, p_range, steps)
         except KeyboardInterrupt:
             stop_reason = "interrupted from the keyboard"
-    z, tangents, residuals, _, folds = map(np.array, zip(*points, strict=True))
+    z, tangents, residuals, _, _, folds = map(np.array, zip(*points, strict=True))
     return Branch(z[:, :-1], z[:, -1], tangents, residuals, np.flatnonzero(folds), stop_reason)
 
 
@@ -180,6 +190,7 @@ class _Point(NamedTuple):
     tangent: Array
     residual: float
     iterations: int
+    side: float  # sign of the determinant of Jacobian and tangent; 0 if it is not asked for
     fold: bool = False
 
 
@@ -192,6 +203,7 @@ class _System:
     forbids: Verdict | None
     until: Verdict | None
     tolerance: float
+    sided: bool = False  # whether points say on which side of crossing branches they are
 
     def residual(self, z: Array) -> Array:
         return self.F(z[:-1], float(z[-1]))
@@ -206,6 +218,10 @@ class _System:
             for step, size in zip(np.diag(h), h, strict=True)
         ]
         return np.stack(columns, axis=1)
+
+    def side(self, matrix: Array) -> float:
+        """It changes where another branch crosses ([1], chapter 5), and from one to the next."""
+        return float(np.linalg.slogdet(matrix)[0]) if self.sided else 0.0
 
     def objection(self, z: Array) -> str:
         return self.forbids(z[:-1], float(z[-1])) if self.forbids else ""
@@ -234,8 +250,9 @@ def correct(system: _System, guess: Array, normal: Array) -> _Point:
     right[-1, 1] = 1.0
     for iteration in range(1, _MOST_ITERATIONS + 1):
         right[:-1, 0] = -system.residual(z)
+        matrix = np.vstack([system.jacobian(z), normal])
         try:
-            solution = np.linalg.solve(np.vstack([system.jacobian(z), normal]), right)
+            solution = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
             break
         z = z + solution[:, 0]
@@ -244,7 +261,8 @@ def correct(system: _System, guess: Array, normal: Array) -> _Point:
             break
         if size <= system.tolerance * (1 + np.linalg.norm(z)):
             tangent = solution[:, 1] / np.linalg.norm(solution[:, 1])
-            return _Point(z, tangent, float(np.max(np.abs(system.residual(z)))), iteration)
+            left = float(np.max(np.abs(system.residual(z))))
+            return _Point(z, tangent, left, iteration, system.side(matrix))
     raise ContinuationError(
         f"the corrector does not converge near p = {guess[-1]:.6g}: give a guess nearer to a"
         " solution, or scale u and p to order one"
@@ -262,9 +280,11 @@ def _first_point(system: _System, guess: Array, direction: ArrayLike) -> _Point:
     along_p = np.eye(len(guess))[-1]
     point = correct(system, guess, along_p)
     # The null vector of the Jacobian is the tangent also where p stands still.
-    tangent = np.linalg.svd(system.jacobian(point.z))[2][-1]
+    jacobian = system.jacobian(point.z)
+    tangent = np.linalg.svd(jacobian)[2][-1]
     wanted = along_p * direction if np.ndim(direction) == 0 else np.asarray(direction, float)
-    return point._replace(tangent=tangent if tangent @ wanted >= 0 else -tangent)
+    tangent = tangent if tangent @ wanted >= 0 else -tangent
+    return point._replace(tangent=tangent, side=system.side(np.vstack([jacobian, tangent])))
 
 
 def _walk(system: _System, points: list[_Point], p_range: tuple[float, float], steps: Steps) -> str:
@@ -306,6 +326,8 @@ def _accepted(system: _System, here: _Point, step: float, steps: Steps) -> _Poin
         raise ContinuationError(
             f"the branch turns sharply at p = {here.z[-1]:.6g}: a corner, a cusp or another branch"
         )
+    if steps.crossing is not None and step > steps.crossing and here.side != there.side:
+        raise ContinuationError(f"another branch is near at p = {here.z[-1]:.6g}")
     objection = system.objection(there.z)
     if objection:
         raise ContinuationError(objection)
@@ -313,7 +335,10 @@ def _accepted(system: _System, here: _Point, step: float, steps: Steps) -> _Poin
 
 
 def _angle(here: _Point, there: _Point) -> float:
-    return float(np.arccos(np.clip(here.tangent @ there.tangent, -1, 1)))
+    """From the tangent here to that there, or to the way there, whichever is larger."""
+    way = there.z - here.z
+    cosines = here.tangent @ there.tangent, here.tangent @ way / np.linalg.norm(way)
+    return float(np.arccos(np.clip(min(cosines), -1, 1)))
 
 
 def _on_limit(system: _System, here: _Point, there: _Point, limit: float) -> _Point:

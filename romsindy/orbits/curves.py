@@ -1,4 +1,4 @@
-"""Periodic orbits of a `ReducedModel`: backbone curves and forced responses with stability.
+"""Periodic orbits of a model: backbone curves and forced responses with stability.
 
 Orbits are Fourier series (`harmonic_balance`), and families of them (`families`) are followed as
 branches (`continuation`): nothing is integrated in time.
@@ -7,14 +7,15 @@ branches (`continuation`): nothing is integrated in time.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from romsindy.orbits.continuation import ContinuationError, Steps
+from romsindy.orbits.equations import Equations, equations_of
 from romsindy.orbits.families import (
     LADDER,
     Family,
@@ -26,8 +27,8 @@ from romsindy.orbits.families import (
     follow,
 )
 from romsindy.orbits.harmonic_balance import HarmonicBalance
-from romsindy.orbits.stability import floquet_multipliers
-from romsindy.physics.model import ReducedModel
+from romsindy.orbits.stability import floquet_multipliers, free_multipliers
+from romsindy.physics.coupled import AnyModel
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
 
@@ -35,20 +36,29 @@ METHODS = ("conservative", "phase resonance")
 
 # Multipliers of undamped orbits have size 1 to rounding; they do not count as unstable.
 _NEUTRAL = 1e-7
+# Those of several coordinates have the size 1 to the error of the propagator; what grows less than
+# this in a period is as good as stable.
+_DRIFT = 1e-6
+# Of the longest step: two branches that come nearer than this are taken to cross.
+_CROSSING = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicOrbits:
     """Periodic orbits along a branch, in the order of walking.
 
+    Of a `ReducedModel`, the axis R of the coordinates is left out.
+
     Attributes
     ----------
-    amplitude, frequency : (n,) arrays
-        Half of peak to peak, unit of q; angular frequency omega, rad/s.
-    coefficients : (n, H + 1) array of complex
+    amplitude : (n, R) array
+        Half of peak to peak of each coordinate, unit of q.
+    frequency : (n,) array
+        Angular frequency omega, rad/s.
+    coefficients : (n, H + 1, R) array of complex
         q(t) = Re sum_k coefficients[k] exp(i k omega t), unit of q.
     residual : (n,) array
-        Largest force left over in the equation along the orbit, over the largest |M q_ddot|: the
+        Largest force left over in an equation along the orbit, over the largest |M q_ddot|: the
         truncation error of the harmonics, in force.
     folds : (k,) array of int
         Points where the amplitude of a backbone, or the frequency of a forced response, turns back.
@@ -68,29 +78,20 @@ class PeriodicOrbits:
         return len(self.frequency)
 
     def motion(self, index: int, n_samples: int = 200) -> tuple[Array, Array]:
-        """Time in s and displacement over one period of an orbit, (n_samples,) each."""
+        """Time in s, (n_samples,), and displacement, (n_samples, R), over one period."""
         phase = np.linspace(0, 2 * np.pi, n_samples)
         k = np.arange(self.coefficients.shape[1])
         q = np.real(np.exp(1j * np.outer(phase, k)) @ self.coefficients[index])
         return phase / self.frequency[index], q
 
     def __repr__(self) -> str:
-        a, f = self.amplitude, self.frequency
+        f, sizes = self.frequency, self.amplitude.reshape(len(self), -1).T
+        reach = " and ".join(f"{a.min():.4g} to {a.max():.4g}" for a in sizes)
         return (
-            f"<{type(self).__name__}: {len(self)} orbits, amplitude {a.min():.4g} to {a.max():.4g}"
+            f"<{type(self).__name__}: {len(self)} orbits, amplitude {reach}"
             f" {self.unit or '[q]'}, frequency {f.min():.5g} to {f.max():.5g} rad/s\n"
             f" {self.stop_reason}>"
         )
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class BackboneCurve(PeriodicOrbits):
-    """Orbits that no outer force drives; what `PeriodicOrbits` has, and what sustains them.
-
-    `negative_damping`, (n,), is mu of the force mu q_dot that balances the damping, 1/s.
-    """
-
-    negative_damping: Array
 
 
 @dataclass(frozen=True)
@@ -102,21 +103,76 @@ class Bifurcation:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class BackboneCurve(PeriodicOrbits):
+    """Orbits that no outer force drives; what `PeriodicOrbits` has, and what sustains them.
+
+    Attributes
+    ----------
+    negative_damping : (n,) array
+        mu of the force mu q_dot, on every coordinate, that balances the damping, 1/s.
+    model : ReducedModel or CoupledModel
+        Whose orbits these are: undamped, or with forces that do not jump.
+    conservative : bool
+        Whether the model has no damping.
+    crossings : (k,) array of int
+        First points past orbits of another mode, in which the first coordinate does not take part:
+        there two curves cross.
+    """
+
+    negative_damping: Array
+    model: AnyModel
+    conservative: bool
+    crossings: Indices
+
+    @cached_property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Floquet multipliers, (n, 2 R), the largest first, but those that are always 1 last.
+
+        These are two of a conservative orbit, and one with damping: one is 1 because the motion may
+        start at any time, the other because orbits come in families.
+        """
+        real, imaginary = self.coefficients.real, self.coefficients.imag
+        c = np.zeros((len(self), 2 * real.shape[1] - 1, *real.shape[2:]))
+        c[:, 0], c[:, 1::2], c[:, 2::2] = real[:, 0], real[:, 1:], -imaginary[:, 1:]
+        others = free_multipliers(
+            self.model, c, self.frequency, self.negative_damping, self.conservative
+        )
+        return np.concatenate([others, np.ones((len(self), 1 + self.conservative))], axis=1)
+
+    @cached_property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether small deviations stay small, (n,)."""
+        return np.max(np.abs(self.multipliers), axis=1) <= 1 + _DRIFT
+
+    @property
+    def bifurcations(self) -> tuple[Bifurcation, ...]:
+        """Where stability changes: at a "fold", energy or, with damping, mu turns back."""
+        q = np.real(np.sum(self.coefficients, axis=1))  # conservative orbits are at rest there
+        at_rest = np.zeros_like(q)
+        size = self.model.energy(q, at_rest) if self.conservative else self.negative_damping
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(size)))) + 1
+        changes = np.flatnonzero(self.stable[1:] != self.stable[:-1])
+        folds = np.intersect1d(turns, [changes, changes + 1])
+        crossings = [self.crossings - 1, self.crossings]
+        return _bifurcations(self.multipliers, self.stable, np.setdiff1d(folds, crossings))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ForcedResponse(PeriodicOrbits):
     """Orbits under force cos(omega t); what `PeriodicOrbits` has, and their stability.
 
     Attributes
     ----------
-    force : float
+    force : float or (R,) array
         Per unit mass, unit of q per s^2.
-    multipliers : (n, 2) array of complex
-        Floquet multipliers, the larger one first.
+    multipliers : (n, 2 R) array of complex
+        Floquet multipliers, the largest one first.
     stable : (n,) array of bool
     bifurcations : tuple of Bifurcation
         "fold", "branch point", "period doubling" or "Neimark-Sacker", in the order of the branch.
     """
 
-    force: float
+    force: float | Array
     multipliers: NDArray[np.complex128]
     stable: NDArray[np.bool_]
     bifurcations: tuple[Bifurcation, ...]
@@ -124,15 +180,17 @@ class ForcedResponse(PeriodicOrbits):
     def __str__(self) -> str:
         """Points that matter, in the order of the branch, and where it is unstable."""
         unit = self.unit or "[q]"
-        points = [("start", 0), ("largest", int(np.argmax(self.amplitude)))]
+        sizes = self.amplitude.reshape(len(self), -1)
+        several = sizes.shape[1] > 1
+        names = [f"amplitude q{i + 1}" if several else "amplitude" for i in range(sizes.shape[1])]
+        points = [("start", 0), ("largest", int(np.argmax(np.max(sizes, axis=1))))]
         points += [(b.kind, b.index) for b in self.bifurcations] + [("end", len(self) - 1)]
         hz = self.frequency / (2 * np.pi)
-        rows = [["point", "frequency [Hz]", f"amplitude [{unit}]"]]
+        rows = [["point", "frequency [Hz]", *(f"{name} [{unit}]" for name in names)]]
         for name, i in sorted(points, key=lambda point: point[1]):
-            rows.append([name, f"{hz[i]:.5g}", f"{self.amplitude[i]:.4g}"])
-        title = (
-            f"Response to a force of {self.force:g} {unit}/s^2 per unit mass, {len(self)} orbits"
-        )
+            rows.append([name, f"{hz[i]:.5g}", *(f"{a:.4g}" for a in sizes[i])])
+        force = _listed(np.atleast_1d(self.force))
+        title = f"Response to a force of {force} {unit}/s^2 per unit mass, {len(self)} orbits"
         note = "Stable everywhere."
         if not np.all(self.stable):
             low, high = np.min(hz[~self.stable]), np.max(hz[~self.stable])
@@ -141,42 +199,51 @@ class ForcedResponse(PeriodicOrbits):
 
 
 def backbone_curve(
-    model: ReducedModel,
+    model: AnyModel,
     amplitude: tuple[float, float],
     n_harmonics: int | None = None,
     *,
+    mode: int = 1,
     method: str = "conservative",
     velocity_scale: float | None = None,
     n_points: int = 60,
 ) -> BackboneCurve:
-    """Follow the periodic orbits around q = 0 from one amplitude to another.
+    """Follow the periodic orbits around q = 0 that grow out of a linear mode.
 
-    Unknown are the shape q / amplitude, the frequency omega and mu of a force mu q_dot that
+    Unknown are the shape, the frequency omega and mu of a force mu q_dot, on every coordinate, that
     balances what damping takes. Without damping mu is zero, but it makes up for the free choice of
     phase, and so keeps the equations regular for any number of harmonics, down to the linear mode,
     where every branch is started.
 
+    In a `CoupledModel`, the curve follows the mode through its interactions: where a multiple of
+    its frequency meets that of another mode, it turns into a tongue in which the other coordinate
+    moves. Where the first coordinate comes to rest in it, the curve goes on with the other phase.
+
     Parameters
     ----------
-    model : ReducedModel
+    model : ReducedModel or CoupledModel
     amplitude : (float, float)
-        Half of peak to peak where the branch starts and ends, unit of q. Damped orbits are a little
-        asymmetric in time; theirs is half of q at phase 0 less q at phase pi.
+        Half of peak to peak where the branch starts and ends, unit of q, of the coordinate that
+        moves most in the linear mode. Damped orbits are a little asymmetric in time; theirs is half
+        of q at phase 0 less q at phase pi.
     n_harmonics : int, optional
         Highest harmonic; as many as the forces need, at most 50, if it is not given.
+    mode : int
+        Number of the linear mode, by frequency, from 1.
     method : str
         "conservative" leaves the damping terms out; "phase resonance" keeps them.
     velocity_scale : float, optional
         Below which dry friction is made smooth, as tanh(q_dot / velocity_scale); unit of q per s.
         Phase resonance with dry friction needs it.
     n_points : int
-        About how many orbits; more of them where the shape changes fast.
+        About how many orbits; more of them where the shape changes fast. A tongue much narrower
+        than the steps, which are short with many points, is stepped over.
 
     Returns
     -------
     BackboneCurve
-        It ends early where 1 + h(q) or the restoring force ceases to be positive, or the frequency
-        falls to zero, and says so.
+        It ends early where M(q) or the restoring force ceases to be positive, the frequency falls
+        to zero, or another coordinate moves three times as far as the last amplitude, and says so.
 
     Raises
     ------
@@ -187,6 +254,7 @@ def backbone_curve(
 
     Examples
     --------
+    >>> from romsindy import ReducedModel
     >>> model = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0}, unit="m")
     >>> curve = backbone_curve(model, amplitude=(0.01, 2.9))
     >>> bool(np.allclose(curve.frequency, model.backbone(curve.amplitude), rtol=1e-9))
@@ -200,27 +268,42 @@ def backbone_curve(
     if method not in METHODS:
         raise ValueError(f"method {method!r} is not known: use one of {list(METHODS)}")
     ladder = _ladder(n_harmonics)
-    smooth = model.undamped() if method == "conservative" else _smooth(model, velocity_scale)
-    omega_0 = _linear_frequency(smooth)
+    conservative = method == "conservative"
+    smooth = model.undamped() if conservative else _smooth(model, velocity_scale)
+    omega_0, shape = _linear_mode(smooth, mode)
+    coordinate = int(np.argmax(np.abs(shape)))
 
-    def family(n: int) -> Family:
-        return FreeFamily(HarmonicBalance(smooth, n), omega_0, high)
+    def family(from_rest: bool, n: int) -> Family:
+        balance = HarmonicBalance(smooth, n)
+        return FreeFamily(balance, omega_0, high, coordinate, from_rest)
 
     # The branch is one unit long in p, and as much in shape and frequency.
     steps = _steps(n_points, 2.0)
     first = low / high
-    linear_mode = Start(np.array([0.0, 1.0, 0.0, 1.0, 0.0]), 1e-3 * first)
+    start = _small(shape / shape[coordinate], 1e-3 * first)
     failure = f"no orbit of amplitude {low:g} is reached from the linear mode"
-    start = _led(family, ladder, linear_mode, first, steps, failure)
-    branch = follow(family, ladder, start, (first, 1.0), steps)
-    end = f"amplitude reached {branch.end.p * high:.6g} {model.unit or '[q]'}"
-    mu = omega_0 * branch.other[:, 1]
-    return BackboneCurve(**_orbits(branch, end, model.unit), negative_damping=mu)
+    led, ends = partial(family, True), (first, 1.0)
+    if len(shape) > 1:  # a branch may pass through zero, but not start there
+        start = _led(led, ladder, start, (0.0, 1e-2 * first), steps, failure)
+        start = _unscaled(start)
+        led, ends = partial(family, False), (-1.0, 1.0)
+        steps = replace(steps, crossing=_CROSSING * steps.most)
+    start = _led(led, ladder, start, (-first, first), steps, failure)
+    branch = follow(led, ladder, start, ends, steps)
+    end = f"amplitude reached {abs(branch.end.p) * high:.6g} {model.unit or '[q]'}"
+    later = np.sum(branch.c[:, 1::4, coordinate], axis=1) < 0
+    return BackboneCurve(
+        **_orbits(_shifted(branch, later), end, model.unit),
+        negative_damping=omega_0 * branch.other[:, 1],
+        model=smooth,
+        conservative=conservative,
+        crossings=np.flatnonzero(later[1:] != later[:-1]) + 1,
+    )
 
 
 def forced_response(
-    model: ReducedModel,
-    force: float,
+    model: AnyModel,
+    force: ArrayLike,
     frequency: tuple[float, float],
     n_harmonics: int | None = None,
     *,
@@ -233,9 +316,10 @@ def forced_response(
 
     Parameters
     ----------
-    model : ReducedModel
-    force : float
-        Amplitude of the force per unit mass, positive, unit of q per s^2.
+    model : ReducedModel or CoupledModel
+    force : float or (R,) array
+        Amplitude of the force per unit mass, unit of q per s^2: positive, or those on the R
+        coordinates of a `CoupledModel`, such as the mode shapes at the point of a force times it.
     frequency : (float, float)
         Angular frequency where the branch starts and ends, rad/s; rising or falling.
     n_harmonics, velocity_scale
@@ -259,6 +343,7 @@ def forced_response(
 
     Examples
     --------
+    >>> from romsindy import ReducedModel
     >>> model = ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_3": 1.0, "c_linear": 0.02})
     >>> response = forced_response(model, force=0.02, frequency=(0.8, 1.6))
     >>> [bifurcation.kind for bifurcation in response.bifurcations]
@@ -267,29 +352,28 @@ def forced_response(
     first, last = frequency
     if not (0 < first < np.inf and 0 < last < np.inf and first != last):
         raise ValueError(f"frequency = {frequency!r} must be two different positive numbers")
-    if not 0 < force < np.inf:
-        raise ValueError(f"force = {force!r} must be positive")
     ladder = _ladder(n_harmonics)
     smooth = _smooth(model, velocity_scale)
-    omega = (first + last) / 2
-    zeta = float(smooth.linearise(*np.zeros((3, 1)))[2][0]) / (2 * omega)
-    size = force / (2 * omega**2 * float(np.clip(zeta, 0.01, 0.5)))  # of a linear resonance
+    equations = equations_of(smooth)
+    forces = _checked_force(force, equations)
+    size = _resonance(equations, forces, (first + last) / 2)
 
     def family(path: Path, n: int) -> Family:
         return ForcedFamily(HarmonicBalance(smooth, n), path, size)
 
     # One unit in p, and twice up and down the resonance in two components.
     steps = _steps(n_points, 5.0)
-    raising = partial(family, Path((first, first), (0.0, force)))
-    failure = f"the force cannot be raised to {force:g} at {first:g} rad/s, start elsewhere"
-    raised = _led(raising, ladder, Start(np.zeros(3), 0.0), 1.0, steps, failure)
-    sweeping = partial(family, Path((first, last), (force, force)))
+    raising = partial(family, Path((first, first), (np.zeros_like(forces), forces)))
+    failure = f"the force cannot be raised to {_listed(forces)} at {first:g} rad/s, start elsewhere"
+    rest = Start(np.zeros(3 * len(forces)), 0.0)
+    raised = _led(raising, ladder, rest, (0.0, 1.0), steps, failure)
+    sweeping = partial(family, Path((first, last), (forces, forces)))
     branch = follow(sweeping, ladder, Start(raised.u, 0.0), (0.0, 1.0), steps)
     multipliers = floquet_multipliers(smooth, branch.c, branch.omega)
     stable = np.abs(multipliers[:, 0]) <= 1 + _NEUTRAL
     return ForcedResponse(
         **_orbits(branch, f"frequency reached {branch.omega[-1]:.6g} rad/s", model.unit),
-        force=force,
+        force=float(forces[0]) if np.ndim(force) == 0 else forces,
         multipliers=multipliers,
         stable=stable,
         bifurcations=_bifurcations(multipliers, stable, branch.folds),
@@ -312,7 +396,7 @@ def _steps(n_points: int, length: float) -> Steps:
     return Steps(first=most / 10, least=1e-4 * most, most=most, max_points=100 * n_points)
 
 
-def _smooth(model: ReducedModel, velocity_scale: float | None) -> ReducedModel:
+def _smooth(model: AnyModel, velocity_scale: float | None) -> AnyModel:
     if velocity_scale is not None:
         return model.regularised(velocity_scale)
     jumps = [term.expression() for term in model.terms if not term.smooth]
@@ -324,41 +408,90 @@ def _smooth(model: ReducedModel, velocity_scale: float | None) -> ReducedModel:
     return model
 
 
-def _linear_frequency(model: ReducedModel) -> float:
-    squared = float(model.linearise(*np.zeros((3, 1)))[1][0])
-    if not squared > 0:
-        raise ValueError(
-            f"omega^2 = {squared:.6g} is not positive: orbits are followed around a stable q = 0;"
-            " measure q from a stable position of rest"
-        )
-    return float(np.sqrt(squared))
+def _linear_mode(model: AnyModel, number: int) -> tuple[float, Array]:
+    """Angular frequency, rad/s, and shape, (R,), of a mode counted from 1."""
+    equations = equations_of(model)
+    count = equations.n_coordinates
+    if isinstance(number, bool) or number not in range(1, count + 1):
+        several = f"the modes 1 to {count}: give one of them"
+        one = "a model of one coordinate: give 1, or a CoupledModel"
+        raise ValueError(f"mode = {number!r} is none of {several if count > 1 else one}")
+    omega, shapes = equations.linear_modes()
+    return float(omega[number - 1]), shapes[:, number - 1]
+
+
+def _small(shape: Array, p: float) -> Start:
+    """A vibration in a linear mode, as unknowns of a `FreeFamily` from rest."""
+    still = np.zeros_like(shape)
+    return Start(np.concatenate([still, shape, still, [1.0, 0.0]]), p)
+
+
+def _unscaled(start: Start) -> Start:
+    """The same orbit for a `FreeFamily` that is not from rest."""
+    return Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
+
+
+def _checked_force(force: ArrayLike, equations: Equations) -> Array:
+    """Amplitudes of the forces on the coordinates, (R,)."""
+    count, forces = equations.n_coordinates, np.asarray(force, float)
+    if count == 1 and forces.ndim == 0:
+        if not 0 < forces < np.inf:
+            raise ValueError(f"force = {force!r} must be positive")
+    elif forces.shape != (count,):
+        wanted = "a number" if count == 1 else f"{count} numbers, one for each coordinate"
+        raise ValueError(f"force = {force!r} has the shape {forces.shape}: give {wanted}")
+    elif not (np.all(np.isfinite(forces)) and np.any(forces)):
+        raise ValueError(f"force = {force!r} must be finite, and not all of it zero")
+    return forces.reshape(count)
+
+
+def _listed(forces: Array) -> str:
+    return " and ".join(f"{f:g}" for f in forces)
+
+
+def _resonance(equations: Equations, forces: Array, omega: float) -> float:
+    """Amplitude of a linear resonance at omega, unit of q: the size of what is to come."""
+    rest = np.zeros((1, equations.n_coordinates))
+    damping = np.diag(equations.linearise(rest, rest, rest)[2][0])
+    zeta = np.clip(damping / (2 * omega), 0.01, 0.5)
+    return float(np.max(np.abs(forces) / (2 * omega**2 * zeta)))
 
 
 def _led(
     family: Callable[[int], Family],
     ladder: tuple[int, ...],
     start: Start,
-    p: float,
+    p_range: tuple[float, float],
     steps: Steps,
     failure: str,
 ) -> Start:
-    """Where a family that sets out from a known orbit arrives at p."""
+    """Where a family that sets out from a known orbit arrives at the size of the last p."""
     try:
-        branch = follow(family, ladder, start, (0.0, p), steps)
+        branch = follow(family, ladder, start, p_range, steps)
     except ContinuationError as error:
         raise ContinuationError(f"{failure}: {error}") from None
-    if branch.end.p != p:
+    if abs(branch.end.p) != p_range[1]:
         raise ContinuationError(f"{failure}: {branch.stop_reason}")
     return branch.end
 
 
+def _shifted(branch: OrbitBranch, later: NDArray[np.bool_]) -> OrbitBranch:
+    """The same orbits, some of them, (n,), half a period later."""
+    c = branch.c
+    turned = (-1.0) ** ((np.arange(c.shape[1]) + 1) // 2)  # odd harmonics change their sign
+    return replace(branch, c=np.where(later[:, None, None], turned[:, None] * c, c))
+
+
 def _orbits(branch: OrbitBranch, end: str, unit: str | None) -> dict[str, Any]:
     """Fields of `PeriodicOrbits`; ``end`` says in physical terms that p has reached a limit."""
-    coefficients = np.column_stack([branch.c[:, 0], branch.c[:, 1::2] - 1j * branch.c[:, 2::2]])
+    cosines, sines = branch.c[:, 1::2], branch.c[:, 2::2]
+    coefficients = np.concatenate([branch.c[:, :1], cosines - 1j * sines], axis=1)
+    amplitude = (_peak(coefficients) + _peak(-coefficients)) / 2
+    one = coefficients.shape[2] == 1
     return {
-        "amplitude": (_peak(coefficients) + _peak(-coefficients)) / 2,
+        "amplitude": amplitude[..., 0] if one else amplitude,
         "frequency": branch.omega,
-        "coefficients": coefficients,
+        "coefficients": coefficients[..., 0] if one else coefficients,
         "residual": branch.leftover,
         "folds": branch.folds,
         "stop_reason": end if branch.stop_reason.startswith("p reached") else branch.stop_reason,
@@ -367,16 +500,17 @@ def _orbits(branch: OrbitBranch, end: str, unit: str | None) -> dict[str, Any]:
 
 
 def _peak(coefficients: NDArray[np.complex128]) -> Array:
-    """Largest value of each series: the best of many samples, improved by Newton's method."""
+    """Largest value of each series, (n, R): the best of many samples, improved by Newton."""
     ik = 1j * np.arange(coefficients.shape[1])
     phases = np.linspace(0, 2 * np.pi, 16 * len(ik), endpoint=False)
-    samples = np.real(coefficients @ np.exp(np.outer(ik, phases)))
-    phase = phases[np.argmax(samples, axis=1)]
+    series = coefficients.swapaxes(1, 2)
+    samples = np.real(series @ np.exp(np.outer(ik, phases)))
+    phase = phases[np.argmax(samples, axis=-1)][..., None]
     for _ in range(4):
-        q = coefficients * np.exp(np.outer(phase, ik))
-        slope, curvature = np.real(q @ ik), np.real(q @ ik**2)
+        q = series * np.exp(phase * ik)
+        slope, curvature = (np.real(q @ x)[..., None] for x in (ik, ik**2))
         phase = phase - np.where(curvature < 0, slope / np.where(curvature < 0, curvature, 1), 0)
-    return np.real(np.sum(coefficients * np.exp(np.outer(phase, ik)), axis=1))
+    return np.real(np.sum(series * np.exp(phase * ik), axis=-1))
 
 
 def _bifurcations(

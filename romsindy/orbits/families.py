@@ -23,11 +23,13 @@ LADDER = (5, 9, 15, 23, 35, 50)
 _RESOLVED = 1e-8
 _LOST = 0.01  # what is left over where even the last number of harmonics gives no orbit
 _UNRESOLVED = "the orbit needs more harmonics"
-_SINGULAR = 1e-3  # of 1 + h(q), as in `ReducedModel.acceleration`
 
 # Of the linear frequency. A frequency falls with the logarithm of the distance to a position of
 # rest: no orbit is so slow, but truncated series go on into that position.
 _CREEP = 0.02
+
+# Of the last amplitude: another coordinate that moves so far beyond it is not what was asked for.
+_ELSEWHERE = 3.0
 
 
 @dataclass(eq=False)
@@ -39,7 +41,7 @@ class Family(ABC):
 
     @abstractmethod
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
-        """Fourier coefficients (2 H + 1,), unit of q, and angular frequency, rad/s."""
+        """Fourier coefficients (2 H + 1, R), unit of q, and angular frequency, rad/s."""
 
     @abstractmethod
     def residual(self, u: Array, p: float) -> Array:
@@ -51,56 +53,74 @@ class Family(ABC):
 
     def objection(self, u: Array, p: float) -> str:
         """Why there is no such orbit; empty if there is."""
-        q = self.balance.basis.values @ self.orbit(u, p)[0]
-        inertia = self.balance.model.inertia(q)
-        if np.min(inertia) <= _SINGULAR:
-            at = q[np.argmin(inertia)]
-            return f"1 + h(q) = {np.min(inertia):.3g} is not positive at q = {at:.6g}"
+        return self.balance.equations.objection(self.balance.basis.values @ self.orbit(u, p)[0])
+
+    def end(self, u: Array, p: float) -> str:
+        """Why the branch is to end with this orbit; empty if it goes on."""
         return ""
 
     def until_left(self, share: float, reason: str) -> Verdict:
         """Verdict that ends a branch where harmonics leave more than a share of the force."""
-        return lambda u, p: reason if self.balance.leftover(*self.orbit(u, p)) > share else ""
+
+        def until(u: Array, p: float) -> str:
+            left = self.balance.leftover(*self.orbit(u, p)) > share
+            return reason if left else self.end(u, p)
+
+        return until
 
 
 @dataclass(eq=False)
 class FreeFamily(Family):
-    """Orbits that a force mu q_dot sustains; u = (q / A, omega / omega_0, mu / omega_0).
+    """Orbits that forces mu q_dot sustain; u = (q / size, omega / omega_0, mu / omega_0).
 
-    The parameter is A / A_top, with A = (q(0) - q(pi)) / 2: the orbits start at rest at phase 0,
-    conservative ones rest again at phase pi, and A is half of peak to peak. Divided by A, the
-    equations are regular down to A = 0.
+    The parameter is A / A_top, with A = (q(0) - q(pi)) / 2 of one coordinate. It starts at rest at
+    phase 0; conservative orbits rest there and at phase pi in all coordinates, and A is half of
+    peak to peak. From rest, size is A: the equations, divided by it, are regular down to A = 0.
+    Otherwise size is A_top, and A may pass through zero, where other coordinates alone move.
     """
 
     n_other = 2
     omega_0: float
     amplitude_top: float
+    coordinate: int = 0
+    from_rest: bool = True
 
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
-        return p * self.amplitude_top * u[:-2], self.omega_0 * u[-2]
+        return self._size(p) * self.balance.series(u[:-2]), self.omega_0 * u[-2]
+
+    def _size(self, p: float) -> float:
+        return (p if self.from_rest else 1.0) * self.amplitude_top
 
     def residual(self, u: Array, p: float) -> Array:
         c, omega = self.orbit(u, p)
-        sustained = u[-1] * self.omega_0 * omega * (self.balance.basis.rate @ c)
-        force = self.balance.residual(c, omega) - sustained
-        shape = u[:-2]
-        size = p * self.amplitude_top * self.omega_0**2
-        odd = np.sum(shape[1::4])  # a_1, a_3, ...
-        return np.append(force / size, [self.balance.basis.first[0] @ shape, odd - 1])
+        force = self.balance.residual(c, omega) - u[-1] * self.omega_0 * omega * self.balance.rate(
+            c
+        )
+        size = self._size(p)
+        shape = u[self.coordinate : -2 : self.balance.n_coordinates]
+        odd = np.sum(shape[1::4]) - p * self.amplitude_top / size  # a_1, a_3, ...
+        return np.append(
+            force / (size * self.omega_0**2), [self.balance.basis.first[0] @ shape, odd]
+        )
 
     def jacobian(self, u: Array, p: float) -> Array:
         c, omega = self.orbit(u, p)
-        rate, mu = self.balance.basis.rate, u[-1] * self.omega_0
+        rate, mu = self.balance.rate(c), u[-1] * self.omega_0
         force, by_c, by_omega = self.balance.linearise(c, omega)
-        force, by_c = force - mu * omega * (rate @ c), by_c - mu * omega * rate
-        size = p * self.amplitude_top * self.omega_0**2
-        n = len(c)
+        force, by_c = force - mu * omega * rate, by_c - mu * omega * self.balance.rate_by_c
+        size = self._size(p) * self.omega_0**2
+        n = c.size
+        own = slice(self.coordinate, n, self.balance.n_coordinates)
         matrix = np.zeros((n + 2, n + 3))
         matrix[:n, :n] = by_c / self.omega_0**2
-        matrix[:n, n] = (by_omega - mu * (rate @ c)) * self.omega_0 / size
-        matrix[:n, n + 1] = -omega * (rate @ c) * self.omega_0 / size
-        matrix[:n, n + 2] = (by_c @ c - force) / size / p
-        matrix[n, :n], matrix[n + 1, 1:n:4] = self.balance.basis.first[0], 1.0
+        matrix[:n, n] = (by_omega - mu * rate) * self.omega_0 / size
+        matrix[:n, n + 1] = -omega * rate * self.omega_0 / size
+        matrix[n, own] = self.balance.basis.first[0]
+        matrix[n + 1, own][1::4] = 1.0
+        if self.from_rest:
+            matrix[:n, n + 2] = (by_c @ c.ravel() - force) / size / p
+        else:
+            matrix[n + 1, n + 2] = -1.0
         return matrix
 
     def objection(self, u: Array, p: float) -> str:
@@ -108,18 +128,37 @@ class FreeFamily(Family):
         if omega <= _CREEP * self.omega_0:
             return "the frequency falls to zero: the orbit comes upon another position of rest"
         turning = self.balance.basis.values[[0, len(self.balance.basis.values) // 2]] @ c
-        restoring = self.balance.model.stiffness(turning) * [1, -1]
-        if np.min(restoring) <= 0:
-            at = turning[np.argmin(restoring)]
-            return f"the restoring force is not positive at the turning point q = {at:.6g}"
-        return super().objection(u, p)
+        return self.balance.equations.turning_objection(turning) or super().objection(u, p)
+
+    def end(self, u: Array, p: float) -> str:
+        if self.from_rest:
+            return ""
+        c, _ = self.orbit(u, p)
+        if p < 0 and np.linalg.norm(_odd(c)) < np.linalg.norm(c) / np.sqrt(2):
+            return (
+                "the branch ends on orbits of another mode, of an even multiple of its frequency:"
+                " beyond them come the same orbits, half a period later"
+            )
+        reach = np.max(np.abs(self.balance.basis.values @ c), axis=0)
+        reach[self.coordinate] = 0.0
+        if np.max(reach) <= _ELSEWHERE * self.amplitude_top:
+            return ""
+        return (
+            f"q{np.argmax(reach) + 1} moves {_ELSEWHERE:g} times as far as the last amplitude: the"
+            " branch has gone over to another mode"
+        )
+
+
+def _odd(c: Array) -> Array:
+    """Coefficients of odd harmonics."""
+    return c[(np.arange(len(c)) + 1) // 2 % 2 == 1]
 
 
 class Path(NamedTuple):
-    """Straight line in angular frequency (rad/s) and force (unit of q per s^2)."""
+    """Straight line in angular frequency (rad/s) and forces (unit of q per s^2), (R,) each."""
 
     omega: tuple[float, float]
-    force: tuple[float, float]
+    force: tuple[ArrayLike, ArrayLike]
 
 
 @dataclass(eq=False)
@@ -132,19 +171,23 @@ class ForcedFamily(Family):
 
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:
         first, last = self.path.omega
-        return self.size * u, first + p * (last - first)
+        return self.size * self.balance.series(u), first + p * (last - first)
 
     def residual(self, u: Array, p: float) -> Array:
-        first, last = self.path.force
-        result = self.balance.residual(*self.orbit(u, p)) / self._unit
-        result[1] -= (first + p * (last - first)) / self._unit
-        return result
+        first, last = (np.asarray(force) for force in self.path.force)
+        result = self.balance.residual(*self.orbit(u, p))
+        self._cosine(result)[:] -= first + p * (last - first)
+        return result / self._unit
 
     def jacobian(self, u: Array, p: float) -> Array:
         _, by_c, by_omega = self.balance.linearise(*self.orbit(u, p))
         by_p = by_omega * np.subtract(*self.path.omega[::-1])
-        by_p[1] -= np.subtract(*self.path.force[::-1])
+        self._cosine(by_p)[:] -= np.subtract(*self.path.force[::-1])
         return np.column_stack([by_c * self.size, by_p]) / self._unit
+
+    def _cosine(self, vector: Array) -> Array:
+        """The part of harmonic 1 in phase with the force, (R,)."""
+        return vector[self.balance.n_coordinates : 2 * self.balance.n_coordinates]
 
     @property
     def _unit(self) -> float:
@@ -163,7 +206,7 @@ class Start(NamedTuple):
 class OrbitBranch:
     """A branch of orbits, all with the largest number of harmonics that one of them needed.
 
-    Shapes: c (n, 2 H + 1), omega and leftover (n,), other (n, n_other), folds (k,).
+    Shapes: c (n, 2 H + 1, R), omega and leftover (n,), other (n, n_other), folds (k,).
     """
 
     c: Array
@@ -190,12 +233,13 @@ def follow(
     pieces = []
     for n_harmonics in ladder:
         member = family(n_harmonics)
-        if len(start.u) > 2 * n_harmonics + 1 + member.n_other:
+        size = (2 * n_harmonics + 1) * member.balance.n_coordinates
+        if len(start.u) > size + member.n_other:
             continue  # the start has more harmonics already
-        u = _padded(start.u, n_harmonics, member.n_other)
+        u = _padded(start.u, size, member.n_other)
         direction = start.direction
         if np.ndim(direction):
-            direction = _padded(np.asarray(direction), n_harmonics, member.n_other + 1)
+            direction = _padded(np.asarray(direction), size, member.n_other + 1)
         branch = continue_branch(
             member.residual,
             u,
@@ -214,12 +258,12 @@ def follow(
     return _joined(pieces, start)
 
 
-def _until(member: Family, ladder: Sequence[int]) -> Verdict | None:
+def _until(member: Family, ladder: Sequence[int]) -> Verdict:
     n_harmonics = member.balance.n_harmonics
     if n_harmonics < ladder[-1]:
         return member.until_left(_RESOLVED, _UNRESOLVED)
     if len(ladder) == 1:
-        return None  # as many as the user wants, with the error that they imply
+        return member.end  # as many harmonics as the user wants, with the error that they imply
     reason = (
         f"{n_harmonics} harmonics leave more than {_LOST:.0%} of the force, as where the motion"
         " comes upon a position of rest or 1 + h(q) = 0, or friction jumps: give n_harmonics to go"
@@ -228,15 +272,16 @@ def _until(member: Family, ladder: Sequence[int]) -> Verdict | None:
     return member.until_left(_LOST, reason)
 
 
-def _padded(u: Array, n_harmonics: int, n_other: int) -> Array:
-    """Vector with zeros for new harmonics, before its last ``n_other`` entries."""
+def _padded(u: Array, size: int, n_other: int) -> Array:
+    """Vector with zeros for new harmonics, up to a size, before its last ``n_other`` entries."""
     at = len(u) - n_other
-    return np.concatenate([u[:at], np.zeros(max(0, 2 * n_harmonics + 1 - at)), u[at:]])
+    return np.concatenate([u[:at], np.zeros(max(0, size - at)), u[at:]])
 
 
 def _joined(pieces: list[tuple[Family, Branch]], end: Start) -> OrbitBranch:
     """Orbits of all pieces, and folds with the numbers that they have among them."""
-    n_harmonics, last = pieces[-1][0].balance.n_harmonics, pieces[-1][1]
+    last = pieces[-1][1]
+    shape = (2 * pieces[-1][0].balance.n_harmonics + 1, pieces[-1][0].balance.n_coordinates)
     orbits: list[tuple[Array, float, Array, float]] = []
     folds: list[int] = []
     for family, branch in pieces:
@@ -245,7 +290,8 @@ def _joined(pieces: list[tuple[Family, Branch]], end: Start) -> OrbitBranch:
         folds += [len(orbits) + k for k in branch.folds if k < n]
         for u, p in zip(branch.u[:n], branch.p[:n], strict=True):
             orbit, beyond = family.orbit(u, p), u[len(u) - family.n_other :]
-            left = family.balance.leftover(*orbit)
-            orbits.append((_padded(orbit[0], n_harmonics, 0), orbit[1], beyond, left))
+            padded = np.zeros(shape)
+            padded[: len(orbit[0])] = orbit[0]
+            orbits.append((padded, orbit[1], beyond, family.balance.leftover(*orbit)))
     c, omega, other, leftover = (np.array(column) for column in zip(*orbits, strict=True))
     return OrbitBranch(c, omega, other, leftover, np.array(folds, int), last.stop_reason, end)

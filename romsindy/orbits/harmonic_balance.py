@@ -1,8 +1,10 @@
-"""Harmonic balance: a model's equation for a truncated Fourier series, and its derivatives.
+"""Harmonic balance: a model's equations for a truncated Fourier series, and their derivatives.
 
-q(t) = a_0 + sum_k a_k cos(k omega t) + b_k sin(k omega t), k = 1 ... H, is kept as the vector
-c = (a_0, a_1, b_1, ..., a_H, b_H). Forces are evaluated at samples of one period and projected back
-(alternating frequency and time, [1]).
+q(t) = a_0 + sum_k a_k cos(k omega t) + b_k sin(k omega t), k = 1 ... H, is kept as the array
+c = (a_0, a_1, b_1, ..., a_H, b_H), (2 H + 1, R), with one column for each of R coordinates. Where c
+and the equations are a vector, of m = (2 H + 1) R, coordinates of one harmonic stand together.
+Forces are evaluated at samples of one period and projected back (alternating frequency and time,
+[1]).
 
 [1] M. Krack, J. Gross, "Harmonic Balance for Nonlinear Vibration Problems", Springer (2019).
 """
@@ -10,11 +12,12 @@ c = (a_0, a_1, b_1, ..., a_H, b_H). Forces are evaluated at samples of one perio
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from romsindy.physics.model import ReducedModel
+from romsindy.orbits.equations import equations_of
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 # Samples for every harmonic: products of up to ten factors, q^9 q_ddot, do not fold back onto the
@@ -72,40 +75,65 @@ class HarmonicBalance:
     The model's forces must not jump.
     """
 
-    def __init__(self, model: ReducedModel, n_harmonics: int) -> None:
-        self.model = model
+    def __init__(self, model: AnyModel, n_harmonics: int) -> None:
+        self.equations = equations_of(model)
         self.n_harmonics = n_harmonics
         self.basis = uniform_basis(n_harmonics)
 
+    @property
+    def n_coordinates(self) -> int:
+        """R."""
+        return self.equations.n_coordinates
+
+    def series(self, vector: Array) -> Array:
+        """Vector (m,) as an array (2 H + 1, R)."""
+        return vector.reshape(-1, self.n_coordinates)
+
     def motion(self, c: Array, omega: float) -> tuple[Array, Array, Array]:
-        """q, q_dot and q_ddot at the samples; c of shape (2 H + 1,)."""
+        """q, q_dot and q_ddot at the samples, (n_samples, R)."""
         b = self.basis
         return b.values @ c, omega * (b.first @ c), omega**2 * (b.second @ c)
 
+    def rate(self, c: Array) -> Array:
+        """Vector (m,) of the derivative by the phase."""
+        return (self.basis.rate @ c).ravel()
+
+    @cached_property
+    def rate_by_c(self) -> Array:
+        """Derivatives of `rate` by c, (m, m)."""
+        return np.kron(self.basis.rate, np.eye(self.n_coordinates))
+
     def residual(self, c: Array, omega: float) -> Array:
-        """Coefficients of M q_ddot + N q_dot^2 + K + D, (2 H + 1,)."""
-        return self.basis.projection @ self.model.residual(*self.motion(c, omega))
+        """Coefficients of the left sides of the equations, (m,)."""
+        return (self.basis.projection @ self.equations.residual(*self.motion(c, omega))).ravel()
 
     def linearise(self, c: Array, omega: float) -> tuple[Array, Array, Array]:
-        """`residual`, its derivatives by c, (2 H + 1, 2 H + 1), and by omega, (2 H + 1,)."""
+        """`residual`, its derivatives by c, (m, m), and by omega, (m,)."""
         b = self.basis
         q, q_dot, q_ddot = self.motion(c, omega)
-        force, by_q, by_q_dot, by_q_ddot = self.model.linearise(q, q_dot, q_ddot)
+        force, by_q, by_q_dot, by_q_ddot = self.equations.linearise(q, q_dot, q_ddot)
+        # (n_samples, R equations, 2 H + 1, R coordinates)
+        values, first, second = (x[:, None, :, None] for x in (b.values, b.first, b.second))
         by_c = (
-            by_q[:, None] * b.values
-            + (omega * by_q_dot)[:, None] * b.first
-            + (omega**2 * by_q_ddot)[:, None] * b.second
+            by_q[:, :, None] * values
+            + (omega * by_q_dot)[:, :, None] * first
+            + (omega**2 * by_q_ddot)[:, :, None] * second
         )
-        by_omega = (by_q_dot * q_dot + 2 * by_q_ddot * q_ddot) / omega
-        return b.projection @ force, b.projection @ by_c, b.projection @ by_omega
+        changes = by_q_dot * q_dot[:, None] + 2 * by_q_ddot * q_ddot[:, None]
+        projected = b.projection @ by_c.reshape(len(q), -1)
+        return (
+            (b.projection @ force).ravel(),
+            projected.reshape(c.size, c.size),
+            (b.projection @ np.sum(changes, axis=2)).ravel() / omega,
+        )
 
     def leftover(self, c: Array, omega: float) -> float:
-        """Largest force that the harmonics beyond H leave in the equation, relative.
+        """Largest force that the harmonics beyond H leave in an equation, relative.
 
         The tail of the spectrum of the forces, in time, over the largest |M q_ddot|.
         """
         motion = self.motion(c, omega)
-        force, _, _, inertia = self.model.linearise(*motion)
+        force, _, _, inertia = self.equations.linearise(*motion)
         beyond = force - self.basis.values @ (self.basis.projection @ force)
-        inertial = np.max(np.abs(inertia * motion[2]))
+        inertial = np.max(np.abs(inertia @ motion[2][..., None]))
         return float(np.max(np.abs(beyond)) / max(inertial, np.finfo(float).tiny))  # 0 at rest

@@ -123,7 +123,15 @@ class CoupledModel(TermSum):
 
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
         """Left sides of the equations, (..., R): zero along a free motion."""
-        return self.linearise(*self._motion(q, q_dot, q_ddot))[0]
+        q, q_dot, q_ddot = self._motion(q, q_dot, q_ddot)
+        residual = self._polynomials.residual(q, q_dot, q_ddot)
+        for w, model in self._directions:
+            d, d_dot, d_ddot = q @ w, q_dot @ w, q_ddot @ w
+            force = model.residual(d, d_dot, d_ddot)
+            if not _is_coordinate(w):  # unit masses belong to the coordinates alone
+                force = force - d_ddot
+            residual += force[..., None] * w
+        return residual
 
     def inertia(self, q: ArrayLike) -> Array:
         """M(q), (..., R, R)."""
@@ -357,6 +365,13 @@ def _is_coordinate(w: Array) -> bool:
     return bool(np.count_nonzero(w) == 1 and np.max(w) == 1.0)
 
 
+def _signal(q_dot: Array, q_ddot: Array) -> Array:
+    """1, velocities, accelerations and products of two velocities, (..., 1 + 2 R + R^2)."""
+    both = q_dot[..., :, None] * q_dot[..., None, :]
+    squared = both.reshape(*q_dot.shape[:-1], -1)
+    return np.concatenate([np.ones_like(q_dot[..., :1]), q_dot, q_ddot, squared], axis=-1)
+
+
 class _Polynomials(NamedTuple):
     """All polynomial terms as coefficients of one table of n products of powers.
 
@@ -405,13 +420,21 @@ class _Polynomials(NamedTuple):
         """Products of powers, (..., n)."""
         return np.prod(q[..., None, :] ** self.powers, axis=-1)
 
-    def slopes(self, q: Array) -> Array:
-        """Their derivatives by each coordinate, (..., n, R)."""
-        found = np.zeros((*q.shape[:-1], *self.powers.shape))
-        for i in range(q.shape[-1]):
-            lower = self.powers.copy()
-            lower[:, i] = np.maximum(lower[:, i] - 1, 0)
-            found[..., i] = self.powers[:, i] * np.prod(q[..., None, :] ** lower, axis=-1)
+    def factors(self, q: Array, powers: Array) -> Array:
+        """Powers of the coordinates, (R, n, ...), of many states: multiplied, not raised."""
+        steps = [np.ones_like(q)]
+        for _ in range(int(np.max(powers, initial=0))):
+            steps.append(steps[-1] * q)
+        found = np.stack(steps)
+        return np.stack([found[p, ..., i] for i, p in enumerate(powers.T)])
+
+    def slopes(self, q: Array, factors: Array) -> Array:
+        """Derivatives of the products by each coordinate, (R, n, ...)."""
+        found = self.factors(q, np.maximum(self.powers - 1, 0))
+        for i, slope in enumerate(found):
+            slope *= self.powers[:, i].reshape(-1, *(1,) * (slope.ndim - 1))
+            for other in (*factors[:i], *factors[i + 1 :]):
+                slope *= other
         return found
 
     def potential(self, q: Array) -> Array:
@@ -429,20 +452,29 @@ class _Polynomials(NamedTuple):
         turning = np.tensordot(table, self.g, 1) @ q_dot + np.tensordot(table, self.c, 1)
         return np.tensordot(table, self.m, 1), table @ self.k + turning @ q_dot
 
+    @property
+    def coefficients(self) -> Array:
+        """What the products multiply in each equation, as in `_signal`: (n, R, 1 + 2 R + R^2)."""
+        n, r = self.powers.shape
+        parts = (self.k, self.c, self.m, self.g)
+        return np.concatenate([x.reshape(n, r, r ** (x.ndim - 2)) for x in parts], axis=2)
+
+    def residual(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:
+        """As `CoupledModel.residual`."""
+        products = np.prod(self.factors(q, self.powers), axis=0)
+        value = np.tensordot(products, self.coefficients, (0, 0))
+        return np.einsum("...ia,...a->...i", value, _signal(q_dot, q_ddot))
+
     def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
         """As `CoupledModel.linearise`."""
-        n, r = self.powers.shape
-        coefficients = np.concatenate(
-            [x.reshape(n, r, r ** (x.ndim - 2)) for x in (self.k, self.c, self.m, self.g)], axis=2
-        )
-        value = np.tensordot(self.table(q), coefficients, 1)
-        slope = np.einsum("...nl,nia->...lia", self.slopes(q), coefficients)
-        both = q_dot[..., :, None] * q_dot[..., None, :]
-        rates = [np.ones_like(q[..., :1]), q_dot, q_ddot, both.reshape(*q.shape[:-1], -1)]
-        signal = np.concatenate(rates, axis=-1)
+        r = q.shape[-1]
+        factors, coefficients = self.factors(q, self.powers), self.coefficients
+        value = np.tensordot(np.prod(factors, axis=0), coefficients, (0, 0))
+        slope = np.tensordot(self.slopes(q, factors), coefficients, (1, 0))
+        signal = _signal(q_dot, q_ddot)
         c, m = value[..., 1 : 1 + r], value[..., 1 + r : 1 + 2 * r]
         g = value[..., 1 + 2 * r :].reshape(*q.shape, r, r)
         residual = np.einsum("...ia,...a->...i", value, signal)
-        by_q = np.einsum("...lia,...a->...il", slope, signal)
+        by_q = np.einsum("l...ia,...a->...il", slope, signal)
         by_q_dot = c + 2 * np.einsum("...ijk,...k->...ij", g, q_dot)
         return residual, by_q, by_q_dot, m.copy()
