@@ -341,8 +341,8 @@ class Beam(Structure):
         mode : int
             The one mode, counted from 1.
         order : int
-            Highest power in the forces, at least 3. The inertia goes to the power order - 1
-            (several modes: order if that is even, since it is g that is cut).
+            Highest power in the forces, at least 3. The inertia goes to the power order - 1; for
+            several modes g does, and a model of order 9 holds a thousand of its products.
         amplitude : float, or (R,) sequence of float for R modes
             Largest coordinates, kg^0.5 m: the half axes of the ellipsoid that holds the cases of
             several modes. A mode that follows another must have room there: a second mode may
@@ -369,6 +369,8 @@ class Beam(Structure):
             each mode, or modes that are given twice or do not exist.
         NoEquilibriumError
             If the beam cannot be held that far.
+        KeyboardInterrupt
+            At once: nothing is kept.
 
         Notes
         -----

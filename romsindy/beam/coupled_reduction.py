@@ -7,7 +7,8 @@ With the static surface x(r) of the modes, see `static_surface`:
     M(r) = 1 + J^T M J,  J = dg/dr                      from the products g_a^T M g_b
 
 over powers a = (a_1, ..., a_R). One potential gives the forces of all equations, so they are
-reciprocal; g is what is cut at some power, not M, which so is positive definite everywhere.
+reciprocal. It is g that is cut, at the power order - 1: M is complete up to that power, holds some
+products of higher powers as well, and is positive definite everywhere.
 """
 
 from __future__ import annotations
@@ -105,8 +106,8 @@ def _stiffness(powers: Powers, value: float) -> Terms:
 
 
 def inertia_terms(assembly: Assembly, surface: StaticSurface, order: int) -> Terms:
-    """Return the products of the slaved shapes, up to the power whose square M has to hold."""
-    powers = powers_between(2, order // 2 + 1, len(surface.modes))
+    """Return the products of the slaved shapes of all powers up to order - 1."""
+    powers = powers_between(2, order - 1, len(surface.modes))
     slopes = surface.tangents - surface.basis.shapes[surface.rows]
     shapes = _fit_gradient(surface, slopes.reshape(*surface.r.shape, -1), powers)
     fields = shapes.reshape(len(powers), -1, 3)
