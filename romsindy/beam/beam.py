@@ -375,8 +375,9 @@ class Beam(Structure):
         Notes
         -----
         omega^2 are the modes'; all else is least squares over the cases, see `reduction` and
-        `coupled_reduction`. The model of several modes holds the model of one, on the curve where
-        the forces of all others are zero: the others follow statically there.
+        `coupled_reduction`: best where the amplitudes are little larger than those of the motion.
+        What is left out follows statically: modes that are slower, or in resonance, must be in.
+        The model of several modes holds that of one, where the forces of all others are zero.
 
         [1] E. Nicolaidou, T. L. Hill, S. A. Neild, "Indirect reduced-order modelling: using
             nonlinear manifolds to conserve kinetic energy", Proc. R. Soc. A 476 (2020), doi
