@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
 from romsindy.beam.assembly import Assembly
+from romsindy.beam.coupled_reduction import reduce_modes
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode, find_normal_mode
@@ -23,6 +24,7 @@ from romsindy.beam.statics import Shape, find_equilibrium, hold
 from romsindy.beam.structure import Structure
 from romsindy.beam.transient import simulate
 from romsindy.effects.load import MountedLaw, PointMass
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.validation import require_finite, require_positive
 
@@ -301,11 +303,98 @@ class Beam(Structure):
         """
         return follow_static_curve(self.assembly, self.equilibrium(), mode, amplitude, cases)
 
+    @overload
     def reduce(
-        self, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int = 41
-    ) -> ReducedModel:
-        """Return the single-mode reduced model from static cases; see `reduction.reduce`."""
-        return reduce(self.assembly, self.equilibrium(), mode, order, amplitude, cases)
+        self, mode: int = 1, order: int = 5, amplitude: float = 0.024, cases: int | None = None
+    ) -> ReducedModel: ...
+
+    @overload
+    def reduce(
+        self,
+        *,
+        modes: Sequence[int],
+        order: int = 5,
+        amplitude: float | Sequence[float],
+        cases: int | None = None,
+        progress: bool = True,
+    ) -> ReducedModel | CoupledModel: ...
+
+    def reduce(
+        self,
+        mode: int = 1,
+        order: int = 5,
+        amplitude: float | Sequence[float] = 0.024,
+        cases: int | None = None,
+        *,
+        modes: Sequence[int] | None = None,
+        progress: bool = True,
+    ) -> ReducedModel | CoupledModel:
+        """Return the reduced model of one mode, or of several together, from static cases.
+
+        The beam is held by modal forces, f_1 M phi_1 + f_2 M phi_2 + ..., at many coordinates
+        r_i = phi_i^T M (x - x_eq). The forces are the derivatives of the potential V(r); what the
+        other modes do meanwhile, g(r) = x - x_eq - phi_1 r_1 - phi_2 r_2 - ..., gives the inertia
+        1 + J^T M J, J = dg/dr ([1]). Damping is left out.
+
+        Parameters
+        ----------
+        mode : int
+            The one mode, counted from 1.
+        order : int
+            Highest power in the forces, at least 3. The inertia goes to the power order - 1; for
+            several modes g does, and a model of order 9 holds a thousand of its products.
+        amplitude : float, or (R,) sequence of float for R modes
+            Largest coordinates, kg^0.5 m: the half axes of the ellipsoid that holds the cases of
+            several modes. A mode that follows another must have room there: a second mode may
+            need a tenth of the first, and more to move by itself.
+        cases : int, optional
+            Number of static cases; 41 for one mode. Cases of several modes lie on shells, as many
+            as a lattice of this size or little more: (2 order + 1)^R by default.
+        modes : sequence of int, optional
+            The modes of several coordinates, in their order, in the place of ``mode``.
+        progress : bool
+            Whether to show a progress bar for several modes, on a terminal.
+
+        Returns
+        -------
+        ReducedModel or CoupledModel
+            Of one coordinate in kg^0.5 m, or of several: omega^2, gamma_3 ... [q1] of each, powers
+            such as V q1^2 q2 of the potential that they share, and products such as
+            g(q1^2) g(q1 q2) of the shapes that follow them.
+
+        Raises
+        ------
+        ValueError
+            For an order below 3, too few cases, amplitudes that are not positive or not one for
+            each mode, or modes that are given twice or do not exist.
+        NoEquilibriumError
+            If the beam cannot be held that far.
+        KeyboardInterrupt
+            At once: nothing is kept.
+
+        Notes
+        -----
+        omega^2 are the modes'; all else is least squares over the cases, see `reduction` and
+        `coupled_reduction`: best where the amplitudes are little larger than those of the motion.
+        What is left out follows statically: modes that are slower, or in resonance, must be in.
+        The model of several modes holds that of one, where the forces of all others are zero.
+
+        [1] E. Nicolaidou, T. L. Hill, S. A. Neild, "Indirect reduced-order modelling: using
+            nonlinear manifolds to conserve kinetic energy", Proc. R. Soc. A 476 (2020), doi
+            10.1098/rspa.2020.0589.
+        """
+        numbers = (mode,) if modes is None else tuple(modes)
+        amplitudes = np.atleast_1d(amplitude).tolist()
+        if not numbers or len(amplitudes) != len(numbers):
+            raise ValueError(
+                f"amplitude = {amplitude} is no amplitude for each of the modes {numbers}: give"
+                " modes, and as many amplitudes, such as modes=(1, 2), amplitude=(0.024, 0.006)"
+            )
+        request = self.assembly, self.equilibrium()
+        if len(numbers) == 1:
+            cases = 41 if cases is None else cases
+            return reduce(*request, numbers[0], order, amplitudes[0], cases)
+        return reduce_modes(*request, numbers, order, amplitudes, cases, progress=progress)
 
     def sensors(self, sensors: Sequence[Sensor | float]) -> SensorArray:
         """Place sensors on the beam; see `sensors.place_sensors`."""

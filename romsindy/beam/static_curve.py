@@ -23,7 +23,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from romsindy.beam.assembly import Assembly, factorise, solve
 from romsindy.beam.modes import ModalBasis, solve_modes
-from romsindy.beam.statics import Shape, find_displaced
+from romsindy.beam.statics import Shape, find_displaced, work
 from romsindy.beam.structure import Structure
 from romsindy.physics.validation import require_positive
 
@@ -157,8 +157,8 @@ def follow_static_curve(
     q = np.concatenate([-steps[::-1], [0.0], steps])
     held = [*down[::-1], (equilibrium.displacement, 0.0), *up]
     shapes, force = (np.array(column) for column in zip(*held, strict=True))
-    momentum = basis.momenta[basis.index(mode)]
-    tangents = np.array([_tangent(assembly, x, momentum) for x in shapes])
+    momenta = basis.momenta[basis.index(mode)][None]
+    tangents = np.array([find_tangents(assembly, x, momenta)[0] for x in shapes])
     return StaticCurve(assembly.structure, basis, mode, amplitude, q, force, shapes, tangents)
 
 
@@ -166,18 +166,23 @@ def _held(
     assembly: Assembly, basis: ModalBasis, mode: int, values: np.ndarray
 ) -> list[tuple[np.ndarray, float]]:
     """Return shapes and factors of the modal force at coordinates that go outwards."""
-    momentum = basis.momenta[basis.index(mode)]
-    x, factor = basis.equilibrium.displacement, 0.0
-    origin = float(np.vdot(momentum, x))
+    momenta = basis.momenta[basis.index(mode)][None]
+    x, factors = basis.equilibrium.displacement, np.zeros(1)
+    origin = np.tensordot(momenta, x, axes=2)
     found = []
     for value in values:
-        x, factor = find_displaced(assembly, x, momentum, momentum, origin + value, factor)
-        found.append((x, factor))
+        x, factors = find_displaced(assembly, x, momenta, momenta, origin + value, factors)
+        found.append((x, float(factors[0])))
     return found
 
 
-def _tangent(assembly: Assembly, x: np.ndarray, momentum: np.ndarray) -> np.ndarray:
+def find_tangents(assembly: Assembly, x: np.ndarray, momenta: np.ndarray) -> np.ndarray:
+    """Return dx/dr_j, (R, n_nodes, 3), of a shape held by modal forces, from momenta M phi_j.
+
+    K_t dx/dr_j is a sum of the M phi_i, and phi_i^T M dx/dr_j is 1 for i = j, else 0.
+    """
     stiffness, _ = assembly.tangents(x)
-    free = np.where(assembly.fixed, 0.0, momentum)
-    moved = solve(factorise(stiffness, assembly.fixed), free)
-    return np.asarray(moved / np.vdot(momentum, moved))
+    factorised = factorise(stiffness, assembly.fixed)
+    free = np.where(assembly.fixed, 0.0, momenta)
+    moved = np.array([solve(factorised, load) for load in free])
+    return np.tensordot(np.linalg.inv(work(momenta, moved)).T, moved, axes=1)

@@ -53,39 +53,53 @@ class Shape:
 
 @dataclass(frozen=True)
 class _State:
+    """Displacements, and the factors (n_patterns,) of the loads that hold them."""
+
     x: np.ndarray
-    factor: float
+    factors: np.ndarray
 
 
 def _newton(
     assembly: Assembly,
     start: _State,
-    pattern: np.ndarray,
+    patterns: np.ndarray,
     weight_share: float,
-    reading: np.ndarray | None,
-    target: float,
+    readings: np.ndarray | None = None,
+    targets: np.ndarray | None = None,
 ) -> _State | None:
-    """Solve r(x) = factor * pattern; with a `reading` find the factor where it is at `target`."""
-    x, factor = start.x.copy(), start.factor
+    """Solve r(x) = sum of factors * patterns.
+
+    With `readings`, as many as patterns, find the factors where these are at their `targets`.
+    """
+    x, factors = start.x.copy(), start.factors
     length = assembly.structure.length
     for _ in range(_MAX_ITERATIONS):
         residual, _ = assembly.residual(x)
         residual += (1.0 - weight_share) * np.where(assembly.fixed, 0.0, assembly.weight)
         stiffness, _ = assembly.tangents(x)
-        factors = factorise(stiffness, assembly.fixed)
-        increment = solve(factors, factor * pattern - residual)
-        if reading is not None:
-            unit = solve(factors, pattern)
-            change = (target - np.vdot(reading, x + increment)) / np.vdot(reading, unit)
-            factor += change
-            increment += change * unit
+        factorised = factorise(stiffness, assembly.fixed)
+        increment = solve(factorised, np.tensordot(factors, patterns, axes=1) - residual)
+        if readings is not None:
+            units = np.array([solve(factorised, p) for p in patterns])
+            missing = targets - np.tensordot(readings, x + increment, axes=2)
+            try:
+                change = np.linalg.solve(work(readings, units), missing)
+            except np.linalg.LinAlgError:
+                return None
+            factors = factors + change
+            increment += np.tensordot(change, units, axes=1)
         size = np.max(np.abs(increment) / [length, length, 1.0])
         if not size < 1e3:  # also catches what is not a number
             return None
         x += increment
         if size < _TOLERANCE:
-            return _State(x, factor)
+            return _State(x, factors)
     return None
+
+
+def work(loads: np.ndarray, displacements: np.ndarray) -> np.ndarray:
+    """Return sum(loads[i] * displacements[j]), (n, m), of nodal fields (n or m, n_nodes, 3)."""
+    return np.tensordot(loads, displacements, axes=([1, 2], [1, 2]))
 
 
 def _march(solve_at: Callable[[float, _State], _State | None], start: _State) -> _State | None:
@@ -102,7 +116,7 @@ def _march(solve_at: Callable[[float, _State], _State | None], start: _State) ->
             ratio = step / previous[0]
             guess = _State(
                 state.x + ratio * (state.x - previous[1].x),
-                state.factor + ratio * (state.factor - previous[1].factor),
+                state.factors + ratio * (state.factors - previous[1].factors),
             )
         found = solve_at(done + step, guess)
         if found is None:
@@ -127,9 +141,9 @@ def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> Shap
     pattern = _free(assembly, load)
 
     def solve_at(share: float, guess: _State) -> _State | None:
-        return _newton(assembly, _State(guess.x, share), pattern, share, None, 0.0)
+        return _newton(assembly, _State(guess.x, np.array([share])), pattern[None], share)
 
-    found = _march(solve_at, _State(np.zeros_like(pattern), 0.0))
+    found = _march(solve_at, _State(np.zeros_like(pattern), np.zeros(1)))
     if found is None:
         raise NoEquilibriumError(
             f"no equilibrium found under a load of {np.abs(pattern).max():.4g} N (largest nodal "
@@ -142,34 +156,36 @@ def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> Shap
 def find_displaced(
     assembly: Assembly,
     start: np.ndarray,
-    pattern: np.ndarray,
-    reading: np.ndarray,
-    target: float,
-    factor: float = 0.0,
-) -> tuple[np.ndarray, float]:
-    """Return (x, factor): equilibrium under factor * pattern where sum(reading * x) is `target`.
+    patterns: np.ndarray,
+    readings: np.ndarray,
+    targets: np.ndarray,
+    factors: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (x, factors): equilibrium under sum(factors * patterns) where readings are `targets`.
 
-    The path starts from the equilibrium `start` under `factor * pattern`.
+    Patterns are n nodal loads and readings the weights of n displacements, (n, n_nodes, 3); targets
+    and factors are (n,). The path starts from the equilibrium `start` under the `factors`.
 
     Raises
     ------
     NoEquilibriumError
         If there is no such equilibrium on the path.
     """
-    pattern = _free(assembly, pattern)
-    first = float(np.vdot(reading, start))
+    patterns = _free(assembly, patterns)
+    first = np.tensordot(readings, start, axes=2)
 
     def solve_at(share: float, guess: _State) -> _State | None:
-        goal = first + share * (target - first)
-        return _newton(assembly, guess, pattern, 1.0, reading, goal)
+        goal = first + share * (targets - first)
+        return _newton(assembly, guess, patterns, 1.0, readings, goal)
 
-    found = _march(solve_at, _State(start, factor))
+    found = _march(solve_at, _State(start, factors))
     if found is None:
+        asked = ", ".join(f"{t:.4g}" for t in targets)
         raise NoEquilibriumError(
-            f"no equilibrium found with the controlled displacement at {target:.4g}; the beam "
+            f"no equilibrium found with the controlled displacement at {asked}; the beam "
             f"(length {assembly.structure.length:.4g} m) may not reach that far: ask for less"
         )
-    return found.x, found.factor
+    return found.x, found.factors
 
 
 def hold(
@@ -185,9 +201,11 @@ def hold(
     NoEquilibriumError
         If there is no such equilibrium on the path.
     """
-    goal = float(np.vdot(reading, rest.displacement)) + distance
-    x, factor = find_displaced(assembly, rest.displacement, pattern, reading, goal)
-    return Shape(assembly.s, x, factor * pattern)
+    goal = np.array([np.vdot(reading, rest.displacement) + distance])
+    x, factors = find_displaced(
+        assembly, rest.displacement, pattern[None], reading[None], goal, np.zeros(1)
+    )
+    return Shape(assembly.s, x, factors[0] * pattern)
 
 
 def _free(assembly: Assembly, load: np.ndarray) -> np.ndarray:
