@@ -158,6 +158,10 @@ class CoupledRecord:
         by_value = np.array(rows).reshape(len(rows), -1)
         return CoupledReading((shapes @ x.T).ravel(), shapes, by_value)
 
+    def louder(self, by: float) -> CoupledRecord:
+        """The same with so many times the noise."""
+        return replace(self, noise=tuple(replace(n, std=by * n.std) for n in self.noise))
+
     def with_signal(self, signal: Array) -> CoupledRecord:
         """The same with another measurement, such as a simulated one."""
         return replace(self, signal=signal)
@@ -170,7 +174,7 @@ class CoupledRecord:
     def whitened(self, x: Array) -> Array:
         """Misfits or their derivatives (c n, ...) over the noise of their channel."""
         channels = x.reshape(len(self.noise), -1, *x.shape[1:])
-        white = [noise(part) for noise, part in zip(self.noise, channels, strict=True)]
+        white = [noise(x) for noise, x in zip(self.noise, channels, strict=True)]
         return np.concatenate(white)
 
     @property

@@ -193,15 +193,23 @@ def _linearised(
     system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
     responses = []
     for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
-        equation = equation_of(model, parts, i, motion.grid.step, record.clock)
-        response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
-        change = response.samples(record.derivative)
-        x = sampled(motion, record.derivative) + change[..., 0]
+        response, rows = linear_table(model, parts, i, record, motion)
         where = np.concatenate([columns_of(parts, i), system.states_of(i)])
-        system.add(where, table(parts, i, record, x, change[..., 1:]))
+        system.add(where, rows)
         responses.append(response)
     system.add_priors(parts)
     return system, responses
+
+
+def linear_table(
+    model: AnyModel, parts: tuple[Part, ...], i: int, record: AnyRecord, motion: Trajectory
+) -> tuple[Response, Array]:
+    """Response of a motion to all values, and `table` of where it leads, in record i."""
+    equation = equation_of(model, parts, i, motion.grid.step, record.clock)
+    response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
+    change = response.samples(record.derivative)
+    x = sampled(motion, record.derivative) + change[..., 0]
+    return response, table(parts, i, record, x, change[..., 1:])
 
 
 def table(parts: Sequence[Part], i: int, record: AnyRecord, x: Array, by_value: Array) -> Array:

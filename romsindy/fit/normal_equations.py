@@ -101,13 +101,13 @@ class NormalEquations:
         a = self.matrix[np.ix_(free, free)]
         b = self.right[free] - self.matrix[np.ix_(free, ~free)] @ fixed[~free]
         step = fixed.copy()
-        step[free] = _solved(a, b)
+        step[free] = solved(a, b)
         return step
 
     def by_some(self, columns: Indices) -> tuple[Array, float]:
         """Least-squares change of some values alone, and by how much it lowers the misfit."""
         a, b = self.matrix[np.ix_(columns, columns)], self.right[columns]
-        x = _solved(a, b)
+        x = solved(a, b)
         return x, float(2 * x @ b - x @ a @ x)
 
     def chi_squared(self, step: Array) -> float:
@@ -127,9 +127,11 @@ def _scale(a: Array) -> Array:
     return np.where(power > 1e-300, 1 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
 
 
-def _solved(a: Array, b: Array) -> Array:
+def solved(a: Array, b: Array) -> Array:
+    """Least-squares solution of normal equations, (n,) or (n, m), whatever their scales."""
     scale = _scale(a)
-    return np.linalg.lstsq(a * scale * scale[:, None], b * scale, rcond=_RANK)[0] * scale
+    wide = scale if b.ndim == 1 else scale[:, None]
+    return np.linalg.lstsq(a * scale * scale[:, None], b * wide, rcond=_RANK)[0] * wide
 
 
 def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:

@@ -33,7 +33,7 @@ from romsindy.typing import Array
 # Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`.
 _SMOOTHING = 0.01
 # Errors of the integration, as a part of the largest amplitude.
-_NUMERICS = 1e-6
+NUMERICS = 1e-6
 
 
 @dataclass(frozen=True)
@@ -208,12 +208,12 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
         For no decays, another unit, or a decay given twice.
     """
     several = several_decays(decays)
-    _require_unit(several, unit)
-    records = sharing_drift([Record.of(d.single().free(), _NUMERICS) for d in several])
+    require_unit(several, unit)
+    records = sharing_drift([Record.of(d.single().free(), NUMERICS) for d in several])
     return tuple(record.without_faults() for record in records)
 
 
-def _require_unit(several: Sequence[Decay], unit: str | None) -> None:
+def require_unit(several: Sequence[Decay], unit: str | None) -> None:
     """All decays in the unit of the model, each given once."""
     for i, decay in enumerate(several):
         if decay.unit != unit:
@@ -240,10 +240,10 @@ def _seen(
         raise ValueError(
             "offset = True is for models of one coordinate: subtract the mean of each channel"
         )
-    _require_unit(decays, model.unit)
+    require_unit(decays, model.unit)
     omega, modes = model.linear_modes
     order = np.argsort(np.argmax(np.abs(modes), axis=0))
-    several = coupled_records([d.free() for d in decays], omega[order] / (2 * np.pi), _NUMERICS)
+    several = coupled_records([d.free() for d in decays], omega[order] / (2 * np.pi), NUMERICS)
     return several, free_shapes(several)
 
 

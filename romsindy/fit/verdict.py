@@ -29,6 +29,14 @@ NOISE_FREE = 10.0
 # A band of something that is never negative starts at 0 where it comes to this part of its end.
 NEAR_ZERO = 0.05
 
+# -- which terms do several coordinates need? (`romsindy.fit.coupled_terms`) --------------------
+
+# A term must bring down what is left beyond the noise by this part, 1 % in the rms, on data that
+# took no part: less is the form of other laws.
+TERM = 0.02
+# A further coordinate must bring down the rms of what is left by this part.
+MODE = 0.1
+
 # -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.checks`) -------
 
 # What vibrates below this part of the largest amplitude is not looked at: 40 dB.

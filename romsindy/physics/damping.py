@@ -93,7 +93,7 @@ class AmplitudeDamping(ForceLaw):
         return self.exponent + 1, -1
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        size = power_text(q, 2) if self.exponent == 2 else f"|{q}|^{self.exponent:.6g}"
+        size = power_text(q if self.exponent == 2 else f"|{q}|", float(f"{self.exponent:.6g}"))
         return f"{size} {q_dot}"
 
     def _size(self, q: Scalars) -> Scalars:

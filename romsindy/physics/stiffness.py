@@ -32,7 +32,8 @@ def _slope_beyond(depth: Scalars, exponent: float) -> Scalars:
 class Stiffness(ForceLaw):
     """Restoring force: omega^2 q for degree 1, gamma_m q^m beyond.
 
-    A degree that is no whole number gives |q|^m sign(q).
+    A degree that is no whole number gives |q|^m sign(q), and so does an even one where the force is
+    ``odd``: joints that slip soften by |q| q.
 
     Raises
     ------
@@ -41,19 +42,20 @@ class Stiffness(ForceLaw):
     """
 
     degree: float
+    odd: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.degree, bool) or not self.degree >= 1:
             raise ValueError(f"degree = {self.degree!r} must be a number of at least 1")
         if self.degree == int(self.degree):
             object.__setattr__(self, "degree", int(self.degree))
+        object.__setattr__(self, "odd", bool(self.odd and self.degree % 2 == 0))
 
     @property
     def key(self) -> str:
         if self.degree == 1:
             return "omega^2"
-        name = str(self.degree) if isinstance(self.degree, int) else f"|q|^{exact(self.degree)}"
-        return f"gamma_{name}"
+        return f"gamma_{f'|q|^{exact(self.degree)}' if self._signed else self.degree}"
 
     @classmethod
     def from_key(cls, key: str) -> Stiffness | None:
@@ -61,30 +63,37 @@ class Stiffness(ForceLaw):
             return cls(1)
         match = re.fullmatch(rf"gamma_(?:(\d+)|\|q\|\^{NUMBER})", key)
         degree = float(match[1] or match[2]) if match else 0.0
-        return cls(degree) if degree > 1 else None
+        return cls(degree, odd=match[1] is None) if match and degree > 1 else None
+
+    @property
+    def _signed(self) -> bool:
+        """Whether it is |q|^m sign(q), no power of q."""
+        return self.odd or not isinstance(self.degree, int)
 
     @property
     def dimension(self) -> tuple[float, float]:
         return self.degree, 0
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        if isinstance(self.degree, int):
+        if not self._signed:
             return power_text(q, self.degree)
-        return f"|{q}|^{self.degree:.6g} sign({q})"
+        return f"|{q}| {q}" if self.degree == 2 else f"|{q}|^{self.degree:.6g} sign({q})"
 
     def monomial(self, part: str) -> tuple[float, int] | None:
         n = self.degree
-        if not isinstance(n, int):
+        if self._signed or not isinstance(n, int):
             return None
         return {"stiffness": (1.0, n), "potential": (1 / (n + 1), n + 1)}.get(part)
 
     def stiffness(self, q: Scalars) -> Scalars:
-        return power_of(q, self.degree)
+        return abs(q) * power_of(q, self.degree - 1) if self.odd else power_of(q, self.degree)
 
     def potential(self, q: Scalars) -> Scalars:
-        return q * power_of(q, self.degree) / (self.degree + 1)
+        return q * self.stiffness(q) / (self.degree + 1)
 
     def stiffness_dq(self, q: Scalars) -> Scalars:
+        if self.odd:
+            return self.degree * abs(q) * power_of(q, self.degree - 2)
         return power_slope(q, self.degree)
 
 
