@@ -7,8 +7,10 @@ from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.adequacy import Adequacy as Adequacy
 from romsindy.fit.bootstrap import Bootstrap as Bootstrap
 from romsindy.fit.bootstrap import bootstrap as bootstrap
+from romsindy.fit.coupled_identify import identify_coupled as identify_coupled
 from romsindy.fit.estimate import Band as Band
 from romsindy.fit.estimate import Estimate as Estimate
+from romsindy.fit.free_run import free_run as free_run
 from romsindy.fit.functions.identification import Curve as Curve
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.functions.identify import identify as identify

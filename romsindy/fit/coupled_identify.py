@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.fit.coefficient import extended, free_coefficients
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_terms import Gram, candidates, chosen, linear_terms
+from romsindy.fit.coupled_terms import Gram, candidates, chosen, linear_terms, needed
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.part import Part
 from romsindy.fit.refine import NUMERICS, Fit, refine, require_unit, several_decays
@@ -144,23 +144,40 @@ def _with_terms(
     say(f"coordinates at {', '.join(f'{f:.5g} Hz' for f in frequency)}")
     records = given = coupled_records(decays, frequency, NUMERICS)
     now = _Stage(linear, free_shapes(records), tuple(r.motion for r in records))
-    seen: list[set[CoupledTerm]] = []
+    best: tuple[CoupledModel, Solution] | None = None
     for number in range(_ROUNDS):
         terms = _chosen(now, records)
         say(f"terms: {', '.join(t.key for t in terms) or 'none beside the linear ones'}")
         solution, now = _fitted(now, terms, records, first=number == 0)
-        if not solution.finite or set(terms) in seen:
+        if best is not None and not _is_better(now.model, solution, *best, records):
             break
-        seen.append(set(terms))
+        settled = best is not None and {*best[0].terms} == {*now.model.terms}
+        best = now.model, solution
+        if settled:
+            break
         records = _weighed_alike(records, solution)
-    return now.model, _left(given, solution)
+    assert best is not None
+    return best[0], float(np.sqrt(np.mean(_left(given, best[1]))))
 
 
-def _left(records: Sequence[CoupledRecord], solution: Solution) -> float:
-    """Rms of what a fit leaves of all records, over their noise."""
+def _left(records: Sequence[CoupledRecord], solution: Solution) -> Array:
+    """Squares of what a fit leaves of all records, over their noise."""
     pairs = zip(records, solution.residuals, strict=True)
-    white = [record.whitened(residual) for record, residual in pairs]
-    return float(np.sqrt(np.mean(np.concatenate(white) ** 2)))
+    return np.concatenate([record.whitened(residual) ** 2 for record, residual in pairs])
+
+
+def _is_better(
+    model: CoupledModel,
+    solution: Solution,
+    before: CoupledModel,
+    former: Solution,
+    records: Sequence[CoupledRecord],
+) -> bool:
+    """Whether the terms of a fit are worth more than those of the one before."""
+    now, then = _left(records, solution), _left(records, former)
+    more = len(model.terms) - len(before.terms)
+    least = min(now.sum(), then.sum())
+    return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
 
 
 def _chosen(now: _Stage, records: Sequence[CoupledRecord]) -> list[CoupledTerm]:

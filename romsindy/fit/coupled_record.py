@@ -155,8 +155,17 @@ class CoupledRecord:
                 shapes[effect.channel, effect.coordinate] += part.own(number)[0]
                 row[effect.channel] = effect.readings(self.t, x)[0]
             rows.append(row.ravel())
-        by_value = np.array(rows).reshape(len(rows), -1)
+        by_value = np.array(rows).reshape(len(rows), len(shapes) * len(x))
         return CoupledReading((shapes @ x.T).ravel(), shapes, by_value)
+
+    def until(self, n: int) -> CoupledRecord:
+        """The first n samples of every channel, with the noise of all of it."""
+        m, grid = self.motion, self.motion.grid.until(float(self.t[n - 1]))
+        steps = grid.n_steps
+        motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
+        decay = self.decay.between(end=float(self.decay.t[n - 1]))
+        signal = self.signal.reshape(len(self.noise), -1)[:, :n].ravel()
+        return replace(self, decay=decay, signal=signal, motion=motion)
 
     def louder(self, by: float) -> CoupledRecord:
         """The same with so many times the noise."""

@@ -121,7 +121,7 @@ def chosen(parts: Sequence[Gram], n_always: int, positive: Indices) -> list[int]
     positive : (k,) array of int
         Values that cannot be negative.
     """
-    always, n_values = list(range(n_always)), len(parts[0].right)
+    always, n_values, n = list(range(n_always)), len(parts[0].right), sum(p.n for p in parts)
     kept: list[int] = []
     left = _left_out(parts, always)
 
@@ -132,7 +132,7 @@ def chosen(parts: Sequence[Gram], n_always: int, positive: Indices) -> list[int]
         others = [i for i in range(n_always, n_values) if i not in kept]
         trials = sorted((_left_out(parts, [*always, *kept, i]), i) for i in others)
         misfit, best = next((trial for trial in trials if can_be(trial[1])), (left, -1))
-        if left - misfit < _needed(parts, left, len(others)):
+        if left - misfit < needed(n, left, len(others)):
             return kept
         kept, left = _without_idle(parts, n_always, [*kept, best], misfit)
 
@@ -144,16 +144,17 @@ def _without_idle(
     for i in kept[:-1]:
         fewer = [k for k in kept if k != i]
         misfit = _left_out(parts, [*range(n_always), *fewer])
-        if misfit - left < _needed(parts, left, 1):
+        if misfit - left < needed(sum(p.n for p in parts), left, 1):
             return _without_idle(parts, n_always, fewer, misfit)
     return kept, left
 
 
-def _needed(parts: Sequence[Gram], left: float, looks: int) -> float:
-    """What a term must gain: more than chance over all looks, and a material part of the rest."""
-    n = sum(p.n for p in parts)
-    beyond = max(left - n, 0.0)
-    return float(np.log(n) + 2 * np.log(looks) + TERM * beyond)
+def needed(n: int, left: float, looks: int) -> float:
+    """What a term must gain of chi-square: more than chance, and a part of what is left.
+
+    There are ``n`` samples, ``left`` is chi-square, ``looks`` the number of terms to choose from.
+    """
+    return float(np.log(n) + 2 * np.log(looks) + TERM * max(left - n, 0.0))
 
 
 def _fitted(parts: Sequence[Gram], where: Sequence[int]) -> Array:

@@ -24,7 +24,8 @@ from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, sharing_drift
-from romsindy.fit.shooting import LOSSES, shoot
+from romsindy.fit.shooting import LOSSES, TOLERANCE, shoot
+from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
@@ -32,6 +33,9 @@ from romsindy.typing import Array
 
 # Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`.
 _SMOOTHING = 0.01
+# Change of chi-square at which a fit of several coordinates ends where the form of the equation
+# decides, and no digit of its values matters.
+_ROUGH = 1e-4
 # Errors of the integration, as a part of the largest amplitude.
 NUMERICS = 1e-6
 
@@ -241,10 +245,14 @@ def _seen(
             "offset = True is for models of one coordinate: subtract the mean of each channel"
         )
     require_unit(decays, model.unit)
-    omega, modes = model.linear_modes
-    order = np.argsort(np.argmax(np.abs(modes), axis=0))
-    several = coupled_records([d.free() for d in decays], omega[order] / (2 * np.pi), NUMERICS)
+    several = coupled_records([d.free() for d in decays], small_frequencies(model), NUMERICS)
     return several, free_shapes(several)
+
+
+def small_frequencies(model: CoupledModel) -> Array:
+    """Of small vibrations, Hz, in the order of the coordinates that move most in them."""
+    omega, modes = model.linear_modes
+    return omega[np.argsort(np.argmax(np.abs(modes), axis=0))] / (2 * np.pi)
 
 
 def _notes(records: Sequence[AnyRecord], solution: Solution) -> tuple[str, ...]:
@@ -273,7 +281,18 @@ def _followed(
     near = fit(model, parts, records)
     alone = [r for r in records if isinstance(r, Record)]
     if near.converged or isinstance(model, CoupledModel) or not alone:
-        return shoot(model, near.parts, records, near.motions, loss=loss, progress=progress)
+        n = sum(len(r.signal) for r in records)
+        rough = isinstance(model, CoupledModel) and near.chi_squared > EXPLAINED**2 * n
+        tolerance = _ROUGH if rough else TOLERANCE
+        return shoot(
+            model,
+            near.parts,
+            records,
+            near.motions,
+            loss=loss,
+            tolerance=tolerance,
+            progress=progress,
+        )
     found, motions = fit_growing(model, parts, alone)
     return shoot(model, found, records, motions, loss=loss, progress=progress)
 

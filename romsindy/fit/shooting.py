@@ -26,7 +26,7 @@ from romsindy.typing import Array
 
 _EVALUATIONS = 40
 # Chi-square is about the number of samples: a change of it by this part is far below one.
-_TOLERANCE = 1e-6
+TOLERANCE = 1e-6
 _OUTLIER = 3.0  # residual over noise from which a robust loss forgives
 # A simulated motion this many times the noise away is as bad as none.
 _FAR = 1e9
@@ -142,7 +142,7 @@ def shoot(
     fixed: bool = False,
     loss: str = "linear",
     evaluations: int = _EVALUATIONS,
-    tolerance: float = _TOLERANCE,
+    tolerance: float = TOLERANCE,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Solution, Array]:
     """Fit the values of all parts and the initial states, from those of some motions on.

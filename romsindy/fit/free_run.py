@@ -1,0 +1,63 @@
+"""What a fitted model says of another record, of which only the first samples are looked at."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from romsindy.fit.collocation import integrate
+from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.equation import equation_of
+from romsindy.fit.refine import NUMERICS, Fit, small_frequencies
+from romsindy.fit.shooting import shoot
+from romsindy.physics.coupled import CoupledModel
+from romsindy.record.decay import Decay
+from romsindy.typing import Array
+
+
+def free_run(fit: Fit, decay: Decay, samples: int) -> Array:
+    """Simulate a decay that took no part in a fit, from the state that its first samples show.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of several coordinates.
+    decay : Decay
+        Free, with the channels of the decays behind the fit.
+    samples : int
+        So many, of every channel, give the state: at least 4 for each coordinate.
+
+    Returns
+    -------
+    array like the measured signal
+        (n,) or (n, n_channels), in the measured quantity.
+
+    Raises
+    ------
+    ValueError
+        If the model has one coordinate, the channels differ, or the samples are too few or too
+        many.
+    TrajectoryError
+        If the model has no motion that long from there.
+    """
+    model = fit.model
+    if not isinstance(model, CoupledModel):
+        raise ValueError("the model has one coordinate: free_run is for those of several")
+    least, n = 4 * model.n_coordinates, len(decay.t)
+    if not least <= samples <= n:
+        raise ValueError(f"samples = {samples!r} must be from {least} to the {n} of the decay")
+    if decay.n_channels != len(fit.mode_shapes):
+        raise ValueError(
+            f"the decay has {decay.n_channels} channels, the fit {len(fit.mode_shapes)}: give the"
+            " same sensors in the same order"
+        )
+    main = [int(i) for i in np.argmax(fit.mode_shapes == 1.0, axis=0)]
+    found = CoupledRecord.of(decay, small_frequencies(model), NUMERICS, main)
+    record = replace(found, shapes=fit.mode_shapes)
+    start = shoot(model, (), [record.until(samples)], [record.until(samples).motion])[0].motions[0]
+    grid = record.motion.grid
+    equation = equation_of(model, (), 0, grid.step, record.clock)
+    motion = integrate(equation, start.start, grid, record.motion)
+    shown = record.read((), 0, motion.samples(equation, record.derivative)).shown
+    return shown.reshape(decay.n_channels, -1).T.reshape(decay.signal.shape)
