@@ -10,25 +10,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import extended, free_coefficients
 from romsindy.fit.collocation import Trajectory
-from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.coupled_record import (
+    CoupledRecord,
+    coupled_records,
+    free_shapes,
+    tones_of,
+)
 from romsindy.fit.coupled_terms import Gram, candidates, chosen, linear_terms, needed
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.part import Part
-from romsindy.fit.refine import NUMERICS, Fit, refine, require_unit, several_decays
-from romsindy.fit.verdict import EXPLAINED, MODE
+from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
+from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
-from romsindy.physics.coupling import CoupledTerm, SlavedInertia
+from romsindy.physics.coupling import Along, SlavedInertia
+from romsindy.physics.inertia import AddedMass
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
-from romsindy.record.vibrations import Vibration, find_vibrations
+from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array
 
-_ROUNDS = 6  # of choices and fits
+# Choices and fits; the first start from a motion that is not yet the model's, and so may be worse.
+_ROUNDS, _PATIENCE = 12, 2
 # Parts of the data that are left out in turn. With fewer records than the first, stretches of them
 # are: so many, dealt out in turn, so that each part spans the amplitudes.
 _FEWEST_RECORDS, _PARTS, _STRETCHES = 4, 4, 24
@@ -48,8 +58,7 @@ def identify_coupled(
         One channel or several, in one unit; the free part is used, in the quantity that was
         measured.
     coordinates : int or "auto"
-        How many vibrations are modelled: the strongest, or all that are no harmonics, no hum and
-        no noise.
+        How many vibrations are modelled: the strongest, or as many as the data need.
     progress : callable, optional
         Called with a line of text at every step.
 
@@ -61,7 +70,7 @@ def identify_coupled(
     Raises
     ------
     ValueError
-        If fewer vibrations ring than coordinates are asked for, or only one does.
+        If fewer vibrations ring than coordinates are asked for.
     TrajectoryError
         If no motion of the model follows the measured one.
     """
@@ -69,44 +78,43 @@ def identify_coupled(
     several = several_decays(decays)
     require_unit(several, several[0].unit)
     free = [decay.free() for decay in several]
-    ringing = _ringing(free, coordinates)
-    fewest = len(ringing) if coordinates != "auto" else 2
-    best: tuple[CoupledModel, float] | None = None
+    ringing, fewest = _ringing(free, coordinates)
+    best: _Found | None = None
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         for count in range(fewest, len(ringing) + 1):
-            model, left = _with_terms(ringing[:count], free, say)
+            found = _identified(ringing[:count], free, say)
             # A further coordinate must be needed: harmonics and combinations look like one.
-            if best is not None and not left < (1 - MODE) * best[1]:
+            if best is not None and not found.left < (1 - MODE) * best.left:
                 break
-            best = model, left
-            if left < EXPLAINED:
+            best = found
+            if best.explained:
                 break
     assert best is not None
-    return refine(best[0], free, progress=progress)
+    names = tuple(best.model.coefficients)
+    return refined(best.model, names, best.records, free_shapes(best.records), progress=progress)
 
 
-def _ringing(decays: Sequence[Decay], coordinates: int | str) -> list[Vibration]:
-    """The vibrations to be modelled, strongest first: of the channel that shows most of them."""
+def _ringing(decays: Sequence[Decay], coordinates: int | str) -> tuple[list[Vibration], int]:
+    """What may be modelled, strongest first, and how many at least; of the richest channel."""
     channels = [
-        [v for v in find_vibrations(x, d.dt, d.derivative) if not (v.steady or v.faint)]
-        for d in decays
-        for x in d.signal.reshape(len(d.t), -1).T
+        tones_of(x, d.dt, d.derivative) for d in decays for x in d.signal.reshape(len(d.t), -1).T
     ]
     most = max(channels, key=lambda found: (len(found), sum(v.share for v in found)))
-    heard = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in most) or "none"
-    wanted = len(most) if coordinates == "auto" else coordinates
-    if isinstance(wanted, bool) or not isinstance(wanted, int) or wanted < 2:
+    heard = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in most) or "nothing"
+    if coordinates == "auto" and most:
+        return most, min(2, len(most))
+    if isinstance(coordinates, bool) or not isinstance(coordinates, int) or coordinates < 1:
         raise ValueError(
-            f"coordinates = {coordinates!r}: give a whole number of at least 2, or 'auto' where at"
-            f" least two vibrations ring (here: {heard}); identify() is for a single one"
+            f"coordinates = {coordinates!r}: give 'auto' or a whole number of at least 1; what"
+            f" rings is {heard}"
         )
-    if wanted > len(most):
+    if coordinates > len(most):
         raise ValueError(
-            f"coordinates = {wanted}, but {len(most)} vibrations ring in the record ({heard}): ask"
-            " for as many at most"
+            f"coordinates = {coordinates}, but {len(most)} vibrations ring in the record ({heard}):"
+            " ask for as many at most"
         )
-    return sorted(most, key=lambda v: -v.share)[:wanted]
+    return most[:coordinates], coordinates
 
 
 def _linear(ringing: Sequence[Vibration], unit: str | None) -> CoupledModel:
@@ -128,36 +136,67 @@ class _Stage:
     shapes: tuple[Part, ...]
     motions: tuple[Trajectory, ...]
 
-    @property
-    def linear(self) -> int:
-        """How many values always take part."""
-        return 2 * self.model.n_coordinates + len(self.shapes)
+
+class _Found(NamedTuple):
+    """A model, what its fit leaves of the decays over their noise, and whether that is noise.
+
+    The records have the motions and mode shapes of the fit.
+    """
+
+    model: CoupledModel
+    records: tuple[CoupledRecord, ...]
+    left: float
+    explained: bool
 
 
-def _with_terms(
+def _identified(
     strongest: Sequence[Vibration], decays: Sequence[Decay], say: Callable[[str], None]
-) -> tuple[CoupledModel, float]:
-    """The model with the terms that the decays need, and the rms over the noise that it leaves."""
+) -> _Found:
+    """The model of some vibrations: smooth, unless laws with a kink are needed."""
     ringing = sorted(strongest, key=lambda v: v.mean_frequency)
     linear = _linear(ringing, decays[0].unit)
     frequency = np.array([v.mean_frequency for v in ringing])
     say(f"coordinates at {', '.join(f'{f:.5g} Hz' for f in frequency)}")
-    records = given = coupled_records(decays, frequency, NUMERICS)
-    now = _Stage(linear, free_shapes(records), tuple(r.motion for r in records))
+    records = coupled_records(decays, frequency, NUMERICS)
+    start = _Stage(linear, free_shapes(records), tuple(r.motion for r in records))
+    found = _with_terms(start, records, False, say)
+    if found.explained:
+        return found
+    kinked = _with_terms(start, records, True, say)
+    return min(found, kinked, key=lambda f: f.left)
+
+
+def _with_terms(
+    now: _Stage, given: Sequence[CoupledRecord], kinked: bool, say: Callable[[str], None]
+) -> _Found:
+    """The model with the terms that the records need, fitted to them."""
+    records, failures, linear = tuple(given), 0, now
     best: tuple[CoupledModel, Solution] | None = None
     for number in range(_ROUNDS):
-        terms = _chosen(now, records)
-        say(f"terms: {', '.join(t.key for t in terms) or 'none beside the linear ones'}")
-        solution, now = _fitted(now, terms, records, first=number == 0)
-        if best is not None and not _is_better(now.model, solution, *best, records):
+        start = _chosen(now, records, kinked)
+        if start is None:  # the model so far runs away from its motions: a linear one does not
+            start, failures = replace(linear, motions=now.motions), failures + 1
+        more = start.model.terms[2 * start.model.n_coordinates :]
+        say(f"terms: {', '.join(t.key for t in more) or 'none beside the linear ones'}")
+        solution, now = _fitted(start, records, measured=number == 0)
+        if not (solution.finite and _has_masses(now.model)):
+            solution, now = _fitted(linear, records, measured=True)
+        if best is None or _is_better(now.model, solution, *best, records):
+            settled = best is not None and {*best[0].terms} == {*now.model.terms}
+            best, failures = (now.model, solution), 0
+            records = _weighed_alike(records, solution)
+        else:
+            settled, failures = False, failures + 1
+        if settled or failures > _PATIENCE:
             break
-        settled = best is not None and {*best[0].terms} == {*now.model.terms}
-        best = now.model, solution
-        if settled:
-            break
-        records = _weighed_alike(records, solution)
     assert best is not None
-    return best[0], float(np.sqrt(np.mean(_left(given, best[1]))))
+    model, solution = best
+    explained = examine(given, solution.residuals, solution.n_values).explained
+    moved = tuple(
+        replace(r, motion=m, shapes=r.read(solution.parts, i, m.q[:1]).slope)
+        for i, (r, m) in enumerate(zip(given, solution.motions, strict=True))
+    )
+    return _Found(model, moved, float(np.sqrt(np.mean(_left(given, solution)))), explained)
 
 
 def _left(records: Sequence[CoupledRecord], solution: Solution) -> Array:
@@ -180,27 +219,49 @@ def _is_better(
     return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
 
 
-def _chosen(now: _Stage, records: Sequence[CoupledRecord]) -> list[CoupledTerm]:
-    """Candidates that gain on data that took no part, about the present motions."""
+def _chosen(now: _Stage, records: Sequence[CoupledRecord], kinked: bool) -> _Stage | None:
+    """The linear terms, and candidates that gain on data that took no part, about the motions.
+
+    Values are those of the linearised equations: where a fit is to start. None where the equations
+    have no motions near these.
+    """
     r = now.model.n_coordinates
-    more, values = candidates(r), now.model.coefficients
-    everything = (*linear_terms(r), *more)
-    at = tuple(values.get(t.key, 0.0) for t in everything)
-    model = CoupledModel(everything, at, now.model.unit)
-    parts = free_coefficients(model, [t.key for t in everything])
-    parts = (*parts[: 2 * r], *now.shapes, *parts[2 * r :])
-    found = np.concatenate([at[: 2 * r], [p.values[0] for p in now.shapes], at[2 * r :]])
-    squares = [
-        now.linear + i
-        for i, t in enumerate(more)
-        if isinstance(t, SlavedInertia) and t.first == t.second
-    ]
-    tables = [
-        linear_table(model, parts, i, record, motion)[1]
-        for i, (record, motion) in enumerate(zip(records, now.motions, strict=True))
-    ]
+    values = now.model.coefficients
+    everything = (*linear_terms(r), *candidates(r, kinked))
+    at = np.array([values.get(t.key, 0.0) for t in everything])
+    model = CoupledModel(everything, tuple(at), now.model.unit)
+    free = free_coefficients(model, [t.key for t in everything])
+    parts = (*now.shapes, *free)
+    found = np.concatenate([[p.values[0] for p in now.shapes], at])
+    n = len(now.shapes)
+    least = {n + i: low for i, t in enumerate(everything) if (low := _least(t)) is not None}
+    with np.errstate(all="ignore"):
+        tables = [
+            linear_table(model, parts, i, record, motion)[1]
+            for i, (record, motion) in enumerate(zip(records, now.motions, strict=True))
+        ]
+    if not all(np.all(np.isfinite(table)) for table in tables):
+        return None
     pieces = [Gram.of(rows, found) for table in tables for rows in _pieces(table, records)]
-    return [more[i - now.linear] for i in chosen(pieces, now.linear, np.array(squares))]
+    kept, start = chosen(pieces, n + 2 * r, least)
+    terms = tuple(everything[i - n] for i in kept[n:])
+    shapes = tuple(
+        replace(p, strengths=np.full((1, 1), v)) for p, v in zip(now.shapes, start, strict=False)
+    )
+    return _Stage(CoupledModel(terms, tuple(start[n:]), now.model.unit), shapes, now.motions)
+
+
+def _has_masses(model: CoupledModel) -> bool:
+    """Whether the inertia at rest is positive, as that of all masses."""
+    inertia = model.inertia(np.zeros(model.n_coordinates))
+    return bool(np.linalg.eigvalsh(inertia)[0] > 0)
+
+
+def _least(term: Term) -> float | None:
+    """What its coefficient must exceed: squares and masses are positive."""
+    if isinstance(term, SlavedInertia) and term.first == term.second:
+        return 0.0
+    return -1.0 if isinstance(term, Along) and isinstance(term.law, AddedMass) else None
 
 
 def _pieces(table: Array, records: Sequence[CoupledRecord]) -> list[Array]:
@@ -213,17 +274,14 @@ def _pieces(table: Array, records: Sequence[CoupledRecord]) -> list[Array]:
 
 
 def _fitted(
-    now: _Stage, terms: Sequence[CoupledTerm], records: Sequence[CoupledRecord], first: bool
+    start: _Stage, records: Sequence[CoupledRecord], measured: bool
 ) -> tuple[Solution, _Stage]:
-    """The model with these terms beside the linear ones, fitted; from the measurement at first."""
-    values = now.model.coefficients
-    everything = (*linear_terms(now.model.n_coordinates), *terms)
-    at = tuple(values.get(t.key, 0.0) for t in everything)
-    model = replace(now.model, terms=everything, values=at)
-    parts = (*free_coefficients(model, [t.key for t in everything]), *now.shapes)
-    solution = fit(model, parts, records, None if first else now.motions)
-    shapes = solution.parts[len(everything) :]
-    return solution, _Stage(extended(model, solution.parts), shapes, solution.motions)
+    """The model fitted, from the measured motions or from those of the stage before."""
+    names = list(start.model.coefficients)
+    parts = (*free_coefficients(start.model, names), *start.shapes)
+    solution = fit(start.model, parts, records, None if measured else start.motions)
+    shapes = solution.parts[len(names) :]
+    return solution, _Stage(extended(start.model, solution.parts), shapes, solution.motions)
 
 
 def _weighed_alike(

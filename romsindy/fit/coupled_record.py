@@ -27,6 +27,7 @@ from romsindy.typing import Array
 _STEPS = 20
 # A vibration is a coordinate's where its frequency is so near, as a ratio.
 _NEAR = 1.25
+_SAME = 0.01  # in channels where it differs by less, it is the same vibration
 # Noise is measured where the coordinates ring, and where it is about as loud: a filter may have
 # taken what lies beyond.
 _BELOW, _ABOVE, _ALIKE = 0.5, 1.5, 4.0
@@ -102,7 +103,7 @@ class CoupledRecord:
             If no vibration near a frequency stands out of the noise.
         """
         t, signals = decay.t - decay.t[0], decay.signal.reshape(len(decay.t), -1)
-        found = [find_vibrations(x, decay.dt, decay.derivative) for x in signals.T]
+        found = [tones_of(x, decay.dt, decay.derivative) for x in signals.T]
         everywhere = list(range(len(found)))
         wanted = [[channel] for channel in main] or [everywhere] * len(frequencies)
         pairs = [_main(found, f, some) for f, some in zip(frequencies, wanted, strict=True)]
@@ -216,6 +217,25 @@ class CoupledRecord:
 AnyRecord = Record | CoupledRecord
 
 
+def tones_of(x: Array, dt: float, derivative: int) -> list[Vibration]:
+    """All that rings in a channel (n,), harmonics by themselves: one may be a mode in resonance.
+
+    Strongest first; nothing that is faint, or steady as hum is.
+    """
+    t, whole = dt * np.arange(len(x)), float(x @ x)
+    found = []
+    for v in find_vibrations(x, dt, derivative):
+        if v.steady or v.faint:
+            continue
+        found.append(replace(v, harmonics=()))
+        for _, ridge in v.harmonics:
+            share = float(np.sum(ridge(t) ** 2)) / whole
+            moved = ridge.amplitude / (2 * np.pi * ridge.frequency) ** derivative
+            energy = v.energy * float(np.sum(moved**2) / np.sum(v.displacement**2))
+            found.append(Vibration(ridge, (), energy, share, derivative))
+    return sorted((v for v in found if not v.faint), key=lambda v: -v.share)
+
+
 def coupled_records(
     decays: Sequence[Decay], frequencies: Array, floor: float
 ) -> tuple[CoupledRecord, ...]:
@@ -247,7 +267,7 @@ def _main(
         (v.energy, channel, v)
         for channel in channels
         for v in found[channel]
-        if not v.steady and 1 / _NEAR < v.mean_frequency / frequency < _NEAR
+        if 1 / _NEAR < v.mean_frequency / frequency < _NEAR
     ]
     if not near:
         heard = sorted({f"{v.mean_frequency:.4g} Hz" for several in found for v in several})
@@ -256,7 +276,10 @@ def _main(
             f" which holds {', '.join(heard) or 'no vibration'}: start from a model whose"
             " omega^2 are those of the vibrations, or leave the coordinate out"
         )
-    _, channel, vibration = max(near, key=lambda x: x[0])
+    # Of two that are near, the nearest: modes may be closer than that.
+    close = min(abs(np.log(v.mean_frequency / frequency)) for _, _, v in near)
+    same = [n for n in near if abs(np.log(n[2].mean_frequency / frequency)) < close + _SAME]
+    _, channel, vibration = max(same, key=lambda x: x[0])
     return channel, vibration
 
 

@@ -8,7 +8,7 @@ are left out where there are many, else stretches of them that all span the ampl
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,19 +23,14 @@ from romsindy.physics.coupling import (
     SlavedInertia,
 )
 from romsindy.physics.damping import AmplitudeDamping, PowerDamping
+from romsindy.physics.inertia import AddedMass
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.typing import Array, Indices
 
-# Of one coordinate: elastic and geometric, a joint that slips, drag.
-_ALONE: tuple[Term, ...] = (
-    Stiffness(2),
-    Stiffness(3),
-    Stiffness(2, odd=True),
-    AmplitudeDamping(1),
-    AmplitudeDamping(2),
-    PowerDamping(2),
-)
+# Of one coordinate: elastic and geometric; and those with a kink, of a joint that slips and drag.
+_SMOOTH: tuple[Term, ...] = (Stiffness(2), Stiffness(3), AmplitudeDamping(2))
+_KINKED: tuple[Term, ...] = (Stiffness(2, odd=True), AmplitudeDamping(1), PowerDamping(2))
 
 
 def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
@@ -44,12 +39,18 @@ def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
     return tuple(Along.coordinate(law, i + 1) for i in range(n_coordinates) for law in laws)
 
 
-def candidates(n_coordinates: int) -> tuple[CoupledTerm, ...]:
-    """Terms that may be needed beside the linear ones: to the third power, and of pairs."""
+def candidates(n_coordinates: int, kinked: bool) -> tuple[CoupledTerm, ...]:
+    """Terms that may be needed beside the linear ones: to the third power, and of pairs.
+
+    With ``kinked``, laws of single coordinates that have a kink at rest are among them.
+    """
+    alone = _SMOOTH + _KINKED if kinked else _SMOOTH
     found: list[CoupledTerm] = []
     unit = np.eye(n_coordinates, dtype=int)
+    # Sensors scale coordinates: seen through them, modal masses differ from that of the first.
+    found += [Along.coordinate(AddedMass(), i + 1) for i in range(1, n_coordinates)]
     for i in range(n_coordinates):
-        found += [Along.coordinate(law, i + 1) for law in _ALONE]
+        found += [Along.coordinate(law, i + 1) for law in alone]
         found.append(_slaved(2 * unit[i], 2 * unit[i]))
     for i, j in itertools.combinations(range(n_coordinates), 2):
         a, b = unit[i], unit[j]
@@ -109,8 +110,10 @@ class Gram(NamedTuple):
         return float(self.power - 2 * values @ self.right[where] + values @ own @ values)
 
 
-def chosen(parts: Sequence[Gram], n_always: int, positive: Indices) -> list[int]:
-    """Places of the values to keep, beside the first ones, in the order of what they gain.
+def chosen(
+    parts: Sequence[Gram], n_always: int, least: Mapping[int, float]
+) -> tuple[list[int], Array]:
+    """Places of the values to keep, the first ones and what gains most, and the values there.
 
     Parameters
     ----------
@@ -118,23 +121,38 @@ def chosen(parts: Sequence[Gram], n_always: int, positive: Indices) -> list[int]
         Each is left out in turn.
     n_always : int
         So many values come first, and always take part.
-    positive : (k,) array of int
-        Values that cannot be negative.
+    least : mapping of int to float
+        What some values must exceed.
     """
     always, n_values, n = list(range(n_always)), len(parts[0].right), sum(p.n for p in parts)
     kept: list[int] = []
     left = _left_out(parts, always)
 
     def can_be(i: int) -> bool:
-        return i not in positive or _fitted(parts, [*always, *kept, i])[-1] > 0
+        return i not in least or _fitted(parts, [*always, *kept, i])[-1] > least[i]
 
     while True:
         others = [i for i in range(n_always, n_values) if i not in kept]
         trials = sorted((_left_out(parts, [*always, *kept, i]), i) for i in others)
         misfit, best = next((trial for trial in trials if can_be(trial[1])), (left, -1))
         if left - misfit < needed(n, left, len(others)):
-            return kept
-        kept, left = _without_idle(parts, n_always, [*kept, best], misfit)
+            return [*always, *kept], _fitted(parts, [*always, *kept])
+        kept, left = _exchanged(parts, n_always, [*kept, best], misfit)
+        kept, left = _without_idle(parts, n_always, kept, left)
+
+
+def _exchanged(
+    parts: Sequence[Gram], n_always: int, kept: list[int], left: float
+) -> tuple[list[int], float]:
+    """With another in the place of one, where that leaves less."""
+    always, n = list(range(n_always)), sum(p.n for p in parts)
+    for i in kept[:-1]:
+        rest = [k for k in kept if k != i]
+        others = [j for j in range(n_always, len(parts[0].right)) if j not in kept]
+        misfit, best = min((_left_out(parts, [*always, *rest, j]), j) for j in others)
+        if left - misfit > needed(n, left, 1):
+            return _exchanged(parts, n_always, [*rest, best], misfit)
+    return kept, left
 
 
 def _without_idle(

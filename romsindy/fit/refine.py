@@ -159,6 +159,19 @@ def refine(
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
     free = _free_names(model, fixed)
     records, more = _seen(model, several_decays(decays), offset)
+    return refined(model, free, records, more, loss=loss, progress=progress)
+
+
+def refined(
+    model: AnyModel,
+    free: tuple[str, ...],
+    records: Sequence[AnyRecord],
+    more: tuple[Part, ...] = (),
+    *,
+    loss: str = "linear",
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """The same from records, whose motions it starts from, and with parts of their sensors."""
     start = _smoothed(model, records)
     parts = (*free_coefficients(start, free), *more)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
@@ -179,7 +192,7 @@ def refine(
         verdict=examine(records, solution.residuals, solution.n_values),
         notes=_notes(records, solution),
         start=start,
-        records=records,
+        records=tuple(records),
         solution=solution,
     )
 

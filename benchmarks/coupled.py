@@ -1,0 +1,155 @@
+"""Systems of two coordinates, simulated by equations of their own: what is identified of them?
+
+    python benchmarks/coupled.py --count 30 --seed 1000     # prints a row a system, then the counts
+
+Each system is drawn by its seed: frequencies 1:1 (apart by more than three bandwidths), 1:2, 1:3 or
+at no ratio; stiffness to the third power, a potential that couples, inertia of slaved modes, linear
+damping, of random size; two sensors or one; three decays at 40 dB, one of which takes no part. The
+simulator (scipy's DOP853) has its equations written down here, and shares nothing with the package.
+"""
+
+import argparse
+import time
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from romsindy import Decay, free_run, identify_coupled
+
+KINDS = {"1:1": (1.04, 1.10), "1:2": (1.992, 2.008), "1:3": (2.99, 3.01), "none": (2.3, 2.7)}
+CYCLES, PER_CYCLE, STATE = 120, 20, 0.04  # of the slow coordinate, of the fast; part of a record
+NOISE = 0.01  # 40 dB
+
+
+def drawn(seed):
+    """Coefficients, mode shapes at the sensors, starts, and what kind it is."""
+    rng = np.random.default_rng(seed)
+    kind = list(KINDS)[seed % len(KINDS)]
+    slow = 2 * np.pi * rng.uniform(5, 20)
+    fast = slow * rng.uniform(*KINDS[kind])
+    zeta = rng.uniform(0.002, 0.006, 2)
+    # Terms that change the force at the largest displacement, 1, by some per cent.
+    size = rng.uniform(0.02, 0.12, 6) * rng.choice([-1, 1], 6)
+    values = {
+        "omega^2 [q1]": slow**2,
+        "omega^2 [q2]": fast**2,
+        "c_linear [q1]": 2 * zeta[0] * slow,
+        "c_linear [q2]": 2 * zeta[1] * fast,
+        "gamma_3 [q1]": size[0] * slow**2,
+        "gamma_3 [q2]": size[1] * fast**2,
+        "V q1^2 q2": size[2] * slow**2,
+        "V q1^3 q2": size[3] * slow**2 if kind == "1:3" else 0.0,
+        "V q1^2 q2^2": size[4] * slow**2,
+        "g(q1^2)^2": abs(size[5]) / 4,
+    }
+    shapes = rng.uniform(0.3, 1.0, (2, 2)) * [[1, 1], [1, -1]] if seed % 8 < 4 else np.ones((1, 2))
+    starts = [scale * rng.uniform(0.5, 1.0, 2) for scale in (1.0, 0.6, 0.8)]
+    return kind, values, shapes, starts, rng
+
+
+def simulated(values, start, t):
+    """Motion from rest, (n, 2)."""
+    k1, k2, c1, c2, a1, a2, v21, v31, v22, g = values.values()
+
+    def rates(_, y):
+        q1, q2, p1, p2 = y
+        f1 = k1 * q1 + c1 * p1 + a1 * q1**3 + 2 * v21 * q1 * q2 + 3 * v31 * q1**2 * q2
+        f1 += 2 * v22 * q1 * q2**2 + 4 * g * q1 * p1**2
+        f2 = k2 * q2 + c2 * p2 + a2 * q2**3 + v21 * q1**2 + v31 * q1**3 + 2 * v22 * q1**2 * q2
+        return [p1, p2, -f1 / (1 + 4 * g * q1**2), -f2]
+
+    options = {"method": "DOP853", "rtol": 1e-9, "atol": 1e-11, "t_eval": t}
+    return solve_ivp(rates, (0, t[-1]), [*start, 0.0, 0.0], **options).y[:2].T
+
+
+def as_shown(values, shapes):
+    """The coefficients of coordinates that are scaled to 1 in the sensor that shows most of them.
+
+    Masses are those beside that of the first; a power q1^a q2^b is divided by its scales.
+    """
+    first, second = np.max(np.abs(shapes), axis=0) * [1, 1]
+    found = {"mu [q2]": first**2 / second**2 - 1}
+    powers = {"V q1^2 q2": (2, 1), "V q1^3 q2": (3, 1), "V q1^2 q2^2": (2, 2)}
+    for name, value in values.items():
+        a, b = powers.get(name, (0, 2) if "[q2]" in name else (2, 0))
+        if name.startswith("gamma_3"):
+            a, b = 2 * a, 2 * b
+        if name == "g(q1^2)^2":
+            a = 4
+        found[name] = value * first**2 / (first**a * second**b)
+    signs = np.sign(shapes[np.argmax(np.abs(shapes), axis=0), range(2)])
+    for name, (a, b) in powers.items():
+        found[name] *= signs[0] ** a * signs[1] ** b
+    return {k: v for k, v in found.items() if v}
+
+
+def decays_of(seed):
+    """Kind, true coefficients, decays to be fitted and the one that is held out."""
+    kind, values, shapes, starts, rng = drawn(seed)
+    slow, fast = np.sqrt(values["omega^2 [q1]"]), np.sqrt(values["omega^2 [q2]"])
+    t = np.arange(0, CYCLES * 2 * np.pi / slow, 2 * np.pi / fast / PER_CYCLE)
+    found = []
+    for start in starts:
+        y = simulated(values, start, t) @ shapes.T
+        y += NOISE * y.std(axis=0) * rng.standard_normal(y.shape)
+        found.append(Decay(t, y if y.shape[1] > 1 else y[:, 0], unit="m", stage="free"))
+    return kind, as_shown(values, shapes), found[:-1], found[-1]
+
+
+def trial(seed):
+    """One row: kind, what was found, held-out error, residual over noise, errors over theirs."""
+    kind, values, fitted, other = decays_of(seed)
+    start = time.perf_counter()
+    fit = identify_coupled(fitted)
+    seconds = time.perf_counter() - start
+    predicted = free_run(fit, other, int(STATE * len(other.t)))
+    missed = predicted - other.signal
+    error = float(np.sqrt(np.mean(missed**2)) / np.abs(other.signal).max())
+    found, errors = fit.model.coefficients, fit.standard_errors
+    scaled = [(found[k] - v) / errors[k] for k, v in values.items() if k in found]
+    wrong = sorted({*values} ^ {*found})
+    return {
+        "seed": seed,
+        "kind": kind,
+        "modes": fit.model.n_coordinates,
+        "error": error,
+        "residual": fit.adequacy,
+        "scaled": scaled,
+        "wrong": wrong,
+        "seconds": seconds,
+    }
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--seed", type=int, default=1000, help="of the first system")
+    given = parser.parse_args(arguments)
+    rows = []
+    for seed in range(given.seed, given.seed + given.count):
+        try:
+            row = trial(seed)
+        except (ValueError, RuntimeError) as trouble:
+            print(f"{seed}: {type(trouble).__name__}: {trouble}", flush=True)
+            continue
+        rows.append(row)
+        inside = np.mean(np.abs(row["scaled"]) < 1.96)
+        print(
+            f"{seed} {row['kind']:>4}: {row['modes']} modes, error {100 * row['error']:.2f} %,"
+            f" residual {row['residual']:.3f}, {100 * inside:.0f} % inside, {row['seconds']:.0f} s,"
+            f" terms off: {', '.join(row['wrong']) or 'none'}",
+            flush=True,
+        )
+    two = sum(row["modes"] == 2 for row in rows)
+    inside = np.abs(np.concatenate([row["scaled"] for row in rows])) < 1.96
+    print(
+        f"{two} of {given.count} with two modes; held-out error"
+        f" {100 * np.mean([r['error'] for r in rows]):.2f} % in the mean; residual"
+        f" {min(r['residual'] for r in rows):.3f} to {max(r['residual'] for r in rows):.3f};"
+        f" {100 * inside.mean():.0f} % of {len(inside)} coefficients in their 95 % intervals;"
+        f" structure exact in {sum(not r['wrong'] for r in rows)}"
+    )
+
+
+if __name__ == "__main__":
+    main()
