@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from romsindy import CoupledModel, Decay, Estimate, bootstrap, refine
+from romsindy import (
+    CoupledModel,
+    Decay,
+    Estimate,
+    bootstrap,
+    free_run,
+    identify_coupled,
+    refine,
+)
 
 SHAPES = np.array([[1.0, 0.7], [0.5, 1.0]])
 TRUTH = {
@@ -102,3 +110,52 @@ def test_what_cannot_be_fitted(two_sensors):
         refine(model, [decay, decay])
     with pytest.raises(ValueError, match=r"has 2 coordinates, and one is needed.*backbone_curve"):
         two_sensors.band([0.1])
+
+
+@pytest.fixture(scope="module")
+def identified():
+    several = decays(21, SHAPES, starts=((0.8, 0.4), (0.4, 0.6), (0.6, 0.5)))
+    return identify_coupled(several[:2]), several[2]
+
+
+def test_coordinates_and_terms_come_from_the_data(identified):
+    fit, _ = identified
+    assert fit.model.n_coordinates == 2
+    # The sensors show 1 of q1 and 1 of q2 at most: the same masses, so none is named.
+    assert {*fit.model.coefficients} == {*TRUTH}
+    assert np.abs(misses(fit)).max() < 4
+    np.testing.assert_allclose(fit.mode_shapes, SHAPES, atol=5e-3)
+    assert fit.verdict.explained
+
+
+def test_a_decay_that_took_no_part_is_predicted_from_its_first_samples(identified):
+    fit, decay = identified
+    # Twelve cycles of the slow coordinate; the noise is 1 % of the rms of each channel.
+    predicted = free_run(fit, decay, samples=360)
+    assert predicted.shape == decay.signal.shape
+    missed = np.sqrt(np.mean((predicted - decay.signal) ** 2, axis=0))
+    # The state is known to some 1 % / sqrt(360): noise and little more.
+    assert np.all(missed < 1.3 * 0.01 * decay.signal.std(axis=0))
+
+
+def test_one_sensor_of_masses_that_differ():
+    """What the sensor shows is scaled: an added mass restores what two equations share."""
+    fit = identify_coupled(decays(22, [1.0, 0.6]), coordinates=2)
+    # In the unit of the sensor q2 is 0.6 of itself, and its mass 1 / 0.36.
+    found, error = fit.model.coefficients, fit.standard_errors
+    assert found["mu [q2]"] == pytest.approx(1 / 0.36 - 1, abs=4 * error["mu [q2]"])
+    assert found["V q1^2 q2"] == pytest.approx(500 / 0.6, abs=4 * error["V q1^2 q2"])
+    omega = fit.model.linear_modes[0] / (2 * np.pi)
+    np.testing.assert_allclose(omega, [10.0, 20.7], rtol=1e-4)
+
+
+def test_what_cannot_be_identified(identified):
+    fit, decay = identified
+    with pytest.raises(ValueError, match=r"coordinates = 7, but \d vibrations ring .*10.*Hz"):
+        identify_coupled(decay, coordinates=7)
+    with pytest.raises(ValueError, match="coordinates = 'two': give 'auto' or a whole number"):
+        identify_coupled(decay, coordinates="two")
+    with pytest.raises(ValueError, match="samples = 3 must be from 8"):
+        free_run(fit, decay, samples=3)
+    with pytest.raises(ValueError, match="the decay has 1 channels, the fit 2"):
+        free_run(fit, decay.channel(0), samples=100)
