@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -65,7 +65,23 @@ class MemoryEffect(Effect):
 
 
 @dataclass(frozen=True)
-class MicroSlip(MemoryEffect):
+class SlidingEffect(MemoryEffect):
+    """A joint that slips, and that a release may find ``relaxed``: with no force left in it."""
+
+    relaxed: bool = field(default=False, kw_only=True)
+
+    @property
+    def variant(self) -> str:
+        """Whether it was held, or slipped, before the release until it was relaxed."""
+        return "relaxed at the release" if self.relaxed else ""
+
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """Pulled to the release from rest, or relaxed there."""
+        return (self, replace(self, relaxed=True))
+
+
+@dataclass(frozen=True)
+class MicroSlip(SlidingEffect):
     """A joint that slips little by little (Iwan), or all at once (Jenkins, scatter 0)."""
 
     slip: float = 1.0
@@ -87,7 +103,7 @@ class MicroSlip(MemoryEffect):
 
 
 @dataclass(frozen=True)
-class SofteningLoop(MemoryEffect):
+class SofteningLoop(SlidingEffect):
     """A spring that softens in a smooth loop."""
 
     slip: float = 1.0
@@ -111,7 +127,7 @@ class SofteningLoop(MemoryEffect):
 
 
 @dataclass(frozen=True)
-class Backlash(MemoryEffect):
+class Backlash(SlidingEffect):
     """A joint with play that slips."""
 
     half: float = 1.0
