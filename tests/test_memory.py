@@ -222,6 +222,18 @@ def test_slopes_are_those_of_slow_changes_of_a_vibration(name):
     assert by_a == 0.0
 
 
+def test_where_a_joint_stuck_is_no_matter_of_the_amplitude_now():
+    """What it slipped at first offsets it for good, many times the amplitude of the end."""
+    state = vibration(60 * 120)
+    fading = np.exp((-0.3 + 1j * OMEGA) * state.t)
+    q, v, a = fading.real, *(((-0.3 + 1j * OMEGA) ** k * fading).real for k in (1, 2))
+    by_q, by_v, _ = MicroSlip(0.3).slopes(state._replace(q=q, q_dot=v, q_ddot=a), np.ones(1))
+    end = slice(-600, -60)
+    assert abs(q[end]).max() < 0.04
+    np.testing.assert_allclose(by_q[end], 1.0, atol=0.02)  # a spring
+    np.testing.assert_allclose(by_v[end] * OMEGA, 0.0, atol=0.02)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_simulation_is_that_of_the_inner_state(name):
     true = motion(name, 1.0)

@@ -23,6 +23,15 @@ _SMALL = 1e-6  # change of the size of a motion, to find how the force follows
 _FLAT = 0.1  # least part of q_dot^2 + |q q_ddot| that the slopes are divided by
 
 
+def _mean_of_cycle(t: Array, x: Array, period: float) -> Array:
+    """Mean of x over the period about every t; 0 where there is no whole one."""
+    if t[-1] - t[0] < period:
+        return np.zeros(len(t))
+    total = np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2 * np.diff(t))])
+    first = np.clip(t - period / 2, t[0], t[-1] - period)
+    return (np.interp(first + period, t, total) - np.interp(first, t, total)) / period
+
+
 class MemoryEffect(Effect):
     """A force that depends on the motion so far; its ``law`` says how."""
 
@@ -52,6 +61,8 @@ class MemoryEffect(Effect):
             return 0.0, 0.0, 0.0
         force, larger = self._along(state)[0], self._along(state, 1 + _SMALL)[0]
         by_size = (larger - force) / _SMALL
+        # Where it stayed after the last slip is a matter of the amplitude then, not of that now.
+        by_size -= _mean_of_cycle(state.t, by_size, 2 * np.pi / state.rate)
         by_time, q_ddot = np.gradient(np.stack([force, state.q_dot]), state.t, axis=1)
         q, q_dot = state.q, state.q_dot
         swing = q_dot**2 - q * q_ddot
