@@ -98,8 +98,12 @@ def held(name, amplitude):
 
 @lru_cache
 def motion(name, amplitude):
-    """q of the oscillator with the force, by an integration of all states."""
     _, rates, force, _, strength = CASES[name]
+    return integrated(rates, force, strength, amplitude, held(name, amplitude))
+
+
+def integrated(rates, force, strength, amplitude, inner):
+    """q of the oscillator with the force, by an integration of all states."""
     c = MODEL.coefficients
 
     def all_rates(_, y):
@@ -113,7 +117,7 @@ def motion(name, amplitude):
     return solve_ivp(
         all_rates,
         (0, T[-1]),
-        [amplitude, 0.0, *held(name, amplitude)],
+        [amplitude, 0.0, *inner],
         t_eval=T,
         rtol=1e-8,
         atol=1e-9,
@@ -218,6 +222,18 @@ def test_slopes_are_those_of_slow_changes_of_a_vibration(name):
     assert by_a == 0.0
 
 
+def test_where_a_joint_stuck_is_no_matter_of_the_amplitude_now():
+    """What it slipped at first offsets it for good, many times the amplitude of the end."""
+    state = vibration(60 * 120)
+    fading = np.exp((-0.3 + 1j * OMEGA) * state.t)
+    q, v, a = fading.real, *(((-0.3 + 1j * OMEGA) ** k * fading).real for k in (1, 2))
+    by_q, by_v, _ = MicroSlip(0.3).slopes(state._replace(q=q, q_dot=v, q_ddot=a), np.ones(1))
+    end = slice(-600, -60)
+    assert abs(q[end]).max() < 0.04
+    np.testing.assert_allclose(by_q[end], 1.0, atol=0.02)  # a spring
+    np.testing.assert_allclose(by_v[end] * OMEGA, 0.0, atol=0.02)
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_simulation_is_that_of_the_inner_state(name):
     true = motion(name, 1.0)
@@ -256,6 +272,32 @@ def test_it_is_named(name, seed):
     for p in effect.parameters(scales):
         if found.standard_errors[p.name] < 0.1 * effect.value(p.name):
             assert found.values[p.name] == pytest.approx(effect.value(p.name), rel=0.1)
+
+
+def test_joint_that_was_relaxed_slips_later_on_its_first_stroke():
+    state = vibration(240)
+    expected = np.maximum(state.q - 1, -1.5)  # a spring from the release on, then a slider
+    expected[60:] = state.q[60:] + 1 - 1.5  # it never slips again
+    for way in (1, -1):
+        turned = state._replace(q=way * state.q, q_dot=way * state.q_dot)
+        found = MicroSlip(1.5, relaxed=True).forces(turned)[0]
+        np.testing.assert_allclose(found, way * expected, atol=1e-9)
+
+
+def test_joint_that_was_relaxed_at_the_release_is_named():
+    """Sliders of large limits, loaded by the way from the release alone, stay where they slip."""
+    slips = 1.4 * (np.arange(16) + 0.5) / 16
+    decays = []
+    for i, a in enumerate((1.0, -0.6, 0.8)):
+        q = integrated(iwan(slips), CASES["iwan"][2], 20.0, a, np.zeros(16))
+        decays.append(rs.add_noise(rs.Decay(T, q), 40, i))
+    report = rs.diagnose(MODEL, decays[:2], held_out=decays[2])
+    assert report.verdict == "named" and report.best.names == ("micro_slip",)
+    assert report.gap.after < PREDICTED
+    (found,) = report.effects
+    assert found.variant == "relaxed at the release"
+    truth = {"strength": 20.0, "slip": 1.4, "scatter": 1.0}
+    assert found.values == pytest.approx(truth, rel=0.1)
 
 
 def test_tuned_mass_is_named_where_records_begin_after_the_release():

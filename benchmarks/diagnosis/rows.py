@@ -74,7 +74,7 @@ def other_seed(seed: int, folder: Path) -> dict:
 def repeated(seed: int, folder: Path) -> dict:
     """A measured run beside another of the same test; the data lie in the folder's "measured"."""
     name = list(REPEATS)[seed % len(REPEATS)]
-    result = asked_of(against_repeat(name, folder / "measured"), NOTHING)
+    result = asked_of(lambda: against_repeat(name, folder / "measured")(), NOTHING)
     return result | {"about": name}
 
 

@@ -127,6 +127,9 @@ class Search:
         seen = [h for h in seen if not self._beside(h.at(base.form), base)]
         if not self.remainder(best).explained:
             best = self._plainest([best, *seen])
+            more = [] if interrupted else self._with_hum(best)
+            seen += more
+            best = next((h for h in more if self._worth(best, h)), best)
         alike = [h for h in seen if len(h.effects) == len(best.effects)]
         best = self.settled(self._ranked([best, *alike])[0])
         best = self._ranked([best, *alike])[0]
@@ -258,6 +261,17 @@ class Search:
             return []
         hum = self.hypothesis([self._part(hums[0], screening)])
         return [hum, *self._one_more(hum, self._screened(hum))]
+
+    def _with_hum(self, best: Hypothesis) -> list[Hypothesis]:
+        """The same and hum, where the records show lines; found late, no screening led there."""
+        used = {p.effect.name for p in best.solution.parts}
+        left = [e for e in self.options.catalogue if isinstance(e, Hum) and e.name not in used]
+        if not left or len(best.effects) == self.options.max_effects:
+            return []
+        known, motions = scales(self.records), best.solution.motions
+        screening = screen(self.model, best.solution.parts, left, self.records, known, motions)
+        hums = self._hums(screening)[:1]
+        return self.fitted([[*best.effects, self._part(s, screening)] for s in hums])
 
     def _hums(self, screening: Screening) -> list[Screened]:
         """Hum that lines of the records show, what gains most for its price first."""

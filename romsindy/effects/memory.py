@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,6 +21,15 @@ from romsindy.typing import Array
 
 _SMALL = 1e-6  # change of the size of a motion, to find how the force follows
 _FLAT = 0.1  # least part of q_dot^2 + |q q_ddot| that the slopes are divided by
+
+
+def _mean_of_cycle(t: Array, x: Array, period: float) -> Array:
+    """Mean of x over the period about every t; 0 where there is no whole one."""
+    if t[-1] - t[0] < period:
+        return np.zeros(len(t))
+    total = np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2 * np.diff(t))])
+    first = np.clip(t - period / 2, t[0], t[-1] - period)
+    return (np.interp(first + period, t, total) - np.interp(first, t, total)) / period
 
 
 class MemoryEffect(Effect):
@@ -52,6 +61,8 @@ class MemoryEffect(Effect):
             return 0.0, 0.0, 0.0
         force, larger = self._along(state)[0], self._along(state, 1 + _SMALL)[0]
         by_size = (larger - force) / _SMALL
+        # Where it stayed after the last slip is a matter of the amplitude then, not of that now.
+        by_size -= _mean_of_cycle(state.t, by_size, 2 * np.pi / state.rate)
         by_time, q_ddot = np.gradient(np.stack([force, state.q_dot]), state.t, axis=1)
         q, q_dot = state.q, state.q_dot
         swing = q_dot**2 - q * q_ddot
@@ -65,7 +76,23 @@ class MemoryEffect(Effect):
 
 
 @dataclass(frozen=True)
-class MicroSlip(MemoryEffect):
+class SlidingEffect(MemoryEffect):
+    """A joint that slips, and that a release may find ``relaxed``: with no force left in it."""
+
+    relaxed: bool = field(default=False, kw_only=True)
+
+    @property
+    def variant(self) -> str:
+        """Whether it was held, or slipped, before the release until it was relaxed."""
+        return "relaxed at the release" if self.relaxed else ""
+
+    def forms(self, scales: Scales) -> tuple[Effect, ...]:
+        """Pulled to the release from rest, or relaxed there."""
+        return (self, replace(self, relaxed=True))
+
+
+@dataclass(frozen=True)
+class MicroSlip(SlidingEffect):
     """A joint that slips little by little (Iwan), or all at once (Jenkins, scatter 0)."""
 
     slip: float = 1.0
@@ -87,7 +114,7 @@ class MicroSlip(MemoryEffect):
 
 
 @dataclass(frozen=True)
-class SofteningLoop(MemoryEffect):
+class SofteningLoop(SlidingEffect):
     """A spring that softens in a smooth loop."""
 
     slip: float = 1.0
@@ -111,7 +138,7 @@ class SofteningLoop(MemoryEffect):
 
 
 @dataclass(frozen=True)
-class Backlash(MemoryEffect):
+class Backlash(SlidingEffect):
     """A joint with play that slips."""
 
     half: float = 1.0

@@ -70,7 +70,8 @@ def _section(effect: Effect, kinds: list[Effect]) -> str:
     kind = type(effect).__name__
     mounting = effect.mounting if isinstance(effect, TermEffect) else None
     where = "reading" if isinstance(effect, ReadingEffect) else "equation of motion"
-    shape = ", ".join(f.name for f in fields(effect))  # type: ignore[arg-type]
+    named = sorted(fields(effect), key=lambda f: bool(f.kw_only))  # type: ignore[arg-type]
+    shape = ", ".join(f.name for f in named)
     parts = [
         f"\n({kind.lower()})=\n### {effect.label[0].upper()}{effect.label[1:]}",
         f"`{kind}({shape})`, named `{effect.name}`, adds to the {where}"

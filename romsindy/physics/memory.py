@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ from romsindy.typing import Array
 _SLIDERS = 16  # of a joint; their slips are told apart to 1/16 of the number of them
 _TABLE = 2000  # points of the loop of Bouc and Wen, each half; between them it is linear
 _RELEASED = 0.1  # a motion that begins at less than this part of its largest speed begins at rest
+_TURNING = 0.5  # one that begins within 30 degrees of where it turns was let go there
 
 
 class Memory(NamedTuple):
@@ -55,8 +56,8 @@ class MemoryLaw(ABC):
     def begun(self, q: float, q_dot: float, rate: float) -> Array:
         """Inner state (m,) of a motion that begins there.
 
-        At rest: pulled there slowly from q = 0 and let go. Moving: as after a long vibration at
-        ``rate``, rad/s.
+        At rest: pulled there slowly, and let go. Moving: as after a long vibration at ``rate``,
+        rad/s.
         """
 
     @abstractmethod
@@ -102,8 +103,15 @@ def _between(x: float, xs: list[float], ys: list[float]) -> float:
     return ys[i] + (ys[i + 1] - ys[i]) / (xs[i + 1] - xs[i]) * (x - xs[i])
 
 
+@dataclass(frozen=True)
 class SlidingLaw(MemoryLaw):
-    """A law that knows no time: z follows q, alike upwards and downwards."""
+    """A law that knows no time: z follows q, alike upwards and downwards.
+
+    A motion that begins at rest was pulled there from the middle, or was held, or slipped, until
+    the joint was ``relaxed``: with no force left in it.
+    """
+
+    relaxed: bool = field(default=False, kw_only=True)
 
     unit = "1/s^2"
 
@@ -123,9 +131,12 @@ class SlidingLaw(MemoryLaw):
         return np.concatenate(turns, axis=1)
 
     def begun(self, q: float, q_dot: float, rate: float) -> Array:
-        # From the middle to where the stroke began, and along the stroke.
-        peak = -np.sign(q_dot) * np.hypot(q, q_dot / rate) if q_dot else q
-        return self.moved(self.moved(self._still()[:, None], peak), q - peak)[:, 0]
+        # To where it turned, and on from there; of a release noise says neither up nor down.
+        peak, back = np.hypot(q, q_dot / rate), -q_dot / rate
+        turn = float(np.copysign(peak, q if abs(back) < _TURNING * peak else back))
+        middle = self._still()[:, None]
+        there = middle if self.relaxed else self.moved(middle, turn)
+        return self.moved(there, q - turn)[:, 0]
 
     def carried(self, t: Array, q: Array, q_dot: Array, inner: Array) -> Array:
         turn = np.flatnonzero(q_dot[:-1] * q_dot[1:] < 0)
