@@ -348,3 +348,37 @@ def test_work_is_compared_at_equal_precision(benchmark, tmp_path):
     assert fastest(run("Exudyn", 4, 9.0, 1.0 - 1e-9), [better, good], 1.0) is None
     benchmark.draw([good, better, slow], 1.0 + 1e-6, 1.0, tmp_path / "work.png")
     assert (tmp_path / "work.png").stat().st_size > 1000
+
+
+@benchmark_of("coupled")
+def test_small_run_of_systems_of_two_coordinates(benchmark, capsys):
+    benchmark.main(["--count", "1", "--seed", "5"])
+    assert "1 of 1 with two modes" in capsys.readouterr().out
+    row = benchmark.trial(7)
+    # Noise of 1 % of the rms of a decay, over its largest sample; terms as they were drawn.
+    assert row["error"] < 0.01 and not row["wrong"]
+
+
+@benchmark_of("coupled")
+def test_coefficients_as_a_sensor_shows_them(benchmark):
+    """Scaled coordinates: the same motion, and the same forces on masses that differ."""
+    _, values, shapes, _, _ = benchmark.drawn(2)
+    shown = benchmark.as_shown(values, shapes)
+    main = np.argmax(np.abs(shapes), axis=0)
+    scale = shapes[main, range(2)]
+    t = np.linspace(0, 0.5, 50)
+    own = benchmark.simulated(values, np.array([0.4, 0.3]), t)
+    model = rs.CoupledModel.from_coefficients(shown, unit="m")
+    seen = model.simulate(scale * [0.4, 0.3], [0.0, 0.0], t).q
+    np.testing.assert_allclose(seen, own * scale, atol=1e-7)
+
+
+@benchmark_of("double_beam")
+def test_error_of_a_trajectory(benchmark, measured):
+    """Half as large as measured: every window is half of its own norm away."""
+    _, several = benchmark.decays(measured / "double_beam_train.npz")
+    x = several[0].signal
+    size = np.linalg.norm(np.lib.stride_tricks.sliding_window_view(x, benchmark.WINDOW), axis=1)
+    expected = size.mean() / 2 / size.max()
+    assert benchmark.trajectory_error(x / 2, x) == pytest.approx(expected, rel=1e-9)
+    assert len(several) == 9 and several[0].measured == "velocity"

@@ -37,6 +37,8 @@ SHAPED = [
     RubbingFriction(0.1),
     RubbingFriction(-0.2, -1),
     Stiffness(2.97),
+    Stiffness(2, odd=True),
+    Stiffness(4, odd=True),
     ConstantForce(),
     AddedMass(),
     StopForce(0.3),
