@@ -24,7 +24,7 @@ from romsindy.fit.coupled_record import (
     free_shapes,
     tones_of,
 )
-from romsindy.fit.coupled_terms import Gram, candidates, chosen, linear_terms, needed
+from romsindy.fit.coupled_terms import KINDS, Gram, Kind, candidates, chosen, linear_terms, needed
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.part import Part
 from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
@@ -38,7 +38,7 @@ from romsindy.record.vibrations import Vibration
 from romsindy.typing import Array
 
 # Choices and fits; the first start from a motion that is not yet the model's, and so may be worse.
-_ROUNDS, _PATIENCE = 12, 2
+_ROUNDS, _PATIENCE = 12, 1
 # Parts of the data that are left out in turn. With fewer records than the first, stretches of them
 # are: so many, dealt out in turn, so that each part spans the amplitudes.
 _FEWEST_RECORDS, _PARTS, _STRETCHES = 4, 4, 24
@@ -152,28 +152,29 @@ class _Found(NamedTuple):
 def _identified(
     strongest: Sequence[Vibration], decays: Sequence[Decay], say: Callable[[str], None]
 ) -> _Found:
-    """The model of some vibrations: smooth, unless laws with a kink are needed."""
+    """The model of some vibrations, with candidates of the plainest kind that explains them."""
     ringing = sorted(strongest, key=lambda v: v.mean_frequency)
     linear = _linear(ringing, decays[0].unit)
     frequency = np.array([v.mean_frequency for v in ringing])
     say(f"coordinates at {', '.join(f'{f:.5g} Hz' for f in frequency)}")
     records = coupled_records(decays, frequency, NUMERICS)
     start = _Stage(linear, free_shapes(records), tuple(r.motion for r in records))
-    found = _with_terms(start, records, False, say)
-    if found.explained:
-        return found
-    kinked = _with_terms(start, records, True, say)
-    return min(found, kinked, key=lambda f: f.left)
+    found: list[_Found] = []
+    for kind in KINDS:
+        found.append(_with_terms(start, records, kind, say))
+        if found[-1].explained:
+            return found[-1]
+    return min(found, key=lambda f: f.left)
 
 
 def _with_terms(
-    now: _Stage, given: Sequence[CoupledRecord], kinked: bool, say: Callable[[str], None]
+    now: _Stage, given: Sequence[CoupledRecord], kind: Kind, say: Callable[[str], None]
 ) -> _Found:
     """The model with the terms that the records need, fitted to them."""
     records, failures, linear = tuple(given), 0, now
     best: tuple[CoupledModel, Solution] | None = None
     for number in range(_ROUNDS):
-        start = _chosen(now, records, kinked)
+        start = _chosen(now, records, kind)
         if start is None:  # the model so far runs away from its motions: a linear one does not
             start, failures = replace(linear, motions=now.motions), failures + 1
         more = start.model.terms[2 * start.model.n_coordinates :]
@@ -219,7 +220,7 @@ def _is_better(
     return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
 
 
-def _chosen(now: _Stage, records: Sequence[CoupledRecord], kinked: bool) -> _Stage | None:
+def _chosen(now: _Stage, records: Sequence[CoupledRecord], kind: Kind) -> _Stage | None:
     """The linear terms, and candidates that gain on data that took no part, about the motions.
 
     Values are those of the linearised equations: where a fit is to start. None where the equations
@@ -227,7 +228,7 @@ def _chosen(now: _Stage, records: Sequence[CoupledRecord], kinked: bool) -> _Sta
     """
     r = now.model.n_coordinates
     values = now.model.coefficients
-    everything = (*linear_terms(r), *candidates(r, kinked))
+    everything = (*linear_terms(r), *candidates(r, kind))
     at = np.array([values.get(t.key, 0.0) for t in everything])
     model = CoupledModel(everything, tuple(at), now.model.unit)
     free = free_coefficients(model, [t.key for t in everything])

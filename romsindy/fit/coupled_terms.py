@@ -39,16 +39,28 @@ def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
     return tuple(Along.coordinate(law, i + 1) for i in range(n_coordinates) for law in laws)
 
 
-def candidates(n_coordinates: int, kinked: bool) -> tuple[CoupledTerm, ...]:
-    """Terms that may be needed beside the linear ones: to the third power, and of pairs.
+class Kind(NamedTuple):
+    """Which candidates there are beside the smooth ones.
 
-    With ``kinked``, laws of single coordinates that have a kink at rest are among them.
+    Laws of single coordinates that have a kink at rest; and modal masses that differ, for sensors
+    scale the coordinates.
     """
-    alone = _SMOOTH + _KINKED if kinked else _SMOOTH
+
+    kinked: bool = False
+    masses: bool = False
+
+
+# From the plainest on. Masses show where what couples is known well: not beside everything else.
+KINDS = (Kind(), Kind(masses=True), Kind(kinked=True))
+
+
+def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
+    """Terms that may be needed beside the linear ones: to the third power, and of pairs."""
+    alone = _SMOOTH + _KINKED if kind.kinked else _SMOOTH
     found: list[CoupledTerm] = []
     unit = np.eye(n_coordinates, dtype=int)
-    # Sensors scale coordinates: seen through them, modal masses differ from that of the first.
-    found += [Along.coordinate(AddedMass(), i + 1) for i in range(1, n_coordinates)]
+    if kind.masses:
+        found += [Along.coordinate(AddedMass(), i + 1) for i in range(1, n_coordinates)]
     for i in range(n_coordinates):
         found += [Along.coordinate(law, i + 1) for law in alone]
         found.append(_slaved(2 * unit[i], 2 * unit[i]))

@@ -35,7 +35,7 @@ from romsindy.typing import Array
 _SMOOTHING = 0.01
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
 # decides, and no digit of its values matters.
-_ROUGH = 1e-4
+_ROUGH = 1e-3
 # Errors of the integration, as a part of the largest amplitude.
 NUMERICS = 1e-6
 
