@@ -28,7 +28,7 @@ from romsindy.fit.coupled_terms import KINDS, Gram, Kind, candidates, chosen, li
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.part import Part
 from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
-from romsindy.fit.verdict import MODE
+from romsindy.fit.verdict import MODE, TERM
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, SlavedInertia
 from romsindy.physics.inertia import AddedMass
@@ -183,7 +183,7 @@ def _with_terms(
         if not (solution.finite and _has_masses(now.model)):
             solution, now = _fitted(linear, records, measured=True)
         if best is None or _is_better(now.model, solution, *best, records):
-            settled = best is not None and {*best[0].terms} == {*now.model.terms}
+            settled = best is not None and _is_alike(solution, best[1], records)
             best, failures = (now.model, solution), 0
             records = _weighed_alike(records, solution)
         else:
@@ -218,6 +218,11 @@ def _is_better(
     more = len(model.terms) - len(before.terms)
     least = min(now.sum(), then.sum())
     return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
+
+
+def _is_alike(solution: Solution, former: Solution, records: Sequence[CoupledRecord]) -> bool:
+    """Whether a fit leaves about as much as the one before, which another round would do, too."""
+    return bool(_left(records, solution).sum() > (1 - TERM) * _left(records, former).sum())
 
 
 def _chosen(now: _Stage, records: Sequence[CoupledRecord], kind: Kind) -> _Stage | None:
