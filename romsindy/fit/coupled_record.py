@@ -220,20 +220,24 @@ AnyRecord = Record | CoupledRecord
 def tones_of(x: Array, dt: float, derivative: int) -> list[Vibration]:
     """All that rings in a channel (n,), harmonics by themselves: one may be a mode in resonance.
 
-    Strongest first; nothing that is faint, or steady as hum is.
+    Strongest first, harmonics behind; nothing that is faint, or steady as hum is.
     """
     t, whole = dt * np.arange(len(x)), float(x @ x)
-    found = []
-    for v in find_vibrations(x, dt, derivative):
-        if v.steady or v.faint:
-            continue
-        found.append(replace(v, harmonics=()))
+    found = [v for v in find_vibrations(x, dt, derivative) if not (v.steady or v.faint)]
+    harmonics = []
+    for v in found:
         for _, ridge in v.harmonics:
             share = float(np.sum(ridge(t) ** 2)) / whole
             moved = ridge.amplitude / (2 * np.pi * ridge.frequency) ** derivative
             energy = v.energy * float(np.sum(moved**2) / np.sum(v.displacement**2))
-            found.append(Vibration(ridge, (), energy, share, derivative))
-    return sorted((v for v in found if not v.faint), key=lambda v: -v.share)
+            harmonics.append(Vibration(ridge, (), energy, share, derivative))
+    alone = [replace(v, harmonics=()) for v in found]
+    return [
+        v
+        for several in (alone, harmonics)
+        for v in sorted(several, key=lambda v: -v.share)
+        if not v.faint
+    ]
 
 
 def coupled_records(
