@@ -141,13 +141,17 @@ def main(arguments=None):
             flush=True,
         )
     two = sum(row["modes"] == 2 for row in rows)
-    inside = np.abs(np.concatenate([row["scaled"] for row in rows])) < 1.96
+    exact = [row for row in rows if not row["wrong"]]
+    inside, of_exact = (
+        np.abs(np.concatenate([row["scaled"] for row in some] or [[]])) < 1.96
+        for some in (rows, exact)
+    )
     print(
         f"{two} of {given.count} with two modes; held-out error"
         f" {100 * np.mean([r['error'] for r in rows]):.2f} % in the mean; residual"
         f" {min(r['residual'] for r in rows):.3f} to {max(r['residual'] for r in rows):.3f};"
         f" {100 * inside.mean():.0f} % of {len(inside)} coefficients in their 95 % intervals;"
-        f" structure exact in {sum(not r['wrong'] for r in rows)}"
+        f" structure exact in {len(exact)}, there {100 * np.mean(of_exact):.0f} %"
     )
 
 
