@@ -14,7 +14,7 @@ import numpy as np
 from romsindy.effects.base import ReadingEffect
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.part import Part, Reading
-from romsindy.fit.record import Record
+from romsindy.fit.record import OfDecay, Record
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
 from romsindy.record.ridges import Ridge
@@ -62,7 +62,7 @@ class CoupledReading(Reading):
 
 
 @dataclass(frozen=True)
-class CoupledRecord:
+class CoupledRecord(OfDecay):
     """One decay of several coordinates: what was measured, its noise, and the motion behind it.
 
     Attributes
@@ -123,21 +123,6 @@ class CoupledRecord:
         )
 
     @property
-    def t(self) -> Array:
-        """Times from the start of the record, s."""
-        return self.decay.t - self.decay.t[0]
-
-    @property
-    def clock(self) -> float:
-        """Time of the start of the record as it was recorded, s."""
-        return float(self.decay.t[0])
-
-    @property
-    def derivative(self) -> int:
-        """0, 1, 2 where displacement, velocity or acceleration was measured."""
-        return self.decay.derivative
-
-    @property
     def amplitude(self) -> float:
         """Largest displacement of a coordinate."""
         return float(np.abs(self.motion.q).max())
@@ -186,11 +171,6 @@ class CoupledRecord:
         channels = x.reshape(len(self.noise), -1, *x.shape[1:])
         white = [noise(x) for noise, x in zip(self.noise, channels, strict=True)]
         return np.concatenate(white)
-
-    @property
-    def remarks(self) -> list[str]:
-        """What the reader of a fit must know of it."""
-        return []
 
     def alone(self, residual: Array) -> list[tuple[Record, Array]]:
         """Each channel as the record of each coordinate, with a residual of it whitened.

@@ -31,8 +31,29 @@ _LOUDER = 1.1  # so far the level of white noise is known
 _FEW = 16  # cycles: in fewer, too few lines for a median lie between two harmonics
 
 
+class OfDecay:
+    """What every record has of its decay, whatever the number of coordinates."""
+
+    decay: Decay
+
+    @property
+    def t(self) -> Array:
+        """Times from the start of the record, s."""
+        return self.decay.t - self.decay.t[0]
+
+    @property
+    def clock(self) -> float:
+        """Time of the start of the record as it was recorded, s."""
+        return float(self.decay.t[0])
+
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return self.decay.derivative
+
+
 @dataclass(frozen=True)
-class Record:
+class Record(OfDecay):
     """One decay: what was measured, its noise, and the smooth motion behind it.
 
     Attributes
@@ -112,21 +133,6 @@ class Record:
         record = cls.of(_loud(decay, record.noise.std), floor) if loud else record
         after = _after(decay, record)
         return record if after is None else cls.of(record.decay, floor, after)
-
-    @property
-    def t(self) -> Array:
-        """Times from the start of the record, s."""
-        return self.decay.t - self.decay.t[0]
-
-    @property
-    def clock(self) -> float:
-        """Time of the start of the record as it was recorded, s."""
-        return float(self.decay.t[0])
-
-    @property
-    def derivative(self) -> int:
-        """0, 1, 2 where displacement, velocity or acceleration was measured."""
-        return self.decay.derivative
 
     def phase(self, t: Array) -> Array:
         """Phase of the displacement at times from the start, rad; 0 where q crosses 0 upwards."""

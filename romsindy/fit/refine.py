@@ -280,7 +280,8 @@ def _notes(records: Sequence[AnyRecord], solution: Solution) -> tuple[str, ...]:
 
 def record_notes(records: Sequence[AnyRecord]) -> list[str]:
     """What the reader must know of the records."""
-    return [f"decay {i}: {text}" for i, record in enumerate(records) for text in record.remarks]
+    alone = [(i, record) for i, record in enumerate(records) if isinstance(record, Record)]
+    return [f"decay {i}: {text}" for i, record in alone for text in record.remarks]
 
 
 def _followed(
