@@ -10,6 +10,7 @@ from romsindy import CoupledModel, ReducedModel, backbone_curve, forced_response
 from romsindy.orbits.families import ForcedFamily, FreeFamily, Path
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import monodromy
+from romsindy.show.plots import plot_branch
 
 FIRST = {"omega^2": 36.0, "gamma_2": -3.0, "gamma_3": 9.0, "Upsilon_3": 0.4, "c_linear": 0.1}
 SECOND = {"omega^2": 150.0, "gamma_3": 20.0, "c_linear": 0.3, "c_cubic": 0.01}
@@ -398,3 +399,18 @@ def test_bad_input_is_refused():
     rubbing = CoupledModel.from_coefficients({**UNCOUPLED.coefficients, "c_coulomb [q2]": 0.1})
     with pytest.raises(ValueError, match="jumps: give velocity_scale"):
         backbone_curve(rubbing, (0.1, 1.0), method="phase resonance")
+
+
+def test_a_line_for_each_coordinate():
+    """What is drawn is what the curve holds; each line and the folds are named once."""
+    curve = backbone_curve(
+        CoupledModel.from_coefficients(
+            {"omega^2 [q1]": 1.0, "omega^2 [q2]": 7.0, "V q1^2 q2": 0.1}
+        ),
+        amplitude=(0.01, 0.3),
+        n_points=10,
+    )
+    ax = plot_branch(curve)
+    assert ax.get_legend_handles_labels()[1] == ["backbone curve, q1", "backbone curve, q2"]
+    for line, amplitude in zip(ax.lines, curve.amplitude.T, strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), amplitude)

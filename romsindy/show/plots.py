@@ -227,9 +227,17 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
 def plot_branch(
     branch: BackboneCurve, *, label: str = "backbone curve", ax: Axes | None = None
 ) -> Axes:
-    """Amplitude of free periodic orbits against their frequency; folds marked."""
+    """Amplitude of free periodic orbits against their frequency; folds marked.
+
+    Of several coordinates each has a line: its colour and dashes, named behind the label.
+    """
     ax = _orbit_axes(branch, ax)
-    ax.plot(branch.frequency / (2 * np.pi), branch.amplitude, color="0.25", lw=1, label=label)
+    lines = branch.amplitude.reshape(len(branch), -1).T
+    for i, amplitude in enumerate(lines):
+        style: dict[str, Any] = {"color": "0.25", "label": label}
+        if len(lines) > 1:
+            style = {"color": f"C{i}", "ls": ("-", "--", ":")[i % 3], "label": f"{label}, q{i + 1}"}
+        ax.plot(branch.frequency / (2 * np.pi), amplitude, lw=1, **style)
     _mark(ax, branch, branch.folds, "fold")
     ax.legend(loc="best", frameon=False)
     return ax
@@ -282,8 +290,9 @@ def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> Non
     if len(points):
         label = None if kind in ax.get_legend_handles_labels()[1] else kind
         look: dict[str, Any] = {"color": "C3", "mfc": "white", "ms": 5, "label": label}
-        hz = orbits.frequency[points] / (2 * np.pi)
-        ax.plot(hz, orbits.amplitude[points], _MARKERS[kind], **look)
+        amplitude = orbits.amplitude[points].reshape(len(points), -1)  # of each coordinate
+        hz = np.repeat(orbits.frequency[points] / (2 * np.pi), amplitude.shape[1])
+        ax.plot(hz, amplitude.ravel(), _MARKERS[kind], **look)
 
 
 def _symbol(key: str) -> str:
