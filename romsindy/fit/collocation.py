@@ -102,6 +102,14 @@ class Grid:
         index = self.sample_step[:kept]
         return Grid(self.start, self.step, int(index[-1]) + 1, index, self.fraction[:kept])
 
+    def between(self, first: int, last: int) -> Grid:
+        """Steps first to last - 1, with the samples in them."""
+        inside = (self.sample_step >= first) & (self.sample_step < last)
+        start = self.start + first * self.step
+        return Grid(
+            start, self.step, last - first, self.sample_step[inside] - first, self.fraction[inside]
+        )
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -119,6 +127,20 @@ class Trajectory:
     def start(self) -> Array:
         """State at the start: q, then q_dot, (2 R,)."""
         return np.concatenate([self.q[0], self.q_dot[0]])
+
+    def between(self, first: int, last: int) -> Trajectory:
+        """The motion in steps first to last - 1."""
+        grid, ends = self.grid.between(first, last), slice(first, last + 1)
+        return Trajectory(grid, self.q[ends], self.q_dot[ends], self.q_ddot[first:last])
+
+    @classmethod
+    def joined(cls, grid: Grid, pieces: Sequence[Trajectory]) -> Trajectory:
+        """Motions that follow one another on a grid; where two meet, the state is the later's."""
+        q, q_dot = (
+            np.concatenate([*(x[:-1] for x in several), several[-1][-1:]])
+            for several in ([p.q for p in pieces], [p.q_dot for p in pieces])
+        )
+        return cls(grid, q, q_dot, np.concatenate([p.q_ddot for p in pieces]))
 
     def samples(self, equation: Equation, derivative: int = 0) -> Array:
         """q (derivative 0), q_dot (1) or q_ddot (2) at the wanted times, shape (n, R)."""

@@ -6,6 +6,7 @@ they are the motion from which a fit starts; what they leave of a channel is noi
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,8 @@ _SAME = 0.01  # in channels where it differs by less, it is the same vibration
 # taken what lies beyond.
 _BELOW, _ABOVE, _ALIKE = 0.5, 1.5, 4.0
 _CYCLES = 3.0  # between knots of the amplitudes of a tone
+# Noise is measured again where a fit leaves less, by this factor.
+_QUIETER = 0.97
 
 
 @dataclass(frozen=True)
@@ -112,8 +115,9 @@ class CoupledRecord(OfDecay):
         waves = np.stack([_wave(tone, t, 0) for tone in tones], axis=1)
         shapes = np.linalg.lstsq(waves, signals, rcond=None)[0].T
         shapes = shapes / shapes[list(main), range(len(main))]
+        loudest = [v.tone for v in sorted(own, key=lambda v: -v.energy)]
         noise = tuple(
-            _noise(x, several, own, decay.dt, floor * float(np.abs(x).max()))
+            _noise(x - sum(v(t) for v in several), loudest, decay.dt, floor * np.abs(x).max())
             for x, several in zip(signals.T, found, strict=True)
         )
         fastest = max(float(tone.frequency.max()) for tone in tones)
@@ -146,16 +150,41 @@ class CoupledRecord(OfDecay):
 
     def until(self, n: int) -> CoupledRecord:
         """The first n samples of every channel, with the noise of all of it."""
-        m, grid = self.motion, self.motion.grid.until(float(self.t[n - 1]))
-        steps = grid.n_steps
-        motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
-        decay = self.decay.between(end=float(self.decay.t[n - 1]))
-        signal = self.signal.reshape(len(self.noise), -1)[:, :n].ravel()
-        return replace(self, decay=decay, signal=signal, motion=motion)
+        return self._between(0, self.motion.grid.until(float(self.t[n - 1])).n_steps)
+
+    def pieces(self, n: int) -> list[CoupledRecord]:
+        """The record in n parts, each with its own initial state."""
+        ends = np.linspace(0, self.motion.grid.n_steps, n + 1).round().astype(int)
+        return [self._between(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+
+    def _between(self, first: int, last: int) -> CoupledRecord:
+        """The samples in steps first to last - 1, with the noise of all of it."""
+        inside = np.flatnonzero(
+            (self.motion.grid.sample_step >= first) & (self.motion.grid.sample_step < last)
+        )
+        t = self.decay.t[inside]
+        signal = self.signal.reshape(len(self.noise), -1)[:, inside].ravel()
+        decay = self.decay.between(float(t[0]), float(t[-1]))
+        return replace(self, decay=decay, signal=signal, motion=self.motion.between(first, last))
 
     def louder(self, by: float) -> CoupledRecord:
         """The same with so many times the noise."""
         return replace(self, noise=tuple(replace(n, std=by * n.std) for n in self.noise))
+
+    def heard_again(self, residual: Array) -> CoupledRecord:
+        """With the noise in what a fit leaves, where that is less than what was heard at first.
+
+        Vibrations that beat are not followed as well as they are fitted.
+        """
+        tones = sorted(self.tones, key=lambda tone: -float(tone.amplitude.max()))
+        again = [
+            _noise(rest, tones, self.decay.dt, noise.floor)
+            for rest, noise in zip(residual.reshape(len(self.noise), -1), self.noise, strict=True)
+        ]
+        pairs = list(zip(self.noise, again, strict=True))
+        if not any(b.std < _QUIETER * a.std for a, b in pairs):
+            return self
+        return replace(self, noise=tuple(min(pair, key=lambda noise: noise.std) for pair in pairs))
 
     def with_signal(self, signal: Array) -> CoupledRecord:
         """The same with another measurement, such as a simulated one."""
@@ -251,7 +280,7 @@ def _main(
         (v.energy, channel, v)
         for channel in channels
         for v in found[channel]
-        if 1 / _NEAR < v.mean_frequency / frequency < _NEAR
+        if 1 / _NEAR < v.small_frequency / frequency < _NEAR
     ]
     if not near:
         heard = sorted({f"{v.mean_frequency:.4g} Hz" for several in found for v in several})
@@ -261,8 +290,8 @@ def _main(
             " omega^2 are those of the vibrations, or leave the coordinate out"
         )
     # Of two that are near, the nearest: modes may be closer than that.
-    close = min(abs(np.log(v.mean_frequency / frequency)) for _, _, v in near)
-    same = [n for n in near if abs(np.log(n[2].mean_frequency / frequency)) < close + _SAME]
+    close = min(abs(np.log(v.small_frequency / frequency)) for _, _, v in near)
+    same = [n for n in near if abs(np.log(n[2].small_frequency / frequency)) < close + _SAME]
     _, channel, vibration = max(same, key=lambda x: x[0])
     return channel, vibration
 
@@ -292,17 +321,17 @@ def _motion(grid: Grid, tones: Sequence[Ridge], derivative: int) -> Trajectory:
     return Trajectory(grid, q, q_dot, q_ddot.reshape(-1, 3, len(tones)))
 
 
-def _noise(
-    x: Array, several: Sequence[Vibration], own: Sequence[Vibration], dt: float, floor: float
-) -> Noise:
-    """Noise of a channel beside all that was followed in it, alike for all samples."""
-    t = dt * np.arange(len(x))
-    rest = x - sum((v(t) for v in several), np.zeros(len(x)))
-    tone = max(own, key=lambda v: v.energy).tone
+def _noise(rest: Array, tones: Sequence[Ridge], dt: float, floor: float) -> Noise:
+    """Noise in what a motion leaves of a channel, alike for all samples.
+
+    ``tones`` are those of the coordinates, the one that moves most first; ``floor`` is in the unit
+    of the channel.
+    """
+    t, tone = dt * np.arange(len(rest)), tones[0]
     size = np.abs(tone.z(np.clip(t, tone.start, tone.end)))
-    frequency = [float(np.median(v.frequency)) for v in own]
-    noise = Noise.of(rest, np.zeros(len(x)), size, 1 / max(frequency), dt, floor)
-    every = np.fft.rfftfreq(len(x), dt)
+    frequency = [float(np.median(tone.frequency)) for tone in tones]
+    noise = Noise.of(rest, np.zeros(len(rest)), size, 1 / max(frequency), dt, floor)
+    every = np.fft.rfftfreq(len(rest), dt)
     power = noise.spectrum(every)
     ringing = (every > _BELOW * min(frequency)) & (every < _ABOVE * max(frequency))
     level = float(np.mean(power[ringing]))

@@ -50,8 +50,8 @@ class Kind(NamedTuple):
     masses: bool = False
 
 
-# From the plainest on. Masses show where what couples is known well: not beside everything else.
-KINDS = (Kind(), Kind(masses=True), Kind(kinked=True))
+# From the plainest on.
+KINDS = (Kind(), Kind(kinked=True))
 
 
 def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
@@ -115,6 +115,12 @@ class Gram(NamedTuple):
             float(power - right[m:] @ own),
             len(rows),
         )
+
+    @classmethod
+    def sum(cls, several: Sequence[Gram]) -> Gram:
+        """Of the parts together."""
+        matrix, right, power, n = zip(*several, strict=True)
+        return cls(np.sum(matrix, axis=0), np.sum(right, axis=0), sum(power), sum(n))
 
     def misfit(self, where: Indices, values: Array) -> float:
         """Chi-square of some values, all others 0."""

@@ -119,6 +119,23 @@ class _Problem:
         return np.concatenate([*(-rows[:, :-1] for rows in self.tables(values)), *known])
 
 
+def simulated(
+    model: AnyModel,
+    parts: Sequence[Part],
+    records: Sequence[AnyRecord],
+    motions: Sequence[Trajectory],
+) -> tuple[list[Trajectory], list[Array]]:
+    """Motions from the initial states of some, and what they leave of the records.
+
+    Raises
+    ------
+    TrajectoryError
+        If there is no such motion.
+    """
+    problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
+    return problem.simulate(problem.start), problem.residuals(problem.start)
+
+
 def simulated_misfit(
     model: AnyModel,
     parts: Sequence[Part],

@@ -112,6 +112,12 @@ class Vibration:
         weight = self.tone.amplitude**2
         return float(np.sum(weight * self.tone.frequency) / np.sum(weight))
 
+    @cached_property
+    def small_frequency(self) -> float:
+        """Hz, of the quietest third of where it was followed: near that of small motions."""
+        quiet = np.argsort(self.tone.amplitude)[: max(len(self.frequency) // 3, 1)]
+        return float(self.frequency[quiet].mean())
+
 
 @dataclass(frozen=True)
 class Resonance:
