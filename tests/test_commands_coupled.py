@@ -184,7 +184,7 @@ def test_a_motion_that_is_not_found_is_refused_with_a_remedy(run, monkeypatch):
     result = run("identify", "hammer.csv", *COLUMNS, "--coordinates", 2)
     assert result.exit_code == 2
     assert "hammer.csv: --coordinates 2: no motion of the model" in result.stderr
-    assert "ask for fewer coordinates, or use one decay by --release" in result.stderr
+    assert "fewer coordinates, more channels (--column) or another --release" in result.stderr
 
 
 def test_several_files_and_an_interrupt_that_keeps_what_is_done(run, folder, monkeypatch):
@@ -221,3 +221,31 @@ def test_whole_decays_hold_every_channel_as_measured(tmp_path):
         assert np.all(off < 0.02 if name == "q_dot" else off < 0.1)
     with pytest.raises(ValueError, match="release = 2 is none of the releases, 1 to 1"):
         found.whole_decays(release=2)
+
+
+def ringing(t, *frequencies):
+    """Vibrations in closed form, as one sensor sees them, with noise."""
+    waves = [np.exp(-0.3 * t) * np.cos(2 * np.pi * f * t) for f in frequencies]
+    return sum(waves), 1e-3 * np.random.default_rng(len(frequencies)).standard_normal(len(t))
+
+
+def test_releases_in_which_enough_modes_ring():
+    """Two modes ring in the first, one in the second."""
+    t = np.arange(0.0, 6.0, 1 / 500)
+    x = np.concatenate([sum(ringing(t, 7.0, 16.0)), sum(ringing(t, 7.0))])
+    found = rs.inspect(rs.Recording(np.concatenate([t, t + 7.0]), x, unit="m"))
+    assert len(found.releases) == 2
+    assert found.rings_together() == found.rings_together(modes=2) == [0]
+    assert found.rings_together(modes=1) == [0, 1] and found.rings_together(release=2) == [1]
+    (second,) = found.whole_decays(release=2)
+    assert second.t[0] == pytest.approx(7.0, abs=0.2)
+
+
+def test_many_samples_a_cycle_are_decimated():
+    t = np.arange(0.0, 6.0, 1 / 5000)
+    exact, noise = ringing(t, 7.0, 16.0)
+    (decay,) = rs.inspect(rs.Recording(t, exact + noise, unit="m")).whole_decays()
+    assert 15 <= 1 / (decay.dt * 16.0) <= 40
+    # Less of the noise is left than there was; at the ends nothing is spoiled.
+    off = np.abs(decay.q - np.interp(decay.t, t, exact))
+    assert off.max() < 4e-3 and off.std() < 1e-3

@@ -210,5 +210,5 @@ def _refused(coordinates: Coordinates, error: Exception) -> ValueError:
     """The same error with the name of the option."""
     sentence, own = str(error), f"coordinates = {coordinates!r}, but "
     if not sentence.startswith(own):
-        sentence += "; ask for fewer coordinates, or use one decay by --release"
+        sentence += "; fewer coordinates, more channels (--column) or another --release may help"
     return ValueError(f"--coordinates {coordinates}: {sentence.removeprefix(own)}")

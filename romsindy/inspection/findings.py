@@ -11,7 +11,7 @@ import numpy as np
 from romsindy.inspection.modes import Mode, modes_of
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect
-from romsindy.record.isolation import isolated
+from romsindy.record.isolation import ENOUGH_SAMPLES, isolated
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
 from romsindy.record.together import together
@@ -161,7 +161,7 @@ class Findings:
     ) -> tuple[Decay, ...]:
         """The free decays with all that rings in them, each channel by itself.
 
-        They are what `identify_coupled` takes.
+        They are what `identify_coupled` takes. A record of many samples a cycle is decimated.
 
         Parameters
         ----------
@@ -179,11 +179,14 @@ class Findings:
         ValueError
             If there is no such release, or nothing rings.
         """
-        inside = self.cleaned.channel(*self.together)
-        return tuple(
+        numbers, inside = self.rings_together(release, modes), self.cleaned.channel(*self.together)
+        fastest = max(max(m.frequency) for m in self.modes if not m.steady)
+        factor = int(1 / (ENOUGH_SAMPLES * inside.dt * fastest))
+        decays = [
             Decay.of_release(inside, self.releases[i], self._notes(i, self.together))
-            for i in self.rings_together(release, modes)
-        )
+            for i in numbers
+        ]
+        return tuple(decay.decimated(factor) for decay in decays)
 
     def rings_together(self, release: int | None = None, modes: int | None = None) -> list[int]:
         """Numbers, from 0, of the releases that `whole_decays` takes.

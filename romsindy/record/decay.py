@@ -18,7 +18,7 @@ from romsindy.record.integration import displacement
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import uniform_times
-from romsindy.record.signals import fundamental_frequency, upsample
+from romsindy.record.signals import downsample, fundamental_frequency, upsample
 from romsindy.typing import Array, Indices
 
 Stage = Literal["raw", "free", "conditioned"]
@@ -279,6 +279,13 @@ class Decay:
         t = np.linspace(self.t[0], self.t[-1], factor * (len(self.t) - 1) + 1)
         note = f"{per_cycle:.3g} samples a cycle interpolated to {factor * per_cycle:.3g}"
         return self._mapped(lambda x: upsample(x, factor), t, (note,))
+
+    def decimated(self, factor: int) -> Decay:
+        """Every ``factor``-th sample, low-passed before."""
+        if factor <= 1:
+            return self
+        note = f"decimated by {factor}: that is fast enough"
+        return self._mapped(lambda x: downsample(x, factor), self.t[::factor], (note,))
 
     def differentiated(self, method: Filter | None = None) -> Decay:
         """Smooth the displacement and derive velocity and acceleration that agree with it.
