@@ -98,7 +98,7 @@ def test_modes_are_those_of_small_vibrations(identified):
 
 def test_what_is_printed_and_written(identified, folder):
     printed, (result,) = identified
-    assert "in channels left and right, release 1." in printed
+    assert "Used: channels left and right, release 1, with all that rings: 10." in printed
     assert "2 channels" in printed and "The model explains the data to their noise" in printed
     assert re.search(r"^  mode +frequency \[Hz\]", printed, re.M)
     rows = re.findall(r"^  (?:left|right) +(\S+) +(\S+)$", printed, re.M)

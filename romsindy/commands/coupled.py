@@ -15,6 +15,7 @@ from romsindy.commands.results import coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_identify import identify_coupled
 from romsindy.fit.refine import Fit
+from romsindy.fit.small_vibrations import small_vibrations
 from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked_together
@@ -197,10 +198,11 @@ def identified_together(
     with bar(None, "identifying") as steps:
         try:
             fit = identify_coupled(decays, coordinates, progress=steps.set_postfix_str)
+            seen = small_vibrations(fit)
         except (ValueError, TrajectoryError) as error:
             raise _refused(coordinates, error) from error
     file, title = names
-    report = CoupledReport(title, fit, found.together, picked_together(found, releases))
+    report = CoupledReport(title, fit, seen, found.together, picked_together(found, releases))
     figures = [*pictures(report), picture(found)]
     write_coupled(report, page, bar(figures, "drawing"), interactive=interactive)
     return CoupledResult(file, report, found, tuple(i + 1 for i in releases), page)

@@ -25,10 +25,10 @@ class SmallVibration:
     frequency, frequency_std : float
         Of small vibrations, Hz, with its standard error.
     damping_ratio, damping_ratio_std : float
-    amplitude : (n,) array
+    measured_amplitude : (n,) array
         Of the coordinate, as it was followed in all decays; unit of q.
-    followed : (n,) array
-        Frequency at these amplitudes, Hz, moved by the other coordinates, too.
+    measured_frequency : (n,) array
+        At these amplitudes, Hz; the other coordinates move it, too.
     """
 
     number: int
@@ -37,8 +37,8 @@ class SmallVibration:
     frequency_std: float
     damping_ratio: float
     damping_ratio_std: float
-    amplitude: Array
-    followed: Array
+    measured_amplitude: Array
+    measured_frequency: Array
 
 
 def small_vibrations(fit: Fit) -> tuple[SmallVibration, ...]:

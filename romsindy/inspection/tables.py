@@ -89,10 +89,8 @@ def picked_together(found: Findings, releases: Sequence[int]) -> str:
     names = [str(i + 1) for i in releases]
     channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
     rings = listed([f"{m.mean_frequency:.5g} Hz" for m in found.modes if not m.steady])
-    used = (
-        f"Used: all that rings ({rings}), in {channels}, release{'s' * (len(names) > 1)}"
-        f" {listed(names)}."
-    )
+    release = f"release{'s' * (len(names) > 1)} {listed(names)}"
+    used = f"Used: {channels}, {release}, with all that rings: {rings}."
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
     return f"{used} Left out: release {listed(rest)}." if rest else used
 

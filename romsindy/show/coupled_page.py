@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from romsindy.fit.refine import Fit
-from romsindy.fit.small_vibrations import SmallVibration, small_vibrations
+from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import BackboneCurve, backbone_curve
 from romsindy.show.coupled_plots import draw_backbones, draw_channel
@@ -30,6 +30,7 @@ class CoupledReport:
     ----------
     title : str
     fit : Fit
+    modes : sequence of SmallVibration
     channels : sequence of str
         Names of what was measured.
     picked : str
@@ -38,6 +39,7 @@ class CoupledReport:
 
     title: str
     fit: Fit
+    modes: Sequence[SmallVibration]
     channels: Sequence[str]
     picked: str = ""
 
@@ -47,17 +49,12 @@ class CoupledReport:
         return self.fit.solution.interrupted
 
     @cached_property
-    def modes(self) -> tuple[SmallVibration, ...]:
-        """The modes of small vibrations."""
-        return small_vibrations(self.fit)
-
-    @cached_property
     def backbones(self) -> dict[int, BackboneCurve | str]:
         """The backbone of each mode, by its number; or why it has none, in a sentence."""
         return {mode.number: self._backbone(mode) for mode in self.modes}
 
     def _backbone(self, mode: SmallVibration) -> BackboneCurve | str:
-        high = float(mode.amplitude.max())
+        high = float(mode.measured_amplitude.max())
         reach = (_LOW * high, high)
         try:
             return backbone_curve(self.fit.model.undamped(), amplitude=reach, mode=mode.number)
@@ -93,7 +90,7 @@ class CoupledReport:
 
     def _row(self, mode: SmallVibration) -> list[str]:
         unit = self.fit.model.unit or "[q]"
-        ends = (float(mode.amplitude.max()), float(mode.amplitude.min()))
+        ends = (float(mode.measured_amplitude.max()), float(mode.measured_amplitude.min()))
         return [
             str(mode.number),
             *with_error(mode.frequency, mode.frequency_std),

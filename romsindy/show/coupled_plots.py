@@ -27,7 +27,9 @@ def draw_backbones(
     for ax, mode in zip(panels, modes, strict=True):
         ax.set_title(f"mode {mode.number}", loc="left", fontsize="medium")
         label = f"q{mode.coordinate} in the decays"
-        ax.plot(mode.followed, mode.amplitude, ".", ms=3, color="0.7", label=label)
+        ax.plot(
+            mode.measured_frequency, mode.measured_amplitude, ".", ms=3, color="0.7", label=label
+        )
         ax.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", unit))
         ax.legend(frameon=False)
         backbone = backbones[mode.number]
