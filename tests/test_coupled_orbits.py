@@ -10,7 +10,7 @@ from romsindy import CoupledModel, ReducedModel, backbone_curve, forced_response
 from romsindy.orbits.families import ForcedFamily, FreeFamily, Path
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import monodromy
-from romsindy.show.plots import plot_branch
+from romsindy.show.plots import plot_branch, plot_forced_response
 
 FIRST = {"omega^2": 36.0, "gamma_2": -3.0, "gamma_3": 9.0, "Upsilon_3": 0.4, "c_linear": 0.1}
 SECOND = {"omega^2": 150.0, "gamma_3": 20.0, "c_linear": 0.3, "c_cubic": 0.01}
@@ -414,3 +414,20 @@ def test_a_line_for_each_coordinate():
     assert ax.get_legend_handles_labels()[1] == ["backbone curve, q1", "backbone curve, q2"]
     for line, amplitude in zip(ax.lines, curve.amplitude.T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), amplitude)
+
+
+def test_a_forced_line_for_each_coordinate():
+    """What is drawn is what the response holds, stable and unstable; names stand once."""
+    model = CoupledModel.from_coefficients(
+        {"omega^2 [q1]": 36.0, "omega^2 [q2]": 150.0, "gamma_3 [q1]": 40.0, "V q1^2 q2": 5.0}
+        | {"c_linear [q1]": 0.1, "c_linear [q2]": 0.3}
+    )
+    response = forced_response(model, force=[0.3, 0.1], frequency=(5.0, 8.0), n_points=80)
+    ax = plot_forced_response(response)
+    force = r"0.3 and 0.1 [q]/s$^2$,"
+    names = [f"{force} q{i} {how}" for i in (1, 2) for how in ("stable", "unstable")]
+    assert ax.get_legend_handles_labels()[1] == [*names, "fold"]
+    for i, amplitude in enumerate(response.amplitude.T):
+        own = [line for line in ax.lines if line.get_color() == f"C{i}"]
+        drawn = np.concatenate([line.get_ydata() for line in own])
+        assert {*amplitude} == {*drawn}

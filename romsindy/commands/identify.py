@@ -12,6 +12,13 @@ from typing import Any
 import click
 
 from romsindy.commands.analysis import Settings, analysed
+from romsindy.commands.coupled import (
+    Coordinates,
+    CoupledResult,
+    coordinates_of,
+    identified_together,
+    refuse_others,
+)
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import (
     FILE,
@@ -21,8 +28,10 @@ from romsindy.commands.options import (
     reading_options,
     write_text,
 )
-from romsindy.commands.results import Refusal, Result, table
+from romsindy.commands.results import Refusal, Result
+from romsindy.commands.telling import AnyResult, tell_all, tell_one
 from romsindy.inspection.inspect import inspect
+from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked
 from romsindy.physics.damping import DAMPING
@@ -30,8 +39,7 @@ from romsindy.physics.example import example_decay
 from romsindy.physics.serial import json_text
 from romsindy.record.recording import Recording
 from romsindy.show.identification_page import pictures, write_identification
-from romsindy.show.overview import write_overview
-from romsindy.text import aligned, as_options, bar
+from romsindy.text import as_options, bar
 
 
 def _coefficients(
@@ -77,6 +85,12 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
 @reading_options
 @click.option("--mode", type=int, help="Number of the mode, see inspect.  [default: moves most]")
 @click.option("--band", nargs=2, type=float, help="Lowest and highest frequency of the mode, Hz.")
+@click.option(
+    "--coordinates",
+    callback=coordinates_of,
+    metavar="auto|N",
+    help="Model so many vibrations together, or as many as the data need.  [default: 1]",
+)
 @click.option("--release", type=int, help="Number of the release, see inspect.  [default: all]")
 @click.option(
     "--order",
@@ -144,6 +158,7 @@ def identify(
     example: bool,
     mode: int | None,
     band: tuple[float, float] | None,
+    coordinates: Coordinates | None,
     release: int | None,
     report: Path | None,
     interactive: bool,
@@ -165,19 +180,18 @@ def identify(
     many = len(files) > 1
     if example == bool(files):
         raise click.UsageError("name one FILE, or ask for --example")
+    if coordinates is not None:
+        refuse_others()
     if settings.plain and settings.weighted:
         raise click.UsageError("--plain and --weighted are two regressions: ask for one")
     if save is not None and (settings.plain or settings.weighted):
         raise click.UsageError("--save needs the bands, which no regression has: use --model")
     if many and (model or save or figure):
         raise click.UsageError("--model, --save and --figure hold one result: name one FILE")
-    identified = partial(
-        _identified,
-        options=options,
-        choice=(mode, band, release),
-        settings=settings,
-        interactive=interactive,
-    )
+    one: Callable[..., AnyResult] = partial(_identified, choice=(mode, band, release))
+    if coordinates is not None:
+        one = partial(_together, coordinates=coordinates, release=release)
+    identified = partial(one, options=options, settings=settings, interactive=interactive)
     # With JSON on the standard output, words go to the other one.
     say = partial(click.echo, err=str(json_file) == "-")
     if many:
@@ -185,13 +199,13 @@ def identify(
         pages = [Output.of(name) for name in _page_names(files)]
         jobs = {str(f): partial(identified, f, page) for f, page in zip(files, pages, strict=True)}
         results, interrupted = _all_of(jobs)
-        tell = partial(_tell_all, results, overview, interactive, say)
+        tell = partial(tell_all, results, overview, interactive, say)
     else:
         file = files[0] if files else None
         page = report or Output.of(f"{file.stem if file else 'example'}_report.html")
         result = identified(file, page)
-        results, interrupted = [result], result.report.interrupted
-        tell = partial(_tell_one, result, say, model, save, figure)
+        results, interrupted = [result], result.interrupted
+        tell = partial(tell_one, result, say, model, save, figure)
     if json_file is not None:
         write_text(json_file, json_text([r.content() for r in results]))
     tell()
@@ -208,10 +222,7 @@ def _identified(
     interactive: bool,
 ) -> Result:
     """Identify one file, or the example, and write its page."""
-    title = f"Free decay {file.name}" if file else "Example: synthetic decay, 35 dB"
-    with bar(None, "inspecting") as steps:
-        record = _chosen(file, options) if file else example_decay(35.0, settings.seed)
-        found = inspect(record, progress=steps.set_postfix_str)
+    title, found = _inspected(file, options, settings.seed)
     try:
         mode = found.mode(*choice[:2])
         releases = found.rings_in(mode, choice[2])
@@ -231,6 +242,32 @@ def _identified(
     return Result(str(file or "example"), report, found, mode, numbers, page)
 
 
+def _together(
+    file: Path | None,
+    page: Path,
+    options: Mapping[str, Any],
+    coordinates: Coordinates,
+    release: int | None,
+    settings: Settings,
+    interactive: bool,
+) -> CoupledResult:
+    """The same with several coordinates."""
+    title, found = _inspected(file, options, settings.seed)
+    names = (str(file or "example"), title)
+    try:
+        return identified_together(names, found, coordinates, release, page, interactive)
+    except ValueError as error:
+        raise _of(file, error, found.warnings if release is None else ()) from error
+
+
+def _inspected(file: Path | None, options: Mapping[str, Any], seed: int) -> tuple[str, Inspection]:
+    """Title of a file, or of the example, and what is in it."""
+    title = f"Free decay {file.name}" if file else "Example: synthetic decay, 35 dB"
+    with bar(None, "inspecting") as steps:
+        record = _chosen(file, options) if file else example_decay(35.0, seed)
+        return title, inspect(record, progress=steps.set_postfix_str)
+
+
 def _of(file: Path | None, error: ValueError, warnings: Sequence[str]) -> ValueError:
     """The same error with the name of the file, and what is wrong with its samples."""
     sentence = str(error).removeprefix(f"{file}: ")
@@ -248,9 +285,9 @@ def _chosen(file: Path, options: Mapping[str, Any]) -> Recording:
     return recording
 
 
-def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Refusal], bool]:
+def _all_of(jobs: Mapping[str, Callable[[], AnyResult]]) -> tuple[list[AnyResult | Refusal], bool]:
     """Results of all files, and whether they were interrupted: what is done is kept."""
-    results: list[Result | Refusal] = []
+    results: list[AnyResult | Refusal] = []
     for file, job in bar(jobs.items(), "files"):
         try:
             result = job()
@@ -260,48 +297,9 @@ def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Ref
             return results, True
         else:
             results.append(result)
-            if result.report.interrupted:
+            if result.interrupted:
                 return results, True
     return results, False
-
-
-def _tell_one(
-    result: Result, say: Callable, model: Path | None, save: Path | None, figure: Path | None
-) -> None:
-    """Print a result, and write what was asked for beside its page."""
-    report, written = result.report, [f"Report: {result.page}"]
-    # Files come first: who reads a pipe may stop.
-    if model is not None:
-        write_text(model, report.main.model.to_json())
-        written.append(f"Model: {model}")
-    if save is not None and report.found is not None:
-        report.found.save(save)
-        written.append(f"Saved: {save}")
-    if figure is not None:
-        next(p for p in pictures(report) if p.name == "backbone").write(figure)
-        written.append(f"Figure: {figure}")
-    say(f"{report.picked}\n")
-    for decay, backbone in zip(report.decays, report.backbones, strict=True):
-        say(f"{decay!r}\n{backbone!r}\n")
-    say(f"{report.equation}\n")
-    say(f"{aligned(report.table())}\n\n{report.errors()}\n{report.note()}")
-    say("\n".join(written))
-    if save is not None and report.found is None:
-        raise click.ClickException(report.trouble)
-
-
-def _tell_all(
-    results: Sequence[Result | Refusal], overview: Path, interactive: bool, say: Callable
-) -> None:
-    """Print the table, and write the page of all files."""
-    done = [r for r in results if isinstance(r, Result)]
-    refused = [r.sentence for r in results if isinstance(r, Refusal)]
-    explained = sum(r.explained for r in done)
-    sentence = f"Identified: {len(done)} files, {explained} of them explained to the noise."
-    rows = table(results)
-    backbones = {r.file: r.report.backbone for r in done}
-    write_overview(overview, sentence, rows, backbones, refused, interactive=interactive)
-    say("\n".join([aligned(rows), "", *refused, sentence, f"Overview: {overview}"]))
 
 
 def _page_names(files: Sequence[Path]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,12 +13,15 @@ import numpy as np
 from romsindy.fit.functions.identification import Identification
 from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.modes import Mode
-from romsindy.show.identification_page import IdentificationReport
-from romsindy.text import with_error
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.model import ReducedModel
+from romsindy.show.identification_page import IdentificationReport, pictures
+from romsindy.show.page import Picture
+from romsindy.text import aligned, with_error
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
-_HEADER = ["file", "mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]
-_HEADER += ["structure", "explained", "report"]
+HEADER = ["file", "mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]
+HEADER += ["structure", "explained", "report"]
 
 
 @dataclass(frozen=True)
@@ -32,9 +35,9 @@ class Refusal:
         """As of a `Result`."""
         return {"file": self.file, "error": self.sentence}
 
-    def row(self) -> list[str]:
+    def rows(self) -> list[list[str]]:
         """As of a `Result`."""
-        return [self.file, *["-"] * (len(_HEADER) - 3), "refused", "-"]
+        return [[self.file, *["-"] * (len(HEADER) - 3), "refused", "-"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,21 @@ class Result:
     mode: Mode
     releases: Sequence[int]
     page: Path
+
+    @property
+    def model(self) -> ReducedModel:
+        """The equation that is printed."""
+        return self.report.main.model
+
+    @property
+    def found(self) -> Identification | None:
+        """All that was identified, bands included."""
+        return self.report.found
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user wished to stop."""
+        return self.report.interrupted
 
     @property
     def explained(self) -> bool:
@@ -86,6 +104,19 @@ class Result:
             "damping_ratio_std": errors[1],
         }
 
+    def pictures(self) -> list[Picture]:
+        """The figures of its page that are about the equation."""
+        return pictures(self.report)
+
+    def __str__(self) -> str:
+        report = self.report
+        measured = [
+            f"{decay!r}\n{backbone!r}"
+            for decay, backbone in zip(report.decays, report.backbones, strict=True)
+        ]
+        table = f"{aligned(report.table())}\n\n{report.errors()}\n{report.note()}"
+        return "\n\n".join([report.picked, *measured, report.equation, table])
+
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""
         b = self.report.backbone
@@ -100,7 +131,7 @@ class Result:
             "unit": b.unit,
             "linear": self.linear,
             **_verdict(self.report),
-            "coefficients": _coefficients(self.report),
+            "coefficients": coefficients(self.model, self.report.main.standard_errors),
             "backbone": {
                 name + end: getattr(b, name + end) / unit
                 for name, unit in per_cycle.items()
@@ -110,22 +141,15 @@ class Result:
             "report": str(self.page),
         }
 
-    def row(self) -> list[str]:
-        """Cells of the table."""
+    def rows(self) -> list[list[str]]:
+        """Its rows in the table."""
         at_low, verdict = self.linear, _verdict(self.report)
         frequency = _cells(at_low["frequency"], at_low["frequency_std"])
         damping = _cells(100 * at_low["damping_ratio"], 100 * at_low["damping_ratio_std"])
         words = {True: "yes", False: "no", None: "not refined"}[verdict["explained"]]
         structure = verdict["structure"] or "-"
-        return [
-            *(self.file, str(self.mode.number), *frequency, *damping),
-            *(structure, words, str(self.page)),
-        ]
-
-
-def table(results: Sequence[Result | Refusal]) -> list[list[str]]:
-    """One row for each file, under a header."""
-    return [_HEADER, *(r.row() for r in results)]
+        row = [self.file, str(self.mode.number), *frequency, *damping]
+        return [[*row, structure, words, str(self.page)]]
 
 
 def _cells(value: float, error: float) -> list[str]:
@@ -141,13 +165,13 @@ def _verdict(report: IdentificationReport) -> dict[str, Any]:
     return {**words, "verdict": str(found.verdict), "equation": str(found.model.equation())}
 
 
-def _coefficients(report: IdentificationReport) -> dict[str, dict[str, Any]]:
-    main = report.main
+def coefficients(model: AnyModel, errors: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """Value, standard error and unit of every coefficient, by name."""
     return {
         term.key: {
             "value": value,
-            "standard_error": main.standard_errors.get(term.key),
-            "unit": term.unit(main.model.unit),
+            "standard_error": errors.get(term.key),
+            "unit": term.unit(model.unit),
         }
-        for term, value in zip(main.model.terms, main.model.values, strict=True)
+        for term, value in zip(model.terms, model.values, strict=True)
     }

@@ -6,7 +6,7 @@ However it was found, and without the data it was found from, so that it can be 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -116,11 +116,30 @@ class Estimate:
             For a model of several coordinates.
         """
         a = np.atleast_1d(np.asarray(amplitudes, float))
-        errors, model = self.standard_errors, self.single_model
-        slopes = [_slope(model, name, error, a) for name, error in errors.items()]
-        variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
-        (omega, zeta), (omega_std, zeta_std) = _curves(model, a), np.sqrt(variance)
+        model = self.single_model
+
+        def curves(other: AnyModel) -> Array:
+            assert isinstance(other, ReducedModel)  # as this one
+            return np.array([other.backbone(a), other.damping_ratio(a)])
+
+        (omega, zeta), (omega_std, zeta_std) = curves(model), self.errors_of(curves)
         return Band(a, omega, zeta, omega_std, zeta_std, model.unit)
+
+    def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:
+        """Standard errors of numbers that are read off the model, to first order."""
+        errors = self.standard_errors
+        slopes = np.array([self._slope(name, error, read) for name, error in errors.items()])
+        return np.sqrt(np.einsum("p...,pq,q...->...", slopes, self.covariance, slopes))
+
+    def _slope(self, name: str, error: float, read: Callable[[AnyModel], Array]) -> Array:
+        """Derivative of these numbers with respect to a coefficient."""
+        model = self.model
+        if error == 0:  # without error it adds nothing, whatever its slope
+            return np.zeros_like(read(model))
+        values = model.coefficients
+        ends = [values | {name: values[name] + s * error} for s in (_STEP, -_STEP)]
+        high, low = (read(replace(model, values=tuple(end.values()))) for end in ends)
+        return (high - low) / (2 * _STEP * error)
 
     def __str__(self) -> str:
         errors = self.standard_errors
@@ -234,17 +253,3 @@ class Band:
     frequency_std: Array
     damping_ratio_std: Array
     unit: str | None
-
-
-def _curves(model: ReducedModel, amplitudes: Array) -> Array:
-    return np.array([model.backbone(amplitudes), model.damping_ratio(amplitudes)])
-
-
-def _slope(model: ReducedModel, name: str, error: float, amplitudes: Array) -> Array:
-    """Derivative of the curves with respect to a coefficient."""
-    if error == 0:  # without error it adds nothing, whatever its slope
-        return np.zeros((2, len(amplitudes)))
-    values = model.coefficients
-    ends = [values | {name: values[name] + s * error} for s in (_STEP, -_STEP)]
-    high, low = (_curves(replace(model, values=tuple(end.values())), amplitudes) for end in ends)
-    return (high - low) / (2 * _STEP * error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import numpy as np
 from romsindy.inspection.modes import Mode, modes_of
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect
-from romsindy.record.isolation import isolated
+from romsindy.record.isolation import ENOUGH_SAMPLES, isolated
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
 from romsindy.record.together import together
@@ -155,6 +156,56 @@ class Findings:
         chosen = self.mode(mode, band)
         return tuple(self._isolated(i, chosen) for i in self.rings_in(chosen, release))
 
+    def whole_decays(
+        self, release: int | None = None, modes: int | None = None
+    ) -> tuple[Decay, ...]:
+        """The free decays with all that rings in them, each channel by itself.
+
+        They are what `identify_coupled` takes. A record of many samples a cycle is decimated.
+
+        Parameters
+        ----------
+        release : int, optional
+            Number of the release, from 1; all in which enough modes ring by default.
+        modes : int, optional
+            How many modes are enough; as many as ring in any release by default.
+
+        Returns
+        -------
+        tuple of Decay
+
+        Raises
+        ------
+        ValueError
+            If there is no such release, or nothing rings.
+        """
+        numbers, inside = self.rings_together(release, modes), self.cleaned.channel(*self.together)
+        fastest = max(max(m.frequency) for m in self.modes if not m.steady)
+        factor = int(1 / (ENOUGH_SAMPLES * inside.dt * fastest))
+        decays = [
+            Decay.of_release(inside, self.releases[i], self._notes(i, self.together))
+            for i in numbers
+        ]
+        return tuple(decay.decimated(factor) for decay in decays)
+
+    def rings_together(self, release: int | None = None, modes: int | None = None) -> list[int]:
+        """Numbers, from 0, of the releases that `whole_decays` takes.
+
+        Raises
+        ------
+        ValueError
+            If there is no such release, or nothing rings.
+        """
+        self.mode()  # refuses a record in which nothing rings
+        ringing = [m for m in self.modes if not m.steady]
+        counts = [sum(m.parts[i] is not None for m in ringing) for i in range(len(self.releases))]
+        if release is None:
+            enough = min(max(counts), modes or max(counts))
+            return [i for i, count in enumerate(counts) if count >= enough]
+        if release not in range(1, len(counts) + 1):
+            raise ValueError(f"release = {release} is none of the releases, 1 to {len(counts)}")
+        return [release - 1]
+
     def mode(self, mode: int | None = None, band: tuple[float, float] | None = None) -> Mode:
         """One of the modes by number or band, the dominant one by default.
 
@@ -217,29 +268,33 @@ class Findings:
 
     def _isolated(self, i: int, mode: Mode) -> Decay:
         t, x = self.release_signal(i)
-        vibrations, part = self.vibrations[i], self.releases[i]
+        vibrations = self.vibrations[i]
         number = next(k for k, v in enumerate(vibrations) if v is mode.parts[i])
-        notes = list(self.recording.notes)
+        notes = self._notes(i, (self.channel,))
         if len(self.together) > 1:
             x, note = self._together(i, vibrations[number])
-            notes.append(note)
+            notes = (*notes, note)
             vibrations = find_vibrations(x, float(t[1] - t[0]), vibrations[number].derivative)
             off = [abs(v.mean_frequency / mode.mean_frequency - 1) for v in vibrations]
             number = int(np.argmin(off))
-        if len(self.releases) > 1 or part.start > self.recording.t[0]:
-            notes.append(
-                f"release {i + 1} of {len(self.releases)}: from {part.start:.6g} s"
-                f" ({part.why_start}) to {part.end:.6g} s ({part.why_end})"
-            )
-        inside = [d for d in self.defects if d.start <= part.end and d.end >= part.start]
-        notes += [str(d) for d in inside if d.channel in ("", self.channel)]
-        alone = isolated(t, x, vibrations, number, self.recording.unit, tuple(notes))
+        alone = isolated(t, x, vibrations, number, self.recording.unit, notes)
         tone = vibrations[number].tone
         first, last = float(t[0]) + tone.start, float(t[0]) + tone.end
         if first <= alone.t[0] and alone.t[-1] <= last:
             return alone
         note = f"cut to {first:.6g} to {last:.6g} s, where it stands out of the noise"
         return replace(alone.between(first, last), notes=(*alone.notes, note))
+
+    def _notes(self, i: int, channels: Collection[str]) -> tuple[str, ...]:
+        """What was done to a release, and what is wrong with it in some channels."""
+        part, notes = self.releases[i], list(self.recording.notes)
+        if len(self.releases) > 1 or part.start > self.recording.t[0]:
+            notes.append(
+                f"release {i + 1} of {len(self.releases)}: from {part.start:.6g} s"
+                f" ({part.why_start}) to {part.end:.6g} s ({part.why_end})"
+            )
+        inside = [d for d in self.defects if d.start <= part.end and d.end >= part.start]
+        return (*notes, *(str(d) for d in inside if d.channel in ("", *channels)))
 
     def _together(self, i: int, vibration: Vibration) -> tuple[Array, str]:
         """The channels as one for a vibration, scaled to the main one, and how in words."""

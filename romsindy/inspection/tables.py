@@ -84,6 +84,17 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     return f"{used} Left out: {', '.join(out)}." if out else used
 
 
+def picked_together(found: Findings, releases: Sequence[int]) -> str:
+    """Which releases (from 0) are used with all that rings in them, and which are left out."""
+    names = [str(i + 1) for i in releases]
+    channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
+    rings = listed([f"{m.mean_frequency:.5g} Hz" for m in found.modes if not m.steady])
+    release = f"release{'s' * (len(names) > 1)} {listed(names)}"
+    used = f"Used: {channels}, {release}, with all that rings: {rings}."
+    rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
+    return f"{used} Left out: release {listed(rest)}." if rest else used
+
+
 def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     """What to do next, with the choices that the record offers.
 

@@ -202,6 +202,14 @@ class CoupledModel(TermSum):
         largest = np.argmax(np.abs(modes), axis=0)
         return np.sqrt(squared), modes * np.sign(modes[largest, np.arange(len(squared))])
 
+    @cached_property
+    def linear_damping_ratios(self) -> Array:
+        """Damping ratios of small vibrations in the `linear_modes`, (R,)."""
+        omega, modes = self.linear_modes
+        rest = np.zeros(self.n_coordinates)
+        damping = self.linearise(rest, rest, rest)[2]
+        return np.einsum("ik,ij,jk->k", modes, damping, modes) / (2 * omega)
+
     # -- motion and energy --------------------------------------------------------------------
 
     def simulate(

@@ -18,7 +18,7 @@ from romsindy.record.integration import displacement
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import uniform_times
-from romsindy.record.signals import fundamental_frequency, upsample
+from romsindy.record.signals import downsample, fundamental_frequency, upsample
 from romsindy.typing import Array, Indices
 
 Stage = Literal["raw", "free", "conditioned"]
@@ -125,8 +125,7 @@ class Decay:
         ValueError
             If there is no free decay in it.
         """
-        t, v, q, notes = _integrated(cls(np.asarray(t), np.asarray(v)), "velocity", unit)
-        return cls(t, q, v, None, unit, "velocity", notes, "free")
+        return _largest(t, v, "velocity", unit)
 
     @classmethod
     def from_acceleration(cls, t: ArrayLike, a: ArrayLike, unit: str | None = None) -> Decay:
@@ -134,8 +133,23 @@ class Decay:
 
         Arguments as those of `from_velocity`; a in units of q per second squared.
         """
-        t, a, q, notes = _integrated(cls(np.asarray(t), np.asarray(a)), "acceleration", unit)
-        return cls(t, q, None, a, unit, "acceleration", notes, "free")
+        return _largest(t, a, "acceleration", unit)
+
+    @classmethod
+    def of_release(
+        cls, recording: Recording, release: Release, notes: tuple[str, ...] = ()
+    ) -> Decay:
+        """The free decay of one release, with every channel of the recording.
+
+        A measured velocity or acceleration is integrated without drift, and loses what that spoils
+        at either end.
+        """
+        part = recording.between(release.start, release.end)
+        x = part.x if len(part.names) > 1 else part.x[:, 0]
+        decay = cls(part.t, x, unit=part.unit, notes=notes, stage="free")
+        if part.quantity == "displacement":
+            return decay
+        return _integrated(decay, release.frequency, part.quantity)
 
     # -- what it is ---------------------------------------------------------------------------
 
@@ -265,6 +279,13 @@ class Decay:
         t = np.linspace(self.t[0], self.t[-1], factor * (len(self.t) - 1) + 1)
         note = f"{per_cycle:.3g} samples a cycle interpolated to {factor * per_cycle:.3g}"
         return self._mapped(lambda x: upsample(x, factor), t, (note,))
+
+    def decimated(self, factor: int) -> Decay:
+        """Every ``factor``-th sample, low-passed before."""
+        if factor <= 1:
+            return self
+        note = f"decimated by {factor}: that is fast enough"
+        return self._mapped(lambda x: downsample(x, factor), self.t[::factor], (note,))
 
     def differentiated(self, method: Filter | None = None) -> Decay:
         """Smooth the displacement and derive velocity and acceleration that agree with it.
@@ -402,20 +423,26 @@ def _release(
     return release, tuple(notes)
 
 
-def _integrated(
-    rate: Decay, quantity: Quantity, unit: str | None
-) -> tuple[Array, Array, Array, tuple[str, ...]]:
-    """Times, rate and displacement of the largest release, and what was done."""
-    release, notes = _release(Recording(rate.t, rate.q, quantity=quantity, unit=unit))
-    part = rate.between(release.start, release.end)
+def _largest(t: ArrayLike, x: ArrayLike, quantity: Quantity, unit: str | None) -> Decay:
+    """The largest release of a measured velocity or acceleration."""
+    rate = Decay(np.asarray(t), np.asarray(x))
+    recording = Recording(rate.t, rate.q, quantity=quantity, unit=unit)
+    release, notes = _release(recording)
+    return Decay.of_release(recording, release, (*rate.notes, *notes))
+
+
+def _integrated(rate: Decay, frequency: float, quantity: Quantity) -> Decay:
+    """The decay whose velocity or acceleration is given as q; ``frequency`` is the slowest, Hz."""
     times = QUANTITIES.index(quantity)
-    columns = part.q.reshape(len(part.t), -1).T
-    found = [displacement(x, part.dt, release.frequency, times) for x in columns]
-    q = np.stack([x for x, _ in found], axis=1).reshape(part.q.shape)
+    columns = rate.q.reshape(len(rate.t), -1).T
+    found = [displacement(x, rate.dt, frequency, times) for x in columns]
+    q = np.stack([x for x, _ in found], axis=1).reshape(rate.q.shape)
     sound = slice(max(s.start for _, s in found), min(s.stop for _, s in found))
     how = "from velocity" if times == 1 else "twice from acceleration"
     done = [f"displacement integrated {how}, drift removed"]
-    if len(part.t[sound]) < len(part.t):
-        before, after = sound.start * part.dt, (len(part.t) - sound.stop) * part.dt
+    if len(rate.t[sound]) < len(rate.t):
+        before, after = sound.start * rate.dt, (len(rate.t) - sound.stop) * rate.dt
         done.append(f"{before:.3g} s at the start and {after:.3g} s at the end cut: drift unclear")
-    return part.t[sound], part.q[sound], q[sound], (*rate.notes, *notes, *done)
+    signals: Any = {"q": q[sound], _NAMES[times]: rate.q[sound]}
+    notes = (*rate.notes, *done)
+    return replace(rate, t=rate.t[sound], measured=quantity, notes=notes, **signals)

@@ -31,7 +31,7 @@ _SHARED = (
 _SPOILED, _HARMLESS, _LOUD = 4.0, 0.005, 0.5
 _FEW_CYCLES, _MOST_SPOILED = 30, 5
 # Samples a cycle of what is returned: six harmonics, and noise beyond them.
-_SAMPLES_PER_CYCLE = 20
+ENOUGH_SAMPLES = 20
 _TERMS = 2  # of an integration by parts
 _NAMES = ("q", "q_dot", "q_ddot")
 
@@ -71,7 +71,7 @@ def isolated(
     """
     own = vibrations[number]
     others = [v for i, v in enumerate(vibrations) if i != number]
-    enough = 1 / (_SAMPLES_PER_CYCLE * float(t[1] - t[0]) * float(own.frequency.max()))
+    enough = 1 / (ENOUGH_SAMPLES * float(t[1] - t[0]) * float(own.frequency.max()))
     coarse = max(min(decimation(x, float(t[1] - t[0])), int(enough)), 1)
     x, t = downsample(x, coarse), t[::coarse]
     dt, clock = float(t[1] - t[0]), t - t[0]

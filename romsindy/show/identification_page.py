@@ -112,10 +112,7 @@ class IdentificationReport:
 
     def notes(self) -> list[str]:
         """What was measured, and what was done to it."""
-        lines: list[str] = []
-        for decay in self.decays:
-            lines += [repr(decay).splitlines()[0].strip("<>"), *decay.notes]
-        return list(dict.fromkeys(lines))  # what holds for several decays once
+        return told_of(self.decays)
 
     def _impossible(self) -> list[str]:
         sentences = []
@@ -134,6 +131,12 @@ class IdentificationReport:
                     " energy, which no damping does."
                 )
         return sentences
+
+
+def told_of(decays: Sequence[Decay]) -> list[str]:
+    """What decays are, and what was done to them; what holds for several of them once."""
+    lines = [line for d in decays for line in (repr(d).splitlines()[0].strip("<>"), *d.notes)]
+    return list(dict.fromkeys(lines))
 
 
 def _off(candidate: Judged) -> str:

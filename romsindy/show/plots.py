@@ -19,6 +19,7 @@ from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
 from romsindy.show.cycles import Curve, Models, backbones_of, misses, numbered, of_cycles, span_of
 from romsindy.show.facts import tell
+from romsindy.text import listed
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
@@ -248,7 +249,8 @@ def plot_forced_response(
 ) -> Axes:
     """Amplitude of forced orbits against frequency: stable solid, unstable dashed.
 
-    Bifurcations are marked by kind.
+    Bifurcations are marked by kind. Of several coordinates each has a line of its own colour, named
+    behind the label.
 
     Parameters
     ----------
@@ -256,24 +258,34 @@ def plot_forced_response(
     label : str
         Goes before "stable" and "unstable" in the legend; the force if it is not given.
     color : str
-        Of the curve.
+        Of the curve, or of that of the first coordinate: the others are "C1", "C2", ...
     """
     ax = _orbit_axes(response, ax)
-    label = label or f"{response.force:.3g} {response.unit or '[q]'}/s$^2$,"
-    hz = response.frequency / (2 * np.pi)
-    # A stretch ends on the first point of the next one, so that the curve has no gaps.
-    changes = np.flatnonzero(np.diff(response.stable)) + 1
-    named: set[str] = set()
-    for low, high in zip([0, *changes], [*(changes + 1), len(hz)], strict=True):
-        name, style = ("stable", "-") if response.stable[low] else ("unstable", "--")
-        text = None if name in named else f"{label} {name}".strip()
-        stretch = slice(low, high)
-        ax.plot(hz[stretch], response.amplitude[stretch], style, color=color, lw=1.2, label=text)
-        named.add(name)
+    force = listed([f"{f:.3g}" for f in np.atleast_1d(response.force)])
+    label = label or f"{force} {response.unit or '[q]'}/s$^2$,"
+    lines = response.amplitude.reshape(len(response), -1).T
+    for i, amplitude in enumerate(lines):
+        own = f"{label} q{i + 1}" if len(lines) > 1 else label
+        _stretches(ax, response, amplitude, own, color if i == 0 else f"C{i}")
     for kind in dict.fromkeys(b.kind for b in response.bifurcations):
         _mark(ax, response, [b.index for b in response.bifurcations if b.kind == kind], kind)
     ax.legend(loc="best", frameon=False)
     return ax
+
+
+def _stretches(
+    ax: Axes, response: ForcedResponse, amplitude: Array, label: str, color: str
+) -> None:
+    """The stable and unstable stretches of one coordinate, each kind named once."""
+    hz, named = response.frequency / (2 * np.pi), set[str]()
+    # A stretch ends on the first point of the next one, so that the curve has no gaps.
+    changes = np.flatnonzero(np.diff(response.stable)) + 1
+    for low, high in zip([0, *changes], [*(changes + 1), len(hz)], strict=True):
+        name, style = ("stable", "-") if response.stable[low] else ("unstable", "--")
+        text = None if name in named else f"{label} {name}".strip()
+        stretch = slice(low, high)
+        ax.plot(hz[stretch], amplitude[stretch], style, color=color, lw=1.2, label=text)
+        named.add(name)
 
 
 _MARKERS = {"fold": "o", "branch point": "s", "period doubling": "^", "Neimark-Sacker": "D"}

@@ -1,0 +1,50 @@
+"""What `romsindy identify` prints and writes when it is done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import click
+
+from romsindy.commands.coupled import CoupledResult
+from romsindy.commands.options import write_text
+from romsindy.commands.results import HEADER, Refusal, Result
+from romsindy.show.overview import write_overview
+from romsindy.text import aligned
+
+AnyResult = Result | CoupledResult
+
+
+def tell_one(
+    result: AnyResult, say: Callable, model: Path | None, save: Path | None, figure: Path | None
+) -> None:
+    """Print a result, and write what was asked for beside its page."""
+    written = [f"Report: {result.page}"]
+    # Files come first: who reads a pipe may stop.
+    if model is not None:
+        write_text(model, result.model.to_json())
+        written.append(f"Model: {model}")
+    if save is not None and result.found is not None:
+        result.found.save(save)
+        written.append(f"Saved: {save}")
+    if figure is not None:
+        next(p for p in result.pictures() if p.name == "backbone").write(figure)
+        written.append(f"Figure: {figure}")
+    say(f"{result}\n" + "\n".join(written))
+    if save is not None and result.found is None:
+        raise click.ClickException(result.report.trouble)
+
+
+def tell_all(
+    results: Sequence[AnyResult | Refusal], overview: Path, interactive: bool, say: Callable
+) -> None:
+    """Print the table, and write the page of all files."""
+    done = [r for r in results if not isinstance(r, Refusal)]
+    refused = [r.sentence for r in results if isinstance(r, Refusal)]
+    explained = sum(r.explained for r in done)
+    sentence = f"Identified: {len(done)} files, {explained} of them explained to the noise."
+    rows = [HEADER, *(row for r in results for row in r.rows())]
+    backbones = {r.file: r.report.backbone for r in done if isinstance(r, Result)}
+    write_overview(overview, sentence, rows, backbones, refused, interactive=interactive)
+    say("\n".join([aligned(rows), "", *refused, sentence, f"Overview: {overview}"]))

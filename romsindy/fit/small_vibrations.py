@@ -1,0 +1,80 @@
+"""The vibrations of a model of several coordinates: as small ones, and how large they were."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.refine import Fit
+from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class SmallVibration:
+    """One mode of small vibrations, and the vibration of the decays that is near it.
+
+    Attributes
+    ----------
+    number : int
+        Of the mode, by frequency, from 1.
+    coordinate : int
+        That it moves most, from 1.
+    frequency, frequency_std : float
+        Of small vibrations, Hz, with its standard error.
+    damping_ratio, damping_ratio_std : float
+    measured_amplitude : (n,) array
+        Of the coordinate, as it was followed in all decays; unit of q.
+    measured_frequency : (n,) array
+        At these amplitudes, Hz; the other coordinates move it, too.
+    """
+
+    number: int
+    coordinate: int
+    frequency: float
+    frequency_std: float
+    damping_ratio: float
+    damping_ratio_std: float
+    measured_amplitude: Array
+    measured_frequency: Array
+
+
+def small_vibrations(fit: Fit) -> tuple[SmallVibration, ...]:
+    """The modes of a fit, by frequency."""
+    numbers = np.stack([_linear(fit.model), fit.errors_of(_linear)], axis=1)  # (2, 2, R)
+    main = np.argmax(np.abs(_coupled(fit.model).linear_modes[1]), axis=0)
+    found = []
+    for i, coordinate in enumerate(main.tolist()):
+        frequency, frequency_std, ratio, ratio_std = numbers[:, :, i].ravel().tolist()
+        found.append(
+            SmallVibration(
+                i + 1,
+                coordinate + 1,
+                frequency,
+                frequency_std,
+                ratio,
+                ratio_std,
+                *_followed(fit, coordinate),
+            )
+        )
+    return tuple(found)
+
+
+def _followed(fit: Fit, coordinate: int) -> tuple[Array, Array]:
+    """Amplitude of a coordinate, and its frequency in Hz, as followed in all decays."""
+    tones = [(r.tones[coordinate], r) for r in fit.records if isinstance(r, CoupledRecord)]
+    amplitude = [t.amplitude / (2 * np.pi * t.frequency) ** r.derivative for t, r in tones]
+    return np.concatenate(amplitude), np.concatenate([t.frequency for t, _ in tones])
+
+
+def _linear(model: AnyModel) -> Array:
+    """Frequencies, Hz, and damping ratios of the modes, (2, R)."""
+    coupled = _coupled(model)
+    return np.array([coupled.linear_modes[0] / (2 * np.pi), coupled.linear_damping_ratios])
+
+
+def _coupled(model: AnyModel) -> CoupledModel:
+    assert isinstance(model, CoupledModel)  # a fit of several coordinates
+    return model
