@@ -109,7 +109,7 @@ def test_what_cannot_be_fitted(two_sensors):
     with pytest.raises(ValueError, match="decay 1 is the same record"):
         refine(model, [decay, decay])
     with pytest.raises(ValueError, match=r"has 2 coordinates, and one is needed.*backbone_curve"):
-        two_sensors.band([0.1])
+        two_sensors.single_model  # noqa: B018
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ However it was found, and without the data it was found from, so that it can be 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.orbits.curves import require_mode
+from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
@@ -98,28 +100,36 @@ class Estimate:
             )
         return self.model
 
-    def band(self, amplitudes: ArrayLike) -> Band:
+    def band(self, amplitudes: ArrayLike, mode: int = 1) -> Band:
         """Backbone and damping of the model with their standard errors.
 
         Parameters
         ----------
         amplitudes : (n,) array
-            Half peak to peak, positive, unit of q.
+            Half peak to peak, positive, unit of q; of several coordinates that of the one that
+            moves most in the mode.
+        mode : int
+            Number of the mode, by frequency, from 1, with its interactions.
 
         Returns
         -------
         Band
+            nan where the model has no orbit of that amplitude. A mode that turns back where it
+            meets another one is followed from small amplitudes up to there, and is nan beyond.
 
         Raises
         ------
         ValueError
-            For a model of several coordinates.
+            If an amplitude is not positive, or the model has no such mode.
+        ContinuationError
+            If the orbits of several coordinates end far below the amplitudes.
         """
         a = np.atleast_1d(np.asarray(amplitudes, float))
-        errors, model = self.standard_errors, self.single_model
-        slopes = [_slope(model, name, error, a) for name, error in errors.items()]
+        curves, model = _curves_near(self.model, a, mode), self.model
+        errors, (omega, zeta) = self.standard_errors, curves(model)
+        slopes = [_slope(curves, model, name, error, len(a)) for name, error in errors.items()]
         variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
-        (omega, zeta), (omega_std, zeta_std) = _curves(model, a), np.sqrt(variance)
+        omega_std, zeta_std = np.sqrt(variance)
         return Band(a, omega, zeta, omega_std, zeta_std, model.unit)
 
     def __str__(self) -> str:
@@ -236,15 +246,21 @@ class Band:
     unit: str | None
 
 
-def _curves(model: ReducedModel, amplitudes: Array) -> Array:
-    return np.array([model.backbone(amplitudes), model.damping_ratio(amplitudes)])
+def _curves_near(model: AnyModel, amplitudes: Array, mode: int) -> Callable[[Any], Array]:
+    """A function of the model, or one near it: angular frequency and damping ratio, (2, n)."""
+    require_mode(mode, model)
+    if isinstance(model, CoupledModel):
+        return mode_orbits(model, amplitudes, mode).curves
+    return lambda near: np.array([near.backbone(amplitudes), near.damping_ratio(amplitudes)])
 
 
-def _slope(model: ReducedModel, name: str, error: float, amplitudes: Array) -> Array:
-    """Derivative of the curves with respect to a coefficient."""
+def _slope(
+    curves: Callable[[Any], Array], model: AnyModel, name: str, error: float, n: int
+) -> Array:
+    """Derivative of the curves with respect to a coefficient, (2, n)."""
     if error == 0:  # without error it adds nothing, whatever its slope
-        return np.zeros((2, len(amplitudes)))
+        return np.zeros((2, n))
     values = model.coefficients
     ends = [values | {name: values[name] + s * error} for s in (_STEP, -_STEP)]
-    high, low = (_curves(replace(model, values=tuple(end.values())), amplitudes) for end in ends)
+    high, low = (curves(replace(model, values=tuple(end.values()))) for end in ends)
     return (high - low) / (2 * _STEP * error)
