@@ -125,7 +125,7 @@ class Estimate:
             If the orbits of several coordinates end far below the amplitudes.
         """
         a = np.atleast_1d(np.asarray(amplitudes, float))
-        curves, model = _curves_near(self.model, a, mode), self.model
+        curves, model = curves_near(self.model, a, mode), self.model
         errors, (omega, zeta) = self.standard_errors, curves(model)
         slopes = [_slope(curves, model, name, error, len(a)) for name, error in errors.items()]
         variance = np.einsum("pca,pq,qca->ca", slopes, self.covariance, slopes)
@@ -246,7 +246,7 @@ class Band:
     unit: str | None
 
 
-def _curves_near(model: AnyModel, amplitudes: Array, mode: int) -> Callable[[Any], Array]:
+def curves_near(model: AnyModel, amplitudes: Array, mode: int) -> Callable[[Any], Array]:
     """A function of the model, or one near it: angular frequency and damping ratio, (2, n)."""
     require_mode(mode, model)
     if isinstance(model, CoupledModel):
