@@ -57,8 +57,9 @@ class ModeOrbits:
     def curves(self, model: CoupledModel) -> Array:
         """Angular frequency (rad/s) and damping ratio of a model near this one, (2, n).
 
-        To first order in what differs without damping.
-        zeta = (energy lost in a cycle) / (2 pi a dE/da), as in `ReducedModel.damping_ratio`.
+        Orbits move to first order in what differs, as standard errors ask for.
+        zeta = (energy lost in a cycle) / (2 pi a dE/da), as in `ReducedModel.damping_ratio`: it
+        falls towards a fold, where the energy grows and the amplitude does not.
         """
         undamped = model.undamped()
         orbits = self if undamped == self.model else self._moved(undamped)
