@@ -12,6 +12,7 @@ import ctypes
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -38,19 +39,27 @@ printf('%.17g\\n', y(:, 1));
 """
 
 
-def moved_in_c(model: rs.ReducedModel, folder: Path) -> np.ndarray:
-    """q at `TIMES`: the compiled function in scipy's DOP853."""
+def compiled(
+    model: rs.ReducedModel | rs.CoupledModel, folder: Path
+) -> Callable[[float, np.ndarray], list[float]]:
+    """dy/dt of t and y, by the compiled function."""
     source, library = folder / "rhs.c", folder / "rhs.so"
     source.write_text(model.to_c())
     subprocess.run(["cc", *_STRICT, "-o", library, source, "-lm"], check=True)
-    function, two = ctypes.CDLL(str(library)).rhs, ctypes.c_double * 2
+    function, state = ctypes.CDLL(str(library)).rhs, ctypes.c_double * (2 * model.n_coordinates)
 
     def rates(t: float, y: np.ndarray) -> list[float]:
-        dy = two()
-        function(ctypes.c_double(t), two(*y), dy)
+        dy = state()
+        function(ctypes.c_double(t), state(*y), dy)
         return list(dy)
 
+    return rates
+
+
+def moved_in_c(model: rs.ReducedModel, folder: Path) -> np.ndarray:
+    """q at `TIMES`: the compiled function in scipy's DOP853."""
     tight = {"rtol": 1e-12, "atol": 1e-13}
+    rates = compiled(model, folder)
     return solve_ivp(rates, TIMES[[0, -1]], START, "DOP853", TIMES, **tight).y[0]
 
 

@@ -1,5 +1,6 @@
 """Fits of several coordinates, to decays of a simulator that shares nothing with the package."""
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -13,6 +14,7 @@ from romsindy import (
     identify_coupled,
     refine,
 )
+from romsindy.show import plots
 
 SHAPES = np.array([[1.0, 0.7], [0.5, 1.0]])
 TRUTH = {
@@ -98,6 +100,27 @@ def test_a_fit_can_be_kept_and_repeated(two_sensors, tmp_path):
     assert np.all((spread > 0.05) & (spread < 4))
 
 
+@pytest.mark.parametrize("mode", [1, 2])
+def test_a_mode_is_drawn_with_its_band(two_sensors, mode):
+    """What rings is the tone of the coordinate; the curve is the band of the mode."""
+    try:
+        ax = plots.plot_backbone(two_sensors, mode=mode)
+        damping = plots.plot_damping(two_sensors, mode=mode)
+        names = [text.get_text() for text in ax.get_legend().get_texts()]
+        assert names == [f"fitted model, mode {mode} alone", f"mode {mode} while others ring"]
+        hz, amplitude = ax.lines[-1].get_data()
+        band = two_sensors.band(amplitude, mode)
+        np.testing.assert_allclose(2 * np.pi * hz, band.frequency)
+        np.testing.assert_allclose(damping.lines[-1].get_ydata(), 100 * band.damping_ratio)
+        own = np.concatenate([r.tones[mode - 1].amplitude for r in two_sensors.records])
+        sizes = np.concatenate([c.lines[0].get_ydata() for c in ax.containers])
+        np.testing.assert_array_equal(sizes, own)
+    finally:
+        plt.close("all")
+    with pytest.raises(ValueError, match="mode = 3 is none of the modes 1 to 2"):
+        plots.plot_damping(two_sensors, mode=3)
+
+
 def test_what_cannot_be_fitted(two_sensors):
     decay = two_sensors.decays[0]
     far = CoupledModel.from_coefficients({**START, "omega^2 [q2]": 1e5}, unit="m")
@@ -109,7 +132,7 @@ def test_what_cannot_be_fitted(two_sensors):
     with pytest.raises(ValueError, match="decay 1 is the same record"):
         refine(model, [decay, decay])
     with pytest.raises(ValueError, match=r"has 2 coordinates, and one is needed.*backbone_curve"):
-        two_sensors.band([0.1])
+        two_sensors.single_model  # noqa: B018
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 import sympy
 from click.testing import CliRunner
+from test_coupled import COUPLED
 from test_physics_laws import ALL, COMBINED, Ripple
 
-from romsindy import ReducedModel
+from romsindy import CoupledModel, ReducedModel
 from romsindy.commands.main import main
+from romsindy.physics import coupled_export
+from romsindy.physics.coupling import Along
 from romsindy.physics.damping import Friction, PositionDamping
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import Stiffness
@@ -67,6 +70,106 @@ def test_matlab_accelerates_as_the_model_does(model):
     np.testing.assert_array_equal(names["dy"][0], Q_DOT)
     scale = np.abs(model.stiffness(Q)) + np.abs(model.damping(Q, Q_DOT)) + 1
     assert np.max(np.abs(names["dy"][1] - model.acceleration(Q, Q_DOT)) / scale) < 1e-14
+
+
+# -- several coordinates --------------------------------------------------------------------------
+
+# Christoffel forces, inertia and damping across coordinates, kinks, dry friction, other masses.
+EVERYTHING = {
+    **COUPLED.coefficients,
+    "gamma_|q|^2 [q1 - q2]": -0.7,
+    "c_coulomb [q1 + 0.3 q2]": 1 / 7,
+    "mu [q2]": 0.4,
+    "c_|q|^1.5 q_dot [q2]": 0.2,
+    "C_12 q1 q2": 0.3,
+}
+SEVERAL = {
+    "everything": EVERYTHING,
+    "three": {**EVERYTHING, "omega^2 [q3]": 90.0, "V q1 q2 q3": 2.0, "g(q1 q3) g(q2^2)": 0.04},
+    "undamped": {"omega^2 [q1]": 4.0, "omega^2 [q2]": 9.0, "V q1^2 q2": 1 / 3},
+}
+each_of_several = pytest.mark.parametrize("title", SEVERAL)
+
+
+def several(title):
+    """A model, states of it with coordinates last, (400, R), and its accelerations."""
+    model = CoupledModel.from_coefficients(SEVERAL[title], unit="m")
+    states = np.random.default_rng(6).uniform(-0.5, 0.5, (2, 400, model.n_coordinates))
+    return model, *states, model.acceleration(*states)
+
+
+def solved(inertia, force):
+    """q_ddot (n, R) of M (R, R, n) and the forces (R, n)."""
+    return -np.linalg.solve(np.moveaxis(inertia, -1, 0), np.transpose(force)[..., None])[..., 0]
+
+
+def filled(matrix, state):
+    """The entries of a sympy matrix at states (n, 2 R), (rows, columns, n)."""
+    symbols = [x for x in coupled_export.symbols(state.shape[1] // 2) for x in x]
+    entries = [sympy.lambdify(symbols, x, "numpy")(*state.T) for x in matrix]
+    return np.stack(np.broadcast_arrays(*entries, state[:, 0])[:-1]).reshape(*matrix.shape, -1)
+
+
+@each_of_several
+def test_sympy_accelerates_as_several_coordinates_do(title):
+    model, q, q_dot, expected = several(title)
+    inertia, force = (filled(x, np.hstack([q, q_dot])) for x in model.to_sympy())
+    np.testing.assert_allclose(inertia, np.moveaxis(model.inertia(q), 0, -1), atol=1e-14)
+    # M is well conditioned: rounding of some twenty products, of forces up to 100.
+    error = np.abs(solved(inertia, force[:, 0]) - expected)
+    assert np.max(error) < 1e-12 * np.max(np.abs(expected))
+
+
+@needs_compiler
+@each_of_several
+def test_compiled_c_accelerates_as_several_coordinates_do(title, tmp_path):
+    model, q, q_dot, expected = several(title)
+    rates = exports.compiled(model, tmp_path)
+    found = np.array([rates(0.0, y) for y in np.hstack([q, q_dot])])
+    np.testing.assert_array_equal(found[:, : q.shape[1]], q_dot)
+    error = np.abs(found[:, q.shape[1] :] - expected)
+    assert np.max(error) < 1e-12 * np.max(np.abs(expected))
+
+
+@each_of_several
+def test_matlab_accelerates_as_several_coordinates_do(title):
+    """Its statements read as Python, but for the last one, which solves."""
+    model, q, q_dot, expected = several(title)
+    r, text = model.n_coordinates, model.to_matlab()
+    assert text.startswith("function dy = rhs(t, y)\n%")
+    assert text.endswith(f"dy = [y({r + 1}:{2 * r}); -(inertia \\ force)];\nend")
+    body = re.sub(r" \.\.\.\n *", " ", text.split("\n", 1)[1].rsplit("\n", 2)[0])
+    body = "\n".join(line for line in body.splitlines() if not line.startswith("%"))
+    body = re.sub(r"^(inertia|force)\(([\d, ]+)\) =", r"\1[at(\2)] =", body, flags=re.M)
+    body = body.replace(".^", "**").replace(".*", "*").replace("./", "/").replace(";", "")
+    names = {"y": lambda k: np.hstack([q, q_dot])[:, k - 1], "max": np.maximum}
+    names |= {"at": lambda *k: tuple(i - 1 for i in k), "abs": np.abs, "sign": np.sign}
+    names["zeros"] = lambda n, m: np.zeros((n, m, len(q))[:: 2 if m == 1 else 1])
+    exec(body, names)
+    error = np.abs(solved(names["inertia"], names["force"]) - expected)
+    assert np.max(error) < 1e-12 * np.max(np.abs(expected))
+
+
+def test_text_of_several_coordinates_says_equations_units_and_jumps():
+    model = several("everything")[0]
+    for text in (model.to_c("roll"), model.to_matlab("roll")):
+        said = re.sub(r"\n(//|%) ", " ", text)
+        assert "q2_ddot + 150 q2" in said and "(q in m, t in s)" in said
+        assert "1/(m^2 s)" in said and "roll(" in said and "jumps where q_dot" in said
+        assert max(map(len, text.splitlines())) < 110
+    assert "jumps" not in model.regularised(0.1).to_c()
+    with pytest.raises(ValueError, match="name='q1_dot' is a word of C or MATLAB"):
+        model.to_c("q1_dot")
+
+
+def test_laws_of_several_coordinates_that_cannot_be_exported_are_named():
+    stepping = Along.coordinate(Stepping("ufunc"), 2)
+    model = CoupledModel((Along.coordinate(Stiffness(1), 1), stepping), (1.0, 1.0))
+    with pytest.raises(ValueError, match=r"'stepping' cannot be exported \(numpy.heaviside"):
+        model.to_matlab()
+
+
+# -- one coordinate in motion ---------------------------------------------------------------------
 
 
 @needs_compiler
@@ -170,6 +273,18 @@ def test_sympy_script_runs_and_keeps_every_digit(run, tmp_path, model):
     names = {}
     exec(run("model.json", "--to", "sympy").output, names)
     np.testing.assert_allclose(evaluated(names["q_ddot"]), evaluated(model.to_sympy()), rtol=1e-13)
+
+
+@each_of_several
+def test_command_exports_several_coordinates(run, tmp_path, title):
+    model, q, q_dot, _ = several(title)
+    (tmp_path / "model.json").write_text(model.to_json())
+    names = {}
+    exec(run("model.json", "--to", "sympy").output, names)
+    state = np.hstack([q, q_dot])
+    for ours, theirs in zip((names["inertia"], names["force"]), model.to_sympy(), strict=True):
+        np.testing.assert_allclose(filled(ours, state), filled(theirs, state), atol=1e-13)
+    assert run("model.json", "--to", "c").output == model.to_c() + "\n"
 
 
 def test_command_exports_what_a_diagnosis_found(run, tmp_path):

@@ -10,8 +10,9 @@ import click
 
 from romsindy.commands.options import Output, text_of, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
-from romsindy.physics.export import python_script
-from romsindy.physics.model import ReducedModel
+from romsindy.physics import coupled_export
+from romsindy.physics import export as single_export
+from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.serial import read_json
 from romsindy.record.files.load import named
 from romsindy.text import listed
@@ -49,13 +50,16 @@ def export(file: Path, language: str, output: Path, name: str | None) -> None:
         write_text(output, _code(model, language, name))
 
 
-def _code(model: ReducedModel, language: str, name: str) -> str:
+def _code(model: AnyModel, language: str, name: str) -> str:
     if language == "sympy":
-        return python_script(list(zip(model.terms, model.values, strict=True)), str(model))
+        pairs = list(zip(model.terms, model.values, strict=True))
+        if isinstance(model, CoupledModel):
+            return coupled_export.python_script(pairs, str(model), model.n_coordinates)
+        return single_export.python_script(pairs, str(model))
     return model.to_matlab(name) if language == "matlab" else model.to_c(name)
 
 
-def _model(text: str) -> ReducedModel:
+def _model(text: str) -> AnyModel:
     """The model of a file, also of a diagnosis.
 
     Raises
@@ -65,7 +69,7 @@ def _model(text: str) -> ReducedModel:
     """
     content = read_json(text)
     if not (isinstance(content, dict) and {"model", "effects"} <= {*content}):
-        return ReducedModel.from_json(text)
+        return model_from_json(text)
     outside = _outside(content["effects"])
     if outside:
         raise ValueError(
@@ -73,7 +77,7 @@ def _model(text: str) -> ReducedModel:
             " no term of the equation of motion; to export the equation without it, put the entry"
             ' "model" into a file of its own'
         )
-    return ReducedModel.from_json(json.dumps(content["model"]))
+    return model_from_json(json.dumps(content["model"]))
 
 
 def _outside(effects: list[dict[str, Any]]) -> list[str]:

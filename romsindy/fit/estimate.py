@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.orbits.curves import require_mode
+from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
@@ -98,30 +100,32 @@ class Estimate:
             )
         return self.model
 
-    def band(self, amplitudes: ArrayLike) -> Band:
+    def band(self, amplitudes: ArrayLike, mode: int = 1) -> Band:
         """Backbone and damping of the model with their standard errors.
 
         Parameters
         ----------
         amplitudes : (n,) array
-            Half peak to peak, positive, unit of q.
+            Half peak to peak, positive, unit of q; of several coordinates that of the one that
+            moves most in the mode.
+        mode : int
+            Number of the mode, by frequency, from 1, with its interactions.
 
         Returns
         -------
         Band
+            nan where the model has no orbit of that amplitude. A mode that turns back where it
+            meets another one is followed from small amplitudes up to there, and is nan beyond.
 
         Raises
         ------
         ValueError
-            For a model of several coordinates.
+            If an amplitude is not positive, or the model has no such mode.
+        ContinuationError
+            If the orbits of several coordinates end far below the amplitudes.
         """
         a = np.atleast_1d(np.asarray(amplitudes, float))
-        model = self.single_model
-
-        def curves(other: AnyModel) -> Array:
-            assert isinstance(other, ReducedModel)  # as this one
-            return np.array([other.backbone(a), other.damping_ratio(a)])
-
+        curves, model = curves_near(self.model, a, mode), self.model
         (omega, zeta), (omega_std, zeta_std) = curves(model), self.errors_of(curves)
         return Band(a, omega, zeta, omega_std, zeta_std, model.unit)
 
@@ -253,3 +257,11 @@ class Band:
     frequency_std: Array
     damping_ratio_std: Array
     unit: str | None
+
+
+def curves_near(model: AnyModel, amplitudes: Array, mode: int) -> Callable[[Any], Array]:
+    """A function of the model, or one near it: angular frequency and damping ratio, (2, n)."""
+    require_mode(mode, model)
+    if isinstance(model, CoupledModel):
+        return mode_orbits(model, amplitudes, mode).curves
+    return lambda near: np.array([near.backbone(amplitudes), near.damping_ratio(amplitudes)])

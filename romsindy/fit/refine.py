@@ -24,11 +24,13 @@ from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, sharing_drift
+from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import LOSSES, TOLERANCE, shoot
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
+from romsindy.record.vibrations import Resonance
 from romsindy.typing import Array
 
 # Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`.
@@ -96,6 +98,11 @@ class Fit(Estimate):
         if not isinstance(record, CoupledRecord):
             return np.ones((1, 1))
         return record.read(self.solution.parts, 0, record.motion.q[:1]).slope
+
+    @property
+    def resonances(self) -> tuple[Resonance, ...]:
+        """Pairs of modes, from 0 by frequency, that come within 1 % of p : q in the records."""
+        return resonances_in(self.records)
 
     @property
     def decays(self) -> tuple[Decay, ...]:
@@ -190,7 +197,7 @@ def refined(
         free=free,
         covariance=covariance[: len(free), : len(free)],
         verdict=examine(records, solution.residuals, solution.n_values),
-        notes=_notes(records, solution),
+        notes=(*_notes(records, solution), *resonance_notes(records, model.unit)),
         start=start,
         records=tuple(records),
         solution=solution,

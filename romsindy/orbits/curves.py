@@ -124,6 +124,14 @@ class BackboneCurve(PeriodicOrbits):
     conservative: bool
     crossings: Indices
 
+    @property
+    def series(self) -> Array:
+        """The coefficients as a_0, a_1, b_1, ... of cosines and sines, (n, 2 H + 1, R)."""
+        real, imaginary = self.coefficients.real, self.coefficients.imag
+        c = np.zeros((len(self), 2 * real.shape[1] - 1, *real.shape[2:]))
+        c[:, 0], c[:, 1::2], c[:, 2::2] = real[:, 0], real[:, 1:], -imaginary[:, 1:]
+        return c
+
     @cached_property
     def multipliers(self) -> NDArray[np.complex128]:
         """Floquet multipliers, (n, 2 R), the largest first, but those that are always 1 last.
@@ -131,11 +139,8 @@ class BackboneCurve(PeriodicOrbits):
         These are two of a conservative orbit, and one with damping: one is 1 because the motion may
         start at any time, the other because orbits come in families.
         """
-        real, imaginary = self.coefficients.real, self.coefficients.imag
-        c = np.zeros((len(self), 2 * real.shape[1] - 1, *real.shape[2:]))
-        c[:, 0], c[:, 1::2], c[:, 2::2] = real[:, 0], real[:, 1:], -imaginary[:, 1:]
         others = free_multipliers(
-            self.model, c, self.frequency, self.negative_damping, self.conservative
+            self.model, self.series, self.frequency, self.negative_damping, self.conservative
         )
         return np.concatenate([others, np.ones((len(self), 1 + self.conservative))], axis=1)
 
@@ -270,7 +275,7 @@ def backbone_curve(
     ladder = _ladder(n_harmonics)
     conservative = method == "conservative"
     smooth = model.undamped() if conservative else _smooth(model, velocity_scale)
-    omega_0, shape = _linear_mode(smooth, mode)
+    omega_0, shape = linear_mode(smooth, mode)
     coordinate = int(np.argmax(np.abs(shape)))
 
     def family(from_rest: bool, n: int) -> Family:
@@ -408,16 +413,20 @@ def _smooth(model: AnyModel, velocity_scale: float | None) -> AnyModel:
     return model
 
 
-def _linear_mode(model: AnyModel, number: int) -> tuple[float, Array]:
+def linear_mode(model: AnyModel, number: int) -> tuple[float, Array]:
     """Angular frequency, rad/s, and shape, (R,), of a mode counted from 1."""
-    equations = equations_of(model)
-    count = equations.n_coordinates
+    require_mode(number, model)
+    omega, shapes = equations_of(model).linear_modes()
+    return float(omega[number - 1]), shapes[:, number - 1]
+
+
+def require_mode(number: int, model: AnyModel) -> None:
+    """Whether a model has a mode of this number, counted from 1, or else a ValueError."""
+    count = model.n_coordinates
     if isinstance(number, bool) or number not in range(1, count + 1):
         several = f"the modes 1 to {count}: give one of them"
         one = "a model of one coordinate: give 1, or a CoupledModel"
         raise ValueError(f"mode = {number!r} is none of {several if count > 1 else one}")
-    omega, shapes = equations.linear_modes()
-    return float(omega[number - 1]), shapes[:, number - 1]
 
 
 def _small(shape: Array, p: float) -> Start:
@@ -500,7 +509,14 @@ def _orbits(branch: OrbitBranch, end: str, unit: str | None) -> dict[str, Any]:
 
 
 def _peak(coefficients: NDArray[np.complex128]) -> Array:
-    """Largest value of each series, (n, R): the best of many samples, improved by Newton."""
+    """Largest value of each series, (n, R)."""
+    ik = 1j * np.arange(coefficients.shape[1])
+    turned = np.exp(peak_phase(coefficients)[..., None] * ik)
+    return np.real(np.sum(coefficients.swapaxes(1, 2) * turned, axis=-1))
+
+
+def peak_phase(coefficients: NDArray[np.complex128]) -> Array:
+    """Where each series is largest, (n, R): the best of many samples, improved by Newton."""
     ik = 1j * np.arange(coefficients.shape[1])
     phases = np.linspace(0, 2 * np.pi, 16 * len(ik), endpoint=False)
     series = coefficients.swapaxes(1, 2)
@@ -510,7 +526,7 @@ def _peak(coefficients: NDArray[np.complex128]) -> Array:
         q = series * np.exp(phase * ik)
         slope, curvature = (np.real(q @ x)[..., None] for x in (ik, ik**2))
         phase = phase - np.where(curvature < 0, slope / np.where(curvature < 0, curvature, 1), 0)
-    return np.real(np.sum(series * np.exp(phase * ik), axis=-1))
+    return np.asarray(phase[..., 0])
 
 
 def _bifurcations(

@@ -12,12 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
+from romsindy.physics import coupled_export
 from romsindy.physics.coupling import (
     Along,
     CoupledTerm,
@@ -335,6 +336,41 @@ class CoupledModel(TermSum):
             lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")
         return "\n".join(lines)
 
+    # -- other programs -----------------------------------------------------------------------
+
+    def to_sympy(self) -> tuple[Any, Any]:
+        """M(q), (R, R), and all other forces, (R, 1): M q_ddot + force = 0.
+
+        Matrices of sympy, of the real symbols q1 ... qR, q1_dot ... qR_dot; raises as
+        `ReducedModel.to_sympy`.
+
+        Examples
+        --------
+        >>> inertia, force = CoupledModel.from_coefficients(
+        ...     {"omega^2 [q1]": 36.0, "omega^2 [q2]": 144.0, "V q1^2 q2": 5.0, "g(q1 q2)^2": 0.5}
+        ... ).to_sympy()
+        >>> inertia
+        Matrix([
+        [0.5*q2**2 + 1,     0.5*q1*q2],
+        [    0.5*q1*q2, 0.5*q1**2 + 1]])
+        """
+        return coupled_export.inertia_and_force(self._pairs, self.n_coordinates)
+
+    def to_matlab(self, name: str = "rhs") -> str:
+        """Text of a MATLAB or Octave function dy = name(t, y), y = [q1; ...; q1_dot; ...].
+
+        For ``ode45``, and else as `ReducedModel.to_matlab`.
+        """
+        return coupled_export.matlab_function(self._pairs, str(self), name, self.n_coordinates)
+
+    def to_c(self, name: str = "rhs") -> str:
+        """Text of a C99 function ``void name(double t, const double y[2 R], double dy[2 R])``.
+
+        y = {q1, ..., q1_dot, ...}; M(q) must be positive definite, which it does not ask. Numbers
+        have all their digits; raises as `to_matlab`.
+        """
+        return coupled_export.c_function(self._pairs, str(self), name, self.n_coordinates)
+
 
 AnyModel = ReducedModel | CoupledModel
 
@@ -348,11 +384,13 @@ def model_from_json(text: str) -> AnyModel:
         As those of `ReducedModel.from_json`.
     """
     content = read_json(text)
-    terms = content.get("terms", ()) if isinstance(content, dict) else ()
-    types = {term.get("type") for term in terms if isinstance(term, dict)}
+    found = content if isinstance(content, dict) else {}
+    terms, names = found.get("terms"), found.get("coefficients")
+    listed = terms if isinstance(terms, list) else ()  # what is neither is refused below
+    types = {term.get("type") for term in listed if isinstance(term, dict)}
     coupled = {type_name(kind) for kind in Term.kinds.values() if issubclass(kind, CoupledTerm)}
-    names = content.get("coefficients", ()) if isinstance(content, dict) else ()
-    several = types & coupled or any(isinstance(law_called(str(n)), CoupledTerm) for n in names)
+    named = names if isinstance(names, dict) else ()
+    several = types & coupled or any(isinstance(law_called(n), CoupledTerm) for n in named)
     return (CoupledModel if several else ReducedModel).from_json(text)
 
 

@@ -25,6 +25,7 @@ _WORDS = {
     *("catch", "classdef", "elseif", "end", "function", "global", "otherwise", "parfor"),
     *("persistent", "spmd", "try", "main", "t", "y", "dy", "q", "q_dot", "inertia", "force"),
 }
+_STATE = re.compile(r"q\d+(_dot)?")
 _JUMP = (
     "Dry friction jumps where q_dot changes its sign, and solvers take small steps there;"
     " romsindy's model.regularised(velocity_scale) has no jump."
@@ -33,7 +34,7 @@ _JUMP = (
 
 def symbols() -> tuple[Any, Any]:
     """The real symbols q and q_dot of `to_sympy`."""
-    q, q_dot = _sympy().symbols("q q_dot", real=True)
+    q, q_dot = sympy_module().symbols("q q_dot", real=True)
     return q, q_dot
 
 
@@ -45,25 +46,12 @@ def inertia_and_force(pairs: Pairs) -> tuple[Any, Any]:
     ValueError
         If a law does something that sympy has no word for, or sympy is not installed.
     """
-    q, q_dot = map(_Traced, symbols())
-    inertia, force = _Traced(1), _Traced(0)
+    q, q_dot = symbols()
+    inertia, force = sympy_module().sympify(1), sympy_module().sympify(0)
     for term, value in pairs:
-        try:
-            if term.has("inertia"):
-                inertia += value * term.inertia(q)
-            if term.has("convection"):
-                force += value * term.convection(q) * q_dot * q_dot
-            if term.has("stiffness"):
-                force += value * term.stiffness(q)
-            if term.has("damping"):
-                force += value * term.damping(q, q_dot)
-        except (AttributeError, TypeError) as error:
-            raise ValueError(
-                f"the term {term.key!r} cannot be exported ({error}): write its law with"
-                " arithmetic and functions that numpy and sympy share, such as abs, sign, maximum,"
-                " tanh, or leave the term out"
-            ) from error
-    return inertia.expression, force.expression
+        added, push = traced(term, q, q_dot)
+        inertia, force = inertia + value * added, force + value * push
+    return inertia, force
 
 
 def acceleration(pairs: Pairs) -> Any:
@@ -74,29 +62,29 @@ def acceleration(pairs: Pairs) -> Any:
 
 def python_script(pairs: Pairs, title: str) -> str:
     """Python that makes the sympy expression ``q_ddot``, every number to its last digit."""
-    sympy = _sympy()
+    sympy = sympy_module()
     q_ddot = acceleration(pairs)
     functions = {f.func.__name__ for f in q_ddot.atoms(sympy.Function, sympy.Max, sympy.Min)}
-    code = sympy.sstr(_exact(q_ddot))
+    code = sympy.sstr(exact(q_ddot))
     return (
-        f"{_comment('#', pairs, title)}\n"
+        f"{comment('#', pairs, title)}\n"
         f"from sympy import {', '.join(sorted({'symbols', *functions}))}\n\n"
         'q, q_dot = symbols("q q_dot", real=True)\n'
-        f"q_ddot = (\n        {_wrapped(code)}\n)"
+        f"q_ddot = (\n        {wrapped(code)}\n)"
     )
 
 
 def matlab_function(pairs: Pairs, title: str, name: str) -> str:
     """Text of a function for ``ode45``, for a file ``name``.m."""
-    inertia, force = (_sympy().octave_code(_exact(x)) for x in inertia_and_force(pairs))
-    use = f"[t, y] = ode45(@{_named(name)}, [t0 t1], [q0; q_dot0], odeset('RelTol', 1e-9));"
+    inertia, force = (sympy_module().octave_code(exact(x)) for x in inertia_and_force(pairs))
+    use = f"[t, y] = ode45(@{named(name)}, [t0 t1], [q0; q_dot0], odeset('RelTol', 1e-9));"
     return (
         f"function dy = {name}(t, y)\n"
-        f"{_comment('%', pairs, title, f'dy/dt of y = [q; q_dot]: {use}')}\n"
+        f"{comment('%', pairs, title, f'dy/dt of y = [q; q_dot]: {use}')}\n"
         "q = y(1);\n"
         "q_dot = y(2);\n"
-        f"inertia = {_wrapped(inertia, ' ...')};\n"
-        f"force = {_wrapped(force, ' ...')};\n"
+        f"inertia = {wrapped(inertia, ' ...')};\n"
+        f"force = {wrapped(force, ' ...')};\n"
         "dy = [q_dot; -force / inertia];\n"
         "end"
     )
@@ -104,15 +92,15 @@ def matlab_function(pairs: Pairs, title: str, name: str) -> str:
 
 def c_function(pairs: Pairs, title: str, name: str) -> str:
     """Text of a C99 function."""
-    inertia, force = (_sympy().ccode(x) for x in inertia_and_force(pairs))
+    inertia, force = (sympy_module().ccode(x) for x in inertia_and_force(pairs))
     return (
-        f"{_comment('//', pairs, title, 'dy/dt of y = {q, q_dot}; link with -lm.')}\n"
+        f"{comment('//', pairs, title, 'dy/dt of y = {q, q_dot}; link with -lm.')}\n"
         "#include <math.h>\n\n"
-        f"void {_named(name)}(double t, const double y[2], double dy[2])\n"
+        f"void {named(name)}(double t, const double y[2], double dy[2])\n"
         "{\n"
         "    const double q = y[0], q_dot = y[1];\n"
-        f"    const double inertia = {_wrapped(inertia)};\n"
-        f"    const double force = {_wrapped(force)};\n"
+        f"    const double inertia = {wrapped(inertia)};\n"
+        f"    const double force = {wrapped(force)};\n"
         "    (void)t;\n"
         "    dy[0] = q_dot;\n"
         "    dy[1] = -force / inertia;\n"
@@ -120,19 +108,24 @@ def c_function(pairs: Pairs, title: str, name: str) -> str:
     )
 
 
-def _exact(expression: Any) -> Any:
+# -- what a model of several coordinates shares (`romsindy.physics.coupled_export`) ---------------
+
+
+def exact(expression: Any) -> Any:
     """The same, so that printers show every digit of its numbers."""
-    sympy = _sympy()
+    sympy = sympy_module()
     return expression.xreplace({x: sympy.Float(x, 17) for x in expression.atoms(sympy.Float)})
 
 
-def _comment(sign: str, pairs: Pairs, title: str, use: str = "") -> str:
+def comment(sign: str, pairs: Pairs, title: str, use: str = "") -> str:
+    """Lines of a comment: what the model says, how the code is used, and what jumps in it."""
     jumps = any(not term.smooth for term, _ in pairs)
     lines = [*title.splitlines(), use, _JUMP if jumps else ""]
     return "\n".join(f"{sign} {part}" for line in lines for part in _split(line))
 
 
-def _wrapped(code: str, joint: str = "") -> str:
+def wrapped(code: str, joint: str = "") -> str:
+    """Code on several lines, each but the last with the joint that its language asks for."""
     return f"{joint}\n        ".join(_split(code))
 
 
@@ -140,8 +133,11 @@ def _split(line: str) -> list[str]:
     return textwrap.wrap(line, _WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _named(name: str) -> str:
-    if name in {*import_module("sympy.printing.c").reserved_words, *_WORDS}:
+def named(name: str) -> str:
+    """The name of a function, if C and MATLAB take it, or else a ValueError."""
+    if name in {*import_module("sympy.printing.c").reserved_words, *_WORDS} or _STATE.fullmatch(
+        name
+    ):
         raise ValueError(f"name={name!r} is a word of C or MATLAB: take another, such as 'rhs'")
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise ValueError(
@@ -154,7 +150,8 @@ def _named(name: str) -> str:
 # -- laws with sympy in the place of numbers ------------------------------------------------------
 
 
-def _sympy() -> Any:
+def sympy_module() -> Any:
+    """Sympy, or a ValueError that says how to install it."""
     try:
         return import_module("sympy")
     except ImportError:
@@ -163,9 +160,41 @@ def _sympy() -> Any:
         ) from None
 
 
+def traced(term: Term, q: Any, q_dot: Any) -> tuple[Any, Any]:
+    """What a law adds to M and to K + N q_dot^2 + D, as expressions of two others.
+
+    Raises
+    ------
+    ValueError
+        If it does something that sympy has no word for.
+    """
+    q, q_dot = _Traced(q), _Traced(q_dot)
+    inertia, force = _Traced(0), _Traced(0)
+    try:
+        if term.has("inertia"):
+            inertia += term.inertia(q)
+        if term.has("convection"):
+            force += term.convection(q) * q_dot * q_dot
+        if term.has("stiffness"):
+            force += term.stiffness(q)
+        if term.has("damping"):
+            force += term.damping(q, q_dot)
+    except (AttributeError, TypeError) as error:
+        raise ValueError(
+            f"the term {term.key!r} cannot be exported ({error}): write its law with"
+            " arithmetic and functions that numpy and sympy share, such as abs, sign, maximum,"
+            " tanh, or leave the term out"
+        ) from error
+    return inertia.expression, force.expression
+
+
+def whole(number: Any) -> Any:
+    """1 in the place of 1.0: x^1.0 and 1.0 x are no power and product to a reader."""
+    return int(number) if float(number).is_integer() else number
+
+
 def _power(base: Any, exponent: Any) -> Any:
-    # x^1.0 is no power to a reader, but sympy keeps it.
-    return base ** (int(exponent) if float(exponent).is_integer() else exponent)
+    return base ** whole(exponent)
 
 
 # What numpy does with operators, and names that are others in sympy.
@@ -186,11 +215,11 @@ class _Traced(NDArrayOperatorsMixin):
     """A sympy expression that numpy's operators and functions take for an array."""
 
     def __init__(self, expression: Any) -> None:
-        self.expression = _sympy().sympify(expression)
+        self.expression = sympy_module().sympify(expression)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         name = ufunc.__name__
-        function = _OPERATIONS.get(name) or getattr(_sympy(), _NAMES.get(name, name), None)
+        function = _OPERATIONS.get(name) or getattr(sympy_module(), _NAMES.get(name, name), None)
         # An operator in place (+=) may as well make a new expression: Python gives it the name.
         if function is None or method != "__call__" or not {*options} <= {"out"}:
             raise TypeError(f"numpy.{name} has no counterpart in sympy")
@@ -203,4 +232,4 @@ class _Traced(NDArrayOperatorsMixin):
 
 
 def _expression(x: Any) -> Any:
-    return x.expression if isinstance(x, _Traced) else _sympy().sympify(x)
+    return x.expression if isinstance(x, _Traced) else sympy_module().sympify(x)

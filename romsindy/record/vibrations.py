@@ -141,6 +141,11 @@ class Resonance:
     ratio: float
     amplitude: float
 
+    @property
+    def off(self) -> float:
+        """How far the ratio is off q / p, relative."""
+        return abs(self.ratio * self.p / self.q - 1)
+
 
 def find_vibrations(
     x: Array, dt: float, derivative: int = 0, progress: Callable[[str], None] | None = None
@@ -213,23 +218,33 @@ def decimation(x: Array, dt: float) -> int:
 
 def resonances(vibrations: Sequence[Vibration]) -> tuple[Resonance, ...]:
     """Pairs whose frequencies come near a ratio of small whole numbers along their decay."""
-    found = []
-    for i, low in enumerate(vibrations):
-        for j, high in enumerate(vibrations[i + 1 :], i + 1):
-            t = low.tone.t
-            t = t[(t >= high.tone.t[0]) & (t <= high.tone.t[-1])]
-            if not len(t) or low.steady or high.steady:
-                continue
-            below = np.interp(t, low.tone.t, low.frequency)
-            ratio = np.interp(t, high.tone.t, high.frequency) / below
-            for p, q in _RATIOS:
-                off = np.abs(ratio * p / q - 1)
-                k = int(np.argmin(off))
-                if off[k] < _RESONANT:
-                    size = float(np.interp(t[k], low.tone.t, low.displacement))
-                    found.append(Resonance(i, j, p, q, float(ratio[k]), size))
-                    break
-    return tuple(found)
+    ringing = [i for i, v in enumerate(vibrations) if not v.steady]
+    tones = [vibrations[i].tone for i in ringing]
+    found = resonances_of(tones, vibrations[0].derivative) if tones else ()
+    return tuple(replace(r, lower=ringing[r.lower], higher=ringing[r.higher]) for r in found)
+
+
+def resonances_of(tones: Sequence[Ridge], derivative: int) -> tuple[Resonance, ...]:
+    """The same of tones of a displacement, velocity or acceleration (0, 1, 2), by frequency."""
+    pairs = itertools.combinations(range(len(tones)), 2)
+    found = (_nearest(i, j, tones[i], tones[j], derivative) for i, j in pairs)
+    return tuple(r for r in found if r is not None)
+
+
+def _nearest(i: int, j: int, low: Ridge, high: Ridge, derivative: int) -> Resonance | None:
+    """Where two tones, with their numbers, are nearest to a ratio; None where they never are."""
+    t = low.t[(low.t >= high.t[0]) & (low.t <= high.t[-1])]
+    if not len(t):
+        return None
+    below, size = (np.interp(t, low.t, x) for x in (low.frequency, low.amplitude))
+    ratio = np.interp(t, high.t, high.frequency) / below
+    for p, q in _RATIOS:
+        k = int(np.argmin(np.abs(ratio * p / q - 1)))
+        moved = float(size[k] / (2 * np.pi * below[k]) ** derivative)
+        found = Resonance(i, j, p, q, float(ratio[k]), moved)
+        if found.off < _RESONANT:
+            return found
+    return None
 
 
 def dominant(energy: Sequence[float]) -> int:

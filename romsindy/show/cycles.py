@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
+from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.refine import Fit
-from romsindy.physics.model import ReducedModel
+from romsindy.orbits.curves import linear_mode
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.show.axes import with_unit
 from romsindy.show.facts import Fact
 from romsindy.typing import Array
 
-Models = Mapping[str, ReducedModel | Estimate | Band]
+Models = Mapping[str, AnyModel | Estimate | Band]
 # Amplitudes, curve, its band if any, and its look.
 Curve = tuple[Array, Array, tuple[Array, Array] | None, dict[str, Any]]
 
@@ -36,14 +38,16 @@ def of_cycles(b: Backbone, decay: int | None = None) -> list[Fact]:
 
 
 def backbones_of(
-    measured: Backbone | Sequence[Backbone] | Fit, models: Models | None
+    measured: Backbone | Sequence[Backbone] | Fit, models: Models | None, mode: int = 1
 ) -> tuple[Sequence[Backbone], Models | None]:
     """What was measured, a backbone for each decay, and the models beside it.
+
+    Of a fit of several coordinates, the backbones are those of the tone of a mode.
 
     Raises
     ------
     ValueError
-        If there are no cycles in it.
+        If there are no cycles in it, or no such mode.
     """
     if isinstance(measured, Backbone):
         return [measured], models
@@ -53,7 +57,43 @@ def backbones_of(
         raise ValueError(
             f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
         )
-    return [extract_backbone(d) for d in measured.decays], models or {"fitted model": measured}
+    name = "fitted model"
+    if isinstance(measured.model, CoupledModel):
+        name += f", mode {mode} alone"
+        coordinate = int(np.argmax(np.abs(linear_mode(measured.model.undamped(), mode)[1])))
+        records = [r for r in measured.records if isinstance(r, CoupledRecord)]
+        found = [_of_tone(r, coordinate) for r in records]
+    else:
+        found = [extract_backbone(d) for d in measured.decays]
+    return found, models or {name: measured}
+
+
+def points_of(measured: Backbone | Sequence[Backbone] | Fit, mode: int) -> dict[str, Any]:
+    """How the cycles of a measured decay look in every figure, and what they are called."""
+    look: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
+    several = isinstance(measured, Fit) and measured.model.n_coordinates > 1
+    label = f"mode {mode} while others ring" if several else "cycles of the decay"
+    return look | {"label": label, "zorder": 1}
+
+
+def _of_tone(record: CoupledRecord, coordinate: int) -> Backbone:
+    """The tone of a coordinate at the windows where it was followed; its errors are not known."""
+    tone = record.tones[coordinate]
+    omega = 2 * np.pi * tone.frequency
+    amplitude, unknown = tone.amplitude / omega**record.derivative, np.full(len(omega), np.nan)
+    fall = -np.gradient(np.log(amplitude), tone.t)
+    return Backbone(
+        t=tone.t,
+        amplitude=amplitude,
+        frequency=omega,
+        damping_ratio=fall / np.hypot(fall, omega),
+        positive_peak=amplitude,
+        negative_peak=-amplitude,
+        amplitude_std=unknown,
+        frequency_std=unknown,
+        damping_ratio_std=unknown,
+        unit=record.decay.unit,
+    )
 
 
 def numbered(backbones: Sequence[Backbone]) -> Iterator[tuple[int | None, Backbone]]:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from romsindy.fit.estimate import Band, Estimate
+from romsindy.fit.estimate import Band, Estimate, curves_near
 from romsindy.fit.refine import Fit
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
@@ -17,34 +17,43 @@ from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
-from romsindy.show.cycles import Curve, Models, backbones_of, misses, numbered, of_cycles, span_of
+from romsindy.show.cycles import (
+    Curve,
+    Models,
+    backbones_of,
+    misses,
+    numbered,
+    of_cycles,
+    points_of,
+    span_of,
+)
 from romsindy.show.facts import tell
 from romsindy.text import listed
 from romsindy.typing import Array
 
 _SIGMAS_95 = 1.96
+_FEWER = 4  # amplitudes, where orbits are followed for each
 _DOTS = "os^Dv<>"
-# How the cycles of a measured decay look in every figure.
-_CYCLES: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
-_CYCLES |= {"label": "cycles of the decay", "zorder": 1}
 
 
 def _curves(
-    models: Models | None, amplitudes: Array, quantity: str, unit: float
+    models: Models | None, amplitudes: Array, quantity: str, unit: float, mode: int
 ) -> Iterator[Curve]:
     """Amplitudes, curve, 95 % band if any, and look of every model."""
     for i, (label, model) in enumerate((models or {}).items()):
         style = look(i) | {"label": label}
         if isinstance(model, Estimate):
-            model = model.band(amplitudes)
+            several = model.model.n_coordinates > 1
+            model = model.band(amplitudes[:: -_FEWER if several else 1], mode)
         if isinstance(model, Band):
             band = model
             middle = getattr(band, quantity) / unit
             reach = _SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
             yield band.amplitude, middle, (middle - reach, middle + reach), style
         else:
-            curve = model.backbone if quantity == "frequency" else model.damping_ratio
-            yield amplitudes, curve(amplitudes) / unit, None, style
+            frequency, damping = curves_near(model, amplitudes, mode)(model)
+            curve = frequency if quantity == "frequency" else damping
+            yield amplitudes, curve / unit, None, style
 
 
 def plot_decay(
@@ -83,6 +92,7 @@ def plot_backbone(
     measured: Backbone | Sequence[Backbone] | Fit,
     models: Models | None = None,
     *,
+    mode: int = 1,
     ax: Axes | None = None,
 ) -> Axes:
     """Frequency against amplitude of every cycle, with the backbones of models over it.
@@ -90,17 +100,21 @@ def plot_backbone(
     Parameters
     ----------
     measured : Backbone, sequence of Backbone or Fit
-        Points with their standard errors. A fit gives the cycles of its decays, and its own curve.
-    models : mapping of str to ReducedModel, Estimate or Band, optional
+        Points with their standard errors. A fit gives the cycles of its decays, and its own curve;
+        one of several coordinates gives the tone of a mode, which others that ring may shift.
+    models : mapping of str to ReducedModel, CoupledModel, Estimate or Band, optional
         Curves by label; what has errors has its 95 % band.
+    mode : int
+        Of models of several coordinates, by frequency, from 1.
     """
     ax = given_or_new(ax)
-    backbones, models = backbones_of(measured, models)
-    curves = list(_curves(models, span_of(backbones), "frequency", 2 * np.pi))
+    points = points_of(measured, mode)
+    backbones, models = backbones_of(measured, models, mode)
+    curves = list(_curves(models, span_of(backbones), "frequency", 2 * np.pi, mode))
     for number, backbone in numbered(backbones):
         hz, hz_std = (x / (2 * np.pi) for x in (backbone.frequency, backbone.frequency_std))
         cycles = ax.errorbar(
-            hz, backbone.amplitude, xerr=hz_std, yerr=backbone.amplitude_std, **_CYCLES
+            hz, backbone.amplitude, xerr=hz_std, yerr=backbone.amplitude_std, **points
         )
         tell(cycles.lines[0], *of_cycles(backbone, number), *misses(backbone.amplitude, hz, curves))
     for amplitudes, middle, band, style in curves:
@@ -128,16 +142,18 @@ def plot_damping(
     measured: Backbone | Sequence[Backbone] | Fit,
     models: Models | None = None,
     *,
+    mode: int = 1,
     ax: Axes | None = None,
 ) -> Axes:
     """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
     ax = given_or_new(ax)
-    backbones, models = backbones_of(measured, models)
-    curves = list(_curves(models, span_of(backbones), "damping_ratio", 0.01))
+    points = points_of(measured, mode)
+    backbones, models = backbones_of(measured, models, mode)
+    curves = list(_curves(models, span_of(backbones), "damping_ratio", 0.01, mode))
     for number, backbone in numbered(backbones):
         ratio = 100 * backbone.damping_ratio
         cycles = ax.errorbar(
-            backbone.amplitude, ratio, yerr=100 * backbone.damping_ratio_std, **_CYCLES
+            backbone.amplitude, ratio, yerr=100 * backbone.damping_ratio_std, **points
         )
         tell(
             cycles.lines[0],

@@ -15,6 +15,7 @@ from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.functions.structures import Structure
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import NEAR_ZERO
+from romsindy.orbits.curves import require_mode
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
@@ -129,14 +130,17 @@ class Identification(Estimate):
         values = np.array([function(m, q) for m in models])
         return Curve(q, function(self.single_model, q), *_shortest(values))
 
-    def band(self, amplitudes: ArrayLike) -> Band:
+    def band(self, amplitudes: ArrayLike, mode: int = 1) -> Band:
         """Backbone and damping ratio with their standard errors, over all that the data allow.
 
         Parameters
         ----------
         amplitudes : (n,) array
             Half peak to peak, positive, unit of q.
+        mode : int
+            The only one is 1.
         """
+        require_mode(mode, self.model)
         a = np.atleast_1d(np.asarray(amplitudes, float))
         some = self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
         curves = np.array([[m.backbone(a), m.damping_ratio(a)] for m in some])

@@ -1,0 +1,40 @@
+"""Modes of a model of several coordinates that ring near a ratio of small whole numbers.
+
+Read off the tones of the records, never put in: no fit asks for a ratio.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from romsindy.fit.coupled_record import AnyRecord, CoupledRecord
+from romsindy.record.vibrations import Resonance, resonances_of
+from romsindy.text import quantity
+
+
+def resonances_in(records: Sequence[AnyRecord]) -> tuple[Resonance, ...]:
+    """Pairs of modes, counted from 0 by frequency, where they come nearest to p : q in any record.
+
+    Empty for records of one coordinate.
+    """
+    several = [record for record in records if isinstance(record, CoupledRecord)]
+    if not several:
+        return ()
+    by_frequency = np.argsort([np.median(tone.frequency) for tone in several[0].tones])
+    nearest: dict[tuple[int, int, int, int], Resonance] = {}
+    for record in several:
+        for r in resonances_of([record.tones[i] for i in by_frequency], record.derivative):
+            pair = (r.lower, r.higher, r.p, r.q)
+            nearest[pair] = min(nearest.get(pair, r), r, key=lambda x: x.off)
+    return tuple(nearest[pair] for pair in sorted(nearest))
+
+
+def resonance_notes(records: Sequence[AnyRecord], unit: str | None) -> list[str]:
+    """A sentence for each of them."""
+    return [
+        f"modes {r.lower + 1} and {r.higher + 1} ring at {r.p}:{r.q} (ratio {r.ratio:.4g} at"
+        f" {quantity(r.amplitude, unit or '[q]')})"
+        for r in resonances_in(records)
+    ]
