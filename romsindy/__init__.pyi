@@ -42,6 +42,7 @@ from romsindy.record.files import save_decay as save_decay
 from romsindy.record.filters import Butterworth as Butterworth
 from romsindy.record.filters import SavitzkyGolay as SavitzkyGolay
 from romsindy.record.recording import Recording as Recording
+from romsindy.regression.coupled_projection import WindowProjection as WindowProjection
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
 from romsindy.regression.estimator import ScaledOptimizer as ScaledOptimizer
 from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary

@@ -15,11 +15,20 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
+from romsindy.fit.refine import require_unit, several_decays
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import term_from_key
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Filter
+from romsindy.regression.coupled_library import is_coupled
+from romsindy.regression.coupled_motion import WindowRows
+from romsindy.regression.coupled_projection import (
+    WindowProjection,
+    regressed,
+    rows_of,
+)
 from romsindy.regression.library import ROMLibrary, library_terms
 from romsindy.regression.projection import HarmonicProjection, Rows
 from romsindy.typing import Array
@@ -86,7 +95,9 @@ class HarmonicSINDy(BaseEstimator):
     """Identify a reduced model from free decays, in the harmonic domain.
 
     Every cycle of the decays is projected on its first harmonics, and a scaled sparse regression
-    of -q_ddot on the terms of the library finds the coefficients.
+    of -q_ddot on the terms of the library finds the coefficients. With a library of several
+    coordinates it is the windows of a `WindowProjection` that make the rows, for all equations at
+    once: decays have one channel or several, and the strongest vibrations become coordinates.
 
     Parameters
     ----------
@@ -95,12 +106,13 @@ class HarmonicSINDy(BaseEstimator):
     optimizer : estimator, optional
         Any PySINDy optimizer or scikit-learn linear model; a threshold is a relative contribution
         (see `ScaledOptimizer`). `sklearn.linear_model.LinearRegression()` is least squares.
-    projection : HarmonicProjection, optional
-        Harmonics, weak or strong form, amplitude range.
+    projection : HarmonicProjection or WindowProjection, optional
+        Harmonics, weak or strong form, amplitude range; or windows for several coordinates.
     fixed : mapping of str to float, optional
         Known coefficients by name, such as ``{"omega^2": 1482.2}``, in SI units of q.
     differentiation : Filter, optional
-        How derivatives are made where a decay has none; `Butterworth()` by default.
+        How derivatives are made where a decay has none; `Butterworth()` by default. Several
+        coordinates need none.
     weighted : bool
         Divide the rows of harmonic h by h^d and by the square root of the cycle's amplitude, where
         d is how often the sensor's signal is differentiated to reach q_ddot (2 for displacement).
@@ -125,7 +137,7 @@ class HarmonicSINDy(BaseEstimator):
 
     library: Any = None
     optimizer: Any = None
-    projection: HarmonicProjection | None = None
+    projection: HarmonicProjection | WindowProjection | None = None
     fixed: Mapping[str, float] | None = None
     differentiation: Filter | None = None
     weighted: bool = True
@@ -141,7 +153,8 @@ class HarmonicSINDy(BaseEstimator):
         x : Decay, array, or a list of either
             Decays that lack velocity or acceleration are cut to their free part, smoothed and
             differentiated; those with both are taken as they are. An array holds the columns q or
-            [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units.
+            [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units. Several
+            coordinates need decays; as they were measured, cut to their free part.
         t : array or list of arrays, optional
             Times (n,) in s that go with arrays. A gap splits a record in two.
 
@@ -149,11 +162,14 @@ class HarmonicSINDy(BaseEstimator):
         ------
         ValueError
             For data that cannot be used, unknown names in ``fixed``, or known coefficients that
-            contradict the data; the message names the argument, the value and the remedy.
+            contradict the data; more modes than vibrations that ring; the message names the
+            argument, the value and the remedy.
         """
         terms = library_terms(self.library if self.library is not None else ROMLibrary())
         if not terms:
             raise ValueError("the library has no terms: ask for at least one stiffness term")
+        if is_coupled(terms):
+            return self._fit_several(terms, x)
         decays = as_decays(x, t)
         unit = _common_unit(decays)
         fixed = _fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
@@ -169,13 +185,42 @@ class HarmonicSINDy(BaseEstimator):
         self.optimizer_ = ScaledOptimizer(self.optimizer, fixed)
         self.optimizer_.fit(rows.theta, rows.target, sample_weight=weights)
         self.coef_ = self.optimizer_.coef_[0]
-        self.rows_ = rows
+        self.rows_: Any = rows
         valid = (float(rows.amplitude.min()), float(rows.amplitude.max()))
-        self.model_ = ReducedModel(terms, tuple(self.coef_), unit, valid)
+        self.model_: Any = ReducedModel(terms, tuple(self.coef_), unit, valid)
         return self
+
+    def _fit_several(self, terms: Sequence[Term], x: Any) -> HarmonicSINDy:
+        decays = _whole_decays(x)
+        known = dict(self.fixed or {})
+        fixed = _fixed_columns(known, terms, decays[0].unit is not None)
+
+        def solve(rows: WindowRows) -> ScaledOptimizer:
+            return ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
+
+        found = regressed(terms, decays, self._windows(), solve, known, self.weighted)
+        self.optimizer_, self.coef_ = found.optimizer, found.optimizer.coef_[0]
+        self.model_, self.rows_ = found.model, found.rows
+        self.mode_shapes_ = found.mode_shapes
+        return self
+
+    def _windows(self) -> WindowProjection:
+        if self.projection is None:
+            return WindowProjection()
+        if not isinstance(self.projection, WindowProjection):
+            raise ValueError(
+                f"projection = {self.projection!r} is for one coordinate: with a library of several"
+                " give WindowProjection(cycles=6)"
+            )
+        return self.projection
 
     def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> Rows:
         projection = self.projection if self.projection is not None else HarmonicProjection()
+        if not isinstance(projection, HarmonicProjection):
+            raise ValueError(
+                f"projection = {projection!r} is for several coordinates: with a library of one"
+                " give HarmonicProjection()"
+            )
         conditioned = [d.single().conditioned(self.differentiation) for d in decays]
         return Rows.stacked([projection.rows(terms, d) for d in conditioned])
 
@@ -191,8 +236,19 @@ class HarmonicSINDy(BaseEstimator):
         -------
         (n,) array, or a list of them for a list
             q_ddot in the unit of q per second squared.
+
+        Raises
+        ------
+        ValueError
+            With several coordinates, which a sensor does not show one by one.
         """
         check_is_fitted(self)
+        if isinstance(self.model_, CoupledModel):
+            raise ValueError(
+                f"the model has {self.model_.n_coordinates} coordinates, which no channel shows"
+                " alone: use model_.acceleration(q, q_dot) with coordinates, or free_run after"
+                " refine(model_, decays)"
+            )
         if isinstance(x, np.ndarray) and t is None and x.ndim == 2 and x.shape[1] >= 2:
             return self.model_.acceleration(x[:, 0], x[:, 1])
         several = isinstance(x, (list, tuple))
@@ -210,13 +266,18 @@ class HarmonicSINDy(BaseEstimator):
         third or fourth digit. Compare backbones too.
         """
         check_is_fitted(self)
+        if isinstance(self.model_, CoupledModel):
+            several = rows_of(
+                self.model_, _whole_decays(x), self._windows(), self.mode_shapes_, self.weighted
+            )
+            return float(r2_score(several.target, several.theta @ self.model_.values))
         rows = self._rows(self.model_.terms, as_decays(x, t))
         return float(r2_score(rows.target, rows.theta @ self.coef_))
 
     def equations(self, precision: int = 4) -> list[str]:
-        """The identified equation, as a list of one line of text."""
+        """The identified equations, a line of text each."""
         check_is_fitted(self)
-        return [self.model_.equation(precision)]
+        return self.model_.equation(precision).splitlines()
 
     def print(self, precision: int = 4) -> None:
         """Print the identified equation."""
@@ -265,6 +326,13 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
         gaps = np.flatnonzero(steps > 1.5 * np.median(steps)) + 1
     bounds = itertools.pairwise([0, *gaps, len(times)])
     return [Decay(times[a:b], *columns[a:b].T) for a, b in bounds]
+
+
+def _whole_decays(x: Any) -> list[Decay]:
+    """Decays of several channels, each once and in one unit."""
+    decays = several_decays(x)
+    require_unit(decays, decays[0].unit)
+    return decays
 
 
 def _common_unit(decays: Sequence[Decay]) -> str | None:
