@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -146,16 +147,16 @@ class FollowedDecay:
     @property
     def amplitude(self) -> Array:
         """Largest displacement of the coordinates in each window."""
-        return np.array([np.abs(self.motion[0, steps]).max() for _, steps in self._windows()])
+        return np.array([np.abs(self.motion[0, steps]).max() for _, steps in self._windows])
 
     def rows(self, terms: Sequence[Term]) -> WindowRows:
         """What the channels show of the terms, and of -q_ddot."""
         shown = [self._shown(self._forced(-term.strong(*self.motion))) for term in terms]
         restored = self._shown(self._forced(self.oscillators.restoring(self.motion)))
         table = np.stack([*shown, self._measured - restored], axis=-1)
+        basis = np.linalg.qr(self._free)[0]
         found = []
-        for samples, _ in self._windows():
-            basis = np.linalg.qr(self._free(samples))[0]
+        for samples, _ in self._windows:
             own = table[:, samples].reshape(len(basis), -1)
             found.append(own - basis @ (basis.T @ own))
         rows = np.concatenate(found)
@@ -169,17 +170,26 @@ class FollowedDecay:
         forced = self._forced(self.oscillators.restoring(self.motion) - terms)
         left = self._measured - self._shown(forced)
         moved, weight = np.zeros_like(forced), np.zeros((forced.shape[1], 1))
-        step = self.record.decay.dt / self.factor
-        for samples, steps in self._windows():
-            target = left[:, samples].ravel()
-            start = np.linalg.lstsq(self._free(samples), target, rcond=None)[0]
-            n = steps.stop - steps.start
-            free = self.oscillators.free(step * np.arange(n))
-            part = forced[:, steps] + np.einsum("knrj,rj->knr", free, start.reshape(-1, 2))
-            fade = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None] ** 2
-            moved[:, steps] += fade * part
+        n = self.factor * (self.width - 1) + 1
+        free = self.oscillators.free(self.record.decay.dt / self.factor * np.arange(n))
+        fade = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None] ** 2
+        start = np.linalg.pinv(self._free)
+        for samples, steps in self._windows:
+            own = (start @ left[:, samples].ravel()).reshape(-1, 2)
+            moved[:, steps] += fade * (forced[:, steps] + np.einsum("knrj,rj->knr", free, own))
             weight[steps] += fade
         return replace(self, motion=self.motion + _STEP * (moved / weight - self.motion))
+
+    @property
+    def mode_shapes(self) -> Array:
+        """What the channels show of the motion, (c, R); 1 in the main channel of a coordinate."""
+        moved = self.motion[self.record.derivative, :: self.factor]
+        shapes = np.linalg.lstsq(moved, self._measured.T, rcond=None)[0].T * self.scale[:, None]
+        return shapes / shapes[self.record.main, range(len(moved.T))]
+
+    def with_shapes(self, shapes: Array) -> FollowedDecay:
+        """The same with other mode shapes."""
+        return replace(self, record=replace(self.record, shapes=shapes))
 
     @property
     def _measured(self) -> Array:
@@ -197,13 +207,14 @@ class FollowedDecay:
         """What the channels show of a motion, over their noise, (c, n)."""
         return self._shapes @ motion[self.record.derivative, :: self.factor].T
 
-    def _free(self, samples: slice) -> Array:
-        """What they show of the free motions in a window, (c n, 2 R)."""
-        t = self.record.decay.dt * np.arange(samples.stop - samples.start)
-        free = self.oscillators.free(t)[self.record.derivative]
-        shown = np.einsum("cr,nrk->cnrk", self._shapes, free)
-        return shown.reshape(len(self.scale) * len(t), -1)
+    @cached_property
+    def _free(self) -> Array:
+        """What they show of the free motions in a window, (c w, 2 R)."""
+        free = self.oscillators.free(self.record.decay.dt * np.arange(self.width))
+        shown = np.einsum("cr,nrk->cnrk", self._shapes, free[self.record.derivative])
+        return shown.reshape(len(self.scale) * self.width, -1)
 
+    @cached_property
     def _windows(self) -> list[tuple[slice, slice]]:
         """Samples and steps of windows that overlap by half."""
         last = len(self.record.t) - self.width

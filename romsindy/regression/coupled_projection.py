@@ -20,6 +20,10 @@ from romsindy.typing import Array
 
 # A known omega^2 is refused where it is so many times that of the vibration, or less.
 _FAR = 10.0
+# Rounds end where another changes what is left by less than this part.
+_SETTLED = 1e-3
+# A motion runs away where it is so many times as large as the measured one.
+_AWAY = 10.0
 
 
 @dataclass(eq=False, repr=False)
@@ -43,7 +47,7 @@ class WindowProjection(BaseEstimator):
         Length of a window in cycles of the slowest coordinate, at least 2. Long windows tell small
         terms better, and may not settle where motions are strongly nonlinear.
     rounds : int
-        Regressions, at least 1; the one that leaves least is kept.
+        Regressions at most, at least 1; the one that leaves least is kept.
     """
 
     cycles: float = 6.0
@@ -118,27 +122,31 @@ def regressed(
     followed = _followed(records, projection, weighted)
     _refuse_far(known, followed[0].oscillators.omega)
     sizes = np.concatenate([decay.amplitude for decay in followed])
-    best: tuple[float, BaseOptimizer, WindowRows] | None = None
+    best: tuple[float, BaseOptimizer, WindowRows, Array] | None = None
     for _ in range(projection.rounds):
         rows = WindowRows.stacked([decay.rows(terms) for decay in followed])
-        if not np.all(np.isfinite(rows.theta)):
-            break
         optimizer = solve(rows)
         coef = optimizer.coef_[0]
         left = float(np.mean((rows.target - rows.theta @ coef) ** 2))
+        settled = best is not None and abs(left - best[0]) < _SETTLED * left
         if best is None or left < best[0]:
-            best = left, optimizer, rows
+            best = left, optimizer, rows, followed[0].record.shapes
+        if settled:
+            break
         model = CoupledModel(tuple(terms), tuple(coef), decays[0].unit)
-        with np.errstate(over="ignore", invalid="ignore"):
-            followed = tuple(decay.following(model) for decay in followed)
-    assert best is not None  # the motion of the first round is that of the tones
-    _, optimizer, rows = best
+        followed = tuple(decay.following(model) for decay in followed)
+        if not max(decay.amplitude.max() for decay in followed) < _AWAY * sizes.max():
+            break  # the model so far runs away from the measured motion
+        shapes = np.mean([decay.mode_shapes for decay in followed], axis=0)
+        followed = tuple(decay.with_shapes(shapes) for decay in followed)
+    assert best is not None
+    _, optimizer, rows, shapes = best
     model = _kept(terms, optimizer.coef_[0], modes, decays[0].unit)
     return Regression(
         optimizer,
         replace(model, amplitude_range=(float(sizes.min()), float(sizes.max()))),
         rows,
-        records[0].shapes,
+        shapes,
     )
 
 
