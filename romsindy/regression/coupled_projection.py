@@ -51,7 +51,7 @@ class WindowProjection(BaseEstimator):
     """
 
     cycles: float = 6.0
-    rounds: int = 12
+    rounds: int = 20
 
     def check(self) -> None:
         """Refuse settings that mean nothing.
@@ -112,16 +112,17 @@ def regressed(
     Raises
     ------
     ValueError
-        If fewer vibrations ring than the terms have coordinates, a known stiffness is far from
-        theirs, or no stiffness is left of a coordinate.
+        If the decays have different channels, fewer vibrations ring than the terms have
+        coordinates, a known stiffness is far from theirs, or none is left of a coordinate.
     """
     projection.check()
+    _require_channels(decays, decays[0].n_channels)
     modes = CoupledModel(tuple(terms), (0.0,) * len(terms)).n_coordinates
     free = [decay.free() for decay in decays]
     records = coupled_records(free, _ringing(free, modes), NUMERICS)
     followed = _followed(records, projection, weighted)
     _refuse_far(known, followed[0].oscillators.omega)
-    sizes = np.concatenate([decay.amplitude for decay in followed])
+    sizes = _sizes(followed)
     best: tuple[float, BaseOptimizer, WindowRows, Array] | None = None
     for _ in range(projection.rounds):
         rows = WindowRows.stacked([decay.rows(terms) for decay in followed])
@@ -135,8 +136,8 @@ def regressed(
             break
         model = CoupledModel(tuple(terms), tuple(coef), decays[0].unit)
         followed = tuple(decay.following(model) for decay in followed)
-        if not max(decay.amplitude.max() for decay in followed) < _AWAY * sizes.max():
-            break  # the model so far runs away from the measured motion
+        if _runs_away(followed, sizes):
+            break
         shapes = np.mean([decay.mode_shapes for decay in followed], axis=0)
         followed = tuple(decay.with_shapes(shapes) for decay in followed)
     assert best is not None
@@ -164,20 +165,36 @@ def rows_of(
     ValueError
         If a decay has other channels, or nothing rings near a mode of the model.
     """
+    _require_channels(decays, len(mode_shapes))
     main = [int(np.argmin(np.abs(column - 1))) for column in mode_shapes.T]
-    records = []
-    for i, decay in enumerate(decays):
-        if decay.n_channels != len(mode_shapes):
-            raise ValueError(
-                f"decay {i} has {decay.n_channels} channels, those of the fit had"
-                f" {len(mode_shapes)}: give the same"
-            )
-        record = CoupledRecord.of(decay.free(), small_frequencies(model), NUMERICS, main)
-        records.append(replace(record, shapes=mode_shapes))
+    found = [CoupledRecord.of(d.free(), small_frequencies(model), NUMERICS, main) for d in decays]
+    records = [replace(record, shapes=mode_shapes) for record in found]
     followed = _followed(records, projection, weighted)
+    sizes = _sizes(followed)
     for _ in range(projection.rounds):
-        followed = tuple(decay.following(model) for decay in followed)
+        nearer = tuple(decay.following(model) for decay in followed)
+        if _runs_away(nearer, sizes):
+            break
+        followed = nearer
     return WindowRows.stacked([decay.rows(model.terms) for decay in followed])
+
+
+def _sizes(followed: Sequence[FollowedDecay]) -> Array:
+    """Largest displacement of a coordinate in each window of all decays."""
+    return np.concatenate([decay.amplitude for decay in followed])
+
+
+def _runs_away(followed: Sequence[FollowedDecay], sizes: Array) -> bool:
+    """Whether a model has led the motion far from what was measured; also where it is nan."""
+    return not bool(_sizes(followed).max() < _AWAY * sizes.max())
+
+
+def _require_channels(decays: Sequence[Decay], count: int) -> None:
+    for i, decay in enumerate(decays):
+        if decay.n_channels != count:
+            raise ValueError(
+                f"decay {i} has {decay.n_channels} channels, others {count}: give the same of all"
+            )
 
 
 def _ringing(decays: Sequence[Decay], modes: int) -> Array:
@@ -189,8 +206,8 @@ def _ringing(decays: Sequence[Decay], modes: int) -> Array:
     if len(most) < modes:
         heard = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in most) or "nothing"
         raise ValueError(
-            f"modes = {modes}, but {len(most)} vibrations ring in the record ({heard}): ask for"
-            " modes that ring, or excite them more"
+            f"modes = {modes}, but what rings in the record is {heard}: ask for so many modes, or"
+            " excite the others more"
         )
     return np.sort([v.mean_frequency for v in most[:modes]])
 
@@ -224,7 +241,7 @@ def _kept(terms: Sequence[Term], coef: Array, modes: int, unit: str | None) -> C
     lost = [k for i in range(modes) if (k := f"omega^2 [q{i + 1}]") not in held]
     if lost:
         raise ValueError(
-            f"the regression has left no positive {lost[0]}: lower the threshold of the optimizer,"
-            " or use fewer terms; stiffness must have degree 1"
+            f"the regression has left no positive {lost[0]}: ask for stiffness of degree 1, lower"
+            " the threshold of the optimizer, or use fewer terms"
         )
     return CoupledModel(tuple(t for t, _ in pairs), tuple(c for _, c in pairs), unit)
