@@ -1,4 +1,4 @@
-"""From rows to coefficients: scaled sparse regression, and the estimator that users meet."""
+"""From decays to coefficients: the estimator that users meet."""
 
 from __future__ import annotations
 
@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pysindy as ps
-from pysindy.optimizers.base import BaseOptimizer
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import BaseEstimator
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
 from romsindy.fit.refine import require_unit, several_decays
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import term_from_key
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Filter
@@ -29,65 +26,11 @@ from romsindy.regression.coupled_projection import (
     regressed,
     rows_of,
 )
+from romsindy.regression.known_coefficients import fixed_columns, refuse_absurd
 from romsindy.regression.library import ROMLibrary, library_terms
 from romsindy.regression.projection import HarmonicProjection, Rows
+from romsindy.regression.scaled_optimizer import ScaledOptimizer
 from romsindy.typing import Array
-
-# A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
-_ABSURD = 10.0
-# Drops terms below 1e-4 of the target: lightly damped modes keep their damping.
-_DEFAULT_OPTIMIZER = ps.STLSQ(threshold=1e-4, alpha=1e-12)
-
-
-class ScaledOptimizer(BaseOptimizer):
-    """Any PySINDy optimizer or scikit-learn linear model on columns of equal size.
-
-    Columns and target are divided by their rms (eq. 19 of the method's paper), and coefficients
-    scaled back. A threshold then means a relative contribution, ``|c| rms(theta) / rms(target)``,
-    whatever the units and the number of rows.
-
-    Parameters
-    ----------
-    optimizer : estimator, optional
-        `pysindy.STLSQ(threshold=1e-4, alpha=1e-12)` by default. It is cloned. Models of
-        scikit-learn are fitted without intercept.
-    fixed : mapping of int to float, optional
-        Columns whose coefficients are known.
-    """
-
-    def __init__(self, optimizer: Any = None, fixed: Mapping[int, float] | None = None):
-        # The optimizer inside removes its own bias; doing so here would free what is fixed.
-        super().__init__(unbias=False)
-        self.optimizer = optimizer
-        self.fixed = fixed
-
-    def set_params(self, **params: Any) -> ScaledOptimizer:
-        """Set parameters and return self, which PySINDy's base class does not."""
-        super().set_params(**params)
-        return self
-
-    def _reduce(self, x: Array, y: Array) -> None:
-        fixed = dict(self.fixed or {})
-        free = [j for j in range(x.shape[1]) if j not in fixed]
-        coefficients = np.zeros((y.shape[1], x.shape[1]))
-        coefficients[:, list(fixed)] = list(fixed.values())
-        column_scale, target_scale = _rms(x[:, free]), _rms(y)
-        if free:
-            inner = clone(self.optimizer or _DEFAULT_OPTIMIZER)
-            if "fit_intercept" in inner.get_params():
-                inner.set_params(fit_intercept=False)
-            rest = (y - x[:, list(fixed)] @ coefficients[:, list(fixed)].T) / target_scale
-            # Some models of scikit-learn warn about, or refuse, a single target as a column.
-            inner.fit(x[:, free] / column_scale, rest[:, 0] if rest.shape[1] == 1 else rest)
-            scaled = np.reshape(inner.coef_, (y.shape[1], len(free)))
-            coefficients[:, free] = scaled * target_scale[:, None] / column_scale
-        self.coef_ = coefficients
-        self.history_.append(coefficients)
-
-
-def _rms(x: Array) -> Array:
-    rms = np.sqrt(np.mean(np.square(x), axis=0))
-    return np.where(rms > 0, rms, 1.0)
 
 
 @dataclass(eq=False, repr=False)
@@ -172,7 +115,7 @@ class HarmonicSINDy(BaseEstimator):
             return self._fit_several(terms, x)
         decays = as_decays(x, t)
         unit = _common_unit(decays)
-        fixed = _fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
+        fixed = fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
         _hint_scale(decays)
         rows = self._rows(terms, decays)
         if rows.theta.shape[0] < len(terms):
@@ -180,7 +123,7 @@ class HarmonicSINDy(BaseEstimator):
                 f"{len(rows.amplitude)} cycles give {len(rows.target)} rows for {len(terms)} terms:"
                 " use fewer terms, more harmonics or a longer record"
             )
-        _refuse_absurd(fixed, terms, rows)
+        refuse_absurd(fixed, terms, rows)
         weights = row_weights(rows) if self.weighted else None
         self.optimizer_ = ScaledOptimizer(self.optimizer, fixed)
         self.optimizer_.fit(rows.theta, rows.target, sample_weight=weights)
@@ -193,7 +136,7 @@ class HarmonicSINDy(BaseEstimator):
     def _fit_several(self, terms: Sequence[Term], x: Any) -> HarmonicSINDy:
         decays = _whole_decays(x)
         known = dict(self.fixed or {})
-        fixed = _fixed_columns(known, terms, decays[0].unit is not None)
+        fixed = fixed_columns(known, terms, decays[0].unit is not None)
 
         def solve(rows: WindowRows) -> ScaledOptimizer:
             return ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
@@ -344,28 +287,6 @@ def _common_unit(decays: Sequence[Decay]) -> str | None:
     return units.pop()
 
 
-def _fixed_columns(
-    fixed: Mapping[str, float], terms: Sequence[Term], unit_known: bool
-) -> dict[int, float]:
-    """Column number to value, after checks of the names."""
-    keys = [term.key for term in terms]
-    columns = {}
-    for key, value in fixed.items():
-        if key not in keys:
-            term_from_key(key)  # a name that is no law at all is refused with the nearest one
-            raise ValueError(f"fixed names {key!r}, but the library has only {keys}: add the term")
-        term = terms[keys.index(key)]
-        if not np.isfinite(value):
-            raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
-        if term.dimension[0] != 1 and not unit_known:
-            raise ValueError(
-                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of"
-                " q is not known: load the decay with unit=, such as unit='mm'"
-            )
-        columns[keys.index(key)] = float(value)
-    return columns
-
-
 def _hint_scale(decays: Sequence[Decay]) -> None:
     peak = max(float(np.abs(d.q).max()) for d in decays)
     if decays[0].unit == "m" and peak > 10:
@@ -374,26 +295,3 @@ def _hint_scale(decays: Sequence[Decay]) -> None:
             " omega^2 holds in any unit of q, gamma_m and Upsilon_k do not",
             stacklevel=3,
         )
-
-
-def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows) -> None:
-    """Known coefficients in other units than the data stand out by orders of magnitude."""
-    target = float(_rms(rows.target[:, None])[0])
-    for column, value in fixed.items():
-        share = abs(value) * float(_rms(rows.theta[:, [column]])[0]) / target
-        term = terms[column]
-        if term.key == "omega^2" and (share < 1 / _ABSURD or share > _ABSURD):
-            raise ValueError(
-                f"fixed['omega^2'] = {value:.6g} 1/s^2 contradicts the data, which oscillate near"
-                f" omega^2 = {abs(value) / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
-                " and t must be in s (a factor of 1e6 means milliseconds)"
-            )
-        if share > _ABSURD:
-            length = term.dimension[0] - 1
-            factor = share ** (1 / length) if length else share
-            raise ValueError(
-                f"fixed[{term.key!r}] = {value:.6g} makes its term {share:.3g} times the"
-                f" acceleration: q and the coefficient have different units, q seems {factor:.2g}"
-                " times too large (1000 means millimetres); load the decay with unit='mm', or"
-                " convert the coefficient"
-            )
