@@ -25,6 +25,7 @@ from romsindy import (
     implicit_data,
     refine,
 )
+from romsindy.show import plots
 
 TWO, ONE = np.array([[1.0, 0.7], [0.5, 1.0]]), np.ones((1, 2))
 STARTS = ((0.8, 0.4), (0.4, 0.6))
@@ -236,6 +237,8 @@ def test_what_cannot_be_fitted(three_decays, fitted):
         fitted.predict(first)
     with pytest.raises(ValueError, match="decay 0 has 1 channels, others 2"):
         fitted.score(first.channel(0))
+    with pytest.raises(ValueError, match=r"\['two'\] of several coordinates.*no harmonics"):
+        plots.plot_residual({"two": fitted})
     data = implicit_data(first.channel(0).differentiated())
     with pytest.raises(TypeError, match=r"use HarmonicSINDy\(library\)"):
         ps.SINDy(feature_library=STIFF, optimizer=ScaledOptimizer()).fit(t=first.t, **data)
