@@ -42,8 +42,8 @@ from romsindy.record.files import save_decay as save_decay
 from romsindy.record.filters import Butterworth as Butterworth
 from romsindy.record.filters import SavitzkyGolay as SavitzkyGolay
 from romsindy.record.recording import Recording as Recording
+from romsindy.regression.coupled_projection import WindowProjection as WindowProjection
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
-from romsindy.regression.estimator import ScaledOptimizer as ScaledOptimizer
 from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary
 from romsindy.regression.library import DampingLibrary as DampingLibrary
 from romsindy.regression.library import ICROMLibrary as ICROMLibrary
@@ -52,6 +52,7 @@ from romsindy.regression.library import StiffnessLibrary as StiffnessLibrary
 from romsindy.regression.library import implicit_data as implicit_data
 from romsindy.regression.projection import HarmonicLibrary as HarmonicLibrary
 from romsindy.regression.projection import HarmonicProjection as HarmonicProjection
+from romsindy.regression.scaled_optimizer import ScaledOptimizer as ScaledOptimizer
 
 __version__: str
 __all__: list[str]

@@ -24,14 +24,16 @@ MODULES = sorted(
 )
 
 # The rooms in the order of the data flow: each imports from those before it, never from those
-# after it. `beam` is beside `fit` and `regression`: neither knows the other. `show` draws arrays,
-# models and fits; a diagnosis, an inspection and the study have pages of their own drawn by it.
+# after it. `beam` is beside `fit`: neither knows the other, nor `regression`, which for several
+# coordinates starts from the records of a fit. `show` draws arrays, models and fits; a diagnosis,
+# an inspection and the study have pages of their own drawn by it.
 ROOMS = [
     {"text", "typing"},
     {"record"},
     {"physics"},
-    {"effects", "orbits", "regression"},
+    {"effects", "orbits"},
     {"beam", "fit"},
+    {"regression"},
     {"show"},
     {"diagnosis", "inspection", "study"},
     {"commands"},

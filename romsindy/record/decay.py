@@ -264,7 +264,7 @@ class Decay:
         free = replace(part, notes=(*part.notes, *notes), stage="free")
         if self.measured != "displacement" or self.n_channels > 1:
             return free
-        rest = rest_level(free.q, free.dt)
+        rest = rest_level(free.channel(0).q, free.dt)
         if not rest:
             return free
         note = f"offset of {rest:.4g} {self.unit or '[q]'} removed: where the vibration rests"

@@ -1,4 +1,4 @@
-"""From rows to coefficients: scaled sparse regression, and the estimator that users meet."""
+"""From decays to coefficients: the estimator that users meet."""
 
 from __future__ import annotations
 
@@ -9,76 +9,28 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pysindy as ps
-from pysindy.optimizers.base import BaseOptimizer
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import BaseEstimator
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
+from romsindy.fit.refine import require_unit, several_decays
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import term_from_key
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Filter
+from romsindy.regression.coupled_library import is_coupled
+from romsindy.regression.coupled_motion import WindowRows
+from romsindy.regression.coupled_projection import (
+    WindowProjection,
+    regressed,
+    rows_of,
+)
+from romsindy.regression.known_coefficients import fixed_columns, refuse_absurd
 from romsindy.regression.library import ROMLibrary, library_terms
 from romsindy.regression.projection import HarmonicProjection, Rows
+from romsindy.regression.scaled_optimizer import ScaledOptimizer
 from romsindy.typing import Array
-
-# A fixed coefficient that makes its term this many times larger than q_ddot is no physics.
-_ABSURD = 10.0
-# Drops terms below 1e-4 of the target: lightly damped modes keep their damping.
-_DEFAULT_OPTIMIZER = ps.STLSQ(threshold=1e-4, alpha=1e-12)
-
-
-class ScaledOptimizer(BaseOptimizer):
-    """Any PySINDy optimizer or scikit-learn linear model on columns of equal size.
-
-    Columns and target are divided by their rms (eq. 19 of the method's paper), and coefficients
-    scaled back. A threshold then means a relative contribution, ``|c| rms(theta) / rms(target)``,
-    whatever the units and the number of rows.
-
-    Parameters
-    ----------
-    optimizer : estimator, optional
-        `pysindy.STLSQ(threshold=1e-4, alpha=1e-12)` by default. It is cloned. Models of
-        scikit-learn are fitted without intercept.
-    fixed : mapping of int to float, optional
-        Columns whose coefficients are known.
-    """
-
-    def __init__(self, optimizer: Any = None, fixed: Mapping[int, float] | None = None):
-        # The optimizer inside removes its own bias; doing so here would free what is fixed.
-        super().__init__(unbias=False)
-        self.optimizer = optimizer
-        self.fixed = fixed
-
-    def set_params(self, **params: Any) -> ScaledOptimizer:
-        """Set parameters and return self, which PySINDy's base class does not."""
-        super().set_params(**params)
-        return self
-
-    def _reduce(self, x: Array, y: Array) -> None:
-        fixed = dict(self.fixed or {})
-        free = [j for j in range(x.shape[1]) if j not in fixed]
-        coefficients = np.zeros((y.shape[1], x.shape[1]))
-        coefficients[:, list(fixed)] = list(fixed.values())
-        column_scale, target_scale = _rms(x[:, free]), _rms(y)
-        if free:
-            inner = clone(self.optimizer or _DEFAULT_OPTIMIZER)
-            if "fit_intercept" in inner.get_params():
-                inner.set_params(fit_intercept=False)
-            rest = (y - x[:, list(fixed)] @ coefficients[:, list(fixed)].T) / target_scale
-            # Some models of scikit-learn warn about, or refuse, a single target as a column.
-            inner.fit(x[:, free] / column_scale, rest[:, 0] if rest.shape[1] == 1 else rest)
-            scaled = np.reshape(inner.coef_, (y.shape[1], len(free)))
-            coefficients[:, free] = scaled * target_scale[:, None] / column_scale
-        self.coef_ = coefficients
-        self.history_.append(coefficients)
-
-
-def _rms(x: Array) -> Array:
-    rms = np.sqrt(np.mean(np.square(x), axis=0))
-    return np.where(rms > 0, rms, 1.0)
 
 
 @dataclass(eq=False, repr=False)
@@ -86,7 +38,9 @@ class HarmonicSINDy(BaseEstimator):
     """Identify a reduced model from free decays, in the harmonic domain.
 
     Every cycle of the decays is projected on its first harmonics, and a scaled sparse regression
-    of -q_ddot on the terms of the library finds the coefficients.
+    of -q_ddot on the terms of the library finds the coefficients. With a library of several
+    coordinates it is the windows of a `WindowProjection` that make the rows, for all equations at
+    once: decays have one channel or several, and the strongest vibrations become coordinates.
 
     Parameters
     ----------
@@ -95,12 +49,13 @@ class HarmonicSINDy(BaseEstimator):
     optimizer : estimator, optional
         Any PySINDy optimizer or scikit-learn linear model; a threshold is a relative contribution
         (see `ScaledOptimizer`). `sklearn.linear_model.LinearRegression()` is least squares.
-    projection : HarmonicProjection, optional
-        Harmonics, weak or strong form, amplitude range.
+    projection : HarmonicProjection or WindowProjection, optional
+        Harmonics, weak or strong form, amplitude range; or windows for several coordinates.
     fixed : mapping of str to float, optional
         Known coefficients by name, such as ``{"omega^2": 1482.2}``, in SI units of q.
     differentiation : Filter, optional
-        How derivatives are made where a decay has none; `Butterworth()` by default.
+        How derivatives are made where a decay has none; `Butterworth()` by default. Several
+        coordinates need none.
     weighted : bool
         Divide the rows of harmonic h by h^d and by the square root of the cycle's amplitude, where
         d is how often the sensor's signal is differentiated to reach q_ddot (2 for displacement).
@@ -125,7 +80,7 @@ class HarmonicSINDy(BaseEstimator):
 
     library: Any = None
     optimizer: Any = None
-    projection: HarmonicProjection | None = None
+    projection: HarmonicProjection | WindowProjection | None = None
     fixed: Mapping[str, float] | None = None
     differentiation: Filter | None = None
     weighted: bool = True
@@ -141,7 +96,8 @@ class HarmonicSINDy(BaseEstimator):
         x : Decay, array, or a list of either
             Decays that lack velocity or acceleration are cut to their free part, smoothed and
             differentiated; those with both are taken as they are. An array holds the columns q or
-            [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units.
+            [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units. Several
+            coordinates need decays; as they were measured, cut to their free part.
         t : array or list of arrays, optional
             Times (n,) in s that go with arrays. A gap splits a record in two.
 
@@ -149,14 +105,17 @@ class HarmonicSINDy(BaseEstimator):
         ------
         ValueError
             For data that cannot be used, unknown names in ``fixed``, or known coefficients that
-            contradict the data; the message names the argument, the value and the remedy.
+            contradict the data; more modes than vibrations that ring; the message names the
+            argument, the value and the remedy.
         """
         terms = library_terms(self.library if self.library is not None else ROMLibrary())
         if not terms:
             raise ValueError("the library has no terms: ask for at least one stiffness term")
+        if is_coupled(terms):
+            return self._fit_several(terms, x)
         decays = as_decays(x, t)
         unit = _common_unit(decays)
-        fixed = _fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
+        fixed = fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
         _hint_scale(decays)
         rows = self._rows(terms, decays)
         if rows.theta.shape[0] < len(terms):
@@ -164,18 +123,47 @@ class HarmonicSINDy(BaseEstimator):
                 f"{len(rows.amplitude)} cycles give {len(rows.target)} rows for {len(terms)} terms:"
                 " use fewer terms, more harmonics or a longer record"
             )
-        _refuse_absurd(fixed, terms, rows)
+        refuse_absurd(fixed, terms, rows)
         weights = row_weights(rows) if self.weighted else None
         self.optimizer_ = ScaledOptimizer(self.optimizer, fixed)
         self.optimizer_.fit(rows.theta, rows.target, sample_weight=weights)
         self.coef_ = self.optimizer_.coef_[0]
-        self.rows_ = rows
+        self.rows_: Any = rows
         valid = (float(rows.amplitude.min()), float(rows.amplitude.max()))
-        self.model_ = ReducedModel(terms, tuple(self.coef_), unit, valid)
+        self.model_: Any = ReducedModel(terms, tuple(self.coef_), unit, valid)
         return self
+
+    def _fit_several(self, terms: Sequence[Term], x: Any) -> HarmonicSINDy:
+        decays = _whole_decays(x)
+        known = dict(self.fixed or {})
+        fixed = fixed_columns(known, terms, decays[0].unit is not None)
+
+        def solve(rows: WindowRows) -> ScaledOptimizer:
+            return ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
+
+        found = regressed(terms, decays, self._windows(), solve, known, self.weighted)
+        self.optimizer_, self.coef_ = found.optimizer, found.optimizer.coef_[0]
+        self.model_, self.rows_ = found.model, found.rows
+        self.mode_shapes_ = found.mode_shapes
+        return self
+
+    def _windows(self) -> WindowProjection:
+        if self.projection is None:
+            return WindowProjection()
+        if not isinstance(self.projection, WindowProjection):
+            raise ValueError(
+                f"projection = {self.projection!r} is for one coordinate: with a library of several"
+                " give WindowProjection(cycles=6)"
+            )
+        return self.projection
 
     def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> Rows:
         projection = self.projection if self.projection is not None else HarmonicProjection()
+        if not isinstance(projection, HarmonicProjection):
+            raise ValueError(
+                f"projection = {projection!r} is for several coordinates: with a library of one"
+                " give HarmonicProjection()"
+            )
         conditioned = [d.single().conditioned(self.differentiation) for d in decays]
         return Rows.stacked([projection.rows(terms, d) for d in conditioned])
 
@@ -191,8 +179,19 @@ class HarmonicSINDy(BaseEstimator):
         -------
         (n,) array, or a list of them for a list
             q_ddot in the unit of q per second squared.
+
+        Raises
+        ------
+        ValueError
+            With several coordinates, which a sensor does not show one by one.
         """
         check_is_fitted(self)
+        if isinstance(self.model_, CoupledModel):
+            raise ValueError(
+                f"the model has {self.model_.n_coordinates} coordinates, which no channel shows"
+                " alone: use model_.acceleration(q, q_dot) with coordinates, or free_run after"
+                " refine(model_, decays)"
+            )
         if isinstance(x, np.ndarray) and t is None and x.ndim == 2 and x.shape[1] >= 2:
             return self.model_.acceleration(x[:, 0], x[:, 1])
         several = isinstance(x, (list, tuple))
@@ -210,13 +209,18 @@ class HarmonicSINDy(BaseEstimator):
         third or fourth digit. Compare backbones too.
         """
         check_is_fitted(self)
+        if isinstance(self.model_, CoupledModel):
+            several = rows_of(
+                self.model_, _whole_decays(x), self._windows(), self.mode_shapes_, self.weighted
+            )
+            return float(r2_score(several.target, several.theta @ self.model_.values))
         rows = self._rows(self.model_.terms, as_decays(x, t))
         return float(r2_score(rows.target, rows.theta @ self.coef_))
 
     def equations(self, precision: int = 4) -> list[str]:
-        """The identified equation, as a list of one line of text."""
+        """The identified equations, a line of text each."""
         check_is_fitted(self)
-        return [self.model_.equation(precision)]
+        return self.model_.equation(precision).splitlines()
 
     def print(self, precision: int = 4) -> None:
         """Print the identified equation."""
@@ -267,6 +271,13 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     return [Decay(times[a:b], *columns[a:b].T) for a, b in bounds]
 
 
+def _whole_decays(x: Any) -> list[Decay]:
+    """Decays of several channels, each once and in one unit."""
+    decays = several_decays(x)
+    require_unit(decays, decays[0].unit)
+    return decays
+
+
 def _common_unit(decays: Sequence[Decay]) -> str | None:
     units = {d.unit for d in decays}
     if len(units) > 1:
@@ -274,28 +285,6 @@ def _common_unit(decays: Sequence[Decay]) -> str | None:
             f"the decays have different units {sorted(map(str, units))}: load all alike"
         )
     return units.pop()
-
-
-def _fixed_columns(
-    fixed: Mapping[str, float], terms: Sequence[Term], unit_known: bool
-) -> dict[int, float]:
-    """Column number to value, after checks of the names."""
-    keys = [term.key for term in terms]
-    columns = {}
-    for key, value in fixed.items():
-        if key not in keys:
-            term_from_key(key)  # a name that is no law at all is refused with the nearest one
-            raise ValueError(f"fixed names {key!r}, but the library has only {keys}: add the term")
-        term = terms[keys.index(key)]
-        if not np.isfinite(value):
-            raise ValueError(f"fixed[{key!r}] = {value!r} must be a finite number")
-        if term.dimension[0] != 1 and not unit_known:
-            raise ValueError(
-                f"fixed[{key!r}] = {value:.6g} is in {term.unit('m')} or the like, but the unit of"
-                " q is not known: load the decay with unit=, such as unit='mm'"
-            )
-        columns[keys.index(key)] = float(value)
-    return columns
 
 
 def _hint_scale(decays: Sequence[Decay]) -> None:
@@ -306,26 +295,3 @@ def _hint_scale(decays: Sequence[Decay]) -> None:
             " omega^2 holds in any unit of q, gamma_m and Upsilon_k do not",
             stacklevel=3,
         )
-
-
-def _refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows) -> None:
-    """Known coefficients in other units than the data stand out by orders of magnitude."""
-    target = float(_rms(rows.target[:, None])[0])
-    for column, value in fixed.items():
-        share = abs(value) * float(_rms(rows.theta[:, [column]])[0]) / target
-        term = terms[column]
-        if term.key == "omega^2" and (share < 1 / _ABSURD or share > _ABSURD):
-            raise ValueError(
-                f"fixed['omega^2'] = {value:.6g} 1/s^2 contradicts the data, which oscillate near"
-                f" omega^2 = {abs(value) / share:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2,"
-                " and t must be in s (a factor of 1e6 means milliseconds)"
-            )
-        if share > _ABSURD:
-            length = term.dimension[0] - 1
-            factor = share ** (1 / length) if length else share
-            raise ValueError(
-                f"fixed[{term.key!r}] = {value:.6g} makes its term {share:.3g} times the"
-                f" acceleration: q and the coefficient have different units, q seems {factor:.2g}"
-                " times too large (1000 means millimetres); load the decay with unit='mm', or"
-                " convert the coefficient"
-            )

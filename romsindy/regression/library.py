@@ -25,6 +25,7 @@ from romsindy.physics.integration import EscapeError
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
+from romsindy.regression.coupled_library import coupled_terms, is_coupled
 from romsindy.typing import Array
 
 _FAR = 1000.0  # times the motion of the fit
@@ -61,7 +62,14 @@ class TermLibrary(BaseFeatureLibrary):
         ------
         ValueError
             If a channel lies beyond the columns of x, or a term is listed twice.
+        TypeError
+            If the terms are those of several coordinates.
         """
+        if is_coupled(self.terms):
+            raise TypeError(
+                "the library has terms of several coordinates, whose equations share coefficients;"
+                " pysindy.SINDy fits every equation by itself: use HarmonicSINDy(library)"
+            )
         n_columns = x[0].shape[-1]
         if len(self.channels) != 3 or max(self.channels) >= n_columns or min(self.channels) < 0:
             raise ValueError(
@@ -192,9 +200,29 @@ class ROMLibrary(TermLibrary):
         Kinds of damping.
     channels : (int, int, int)
         Columns of q, q_dot and q_ddot.
+    modes : int
+        How many coordinates q1, q2, ... there are, the lowest mode first. With more than one,
+        stiffness and damping are those of each coordinate; a stiffness of degree m > 1 adds all
+        products of coordinates of degree m + 1 in the potential (`MixedStiffness`), and inertia of
+        order 3, 4, 5 all products of two shapes of slaved modes (`SlavedInertia`) that are
+        quadratic, quadratic and cubic, cubic. A regression does not demand that these products
+        belong to shapes, which makes M - 1 positive semidefinite. A term has one coefficient in all
+        equations where it stands, so the library is for `HarmonicSINDy`; plain PySINDy, which fits
+        every equation by itself, is refused.
+    masses : bool
+        With several modes: whether those from the second on have a mass beside that of the first
+        (``mu [q2]``). Coordinates are scaled by the sensors, and then their masses differ.
+
+    Raises
+    ------
+    ValueError
+        By `terms`, if modes is no whole number of at least 1, or masses come without modes.
 
     Examples
     --------
+    >>> [term.key for term in ROMLibrary((), (1, 2), modes=2).terms]  # doctest: +ELLIPSIS
+    ['omega^2 [q1]', 'omega^2 [q2]', 'gamma_2 [q1]', 'gamma_2 [q2]', 'V q1^2 q2', ...]
+
     In plain PySINDy. The columns are those of x and u side by side; here a temperature comes first,
     and ``channels`` says where the motion is.
 
@@ -219,9 +247,19 @@ class ROMLibrary(TermLibrary):
     stiffness: Sequence[int] = (1, 2, 3, 4, 5)
     damping: Sequence[str] = ("linear",)
     channels: Sequence[int] = (0, 1, 2)
+    modes: int = 1
+    masses: bool = False
 
     @property
     def terms(self) -> tuple[Term, ...]:
+        whole = isinstance(self.modes, (int, np.integer)) and not isinstance(self.modes, bool)
+        if not whole or self.modes < 1:
+            raise ValueError(f"modes = {self.modes!r} must be a whole number of at least 1")
+        if self.modes > 1:
+            damping = [self.damping] if isinstance(self.damping, str) else self.damping
+            return coupled_terms(self.modes, self.inertia, self.stiffness, damping, self.masses)
+        if self.masses:
+            raise ValueError("masses = True needs modes of at least 2: q1 has the mass 1")
         return (
             ICROMLibrary(self.inertia).terms
             + StiffnessLibrary(self.stiffness).terms

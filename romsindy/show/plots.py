@@ -16,6 +16,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
+from romsindy.regression.projection import Rows
 from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
 from romsindy.show.cycles import (
     Curve,
@@ -224,7 +225,18 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
 
     White noise in the displacement leaves bars that grow with the square of the harmonic, as the
     second derivative does; a harmonic that stands out from this shows a missing term.
+
+    Raises
+    ------
+    ValueError
+        For a regression of several coordinates, whose rows are windows without harmonics.
     """
+    several = [label for label, e in estimators.items() if not isinstance(e.rows_, Rows)]
+    if several:
+        raise ValueError(
+            f"estimators has {several} of several coordinates, whose rows have no harmonics: see"
+            " refine(estimator.model_, decays).residuals"
+        )
     ax = given_or_new(ax)
     width = 0.8 / len(estimators)
     for i, (label, estimator) in enumerate(estimators.items()):

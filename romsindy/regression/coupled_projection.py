@@ -1,0 +1,247 @@
+"""From decays of several coordinates to one regression, and back to their motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from pysindy.optimizers.base import BaseOptimizer
+from sklearn.base import BaseEstimator
+
+from romsindy.fit.coupled_record import CoupledRecord, coupled_records, tones_of
+from romsindy.fit.refine import NUMERICS, small_frequencies
+from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.term import Term
+from romsindy.record.decay import Decay
+from romsindy.regression.coupled_motion import FollowedDecay, Oscillators, WindowRows
+from romsindy.typing import Array
+
+# A known omega^2 is refused where it is so many times that of the vibration, or less.
+_FAR = 10.0
+# Rounds end where another changes what is left by less than this part.
+_SETTLED = 1e-3
+# A motion runs away where it is so many times as large as the measured one.
+_AWAY = 10.0
+
+
+@dataclass(eq=False, repr=False)
+class WindowProjection(BaseEstimator):
+    """Compare terms of several coordinates with the channels, in windows of a few cycles.
+
+    The motion of several coordinates repeats itself in no cycle. So the windows hold some cycles
+    of the slowest, and overlap by half. A term, as a force on linear oscillators, contributes what
+    the channels show of their response; free motions of the oscillators are projected out in every
+    window. This is -q_ddot = sum of terms with both sides filtered alike, and reads displacement,
+    velocity or acceleration as it was measured. All R equations stand in each row: a coefficient
+    that they share is one column.
+
+    Terms are evaluated on the motion of the coordinates, which at first is that of the followed
+    vibrations; each round replaces it by that of the model found, which in every window follows the
+    channels. Harmonics, and what coordinates show of each other, come in by that.
+
+    Parameters
+    ----------
+    cycles : float
+        Length of a window in cycles of the slowest coordinate, at least 2. Long windows tell small
+        terms better, and may not settle where motions are strongly nonlinear.
+    rounds : int
+        Regressions at most, at least 1; the one that leaves least is kept.
+    """
+
+    cycles: float = 6.0
+    rounds: int = 20
+
+    def check(self) -> None:
+        """Refuse settings that mean nothing.
+
+        Raises
+        ------
+        ValueError
+            If ``cycles`` or ``rounds`` is too small.
+        """
+        if not self.cycles >= 2:
+            raise ValueError(f"cycles = {self.cycles!r} must be at least 2")
+        if isinstance(self.rounds, bool) or self.rounds != int(self.rounds) or self.rounds < 1:
+            raise ValueError(f"rounds = {self.rounds!r} must be a whole number of at least 1")
+
+
+class Regression(NamedTuple):
+    """What a regression of several coordinates has found.
+
+    Attributes
+    ----------
+    optimizer : BaseOptimizer
+        Fitted; `model` has those of its terms that are not 0.
+    model : CoupledModel
+    rows : WindowRows
+    mode_shapes : (c, R) array
+    """
+
+    optimizer: BaseOptimizer
+    model: CoupledModel
+    rows: WindowRows
+    mode_shapes: Array
+
+
+def regressed(
+    terms: Sequence[Term],
+    decays: Sequence[Decay],
+    projection: WindowProjection,
+    solve: Callable[[WindowRows], BaseOptimizer],
+    known: Mapping[str, float],
+    weighted: bool = True,
+) -> Regression:
+    """Find coefficients of terms by regression, in rounds.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        Of several coordinates.
+    decays : sequence of Decay
+        Of one channel or several, in one unit.
+    projection : WindowProjection
+    solve : callable
+        From rows to a fitted optimizer.
+    known : mapping of str to float
+        What ``solve`` holds fixed, by name.
+    weighted : bool
+        Divide each channel by its noise.
+
+    Raises
+    ------
+    ValueError
+        If the decays have different channels, fewer vibrations ring than the terms have
+        coordinates, a known stiffness is far from theirs, or none is left of a coordinate.
+    """
+    projection.check()
+    _require_channels(decays, decays[0].n_channels)
+    modes = CoupledModel(tuple(terms), (0.0,) * len(terms)).n_coordinates
+    free = [decay.free() for decay in decays]
+    records = coupled_records(free, _ringing(free, modes), NUMERICS)
+    followed = _followed(records, projection, weighted)
+    _refuse_far(known, followed[0].oscillators.omega)
+    sizes = _sizes(followed)
+    best: tuple[float, BaseOptimizer, WindowRows, Array] | None = None
+    for _ in range(projection.rounds):
+        rows = WindowRows.stacked([decay.rows(terms) for decay in followed])
+        optimizer = solve(rows)
+        coef = optimizer.coef_[0]
+        left = float(np.mean((rows.target - rows.theta @ coef) ** 2))
+        settled = best is not None and abs(left - best[0]) < _SETTLED * left
+        if best is None or left < best[0]:
+            best = left, optimizer, rows, followed[0].record.shapes
+        if settled:
+            break
+        model = CoupledModel(tuple(terms), tuple(coef), decays[0].unit)
+        followed = tuple(decay.following(model) for decay in followed)
+        if _runs_away(followed, sizes):
+            break
+        shapes = np.mean([decay.mode_shapes for decay in followed], axis=0)
+        followed = tuple(decay.with_shapes(shapes) for decay in followed)
+    assert best is not None
+    _, optimizer, rows, shapes = best
+    model = _kept(terms, optimizer.coef_[0], modes, decays[0].unit)
+    return Regression(
+        optimizer,
+        replace(model, amplitude_range=(float(sizes.min()), float(sizes.max()))),
+        rows,
+        shapes,
+    )
+
+
+def rows_of(
+    model: CoupledModel,
+    decays: Sequence[Decay],
+    projection: WindowProjection,
+    mode_shapes: Array,
+    weighted: bool = True,
+) -> WindowRows:
+    """Rows of a model that is known, for decays that may be others than those it came from.
+
+    Raises
+    ------
+    ValueError
+        If a decay has other channels, or nothing rings near a mode of the model.
+    """
+    _require_channels(decays, len(mode_shapes))
+    main = [int(np.argmin(np.abs(column - 1))) for column in mode_shapes.T]
+    found = [CoupledRecord.of(d.free(), small_frequencies(model), NUMERICS, main) for d in decays]
+    records = [replace(record, shapes=mode_shapes) for record in found]
+    followed = _followed(records, projection, weighted)
+    sizes = _sizes(followed)
+    for _ in range(projection.rounds):
+        nearer = tuple(decay.following(model) for decay in followed)
+        if _runs_away(nearer, sizes):
+            break
+        followed = nearer
+    return WindowRows.stacked([decay.rows(model.terms) for decay in followed])
+
+
+def _sizes(followed: Sequence[FollowedDecay]) -> Array:
+    """Largest displacement of a coordinate in each window of all decays."""
+    return np.concatenate([decay.amplitude for decay in followed])
+
+
+def _runs_away(followed: Sequence[FollowedDecay], sizes: Array) -> bool:
+    """Whether a model has led the motion far from what was measured; also where it is nan."""
+    return not bool(_sizes(followed).max() < _AWAY * sizes.max())
+
+
+def _require_channels(decays: Sequence[Decay], count: int) -> None:
+    for i, decay in enumerate(decays):
+        if decay.n_channels != count:
+            raise ValueError(
+                f"decay {i} has {decay.n_channels} channels, others {count}: give the same of all"
+            )
+
+
+def _ringing(decays: Sequence[Decay], modes: int) -> Array:
+    """Frequencies, Hz, of the strongest vibrations of the richest channel, lowest first."""
+    channels = [
+        tones_of(x, d.dt, d.derivative) for d in decays for x in d.signal.reshape(len(d.t), -1).T
+    ]
+    most = max(channels, key=lambda found: (len(found), sum(v.share for v in found)))
+    if len(most) < modes:
+        heard = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in most) or "nothing"
+        raise ValueError(
+            f"modes = {modes}, but what rings in the record is {heard}: ask for so many modes, or"
+            " excite the others more"
+        )
+    return np.sort([v.mean_frequency for v in most[:modes]])
+
+
+def _refuse_far(known: Mapping[str, float], omega: Array) -> None:
+    """Linear stiffness in other units than the data stands out by orders of magnitude."""
+    for i, rate in enumerate(omega):
+        value = known.get(f"omega^2 [q{i + 1}]", rate**2)
+        if not 1 / _FAR < value / rate**2 < _FAR:
+            raise ValueError(
+                f"fixed['omega^2 [q{i + 1}]'] = {value:.6g} 1/s^2 contradicts the data, where that"
+                f" coordinate has omega^2 = {rate**2:.4g}: omega^2 is in (rad/s)^2, 39.5 times Hz^2"
+            )
+
+
+def _followed(
+    records: Sequence[CoupledRecord], projection: WindowProjection, weighted: bool
+) -> tuple[FollowedDecay, ...]:
+    oscillators = Oscillators.of(records)
+    scales = [[n.std if weighted else 1.0 for n in record.noise] for record in records]
+    return tuple(
+        FollowedDecay.of(record, oscillators, np.array(scale), projection.cycles)
+        for record, scale in zip(records, scales, strict=True)
+    )
+
+
+def _kept(terms: Sequence[Term], coef: Array, modes: int, unit: str | None) -> CoupledModel:
+    """The model of the terms that are left, which must have all modes."""
+    pairs = [(t, float(c)) for t, c in zip(terms, coef, strict=True) if c]
+    held = {t.key for t, c in pairs if c > 0}
+    lost = [k for i in range(modes) if (k := f"omega^2 [q{i + 1}]") not in held]
+    if lost:
+        raise ValueError(
+            f"the regression has left no positive {lost[0]}: ask for stiffness of degree 1, lower"
+            " the threshold of the optimizer, or use fewer terms"
+        )
+    return CoupledModel(tuple(t for t, _ in pairs), tuple(c for _, c in pairs), unit)
