@@ -25,7 +25,7 @@ from romsindy.typing import Array
 
 # Steps of the integration in a cycle of the fastest coordinate: its error, of order six, stays
 # below a hundredth of a noise of 40 dB.
-_STEPS = 20
+_STEPS = 12
 # A vibration is a coordinate's where its frequency is so near, as a ratio.
 _NEAR = 1.25
 _SAME = 0.01  # in channels where it differs by less, it is the same vibration

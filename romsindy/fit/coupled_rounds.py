@@ -19,7 +19,7 @@ from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import extended, free_coefficients
 from romsindy.fit.collocation import Trajectory, TrajectoryError
 from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.fit.coupled_terms import Gram, Kind, candidates, chosen, linear_terms, needed
+from romsindy.fit.coupled_terms import Gram, Kind, candidates, chosen, needed
 from romsindy.fit.gauss_newton import fit, linear_table
 from romsindy.fit.part import Part
 from romsindy.fit.shooting import simulated
@@ -121,6 +121,17 @@ class Fitted:
         return np.concatenate([record.whitened(residual) ** 2 for record, residual in pairs])
 
 
+class _Choice(NamedTuple):
+    """Terms that always take part, and those that may."""
+
+    always: tuple[Term, ...]
+    candidates: tuple[Term, ...]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return (*self.always, *(t for t in self.candidates if t not in self.always))
+
+
 class _Piece(NamedTuple):
     """A piece of a record, the number of that, and the part of the data of its samples, (n,)."""
 
@@ -132,29 +143,30 @@ class _Piece(NamedTuple):
 def with_terms(
     start: Stage, given: Sequence[CoupledRecord], kind: Kind, say: Callable[[str], None]
 ) -> Fitted | None:
-    """The model with the terms that the records need, fitted to the longest pieces it follows.
+    """The start with the terms that the records need, fitted to the longest pieces it follows.
 
     None if it follows the motion over no piece. Masses come last: they show where what couples is
     known well, not beside everything else.
     """
-    best = _settled(start, given, kind, say, _CYCLES)
+    always, r = start.model.terms, start.model.n_coordinates
+    best = _settled(start, given, _Choice(always, candidates(r, kind)), say, _CYCLES)
     if best is None:
         return None
-    best = _grown(best, kind, say)
-    masses = kind._replace(masses=True)
-    return _settled(best.stage, best.records, masses, say, best.cycles, best) or best
+    best = _grown(best, _Choice(always, candidates(r, kind)), say)
+    more = _Choice(always, candidates(r, kind._replace(masses=True)))
+    return _settled(best.stage, best.records, more, say, best.cycles, best) or best
 
 
-def _grown(best: Fitted, kind: Kind, say: Callable[[str], None]) -> Fitted:
+def _grown(best: Fitted, choice: _Choice, say: Callable[[str], None]) -> Fitted:
     """Fitted to the longest pieces over which the model follows the motion."""
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
-        return _settled(longer.stage, longer.records, kind, say, np.inf, longer) or longer
+        return _settled(longer.stage, longer.records, choice, say, np.inf, longer) or longer
     for cycles in _lengths(best.records):
         longer = _longer(best, cycles)
         if longer is None:
             break
-        best = _settled(longer.stage, longer.records, kind, say, cycles, longer) or longer
+        best = _settled(longer.stage, longer.records, choice, say, cycles, longer) or longer
     return best
 
 
@@ -172,7 +184,7 @@ def _longer(now: Fitted, cycles: float) -> Fitted | None:
 def _settled(
     now: Stage,
     records: Sequence[CoupledRecord],
-    kind: Kind,
+    choice: _Choice,
     say: Callable[[str], None],
     cycles: float,
     best: Fitted | None = None,
@@ -180,12 +192,12 @@ def _settled(
     """Rounds with pieces of one length, until the choice of terms stays; the best fit."""
     given, weighed = tuple(records), best.weighed_alike() if best else tuple(records)
     for _ in range(_ROUNDS):
-        choice = _chosen(now, cut(now, weighed, cycles), kind)
-        if choice is None or (best and {*choice.model.terms} == {*best.stage.model.terms}):
+        start = _chosen(now, cut(now, weighed, cycles), choice)
+        if start is None or (best and {*start.model.terms} == {*best.stage.model.terms}):
             break
-        more = choice.model.terms[2 * choice.model.n_coordinates :]
-        say(f"terms: {', '.join(t.key for t in more) or 'none beside the linear ones'}")
-        found = fitted(choice, weighed, cycles)
+        more = start.model.terms[len(choice.always) :]
+        say(f"terms: {', '.join(t.key for t in more) or 'no more than at the start'}")
+        found = fitted(start, weighed, cycles)
         if found is None or (best and not found.is_better(best, weighed)):
             break
         settled = best is not None and found.is_alike(best, weighed)
@@ -252,15 +264,13 @@ def cut(now: Stage, records: Sequence[CoupledRecord], cycles: float) -> list[_Pi
     return found
 
 
-def _chosen(now: Stage, pieces: Sequence[_Piece], kind: Kind) -> Stage | None:
-    """The linear terms, and candidates that gain on data that took no part, about the motions.
+def _chosen(now: Stage, pieces: Sequence[_Piece], choice: _Choice) -> Stage | None:
+    """What always takes part, and terms that gain on data that took no part, about the motions.
 
     Values are those of the linearised equations: where a fit is to start. None where the equations
     have no motions near these.
     """
-    r = now.model.n_coordinates
-    values = now.model.coefficients
-    everything = (*linear_terms(r), *candidates(r, kind))
+    values, everything = now.model.coefficients, choice.terms
     at = np.array([values.get(t.key, 0.0) for t in everything])
     model = CoupledModel(everything, tuple(at), now.model.unit)
     free = free_coefficients(model, [t.key for t in everything])
@@ -276,7 +286,7 @@ def _chosen(now: Stage, pieces: Sequence[_Piece], kind: Kind) -> Stage | None:
             return None
         for part in np.unique(piece.part):
             grams.setdefault(int(part), []).append(Gram.of(table[piece.part == part], start))
-    kept, there = chosen([Gram.sum(some) for some in grams.values()], n + 2 * r, least)
+    kept, there = chosen([Gram.sum(some) for some in grams.values()], n + len(choice.always), least)
     terms = tuple(everything[i - n] for i in kept[n:])
     shapes = tuple(
         replace(p, strengths=np.full((1, 1), v)) for p, v in zip(now.shapes, there, strict=False)
