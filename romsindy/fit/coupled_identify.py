@@ -16,8 +16,9 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_record import coupled_records, free_shapes, tones_of
-from romsindy.fit.coupled_rounds import Fitted, Stage, cut, with_terms
+from romsindy.fit.coupled_rounds import Fitted, Stage, with_terms
 from romsindy.fit.coupled_terms import KINDS, linear_terms
+from romsindy.fit.pieces import cut
 from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
@@ -78,7 +79,7 @@ def identify_coupled(
             " amplitude"
         )
     stage, names = best.stage, tuple(best.stage.model.coefficients)
-    pieces = tuple(p.record for p in cut(stage, best.records, best.cycles))
+    pieces = tuple(piece for record in best.records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, progress=progress)
     return replace(fit, notes=(*fit.notes, *_lost(best)))
 
@@ -140,14 +141,16 @@ def _identified(
     frequency = np.array([v.small_frequency for v in ringing])
     say(f"coordinates at {', '.join(f'{f:.5g} Hz' for f in frequency)}")
     records = coupled_records(decays, frequency, NUMERICS)
-    motions = tuple(r.motion for r in records)
-    start = Stage(_linear(ringing, decays[0].unit), free_shapes(records), motions)
+    start = Stage(_linear(ringing, decays[0].unit), free_shapes(records))
     found: list[Fitted] = []
     for kind in KINDS:
         fitted = with_terms(start, records, kind, say)
         if fitted is not None:
             found.append(fitted)
-            records = fitted.records  # with their noise, as it was heard again
+            # With their noise as it was heard again.
+            records = tuple(
+                replace(r, noise=f.noise) for r, f in zip(records, fitted.records, strict=True)
+            )
             if fitted.explained:
                 break
     return min(

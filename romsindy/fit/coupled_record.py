@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.effects.base import ReadingEffect
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part, Reading
 from romsindy.fit.record import OfDecay, Record
 from romsindy.record.decay import Decay
@@ -37,31 +37,16 @@ _CYCLES = 3.0  # between knots of the amplitudes of a tone
 _QUIETER = 0.97
 
 
-@dataclass(frozen=True)
-class ModeShape(ReadingEffect):
-    """What one channel shows of one coordinate, beyond what was read off the record."""
-
-    channel: int = 0
-    coordinate: int = 0
-
-    name, label = "mode_shape", "another mode shape at a sensor"
-
-    @property
-    def variant(self) -> str:
-        """Channel and coordinate, from 1."""
-        return f"channel {self.channel + 1}, q{self.coordinate + 1}"
-
-    def readings(self, t: Array, q: Array) -> Array:
-        """Of its channel, (1, n), by a motion (n, R)."""
-        return q[:, self.coordinate][None]
-
-
 class CoupledReading(Reading):
-    """What c channels show of R coordinates, one channel after the other; ``slope`` is (c, R)."""
+    """What c channels show of R coordinates, one channel after the other.
+
+    ``slope`` is (c, R), or (c, n, k R) where derivatives of the motion show as well.
+    """
 
     def by_motion(self, change: Array) -> Array:
-        """Changes of the reading, (c n, k), by changes (n, R, k) of the motion."""
-        return np.einsum("cr,nrk->cnk", self.slope, change).reshape(-1, change.shape[2])
+        """Changes of the reading, (c n, m), by changes (n, k R, m) of the motion."""
+        rule = "cr,nrk->cnk" if self.slope.ndim == 2 else "cnr,nrk->cnk"
+        return np.einsum(rule, self.slope, change).reshape(-1, change.shape[2])
 
 
 @dataclass(frozen=True)
@@ -136,17 +121,42 @@ class CoupledRecord(OfDecay):
         """The channel of each coordinate whose reading says how large it is."""
         return [int(np.argmin(np.abs(column - 1))) for column in self.shapes.T]
 
+    def mode_shapes(self, parts: Sequence[Part]) -> Array:
+        """What each channel shows of each coordinate of small motions, (c, R)."""
+        shapes = self.shapes.copy()
+        for effect, part in ((p.effect, p) for p in parts):
+            if isinstance(effect, ModeShape):
+                shapes[effect.channel, effect.coordinate] += part.own(0)[0]
+        return shapes
+
+    def orders(self, parts: Sequence[Part]) -> tuple[int, ...]:
+        """Which derivatives of the motion the reading needs: all, where sensors are curved."""
+        curved = any(isinstance(part.effect, CurvedShape) for part in parts)
+        return tuple(range(self.derivative + 1)) if curved else (self.derivative,)
+
     def read(self, parts: Sequence[Part], number: int, x: Array) -> CoupledReading:
-        """What the channels show of a motion x, (n, R)."""
-        shapes, rows = self.shapes.copy(), []
+        """What the channels show of a motion in its `orders`, (n, k R)."""
+        shapes, rows, curved = self.mode_shapes(parts), [], []
+        last = x[:, -shapes.shape[1] :]
         for part in parts:
             effect, row = part.effect, np.zeros((len(self.noise), len(x)))
             if isinstance(effect, ModeShape):
-                shapes[effect.channel, effect.coordinate] += part.own(number)[0]
+                row[effect.channel] = effect.readings(self.t, last)[0]
+            elif isinstance(effect, CurvedShape):
                 row[effect.channel] = effect.readings(self.t, x)[0]
+                curved.append((part.own(number)[0], effect, row))
             rows.append(row.ravel())
         by_value = np.array(rows).reshape(len(rows), len(shapes) * len(x))
-        return CoupledReading((shapes @ x.T).ravel(), shapes, by_value)
+        shown = last @ shapes.T
+        if not curved:
+            return CoupledReading(shown.T.ravel(), shapes, by_value)
+        slope = np.zeros((len(shapes), *x.shape))
+        slope[..., -shapes.shape[1] :] = shapes[:, None]
+        for value, effect, row in curved:
+            if value:
+                shown[:, effect.channel] += value * row[effect.channel]
+                slope[effect.channel] += value * effect.shown_slopes(x)
+        return CoupledReading(shown.T.ravel(), slope, by_value)
 
     def until(self, n: int) -> CoupledRecord:
         """The first n samples of every channel, with the noise of all of it."""
@@ -229,10 +239,10 @@ AnyRecord = Record | CoupledRecord
 def tones_of(x: Array, dt: float, derivative: int) -> list[Vibration]:
     """All that rings in a channel (n,), harmonics by themselves: one may be a mode in resonance.
 
-    Strongest first, harmonics behind; nothing that is faint, or steady as hum is.
+    Strongest first, harmonics behind; nothing that is steady, as hum is.
     """
     t, whole = dt * np.arange(len(x)), float(x @ x)
-    found = [v for v in find_vibrations(x, dt, derivative) if not (v.steady or v.faint)]
+    found = [v for v in find_vibrations(x, dt, derivative) if not v.steady]
     harmonics = []
     for v in found:
         for _, ridge in v.harmonics:
@@ -241,12 +251,7 @@ def tones_of(x: Array, dt: float, derivative: int) -> list[Vibration]:
             energy = v.energy * float(np.sum(moved**2) / np.sum(v.displacement**2))
             harmonics.append(Vibration(ridge, (), energy, share, derivative))
     alone = [replace(v, harmonics=()) for v in found]
-    return [
-        v
-        for several in (alone, harmonics)
-        for v in sorted(several, key=lambda v: -v.share)
-        if not v.faint
-    ]
+    return [v for some in (alone, harmonics) for v in sorted(some, key=lambda v: -v.share)]
 
 
 def coupled_records(
@@ -270,6 +275,26 @@ def free_shapes(records: Sequence[CoupledRecord]) -> tuple[Part, ...]:
         for channel, j in np.ndindex(records[0].shapes.shape)
         if channel != main[j]
     )
+
+
+def curved_shapes(record: CoupledRecord) -> list[tuple[Part, ...]]:
+    """What channels may show of products of coordinates: for each product, the channels together.
+
+    None with as many channels as coordinates: there a curved visibility is another choice of
+    coordinates. So it is for cubes in main channels, where inertia does the same.
+    """
+    n_channels, r = record.shapes.shape
+    if n_channels <= r:
+        return []
+    unit = np.eye(r, dtype=int)
+    pairs = [a + b for a, b in itertools.combinations_with_replacement(unit, 2)]
+    every = range(n_channels)
+    others = [c for c in every if c not in record.main]
+    seen = [*((p, every) for p in pairs), *((3 * a, others) for a in unit)]
+    return [
+        tuple(Part(CurvedShape(c, tuple(p.tolist())), (), np.zeros((1, 1))) for c in channels)
+        for p, channels in seen
+    ]
 
 
 def _main(

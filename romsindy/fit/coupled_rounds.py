@@ -1,13 +1,11 @@
 """Choose terms of several coordinates and fit them, round after round, until the choice stays.
 
-The first rounds look at short pieces of the records, each with an initial state of its own: over
-few cycles no phase is lost, whatever is still missing from the model. Pieces become longer, until
-the records are whole (multiple shooting: H. G. Bock, "Recent Advances in Parameter Identification
-Techniques for O.D.E.", 1983).
+The first rounds look at short pieces of the records, which become longer (`romsindy.fit.pieces`).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,12 +15,12 @@ import numpy as np
 
 from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import extended, free_coefficients
-from romsindy.fit.collocation import Trajectory, TrajectoryError
-from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import Gram, Kind, candidates, chosen, needed
-from romsindy.fit.gauss_newton import fit, linear_table
+from romsindy.fit.gauss_newton import linear_table
+from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part
-from romsindy.fit.shooting import simulated
+from romsindy.fit.pieces import FIRST, cut, fit_pieces, lengths, moved
 from romsindy.fit.verdict import EXPLAINED, TERM
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, SlavedInertia
@@ -34,8 +32,6 @@ from romsindy.typing import Array, Indices
 _ROUNDS = 6
 # What is left may grow so much as pieces do, of a model that is not lost.
 _LOST = 3.0
-# Cycles of the slowest coordinate in the first pieces, and by how much they grow.
-_CYCLES, _GROWTH = 10.0, 2
 # Parts of the data that are left out in turn. With fewer records than the first, stretches of them
 # are: so many, dealt out in turn, so that each part spans the amplitudes.
 _FEWEST_RECORDS, _PARTS, _STRETCHES = 4, 4, 24
@@ -43,11 +39,27 @@ _FEWEST_RECORDS, _PARTS, _STRETCHES = 4, 4, 24
 
 @dataclass(frozen=True)
 class Stage:
-    """What has been found so far: the model, its mode shapes at the channels, its motions."""
+    """What has been found so far: the model, and what channels show beyond what was read off."""
 
     model: CoupledModel
     shapes: tuple[Part, ...]
-    motions: tuple[Trajectory, ...]
+
+    @property
+    def n_values(self) -> int:
+        """Coefficients, and what sensors show of products."""
+        return len(self.model.terms) + len(self.shapes)
+
+    def is_like(self, other: Stage) -> bool:
+        """Whether it has the terms of another, and sensors of its kind."""
+        mine, others = ({*s.model.terms, *(p.effect for p in s.shapes)} for s in (self, other))
+        return mine == others
+
+    def summary(self, n_always: int) -> str:
+        """The terms beyond the first ones, and products that sensors show, in a line."""
+        names = [t.key for t in self.model.terms[n_always:]]
+        curved = [p.effect.product for p in self.shapes if isinstance(p.effect, CurvedShape)]
+        shown = [f"sensors show {product}" for product in dict.fromkeys(curved)]
+        return f"terms: {', '.join([*names, *shown]) or 'no more than at the start'}"
 
 
 @dataclass(frozen=True)
@@ -58,7 +70,7 @@ class Fitted:
     ----------
     stage : Stage
     records : tuple of CoupledRecord
-        Whole, with their noise.
+        Whole, with their noise, and the motions of the fit.
     cycles : float
         Length of the pieces, in cycles of the slowest coordinate; infinite for whole records.
     residuals : tuple of (c n,) arrays
@@ -91,7 +103,7 @@ class Fitted:
     def is_better(self, before: Fitted, records: Sequence[CoupledRecord]) -> bool:
         """Whether its terms are worth more than those of another, by the noise of some records."""
         now, then = self._squares(records), before._squares(records)
-        more = len(self.stage.model.terms) - len(before.stage.model.terms)
+        more = self.stage.n_values - before.stage.n_values
         least = min(now.sum(), then.sum())
         return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
 
@@ -122,22 +134,15 @@ class Fitted:
 
 
 class _Choice(NamedTuple):
-    """Terms that always take part, and those that may."""
+    """Terms that always take part, those that may, and what sensors may show of products."""
 
     always: tuple[Term, ...]
     candidates: tuple[Term, ...]
+    curved: list[tuple[Part, ...]]
 
     @property
     def terms(self) -> tuple[Term, ...]:
         return (*self.always, *(t for t in self.candidates if t not in self.always))
-
-
-class _Piece(NamedTuple):
-    """A piece of a record, the number of that, and the part of the data of its samples, (n,)."""
-
-    record: CoupledRecord
-    number: int
-    part: Indices
 
 
 def with_terms(
@@ -148,13 +153,14 @@ def with_terms(
     None if it follows the motion over no piece. Masses come last: they show where what couples is
     known well, not beside everything else.
     """
-    always, r = start.model.terms, start.model.n_coordinates
-    best = _settled(start, given, _Choice(always, candidates(r, kind)), say, _CYCLES)
+    always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
+    choice = _Choice(always, candidates(r, kind), curved)
+    best = _settled(start, given, choice, say, FIRST)
     if best is None:
         return None
-    best = _grown(best, _Choice(always, candidates(r, kind)), say)
-    more = _Choice(always, candidates(r, kind._replace(masses=True)))
-    return _settled(best.stage, best.records, more, say, best.cycles, best) or best
+    best = _grown(best, choice, say)
+    choice = _Choice(always, candidates(r, kind._replace(masses=True)), curved)
+    return _settled(best.stage, best.records, choice, say, best.cycles, best) or best
 
 
 def _grown(best: Fitted, choice: _Choice, say: Callable[[str], None]) -> Fitted:
@@ -162,7 +168,7 @@ def _grown(best: Fitted, choice: _Choice, say: Callable[[str], None]) -> Fitted:
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
         return _settled(longer.stage, longer.records, choice, say, np.inf, longer) or longer
-    for cycles in _lengths(best.records):
+    for cycles in lengths(best.records):
         longer = _longer(best, cycles)
         if longer is None:
             break
@@ -192,19 +198,20 @@ def _settled(
     """Rounds with pieces of one length, until the choice of terms stays; the best fit."""
     given, weighed = tuple(records), best.weighed_alike() if best else tuple(records)
     for _ in range(_ROUNDS):
-        start = _chosen(now, cut(now, weighed, cycles), choice)
-        if start is None or (best and {*start.model.terms} == {*best.stage.model.terms}):
+        start = _chosen(now, weighed, cycles, choice)
+        if start is None or (best and start.is_like(best.stage)):
             break
-        more = start.model.terms[len(choice.always) :]
-        say(f"terms: {', '.join(t.key for t in more) or 'no more than at the start'}")
+        say(start.summary(len(choice.always)))
         found = fitted(start, weighed, cycles)
         if found is None or (best and not found.is_better(best, weighed)):
             break
         settled = best is not None and found.is_alike(best, weighed)
-        now, best = found.stage, replace(found, records=given).heard_again()
-        settled = settled and all(a is b for a, b in zip(best.records, given, strict=True))
-        given = best.records
-        weighed = best.weighed_alike()
+        # The noise is that of the records, not what they were weighed by.
+        quiet = tuple(replace(r, noise=g.noise) for r, g in zip(found.records, given, strict=True))
+        now, best = found.stage, replace(found, records=quiet).heard_again()
+        pairs = zip(best.records, given, strict=True)
+        settled = settled and all(r.noise is g.noise for r, g in pairs)
+        given, weighed = best.records, best.weighed_alike()
         if settled:
             break
     return best
@@ -214,84 +221,71 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
     """The model fitted to pieces so many cycles long; None if it has no motion, or no masses."""
     names = list(start.model.coefficients)
     parts = (*free_coefficients(start.model, names), *start.shapes)
-    pieces = cut(start, records, cycles)
-    several = [piece.record for piece in pieces]
-    solution = fit(start.model, parts, several)
-    model = extended(start.model, solution.parts)
-    if not (solution.finite and _has_masses(model)):
+    solution = fit_pieces(start.model, parts, records, cycles)
+    if solution is None or not _has_masses(model := extended(start.model, solution.parts)):
         return None
-    every, left = list(solution.motions), list(solution.residuals)
-    if not solution.converged:  # then the motions are not yet those of the model
-        try:
-            every, left = simulated(start.model, solution.parts, several, every)
-        except TrajectoryError:
-            return None
-    motions, residuals = [], []
-    for i, record in enumerate(records):
-        own = [k for k, piece in enumerate(pieces) if piece.number == i]
-        grid, channels = record.motion.grid, len(record.noise)
-        motions.append(Trajectory.joined(grid, [every[k] for k in own]))
-        apart = [left[k].reshape(channels, -1) for k in own]
-        residuals.append(np.concatenate(apart, axis=1).ravel())
-    stage = Stage(model, solution.parts[len(names) :], tuple(motions))
-    return Fitted(stage, tuple(records), cycles, tuple(residuals), solution.n_values)
+    stage = Stage(model, solution.parts[len(names) :])
+    followed = moved(records, solution.motions)
+    return Fitted(stage, followed, cycles, solution.residuals, solution.n_values)
 
 
-def _lengths(records: Sequence[CoupledRecord]) -> list[float]:
-    """Of the pieces after the first, in cycles, until no record is cut."""
-    longest = max(_turns(record) for record in records)
-    count = int(np.ceil(np.log(max(longest / _CYCLES, 1.0)) / np.log(_GROWTH)))
-    return [*(_CYCLES * _GROWTH**k for k in range(1, count)), np.inf]
-
-
-def _turns(record: CoupledRecord) -> float:
-    """Cycles of the slowest coordinate."""
-    return float(record.t[-1]) * min(float(np.median(tone.frequency)) for tone in record.tones)
-
-
-def cut(now: Stage, records: Sequence[CoupledRecord], cycles: float) -> list[_Piece]:
-    """The records with the motions of a stage, in pieces."""
-    found = []
-    for i, (record, motion) in enumerate(zip(records, now.motions, strict=True)):
-        n = max(1, round(_turns(record) / cycles))
-        for piece in replace(record, motion=motion).pieces(n):
-            if len(records) >= _FEWEST_RECORDS:
-                part = np.full(len(piece.decay.t), i)
-            else:
-                place = (piece.decay.t - record.clock) / (record.t[-1] + record.decay.dt)
-                part = (place * _STRETCHES).astype(int) % _PARTS
-            found.append(_Piece(piece, i, np.tile(part, len(record.noise))))
-    return found
-
-
-def _chosen(now: Stage, pieces: Sequence[_Piece], choice: _Choice) -> Stage | None:
+def _chosen(
+    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: _Choice
+) -> Stage | None:
     """What always takes part, and terms that gain on data that took no part, about the motions.
 
     Values are those of the linearised equations: where a fit is to start. None where the equations
     have no motions near these.
     """
-    values, everything = now.model.coefficients, choice.terms
-    at = np.array([values.get(t.key, 0.0) for t in everything])
+    everything, values = choice.terms, now.model.coefficients
+    at = [values.get(t.key, 0.0) for t in everything]
     model = CoupledModel(everything, tuple(at), now.model.unit)
-    free = free_coefficients(model, [t.key for t in everything])
-    parts = (*now.shapes, *free)
-    start = np.concatenate([[p.values[0] for p in now.shapes], at])
-    n = len(now.shapes)
-    least = {n + i: low for i, t in enumerate(everything) if (low := _least(t)) is not None}
+    present = {p.effect: p for p in now.shapes}
+    straight = [p for p in now.shapes if isinstance(p.effect, ModeShape)]
+    sensors = [*straight, *(present.get(p.effect, p) for group in choice.curved for p in group)]
+    parts = (*sensors, *free_coefficients(model, [t.key for t in everything]))
+    start = np.array([*(p.values[0] for p in sensors), *at])
+    first = len(sensors)
     grams: dict[int, list[Gram]] = {}
-    for piece in pieces:
-        with np.errstate(all="ignore"):
-            table = linear_table(model, parts, piece.number, piece.record, piece.record.motion)[1]
-        if not np.all(np.isfinite(table)):
-            return None
-        for part in np.unique(piece.part):
-            grams.setdefault(int(part), []).append(Gram.of(table[piece.part == part], start))
-    kept, there = chosen([Gram.sum(some) for some in grams.values()], n + len(choice.always), least)
-    terms = tuple(everything[i - n] for i in kept[n:])
-    shapes = tuple(
-        replace(p, strengths=np.full((1, 1), v)) for p, v in zip(now.shapes, there, strict=False)
-    )
-    return Stage(CoupledModel(terms, tuple(there[n:]), now.model.unit), shapes, now.motions)
+    for i, record in enumerate(records):
+        for piece in cut(record, cycles):
+            with np.errstate(all="ignore"):
+                table = linear_table(model, parts, i, piece, piece.motion)[1]
+            if not np.all(np.isfinite(table)):
+                return None
+            left_out = _parts(piece, record, i, len(records))
+            for part in np.unique(left_out):
+                grams.setdefault(int(part), []).append(Gram.of(table[left_out == part], start))
+    always = [*range(len(straight)), *range(first, first + len(choice.always))]
+    ends = np.cumsum([len(straight), *(len(group) for group in choice.curved)])
+    groups = [
+        *(list(range(a, b)) for a, b in itertools.pairwise(ends)),
+        *([i] for i in range(always[-1] + 1, len(parts))),
+    ]
+    least = {
+        g: low
+        for g, (i, *_) in enumerate(groups)
+        if i >= first and (low := _least(everything[i - first])) is not None
+    }
+    kept, there = chosen([Gram.sum(some) for some in grams.values()], always, groups, least)
+    value = dict(zip([*always, *(i for g in kept for i in groups[g])], there, strict=True))
+    shapes = [
+        replace(p, strengths=np.full((1, 1), value[i])) for i, p in enumerate(sensors) if i in value
+    ]
+    terms = {everything[i - first]: v for i, v in value.items() if i >= first}
+    return Stage(CoupledModel(tuple(terms), tuple(terms.values()), now.model.unit), tuple(shapes))
+
+
+def _parts(piece: CoupledRecord, record: CoupledRecord, number: int, count: int) -> Indices:
+    """With which part of the data each sample of a piece is left out, (c n,).
+
+    ``number`` is that of the record among ``count``.
+    """
+    t = piece.decay.t
+    if count >= _FEWEST_RECORDS:
+        return np.full(len(t) * len(record.noise), number)
+    place = (t - record.clock) / (record.t[-1] + record.decay.dt)
+    return np.tile((place * _STRETCHES).astype(int) % _PARTS, len(record.noise))
 
 
 def _has_masses(model: CoupledModel) -> bool:

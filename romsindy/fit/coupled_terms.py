@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -129,60 +130,91 @@ class Gram(NamedTuple):
 
 
 def chosen(
-    parts: Sequence[Gram], n_always: int, least: Mapping[int, float]
+    parts: Sequence[Gram],
+    always: Sequence[int],
+    groups: Sequence[Sequence[int]],
+    least: Mapping[int, float],
 ) -> tuple[list[int], Array]:
-    """Places of the values to keep, the first ones and what gains most, and the values there.
+    """Groups of values that gain, and the values, those that always take part first.
 
     Parameters
     ----------
     parts : sequence of Gram
         Each is left out in turn.
-    n_always : int
-        So many values come first, and always take part.
+    always : sequence of int
+        Places of the values that always take part.
+    groups : sequence of sequence of int
+        Places of values that take part together, or not at all.
     least : mapping of int to float
-        What some values must exceed.
+        What the value of a group of one must exceed.
     """
-    always, n_values, n = list(range(n_always)), len(parts[0].right), sum(p.n for p in parts)
-    kept: list[int] = []
-    left = _left_out(parts, always)
-
-    def can_be(i: int) -> bool:
-        return i not in least or _fitted(parts, [*always, *kept, i])[-1] > least[i]
-
-    while True:
-        others = [i for i in range(n_always, n_values) if i not in kept]
-        trials = sorted((_left_out(parts, [*always, *kept, i]), i) for i in others)
-        misfit, best = next((trial for trial in trials if can_be(trial[1])), (left, -1))
-        if left - misfit < needed(n, left, len(others)):
-            return [*always, *kept], _fitted(parts, [*always, *kept])
-        kept, left = _exchanged(parts, n_always, [*kept, best], misfit)
-        kept, left = _without_idle(parts, n_always, kept, left)
+    return _Trials(parts, always, groups, least).choice()
 
 
-def _exchanged(
-    parts: Sequence[Gram], n_always: int, kept: list[int], left: float
-) -> tuple[list[int], float]:
-    """With another in the place of one, where that leaves less."""
-    always, n = list(range(n_always)), sum(p.n for p in parts)
-    for i in kept[:-1]:
-        rest = [k for k in kept if k != i]
-        others = [j for j in range(n_always, len(parts[0].right)) if j not in kept]
-        misfit, best = min((_left_out(parts, [*always, *rest, j]), j) for j in others)
-        if left - misfit > needed(n, left, 1):
-            return _exchanged(parts, n_always, [*rest, best], misfit)
-    return kept, left
+@dataclass(frozen=True)
+class _Trials:
+    """Misfits of parts that are left out, by which groups of values are chosen: see `chosen`."""
 
+    parts: Sequence[Gram]
+    always: Sequence[int]
+    groups: Sequence[Sequence[int]]
+    least: Mapping[int, float]
 
-def _without_idle(
-    parts: Sequence[Gram], n_always: int, kept: list[int], left: float
-) -> tuple[list[int], float]:
-    """Without those that later ones have made superfluous."""
-    for i in kept[:-1]:
-        fewer = [k for k in kept if k != i]
-        misfit = _left_out(parts, [*range(n_always), *fewer])
-        if misfit - left < needed(sum(p.n for p in parts), left, 1):
-            return _without_idle(parts, n_always, fewer, misfit)
-    return kept, left
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return sum(p.n for p in self.parts)
+
+    def choice(self) -> tuple[list[int], Array]:
+        """Numbers of the groups, in order of their gains, and the values."""
+        kept: list[int] = []
+        left = self._left_out(kept)
+        while True:
+            others = [g for g in range(len(self.groups)) if g not in kept]
+            trials = sorted((self._left_out([*kept, g]), g) for g in others)
+            misfit, best = next((t for t in trials if self._can_be([*kept, t[1]])), (left, -1))
+            if best < 0 or left - misfit < self._needed(left, best, len(others)):
+                return kept, _fitted(self.parts, self._places(kept))
+            kept, left = self._exchanged([*kept, best], misfit)
+            kept, left = self._without_idle(kept, left)
+
+    def _exchanged(self, kept: list[int], left: float) -> tuple[list[int], float]:
+        """With another in the place of one, where that leaves less."""
+        for g in kept[:-1]:
+            rest = [k for k in kept if k != g]
+            others = [j for j in range(len(self.groups)) if j not in kept]
+            misfit, best = min(((self._left_out([*rest, j]), j) for j in others), default=(left, g))
+            more = len(self.groups[best]) - len(self.groups[g]) + 1
+            if left - misfit > max(more, 1) * needed(self.n, left, 1):
+                return self._exchanged([*rest, best], misfit)
+        return kept, left
+
+    def _without_idle(self, kept: list[int], left: float) -> tuple[list[int], float]:
+        """Without those that later ones have made superfluous."""
+        for g in kept[:-1]:
+            fewer = [k for k in kept if k != g]
+            misfit = self._left_out(fewer)
+            if misfit - left < self._needed(left, g, 1):
+                return self._without_idle(fewer, misfit)
+        return kept, left
+
+    def _needed(self, left: float, group: int, looks: int) -> float:
+        return len(self.groups[group]) * needed(self.n, left, looks)
+
+    def _can_be(self, kept: list[int]) -> bool:
+        last = kept[-1]
+        if last not in self.least:
+            return True
+        return bool(_fitted(self.parts, self._places(kept))[-1] > self.least[last])
+
+    def _places(self, kept: Sequence[int]) -> list[int]:
+        return [*self.always, *(i for g in kept for i in self.groups[g])]
+
+    def _left_out(self, kept: Sequence[int]) -> float:
+        """Misfit of all parts, each by values that were fitted to the others."""
+        where = self._places(kept)
+        at, parts = np.array(where), self.parts
+        return sum(p.misfit(at, _fitted([o for o in parts if o is not p], where)) for p in parts)
 
 
 def needed(n: int, left: float, looks: int) -> float:
@@ -197,9 +229,3 @@ def _fitted(parts: Sequence[Gram], where: Sequence[int]) -> Array:
     at = np.array(where)
     matrix = sum(p.matrix[np.ix_(at, at)] for p in parts)
     return solved(np.asarray(matrix), sum(p.right[at] for p in parts))
-
-
-def _left_out(parts: Sequence[Gram], where: Sequence[int]) -> float:
-    """Misfit of all parts, each by values that were fitted to the others."""
-    at = np.array(where)
-    return sum(p.misfit(at, _fitted([o for o in parts if o is not p], where)) for p in parts)

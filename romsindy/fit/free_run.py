@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from romsindy.fit.collocation import integrate
 from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.equation import equation_of
+from romsindy.fit.mode_shape import CurvedShape
+from romsindy.fit.part import in_orders
 from romsindy.fit.refine import NUMERICS, Fit, small_frequencies
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import CoupledModel
@@ -55,9 +58,12 @@ def free_run(fit: Fit, decay: Decay, samples: int) -> Array:
     main = [int(i) for i in np.argmax(fit.mode_shapes == 1.0, axis=0)]
     found = CoupledRecord.of(decay, small_frequencies(model), NUMERICS, main)
     record = replace(found, shapes=fit.mode_shapes)
-    start = shoot(model, (), [record.until(samples)], [record.until(samples).motion])[0].motions[0]
+    curved = tuple(p for p in fit.solution.parts if isinstance(p.effect, CurvedShape))
+    first = record.until(samples)
+    start = shoot(model, curved, [first], [first.motion], fixed=True)[0].motions[0]
     grid = record.motion.grid
     equation = equation_of(model, (), 0, grid.step, record.clock)
     motion = integrate(equation, start.start, grid, record.motion)
-    shown = record.read((), 0, motion.samples(equation, record.derivative)).shown
+    x = in_orders(record.orders(curved), partial(motion.samples, equation))
+    shown = record.read(curved, 0, x).shown
     return shown.reshape(decay.n_channels, -1).T.reshape(decay.signal.shape)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from romsindy.fit.coupled_record import AnyRecord
 from romsindy.fit.equation import equation_of
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
@@ -141,7 +142,7 @@ def fit(
             break
         last = chi_squared
     residuals = tuple(
-        r.signal - r.read(parts, i, sampled(m, r.derivative)).shown
+        r.signal - r.read(parts, i, in_orders(r.orders(parts), partial(sampled, m))).shown
         for i, (r, m) in enumerate(zip(records, motions, strict=True))
     )
     pairs = list(zip(records, residuals, strict=True))
@@ -207,16 +208,17 @@ def linear_table(
     """Response of a motion to all values, and `table` of where it leads, in record i."""
     equation = equation_of(model, parts, i, motion.grid.step, record.clock)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
-    change = response.samples(record.derivative)
-    x = sampled(motion, record.derivative) + change[..., 0]
+    orders = record.orders(parts)
+    change = in_orders(orders, response.samples)
+    x = in_orders(orders, partial(sampled, motion)) + change[..., 0]
     return response, table(parts, i, record, x, change[..., 1:])
 
 
 def table(parts: Sequence[Part], i: int, record: AnyRecord, x: Array, by_value: Array) -> Array:
     """Derivatives of the reading of a motion x in record i, and its misfit, whitened: (n, m + 1).
 
-    ``by_value`` (n, R, m) are those of the motion (n, R), by the values that act in the record and
-    the state.
+    ``by_value`` (n, k R, m) are those of the motion (n, k R), both in the `orders` of the record,
+    by the values that act in it and the state.
     """
     reading = record.read(parts, i, x)
     jacobian = reading.by_motion(by_value)

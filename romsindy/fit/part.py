@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -221,6 +221,12 @@ def read(parts: Sequence[Part], record: int, t: Array, x: Array) -> Reading:
         slope = slope + own @ part.effect.reading_slopes(t, x)
         rows.append(part.by_value("readings", (t, x), record))
     return Reading(shown, slope, np.concatenate(rows) if rows else np.zeros((0, len(x))))
+
+
+def in_orders(orders: Sequence[int], of: Callable[[int], Array]) -> Array:
+    """What a function gives for several derivatives, (n, R, ...) each, side by side."""
+    found = [of(order) for order in orders]
+    return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
 
 
 def columns_of(parts: Sequence[Part], record: int) -> Indices:

@@ -51,6 +51,10 @@ class OfDecay:
         """0, 1, 2 where displacement, velocity or acceleration was measured."""
         return self.decay.derivative
 
+    def orders(self, parts: Sequence[Part]) -> tuple[int, ...]:
+        """Which derivatives of the motion its reading needs."""
+        return (self.derivative,)
+
 
 @dataclass(frozen=True)
 class Record(OfDecay):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -23,6 +24,7 @@ from romsindy.fit.estimate import Estimate
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
+from romsindy.fit.pieces import FIRST, fit_pieces, lengths, moved
 from romsindy.fit.record import Record, sharing_drift
 from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import LOSSES, TOLERANCE, shoot
@@ -97,7 +99,7 @@ class Fit(Estimate):
         record = self.records[0]
         if not isinstance(record, CoupledRecord):
             return np.ones((1, 1))
-        return record.read(self.solution.parts, 0, record.motion.q[:1]).slope
+        return record.mode_shapes(self.solution.parts)
 
     @property
     def resonances(self) -> tuple[Resonance, ...]:
@@ -300,22 +302,41 @@ def _followed(
 ) -> tuple[Solution, Array]:
     """Fit from the measured motion; where that does not settle, over growing horizons."""
     near = fit(model, parts, records)
-    alone = [r for r in records if isinstance(r, Record)]
-    if near.converged or isinstance(model, CoupledModel) or not alone:
+    shot = partial(shoot, model, loss=loss, progress=progress)
+    if isinstance(model, CoupledModel):
         n = sum(len(r.signal) for r in records)
-        rough = isinstance(model, CoupledModel) and near.chi_squared > EXPLAINED**2 * n
+        rough = near.chi_squared > EXPLAINED**2 * n
         tolerance = _ROUGH if rough else TOLERANCE
-        return shoot(
-            model,
-            near.parts,
-            records,
-            near.motions,
-            loss=loss,
-            tolerance=tolerance,
-            progress=progress,
-        )
+        coupled = [r for r in records if isinstance(r, CoupledRecord)]
+        if not near.converged:
+            near = _in_pieces(model, parts, coupled)
+        return shot(near.parts, records, near.motions, tolerance=tolerance)
+    alone = [r for r in records if isinstance(r, Record)]
+    if near.converged or not alone:
+        return shot(near.parts, records, near.motions)
     found, motions = fit_growing(model, parts, alone)
-    return shoot(model, found, records, motions, loss=loss, progress=progress)
+    return shot(found, records, motions)
+
+
+def _in_pieces(
+    model: CoupledModel, parts: tuple[Part, ...], records: Sequence[CoupledRecord]
+) -> Solution:
+    """Where a fit of whole records does not settle: to the longest pieces that the model follows.
+
+    Raises
+    ------
+    TrajectoryError
+        If it follows none.
+    """
+    best = None
+    for cycles in (FIRST, *lengths(records)):
+        found = fit_pieces(model, parts, records, cycles)
+        if found is None:
+            break
+        best, parts, records = found, found.parts, moved(records, found.motions)
+    if best is None:
+        raise TrajectoryError(f"over no {FIRST:.0f} cycles does it follow it")
+    return best
 
 
 def _free_names(model: AnyModel, fixed: Collection[str]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -20,7 +21,7 @@ from romsindy.fit.gauss_newton import Solution, held_values, limits, moved_parts
 from romsindy.fit.linear_response import sensitivity
 from romsindy.fit.linear_steps import Equation
 from romsindy.fit.normal_equations import NormalEquations, priors
-from romsindy.fit.part import Part, columns_of
+from romsindy.fit.part import Part, columns_of, in_orders
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
@@ -73,7 +74,7 @@ class _Problem:
         parts, equations = self.at(values)
         motions = zip(self.records, equations, self.simulate(values), strict=True)
         return [
-            r.signal - r.read(parts, i, m.samples(e, r.derivative)).shown
+            r.signal - r.read(parts, i, in_orders(r.orders(parts), partial(m.samples, e))).shown
             for i, (r, e, m) in enumerate(motions)
         ]
 
@@ -102,8 +103,9 @@ class _Problem:
         motions = zip(self.records, equations, self.simulate(values), strict=True)
         found: list[Array] = []
         for i, (record, equation, motion) in enumerate(motions):
-            slopes = sensitivity(equation, motion, record.derivative)
-            x = motion.samples(equation, record.derivative)
+            orders = record.orders(parts)
+            slopes = in_orders(orders, partial(sensitivity, equation, motion))
+            x = in_orders(orders, partial(motion.samples, equation))
             own = table(parts, i, record, x, slopes)
             n_states = len(motion.start)
             rows = np.zeros((len(own), len(values) + 1))

@@ -1,0 +1,77 @@
+"""Fits to pieces of the records, each with an initial state of its own: multiple shooting.
+
+Over few cycles no phase is lost, whatever is still missing from the model. Pieces become longer,
+until the records are whole.
+
+[1] H. G. Bock, "Recent Advances in Parameter Identification Techniques for O.D.E.", in: Numerical
+Treatment of Inverse Problems in Differential and Integral Equations, 1983.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from romsindy.fit.collocation import Trajectory, TrajectoryError
+from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.part import Part
+from romsindy.fit.shooting import simulated
+from romsindy.physics.coupled import CoupledModel
+
+# Cycles of the slowest coordinate in the first pieces, and by how much they grow.
+FIRST, _GROWTH = 10.0, 2
+
+
+def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
+    """A record in pieces about so many cycles of its slowest coordinate long."""
+    return record.pieces(max(1, round(_cycles(record) / cycles)))
+
+
+def lengths(records: Sequence[CoupledRecord]) -> list[float]:
+    """Of the pieces after the first, in cycles, until no record is cut; infinite at the end."""
+    longest = max(_cycles(record) for record in records)
+    count = int(np.ceil(np.log(max(longest / FIRST, 1.0)) / np.log(_GROWTH)))
+    return [*(FIRST * _GROWTH**k for k in range(1, count)), np.inf]
+
+
+def fit_pieces(
+    model: CoupledModel, parts: Sequence[Part], records: Sequence[CoupledRecord], cycles: float
+) -> Solution | None:
+    """The model fitted to pieces so many cycles long, from the motions of the records.
+
+    Motions and residuals of the solution are those of whole records. None if there is no motion.
+    """
+    several = [cut(record, cycles) for record in records]
+    every = [piece for own in several for piece in own]
+    solution = fit(model, parts, every)
+    if not solution.finite:
+        return None
+    motions, residuals = list(solution.motions), list(solution.residuals)
+    if not solution.converged:  # then the motions are not yet those of the model
+        try:
+            motions, residuals = simulated(model, solution.parts, every, motions)
+        except TrajectoryError:
+            return None
+    whole, left, first = [], [], 0
+    for record, own in zip(records, several, strict=True):
+        here = slice(first, first + len(own))
+        whole.append(Trajectory.joined(record.motion.grid, motions[here]))
+        channels = [x.reshape(len(record.noise), -1) for x in residuals[here]]
+        left.append(np.concatenate(channels, axis=1).ravel())
+        first += len(own)
+    return replace(solution, motions=tuple(whole), residuals=tuple(left))
+
+
+def moved(
+    records: Sequence[CoupledRecord], motions: Sequence[Trajectory]
+) -> tuple[CoupledRecord, ...]:
+    """Records with other motions behind them."""
+    return tuple(replace(r, motion=m) for r, m in zip(records, motions, strict=True))
+
+
+def _cycles(record: CoupledRecord) -> float:
+    """Of the slowest coordinate, in all."""
+    return float(record.t[-1]) * min(float(np.median(tone.frequency)) for tone in record.tones)
