@@ -15,8 +15,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_record import coupled_records, free_shapes, tones_of
-from romsindy.fit.coupled_rounds import Fitted, Stage, with_terms
+from romsindy.fit.coupled_record import coupled_records, free_shapes, names_of, ringing_in
+from romsindy.fit.coupled_rounds import Fitted, Progress, Stage, with_terms
 from romsindy.fit.coupled_terms import KINDS, linear_terms
 from romsindy.fit.pieces import cut
 from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
@@ -62,16 +62,25 @@ def identify_coupled(
     free = [decay.free() for decay in several]
     ringing, fewest = _ringing(free, coordinates)
     best: Fitted | None = None
+    kept: list[Fitted] = []  # of the present coordinates
+    interrupted = False
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        for count in range(fewest, len(ringing) + 1):
-            found = _identified(ringing[:count], free, say)
-            # A further coordinate must be needed: harmonics and combinations look like one.
-            if best is not None and not (found and _needed(found, best)):
-                break
-            best = found
-            if best is not None and best.explained:
-                break
+        try:
+            for count in range(fewest, len(ringing) + 1):
+                kept.clear()
+                _identify(ringing[:count], free, Progress(say, kept.append))
+                found = _best(kept)
+                # A further coordinate must be needed: harmonics and combinations look like one.
+                if best is not None and not (found and _needed(found, best)):
+                    break
+                best = found
+                if best is not None and best.explained:
+                    break
+        except KeyboardInterrupt:
+            best, interrupted = best or _best(kept), True
+            if best is None:
+                raise
     if best is None:
         raise TrajectoryError(
             f"no model of {len(ringing)} coordinates has a motion near the measured one: take"
@@ -81,7 +90,7 @@ def identify_coupled(
     stage, names = best.stage, tuple(best.stage.model.coefficients)
     pieces = tuple(piece for record in best.records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, progress=progress)
-    return replace(fit, notes=(*fit.notes, *_lost(best)))
+    return replace(fit, notes=(*fit.notes, *_notes(best, interrupted)))
 
 
 def _needed(found: Fitted, before: Fitted) -> bool:
@@ -90,37 +99,37 @@ def _needed(found: Fitted, before: Fitted) -> bool:
     return longer or found.left_over(before.records) < (1 - MODE) * before.left
 
 
-def _lost(best: Fitted) -> list[str]:
-    """What the reader must know where the model loses the motion."""
-    if np.isinf(best.cycles):
-        return []
-    return [
-        f"the model follows the motion over pieces of {best.cycles:.0f} cycles of the slowest"
-        " coordinate, not over the whole of the decays: it was fitted to such pieces, each from an"
-        " initial state of its own"
-    ]
+def _notes(best: Fitted, interrupted: bool) -> list[str]:
+    """What the reader must know of how it was found."""
+    notes = ["interrupted: the best of what had been tried"] if interrupted else []
+    if best.cycles < np.inf:
+        notes.append(
+            f"the model follows the motion over pieces of {best.cycles:.0f} cycles of the slowest"
+            " coordinate, not over the whole of the decays: it was fitted to such pieces, each from"
+            " an initial state of its own"
+        )
+    return notes
 
 
 def _ringing(decays: Sequence[Decay], coordinates: int | str) -> tuple[list[Vibration], int]:
-    """What may be modelled, strongest first, and how many at least; of the richest channel."""
-    channels = [
-        tones_of(x, d.dt, d.derivative) for d in decays for x in d.signal.reshape(len(d.t), -1).T
-    ]
-    most = max(channels, key=lambda found: (len(found), sum(v.share for v in found)))
-    heard = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in most) or "nothing"
-    if coordinates == "auto" and most:
-        return most, min(2, len(most))
-    if isinstance(coordinates, bool) or not isinstance(coordinates, int) or coordinates < 1:
+    """What may be modelled, strongest first, and how many at least."""
+    whole = not isinstance(coordinates, (str, bool)) and coordinates >= 1
+    if coordinates != "auto" and not (whole and isinstance(coordinates, int)):
         raise ValueError(
-            f"coordinates = {coordinates!r}: give 'auto' or a whole number of at least 1; what"
-            f" rings is {heard}"
+            f"coordinates = {coordinates!r}: give 'auto' or a whole number of at least 1"
         )
-    if coordinates > len(most):
+    found = ringing_in(decays)
+    if not found:
+        raise ValueError("nothing rings in the decays: give records in which a vibration dies away")
+    if not isinstance(coordinates, int):
+        return found, min(2, len(found))
+    if coordinates > len(found):
         raise ValueError(
-            f"coordinates = {coordinates}, but {len(most)} vibrations ring in the record ({heard}):"
-            " ask for as many at most"
+            f"coordinates = {coordinates}, but what rings in the record is {names_of(found)}: ask"
+            " for as many at most, or excite the others more; modes closer than their bandwidth"
+            " ring as one"
         )
-    return most[:coordinates], coordinates
+    return found[:coordinates], coordinates
 
 
 def _linear(ringing: Sequence[Vibration], unit: str | None) -> CoupledModel:
@@ -133,28 +142,32 @@ def _linear(ringing: Sequence[Vibration], unit: str | None) -> CoupledModel:
     return CoupledModel(linear_terms(len(ringing)), tuple(values), unit)
 
 
-def _identified(
-    strongest: Sequence[Vibration], decays: Sequence[Decay], say: Callable[[str], None]
-) -> Fitted | None:
-    """The model of some vibrations, with candidates of the plainest kind that explains them."""
+def _identify(strongest: Sequence[Vibration], decays: Sequence[Decay], progress: Progress) -> None:
+    """Model some vibrations, with candidates of the plainest kind that explains them.
+
+    What is found is kept by ``progress``.
+    """
     ringing = sorted(strongest, key=lambda v: v.small_frequency)
     frequency = np.array([v.small_frequency for v in ringing])
-    say(f"coordinates at {', '.join(f'{f:.5g} Hz' for f in frequency)}")
+    progress.say(f"coordinates at {names_of(ringing)}")
     records = coupled_records(decays, frequency, NUMERICS)
     start = Stage(_linear(ringing, decays[0].unit), free_shapes(records))
-    found: list[Fitted] = []
     for kind in KINDS:
-        fitted = with_terms(start, records, kind, say)
+        fitted = with_terms(start, records, kind, progress)
         if fitted is not None:
-            found.append(fitted)
-            # With their noise as it was heard again.
-            records = tuple(
-                replace(r, noise=f.noise) for r, f in zip(records, fitted.records, strict=True)
-            )
             if fitted.explained:
-                break
-    return min(
-        found,
-        key=lambda f: (not f.explained, -f.cycles, f.left_over(records)),
-        default=None,
-    )
+                return
+            # With their noise as it was heard again.
+            pairs = zip(records, fitted.records, strict=True)
+            records = tuple(replace(record, noise=f.noise) for record, f in pairs)
+
+
+def _best(found: Sequence[Fitted]) -> Fitted | None:
+    """Of several fits the one that explains, or follows the motion for longest and leaves least."""
+    if not found:
+        return None
+    longest = [f for f in found if f.cycles == max(f.cycles for f in found)]
+    quietest = longest[-1].records
+    explained = [f for f in longest if f.explained]
+    # Of two alike the later: its noise was heard last.
+    return min(reversed(explained or longest), key=lambda f: f.left_over(quietest))

@@ -67,6 +67,8 @@ class CoupledRecord(OfDecay):
         Smooth displacement of the R coordinates; times from the start of the record.
     tones : tuple of Ridge
         The fundamentals of the coordinates, as followed in their main channels.
+    since : float
+        Where it starts in the record that it is a piece of, s: tones have the times of that.
     """
 
     decay: Decay
@@ -75,6 +77,7 @@ class CoupledRecord(OfDecay):
     shapes: Array
     motion: Trajectory
     tones: tuple[Ridge, ...]
+    since: float = 0.0
 
     @classmethod
     def of(
@@ -175,7 +178,8 @@ class CoupledRecord(OfDecay):
         t = self.decay.t[inside]
         signal = self.signal.reshape(len(self.noise), -1)[:, inside].ravel()
         decay = self.decay.between(float(t[0]), float(t[-1]))
-        return replace(self, decay=decay, signal=signal, motion=self.motion.between(first, last))
+        motion, since = self.motion.between(first, last), self.since + float(t[0] - self.decay.t[0])
+        return replace(self, decay=decay, signal=signal, motion=motion, since=since)
 
     def louder(self, by: float) -> CoupledRecord:
         """The same with so many times the noise."""
@@ -216,7 +220,7 @@ class CoupledRecord(OfDecay):
 
         They are looked at for what is left at the harmonics of the coordinate.
         """
-        t = self.t
+        t = self.since + self.t
         signals, white = (
             x.reshape(len(self.noise), -1) for x in (self.signal, self.whitened(residual))
         )
@@ -224,6 +228,8 @@ class CoupledRecord(OfDecay):
         for signal, noise, left in zip(signals, self.noise, white, strict=True):
             for tone in self.tones:
                 clock = np.clip(t, tone.start, tone.end)
+                if clock[0] == clock[-1]:  # it has died before
+                    continue
                 q = np.real(_displaced(tone, clock, -self.derivative))
                 decay = Decay(self.decay.t, q, unit=self.decay.unit, stage="free")
                 spline = HarmonicSpline.along(tone.phase, clock, q, _CYCLES, 1)
@@ -241,6 +247,12 @@ def tones_of(x: Array, dt: float, derivative: int) -> list[Vibration]:
 
     Strongest first, harmonics behind; nothing that is steady, as hum is.
     """
+    alone, harmonics = _tones(x, dt, derivative)
+    return [v for some in (alone, harmonics) for v in sorted(some, key=lambda v: -v.share)]
+
+
+def _tones(x: Array, dt: float, derivative: int) -> tuple[list[Vibration], list[Vibration]]:
+    """Vibrations of a channel, and their harmonics by themselves."""
     t, whole = dt * np.arange(len(x)), float(x @ x)
     found = [v for v in find_vibrations(x, dt, derivative) if not v.steady]
     harmonics = []
@@ -250,8 +262,54 @@ def tones_of(x: Array, dt: float, derivative: int) -> list[Vibration]:
             moved = ridge.amplitude / (2 * np.pi * ridge.frequency) ** derivative
             energy = v.energy * float(np.sum(moved**2) / np.sum(v.displacement**2))
             harmonics.append(Vibration(ridge, (), energy, share, derivative))
-    alone = [replace(v, harmonics=()) for v in found]
-    return [v for some in (alone, harmonics) for v in sorted(some, key=lambda v: -v.share)]
+    return [replace(v, harmonics=()) for v in found], harmonics
+
+
+def ringing_in(decays: Sequence[Decay]) -> list[Vibration]:
+    """What rings in the channel in which most does, strongest first, harmonics behind.
+
+    What is weak in one of the decays is weak: a coordinate rings in all, ghosts do not.
+    """
+    require_channels(decays, decays[0].n_channels)
+    several = [
+        [_tones(x, d.dt, d.derivative) for x in d.signal.reshape(len(d.t), -1).T] for d in decays
+    ]
+    channels = [channel for found in several for channel in found]
+    most = max(
+        channels, key=lambda found: (len(found[0] + found[1]), sum(v.share for v in found[0]))
+    )
+    everything = [[v for both in found for some in both for v in some] for found in several]
+
+    def heard(v: Vibration) -> float:
+        near = ([o for o in found if _apart(o, v) < np.log(_NEAR)] for found in everything)
+        return min(max((o.share for o in some), default=0.0) for some in near)
+
+    return [v for some in most for v in sorted(some, key=lambda v: (-heard(v), -v.share))]
+
+
+def _apart(one: Vibration, other: Vibration) -> float:
+    """Logarithm of the ratio of their frequencies."""
+    return abs(float(np.log(one.small_frequency / other.small_frequency)))
+
+
+def names_of(vibrations: Sequence[Vibration]) -> str:
+    """Such as "12.4 Hz, 24.7 Hz"."""
+    return ", ".join(f"{v.small_frequency:.4g} Hz" for v in vibrations) or "nothing"
+
+
+def require_channels(decays: Sequence[Decay], count: int) -> None:
+    """All decays with so many channels.
+
+    Raises
+    ------
+    ValueError
+        If one has others.
+    """
+    for i, decay in enumerate(decays):
+        if decay.n_channels != count:
+            raise ValueError(
+                f"decay {i} has {decay.n_channels} channels, others {count}: give the same of all"
+            )
 
 
 def coupled_records(

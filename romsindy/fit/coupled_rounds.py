@@ -20,7 +20,7 @@ from romsindy.fit.coupled_terms import Gram, Kind, candidates, chosen, needed
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part
-from romsindy.fit.pieces import FIRST, cut, fit_pieces, lengths, moved
+from romsindy.fit.pieces import cut, fit_pieces, lengths, moved
 from romsindy.fit.verdict import EXPLAINED, TERM
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, SlavedInertia
@@ -112,7 +112,7 @@ class Fitted:
         return bool(self._squares(records).sum() > (1 - TERM) * before._squares(records).sum())
 
     def heard_again(self) -> Fitted:
-        """With the noise of the records as it is in what the fit leaves."""
+        """With the noise of the records as it is in what the fit leaves, where that is less."""
         pairs = zip(self.records, self.residuals, strict=True)
         return replace(self, records=tuple(r.heard_again(e) for r, e in pairs))
 
@@ -145,8 +145,15 @@ class _Choice(NamedTuple):
         return (*self.always, *(t for t in self.candidates if t not in self.always))
 
 
+class Progress(NamedTuple):
+    """What is told of the rounds, and the fits that an interrupt must not lose."""
+
+    say: Callable[[str], None]
+    keep: Callable[[Fitted], None]
+
+
 def with_terms(
-    start: Stage, given: Sequence[CoupledRecord], kind: Kind, say: Callable[[str], None]
+    start: Stage, given: Sequence[CoupledRecord], kind: Kind, progress: Progress
 ) -> Fitted | None:
     """The start with the terms that the records need, fitted to the longest pieces it follows.
 
@@ -155,24 +162,29 @@ def with_terms(
     """
     always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
     choice = _Choice(always, candidates(r, kind), curved)
-    best = _settled(start, given, choice, say, FIRST)
+    best = _settled(start, given, choice, progress, lengths(given)[0])
     if best is None:
         return None
-    best = _grown(best, choice, say)
+    best = _grown(best, choice, progress)
     choice = _Choice(always, candidates(r, kind._replace(masses=True)), curved)
-    return _settled(best.stage, best.records, choice, say, best.cycles, best) or best
+    best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+    # Initial states of pieces follow other vibrations, too: what they leave is no longer all noise.
+    pairs = zip(best.records, given, strict=True)
+    best = replace(best, records=tuple(replace(r, noise=g.noise) for r, g in pairs)).heard_again()
+    progress.keep(best)
+    return best
 
 
-def _grown(best: Fitted, choice: _Choice, say: Callable[[str], None]) -> Fitted:
+def _grown(best: Fitted, choice: _Choice, progress: Progress) -> Fitted:
     """Fitted to the longest pieces over which the model follows the motion."""
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
-        return _settled(longer.stage, longer.records, choice, say, np.inf, longer) or longer
-    for cycles in lengths(best.records):
+        return _settled(longer.stage, longer.records, choice, progress, np.inf, longer) or longer
+    for cycles in lengths(best.records)[1:]:
         longer = _longer(best, cycles)
         if longer is None:
             break
-        best = _settled(longer.stage, longer.records, choice, say, cycles, longer) or longer
+        best = _settled(longer.stage, longer.records, choice, progress, cycles, longer) or longer
     return best
 
 
@@ -191,7 +203,7 @@ def _settled(
     now: Stage,
     records: Sequence[CoupledRecord],
     choice: _Choice,
-    say: Callable[[str], None],
+    progress: Progress,
     cycles: float,
     best: Fitted | None = None,
 ) -> Fitted | None:
@@ -201,7 +213,7 @@ def _settled(
         start = _chosen(now, weighed, cycles, choice)
         if start is None or (best and start.is_like(best.stage)):
             break
-        say(start.summary(len(choice.always)))
+        progress.say(start.summary(len(choice.always)))
         found = fitted(start, weighed, cycles)
         if found is None or (best and not found.is_better(best, weighed)):
             break
@@ -211,6 +223,7 @@ def _settled(
         now, best = found.stage, replace(found, records=quiet).heard_again()
         pairs = zip(best.records, given, strict=True)
         settled = settled and all(r.noise is g.noise for r, g in pairs)
+        progress.keep(best)
         given, weighed = best.records, best.weighed_alike()
         if settled:
             break

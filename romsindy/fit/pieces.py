@@ -21,8 +21,9 @@ from romsindy.fit.part import Part
 from romsindy.fit.shooting import simulated
 from romsindy.physics.coupled import CoupledModel
 
-# Cycles of the slowest coordinate in the first pieces, and by how much they grow.
-FIRST, _GROWTH = 10.0, 2
+# Cycles of the slowest coordinate in the first pieces, and at least so many beats of the two that
+# are nearest; by how much they grow.
+_CYCLES, _BEATS, _GROWTH = 10.0, 2.0, 2
 
 
 def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
@@ -31,10 +32,13 @@ def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
 
 
 def lengths(records: Sequence[CoupledRecord]) -> list[float]:
-    """Of the pieces after the first, in cycles, until no record is cut; infinite at the end."""
+    """Of pieces, in cycles, until no record is cut; infinite at the end."""
+    frequency = np.sort([np.median(tone.frequency) for tone in records[0].tones])
+    nearest = float(np.min(np.diff(frequency), initial=np.inf))
+    first = max(_CYCLES, _BEATS * frequency[0] / nearest)
     longest = max(_cycles(record) for record in records)
-    count = int(np.ceil(np.log(max(longest / FIRST, 1.0)) / np.log(_GROWTH)))
-    return [*(FIRST * _GROWTH**k for k in range(1, count)), np.inf]
+    count = int(np.ceil(np.log(max(longest / first, 1.0)) / np.log(_GROWTH)))
+    return [*(first * _GROWTH**k for k in range(count)), np.inf]
 
 
 def fit_pieces(

@@ -24,7 +24,7 @@ from romsindy.fit.estimate import Estimate
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.part import Part
-from romsindy.fit.pieces import FIRST, fit_pieces, lengths, moved
+from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.record import Record, sharing_drift
 from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import LOSSES, TOLERANCE, shoot
@@ -329,13 +329,13 @@ def _in_pieces(
         If it follows none.
     """
     best = None
-    for cycles in (FIRST, *lengths(records)):
+    for cycles in lengths(records):
         found = fit_pieces(model, parts, records, cycles)
         if found is None:
             break
         best, parts, records = found, found.parts, moved(records, found.motions)
     if best is None:
-        raise TrajectoryError(f"over no {FIRST:.0f} cycles does it follow it")
+        raise TrajectoryError(f"it follows it over no {lengths(records)[0]:.0f} cycles")
     return best
 
 

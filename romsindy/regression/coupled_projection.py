@@ -10,7 +10,13 @@ import numpy as np
 from pysindy.optimizers.base import BaseOptimizer
 from sklearn.base import BaseEstimator
 
-from romsindy.fit.coupled_record import CoupledRecord, coupled_records, tones_of
+from romsindy.fit.coupled_record import (
+    CoupledRecord,
+    coupled_records,
+    names_of,
+    require_channels,
+    ringing_in,
+)
 from romsindy.fit.refine import NUMERICS, small_frequencies
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.term import Term
@@ -116,7 +122,7 @@ def regressed(
         coordinates, a known stiffness is far from theirs, or none is left of a coordinate.
     """
     projection.check()
-    _require_channels(decays, decays[0].n_channels)
+    require_channels(decays, decays[0].n_channels)
     modes = CoupledModel(tuple(terms), (0.0,) * len(terms)).n_coordinates
     free = [decay.free() for decay in decays]
     records = coupled_records(free, _ringing(free, modes), NUMERICS)
@@ -165,7 +171,7 @@ def rows_of(
     ValueError
         If a decay has other channels, or nothing rings near a mode of the model.
     """
-    _require_channels(decays, len(mode_shapes))
+    require_channels(decays, len(mode_shapes))
     main = [int(np.argmin(np.abs(column - 1))) for column in mode_shapes.T]
     found = [CoupledRecord.of(d.free(), small_frequencies(model), NUMERICS, main) for d in decays]
     records = [replace(record, shapes=mode_shapes) for record in found]
@@ -189,27 +195,15 @@ def _runs_away(followed: Sequence[FollowedDecay], sizes: Array) -> bool:
     return not bool(_sizes(followed).max() < _AWAY * sizes.max())
 
 
-def _require_channels(decays: Sequence[Decay], count: int) -> None:
-    for i, decay in enumerate(decays):
-        if decay.n_channels != count:
-            raise ValueError(
-                f"decay {i} has {decay.n_channels} channels, others {count}: give the same of all"
-            )
-
-
 def _ringing(decays: Sequence[Decay], modes: int) -> Array:
-    """Frequencies, Hz, of the strongest vibrations of the richest channel, lowest first."""
-    channels = [
-        tones_of(x, d.dt, d.derivative) for d in decays for x in d.signal.reshape(len(d.t), -1).T
-    ]
-    most = max(channels, key=lambda found: (len(found), sum(v.share for v in found)))
+    """Frequencies, Hz, of the strongest vibrations of the ringing_in channel, lowest first."""
+    most = ringing_in(decays)
     if len(most) < modes:
-        heard = ", ".join(f"{v.mean_frequency:.4g} Hz" for v in most) or "nothing"
         raise ValueError(
-            f"modes = {modes}, but what rings in the record is {heard}: ask for so many modes, or"
-            " excite the others more"
+            f"modes = {modes}, but what rings in the record is {names_of(most)}: ask for so many"
+            " modes, or excite the others more"
         )
-    return np.sort([v.mean_frequency for v in most[:modes]])
+    return np.sort([v.small_frequency for v in most[:modes]])
 
 
 def _refuse_far(known: Mapping[str, float], omega: Array) -> None:
