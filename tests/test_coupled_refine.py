@@ -172,9 +172,36 @@ def test_one_sensor_of_masses_that_differ():
     np.testing.assert_allclose(omega, [10.0, 20.7], rtol=1e-4)
 
 
+def linear_decay(frequencies, zeta, shapes, duration=6.0, seed=3):
+    """Free vibrations of uncoupled modes, written down: sums of cosines that die away."""
+    t, rng = np.arange(0, duration, 1 / 300), np.random.default_rng(seed)
+    omega = 2 * np.pi * np.array(frequencies)
+    q = np.exp(-zeta * np.outer(t, omega)) * np.cos(np.outer(t, omega))
+    seen = q @ np.atleast_2d(shapes).T
+    return Decay(t, seen + 0.01 * rng.standard_normal(seen.shape), unit="m", stage="free")
+
+
+def test_modes_closer_than_their_bandwidth_ring_as_one():
+    decay = linear_decay([10.0, 10.02], 0.005, [[1.0, 0.8], [0.6, 1.0]])
+    with pytest.raises(
+        ValueError, match=r"rings in the record is 10.* Hz: .*bandwidth ring as one"
+    ):
+        identify_coupled(decay, 2)
+    assert identify_coupled(decay).model.n_coordinates == 1
+
+
+def test_a_sensor_on_a_node_and_a_ratio_that_only_looks_rational():
+    fit = identify_coupled(linear_decay([10.0, 20.03], 0.004, [[1.0, 0.5], [0.7, 0.0]]))
+    # Noise of 1 % in 1800 samples.
+    np.testing.assert_allclose(fit.mode_shapes, [[1.0, 1.0], [0.7, 0.0]], atol=5e-3)
+    assert fit.verdict.explained
+    (note,) = [note for note in fit.notes if "ring at" in note]
+    assert "1:2" in note and note.endswith("no term of the model couples them")
+
+
 def test_what_cannot_be_identified(identified):
     fit, decay = identified
-    with pytest.raises(ValueError, match=r"coordinates = 7, but \d vibrations ring .*10.*Hz"):
+    with pytest.raises(ValueError, match=r"coordinates = 7, but what rings .*10.*Hz: ask"):
         identify_coupled(decay, coordinates=7)
     with pytest.raises(ValueError, match="coordinates = 'two': give 'auto' or a whole number"):
         identify_coupled(decay, coordinates="two")

@@ -168,9 +168,10 @@ def with_terms(
     best = _grown(best, choice, progress)
     choice = _Choice(always, candidates(r, kind._replace(masses=True)), curved)
     best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
-    # Initial states of pieces follow other vibrations, too: what they leave is no longer all noise.
+    # States of pieces follow other vibrations, too: what they leave is not all that is noise.
     pairs = zip(best.records, given, strict=True)
-    best = replace(best, records=tuple(replace(r, noise=g.noise) for r, g in pairs)).heard_again()
+    best = replace(best, records=tuple(replace(r, noise=g.noise) for r, g in pairs))
+    best = best.heard_again() if best.cycles == np.inf else best
     progress.keep(best)
     return best
 

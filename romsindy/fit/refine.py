@@ -199,7 +199,7 @@ def refined(
         free=free,
         covariance=covariance[: len(free), : len(free)],
         verdict=examine(records, solution.residuals, solution.n_values),
-        notes=(*_notes(records, solution), *resonance_notes(records, model.unit)),
+        notes=(*_notes(records, solution), *resonance_notes(new, records)),
         start=start,
         records=tuple(records),
         solution=solution,

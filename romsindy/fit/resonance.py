@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from romsindy.fit.coupled_record import AnyRecord, CoupledRecord
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.vibrations import Resonance, resonances_of
 from romsindy.text import quantity
 
@@ -31,10 +32,21 @@ def resonances_in(records: Sequence[AnyRecord]) -> tuple[Resonance, ...]:
     return tuple(nearest[pair] for pair in sorted(nearest))
 
 
-def resonance_notes(records: Sequence[AnyRecord], unit: str | None) -> list[str]:
+def resonance_notes(model: AnyModel, records: Sequence[AnyRecord]) -> list[str]:
     """A sentence for each of them."""
     return [
         f"modes {r.lower + 1} and {r.higher + 1} ring at {r.p}:{r.q} (ratio {r.ratio:.4g} at"
-        f" {quantity(r.amplitude, unit or '[q]')})"
+        f" {quantity(r.amplitude, model.unit or '[q]')})"
+        f"{'' if _couples(model, r) else ', but no term of the model couples them'}"
         for r in resonances_in(records)
     ]
+
+
+def _couples(model: AnyModel, resonance: Resonance) -> bool:
+    """Whether the equation of one coordinate holds the other, in a motion of both."""
+    if not isinstance(model, CoupledModel):
+        return False
+    main = np.argmax(np.abs(model.linear_modes[1]), axis=0)
+    i, j = main[resonance.lower], main[resonance.higher]
+    moving = np.ones(model.n_coordinates)
+    return any(slope[i, j] or slope[j, i] for slope in model.linearise(moving, moving, moving)[1:])
