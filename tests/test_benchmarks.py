@@ -373,6 +373,16 @@ def test_coefficients_as_a_sensor_shows_them(benchmark):
     np.testing.assert_allclose(seen, own * scale, atol=1e-7)
 
 
+@benchmark_of("tip_release")
+def test_small_run_of_the_release_from_a_tip_force(benchmark):
+    beam = rs.Beam.cantilever()
+    fit = rs.identify_coupled(benchmark.noisy(*benchmark.released(beam, 2.0), seed=4))
+    assert fit.model.n_coordinates >= 2 and fit.adequacy < 1.1
+    # Two seconds end at a third of the amplitude: small motions are extrapolated.
+    omega = beam.modes(count=2).omega
+    np.testing.assert_allclose(fit.model.linear_modes[0][:2], omega, rtol=5e-3)
+
+
 @benchmark_of("double_beam")
 def test_error_of_a_trajectory(benchmark, measured):
     """Half as large as measured: every window is half of its own norm away."""

@@ -168,10 +168,10 @@ def with_terms(
     best = _grown(best, choice, progress)
     choice = _Choice(always, candidates(r, kind._replace(masses=True)), curved)
     best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
-    # States of pieces follow other vibrations, too: what they leave is not all that is noise.
+    # The noise that was heard at first stands, unless less than it is left: that is a proof.
     pairs = zip(best.records, given, strict=True)
     best = replace(best, records=tuple(replace(r, noise=g.noise) for r, g in pairs))
-    best = best.heard_again() if best.cycles == np.inf else best
+    best = best.heard_again() if best.left < 1 else best
     progress.keep(best)
     return best
 
