@@ -363,8 +363,8 @@ def test_small_run_of_systems_of_two_coordinates(benchmark, capsys):
 def test_coefficients_as_a_sensor_shows_them(benchmark):
     """Scaled coordinates: the same motion, and the same forces on masses that differ."""
     _, values, shapes, _, _ = benchmark.drawn(2)
-    shown = benchmark.as_shown(values, shapes)
     main = np.argmax(np.abs(shapes), axis=0)
+    shown = benchmark.as_shown(values, shapes, main)
     scale = shapes[main, range(2)]
     t = np.linspace(0, 0.5, 50)
     own = benchmark.simulated(values, np.array([0.4, 0.3]), t)

@@ -89,7 +89,7 @@ def identify_coupled(
         )
     stage, names = best.stage, tuple(best.stage.model.coefficients)
     pieces = tuple(piece for record in best.records for piece in cut(record, best.cycles))
-    fit = refined(stage.model, names, pieces, stage.shapes, progress=progress)
+    fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
     return replace(fit, notes=(*fit.notes, *_notes(best, interrupted)))
 
 

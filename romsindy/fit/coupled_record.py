@@ -97,7 +97,11 @@ class CoupledRecord(OfDecay):
         found = [tones_of(x, decay.dt, decay.derivative) for x in signals.T]
         everywhere = list(range(len(found)))
         wanted = [[channel] for channel in main] or [everywhere] * len(frequencies)
-        pairs = [_main(found, f, some) for f, some in zip(frequencies, wanted, strict=True)]
+        pairs: list[tuple[int, Vibration]] = []
+        for frequency, some in zip(frequencies, wanted, strict=True):
+            taken = [v for _, v in pairs]
+            others = [[v for v in several if v not in taken] for several in found]
+            pairs.append(_main(others, frequency, some))
         main, own = zip(*pairs, strict=True)
         tones = tuple(v.tone for v in own)
         waves = np.stack([_wave(tone, t, 0) for tone in tones], axis=1)

@@ -177,16 +177,20 @@ def refined(
     records: Sequence[AnyRecord],
     more: tuple[Part, ...] = (),
     *,
+    settled: bool = False,
     loss: str = "linear",
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """The same from records, whose motions it starts from, and with parts of their sensors."""
+    """The same from records, whose motions it starts from, and with parts of their sensors.
+
+    ``settled`` where the motions are those of the model already.
+    """
     start = _smoothed(model, records)
     parts = (*free_coefficients(start, free), *more)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
-            solution, covariance = _followed(start, parts, records, loss, progress)
+            solution, covariance = _followed(start, parts, records, settled, loss, progress)
         except TrajectoryError as error:
             raise TrajectoryError(
                 f"the model with {len(free)} free coefficients has no motion near the measured one"
@@ -297,19 +301,21 @@ def _followed(
     model: AnyModel,
     parts: tuple[Part, ...],
     records: Sequence[AnyRecord],
+    settled: bool,
     loss: str,
     progress: Callable[[str], None] | None,
 ) -> tuple[Solution, Array]:
-    """Fit from the measured motion; where that does not settle, over growing horizons."""
-    near = fit(model, parts, records)
+    """Fit from the motions of the records; where that does not settle, over growing horizons."""
     shot = partial(shoot, model, loss=loss, progress=progress)
+    if settled:
+        return shot(parts, records, [r.motion for r in records], tolerance=_ROUGH)
+    near = fit(model, parts, records)
     if isinstance(model, CoupledModel):
-        n = sum(len(r.signal) for r in records)
-        rough = near.chi_squared > EXPLAINED**2 * n
-        tolerance = _ROUGH if rough else TOLERANCE
         coupled = [r for r in records if isinstance(r, CoupledRecord)]
         if not near.converged:
             near = _in_pieces(model, parts, coupled)
+        rough = near.chi_squared > EXPLAINED**2 * sum(len(r.signal) for r in records)
+        tolerance = _ROUGH if rough else TOLERANCE
         return shot(near.parts, records, near.motions, tolerance=tolerance)
     alone = [r for r in records if isinstance(r, Record)]
     if near.converged or not alone:
