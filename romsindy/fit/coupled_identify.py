@@ -15,9 +15,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_record import coupled_records, free_shapes, tones_of
+from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes, tones_of
 from romsindy.fit.coupled_rounds import Fitted, Stage, cut, with_terms
-from romsindy.fit.coupled_terms import KINDS, linear_terms
+from romsindy.fit.coupled_terms import KINDS, Kind, linear_terms
 from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
@@ -142,8 +142,18 @@ def _identified(
     records = coupled_records(decays, frequency, NUMERICS)
     motions = tuple(r.motion for r in records)
     start = Stage(_linear(ringing, decays[0].unit), free_shapes(records), motions)
+    return of_plainest_kind(start, records, KINDS, say)
+
+
+def of_plainest_kind(
+    start: Stage,
+    records: Sequence[CoupledRecord],
+    kinds: Sequence[Kind],
+    say: Callable[[str], None],
+) -> Fitted | None:
+    """The start with terms of the first kind that explains the records, or else of the best."""
     found: list[Fitted] = []
-    for kind in KINDS:
+    for kind in kinds:
         fitted = with_terms(start, records, kind, say)
         if fitted is not None:
             found.append(fitted)

@@ -42,12 +42,13 @@ def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
 class Kind(NamedTuple):
     """Which candidates there are beside the smooth ones.
 
-    Laws of single coordinates that have a kink at rest; and modal masses that differ, for sensors
-    scale the coordinates.
+    Laws of single coordinates that have a kink at rest; modal masses that differ, for sensors scale
+    the coordinates; and what couples coordinates, without which masses are not told.
     """
 
     kinked: bool = False
     masses: bool = False
+    coupled: bool = True
 
 
 # From the plainest on.
@@ -59,11 +60,13 @@ def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
     alone = _SMOOTH + _KINKED if kind.kinked else _SMOOTH
     found: list[CoupledTerm] = []
     unit = np.eye(n_coordinates, dtype=int)
-    if kind.masses:
+    if kind.masses and kind.coupled:
         found += [Along.coordinate(AddedMass(), i + 1) for i in range(1, n_coordinates)]
     for i in range(n_coordinates):
         found += [Along.coordinate(law, i + 1) for law in alone]
         found.append(_slaved(2 * unit[i], 2 * unit[i]))
+    if not kind.coupled:
+        return tuple(found)
     for i, j in itertools.combinations(range(n_coordinates), 2):
         a, b = unit[i], unit[j]
         powers = [2 * a + b, a + 2 * b, 3 * a + b, 2 * (a + b), a + 3 * b]
