@@ -1,0 +1,102 @@
+"""Where one coordinate explains nothing and another vibration rings: does that one take part?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.diagnosis.gap import Gap, Prediction, name_of
+from romsindy.diagnosis.interaction_report import InteractionReport
+from romsindy.diagnosis.prediction import predict
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.words import rings_along
+from romsindy.fit.interaction import Interaction, interaction_of
+from romsindy.fit.record import Record
+from romsindy.physics.model import ReducedModel
+from romsindy.record.cycles import rest_level
+from romsindy.record.decay import Decay
+from romsindy.record.vibrations import Vibration, find_vibrations, resonances
+
+# The same mode in two records: its small frequencies differ by less, as a ratio.
+_SAME = 1.2
+
+
+class _Ringing(NamedTuple):
+    """The vibration of a model and another one, and the numbers of the records that hold both."""
+
+    own: Vibration
+    other: Vibration
+    numbers: tuple[int, ...]
+
+
+def with_other_mode(report: DiagnosisReport, say: Callable[[str], None]) -> DiagnosisReport:
+    """The report; or what another mode explains, where one coordinate explains nothing."""
+    if report.verdict != "unknown" or report.interrupted:
+        return report
+    ringing = _ringing(report.records)
+    if ringing is None:
+        return report
+    decays = [_at_rest(report.records[i].decay) for i in ringing.numbers]
+    found = interaction_of(report.nominal, decays, ringing.own, ringing.other, say)
+    if found is None:
+        return report
+    fit = found.fit if found.takes_part else None
+    if fit is None:
+        return replace(report, notes=(*report.notes, rings_along(found)))
+    gap = _gap(report.nominal, report.records, ringing.numbers, found)
+    kept = {f.name: getattr(report, f.name) for f in fields(DiagnosisReport)}
+    now = {"verdict": "named", "model": fit.model, "added": (), "gap": gap}
+    return InteractionReport(**kept | now | {"remainder": fit.verdict}, interaction=found, fit=fit)
+
+
+def _ringing(records: Sequence[Record]) -> _Ringing | None:
+    """What rings beside the vibration of the model: what comes near p:q with it, or the loudest."""
+    heard = [_heard(record) for record in records]
+    pairs = [(own, other) for own, others in filter(None, heard) for other in others]
+    if not pairs:
+        return None
+    own, other = max(pairs, key=lambda pair: (bool(resonances(pair)), pair[1].share))
+
+    def both(own_too: Vibration, others: Sequence[Vibration]) -> bool:
+        return _same(own, own_too) and any(_same(other, v) for v in others)
+
+    numbers = tuple(i for i, found in enumerate(heard) if found and both(*found))
+    return _Ringing(own, other, numbers)
+
+
+def _heard(record: Record) -> tuple[Vibration, list[Vibration]] | None:
+    """The vibration of the model, and those that decay beside it."""
+    decay = _at_rest(record.decay)
+    every = find_vibrations(decay.signal, decay.dt, decay.derivative)
+    found = [v for v in every if not (v.steady or v.faint)]
+    if not found:
+        return None
+    hz = record.rate / (2 * np.pi)
+    own = min(found, key=lambda v: abs(np.log(v.mean_frequency / hz)))
+    return own, [v for v in found if v is not own]
+
+
+def _same(a: Vibration, b: Vibration) -> bool:
+    return 1 / _SAME < a.small_frequency / b.small_frequency < _SAME
+
+
+def _at_rest(decay: Decay) -> Decay:
+    """Free of an offset, as all that rings is looked for."""
+    if decay.measured != "displacement":
+        return replace(decay, stage="free")
+    return replace(decay, q=decay.q - rest_level(decay.q, decay.dt), stage="free")
+
+
+def _gap(
+    model: ReducedModel, records: Sequence[Record], numbers: Sequence[int], found: Interaction
+) -> Gap:
+    """Before and after, on the records in which both ring: nothing of them was held out."""
+    predictions = []
+    for i, left in zip(numbers, found.longest.residuals, strict=True):
+        whole = replace(records[i], part=None)
+        before = predict(model, (), whole, name_of(i)).before
+        predictions.append(Prediction(whole, before, whole.signal - left, name_of(i)))
+    return Gap(tuple(predictions), unseen=False)
