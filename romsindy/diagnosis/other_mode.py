@@ -1,4 +1,4 @@
-"""Where one coordinate explains nothing and another vibration rings: does that one take part?"""
+"""Does another vibration take part, where what one coordinate explains of records is in doubt?"""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.words import rings_along
+from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
@@ -33,23 +34,33 @@ class _Ringing(NamedTuple):
 
 
 def with_other_mode(report: DiagnosisReport, say: Callable[[str], None]) -> DiagnosisReport:
-    """The report; or what another mode explains, where one coordinate explains nothing."""
-    if report.verdict != "unknown" or report.interrupted:
+    """The report; or what another mode explains, where what one coordinate explains is in doubt."""
+    unknown = report.verdict == "unknown"
+    if report.interrupted or not (unknown or _in_doubt(report)):
         return report
     ringing = _ringing(report.records)
     if ringing is None:
         return report
     decays = [_at_rest(report.records[i].decay) for i in ringing.numbers]
-    found = interaction_of(report.nominal, decays, ringing.own, ringing.other, say)
+    model = report.nominal if unknown else report.model
+    found = interaction_of(model, decays, ringing.own, ringing.other, say)
     if found is None:
         return report
     fit = found.fit if found.takes_part else None
     if fit is None:
-        return replace(report, notes=(*report.notes, rings_along(found)))
+        return replace(report, notes=(rings_along(found),)) if unknown else report
     gap = _gap(report.nominal, report.records, ringing.numbers, found)
     kept = {f.name: getattr(report, f.name) for f in fields(DiagnosisReport)}
     now = {"verdict": "named", "model": fit.model, "added": (), "gap": gap}
     return InteractionReport(**kept | now | {"remainder": fit.verdict}, interaction=found, fit=fit)
+
+
+def _in_doubt(report: DiagnosisReport) -> bool:
+    """Whether what stands for another vibration explains the records beside other effects alone."""
+    names = {part.effect.name for part in report.best.effects}
+    beside = {"second_mode"} | look_alikes("second_mode", CATALOGUE)
+    found = report.verdict in ("named", "ambiguous")
+    return found and len(names) > 1 and bool(names & beside)
 
 
 def _ringing(records: Sequence[Record]) -> _Ringing | None:

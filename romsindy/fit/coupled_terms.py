@@ -43,12 +43,14 @@ class Kind(NamedTuple):
     """Which candidates there are beside the smooth ones.
 
     Laws of single coordinates that have a kink at rest; modal masses that differ, for sensors scale
-    the coordinates; and what couples coordinates, without which masses are not told.
+    the coordinates; what couples coordinates, without which masses are not told, and what couples
+    their damping.
     """
 
     kinked: bool = False
     masses: bool = False
     coupled: bool = True
+    coupled_damping: bool = True
 
 
 # From the plainest on.
@@ -72,6 +74,8 @@ def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
         powers = [2 * a + b, a + 2 * b, 3 * a + b, 2 * (a + b), a + 3 * b]
         found += [MixedStiffness(tuple(p.tolist())) for p in powers]
         found += [_slaved(a + b, a + b), _slaved(2 * a, a + b), _slaved(2 * b, a + b)]
+        if not kind.coupled_damping:
+            continue
         found.append(MixedDamping(i + 1, j + 1))
         found += [
             MixedDamping(k + 1, k + 1, tuple((2 * unit[m]).tolist())) for k, m in ((i, j), (j, i))

@@ -30,6 +30,8 @@ from romsindy.record.decay import Decay
 from romsindy.record.vibrations import Resonance, Vibration
 
 _ALONE = tuple(kind._replace(coupled=False) for kind in KINDS)
+# Coupling that stores energy: what damps may stand for a damping of one coordinate that is missing.
+_TOGETHER = tuple(kind._replace(coupled_damping=False) for kind in KINDS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,7 @@ def interaction_of(
         alone = of_plainest_kind(start, records, _ALONE, say)
         if alone is None:
             return None
-        longest = alone if alone.explained else of_plainest_kind(start, records, KINDS, say)
+        longest = alone if alone.explained else of_plainest_kind(start, records, _TOGETHER, say)
         if longest is None:
             return None
         cycles = min(alone.cycles, longest.cycles)
