@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class InteractionReport(DiagnosisReport):
     """What a simulation of one coordinate lacks, where another mode takes part.
 

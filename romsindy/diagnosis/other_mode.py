@@ -16,13 +16,18 @@ from romsindy.diagnosis.words import rings_along
 from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
+from romsindy.fit.refine import Fit
 from romsindy.physics.model import ReducedModel
 from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
-from romsindy.record.vibrations import Vibration, find_vibrations, resonances
+from romsindy.record.vibrations import Vibration, find_vibrations
 
 # The same mode in two records: its small frequencies differ by less, as a ratio.
 _SAME = 1.2
+# So many other vibrations are tried, the loudest first: a faint one may be a combination of two.
+_MOST = 2
+
+_Heard = tuple[Vibration, list[Vibration]]  # that of the model, and those beside it
 
 
 class _Ringing(NamedTuple):
@@ -38,18 +43,23 @@ def with_other_mode(report: DiagnosisReport, say: Callable[[str], None]) -> Diag
     unknown = report.verdict == "unknown"
     if report.interrupted or not (unknown or _in_doubt(report)):
         return report
-    ringing = _ringing(report.records)
-    if ringing is None:
-        return report
-    decays = [_at_rest(report.records[i].decay) for i in ringing.numbers]
-    model = report.nominal if unknown else report.model
-    found = interaction_of(model, decays, ringing.own, ringing.other, say)
-    if found is None:
-        return report
-    fit = found.fit if found.takes_part else None
-    if fit is None:
-        return replace(report, notes=(rings_along(found),)) if unknown else report
-    gap = _gap(report.nominal, report.records, ringing.numbers, found)
+    model, notes = report.nominal if unknown else report.model, []
+    for ringing in _ringing(report.records)[:_MOST]:
+        decays = [_at_rest(report.records[i].decay) for i in ringing.numbers]
+        found = interaction_of(model, decays, ringing.own, ringing.other, say)
+        if found is None:
+            continue
+        if found.takes_part and found.fit is not None:
+            return _with(report, found, found.fit, ringing.numbers)
+        notes.append(rings_along(found))
+    return replace(report, notes=tuple(notes)) if unknown else report
+
+
+def _with(
+    report: DiagnosisReport, found: Interaction, fit: Fit, numbers: Sequence[int]
+) -> InteractionReport:
+    """The report of a mode that takes part in some records."""
+    gap = _gap(report.nominal, report.records, numbers, found)
     kept = {f.name: getattr(report, f.name) for f in fields(DiagnosisReport)}
     now = {"verdict": "named", "model": fit.model, "added": (), "gap": gap}
     return InteractionReport(**kept | now | {"remainder": fit.verdict}, interaction=found, fit=fit)
@@ -63,22 +73,24 @@ def _in_doubt(report: DiagnosisReport) -> bool:
     return found and len(names) > 1 and bool(names & beside)
 
 
-def _ringing(records: Sequence[Record]) -> _Ringing | None:
-    """What rings beside the vibration of the model: what comes near p:q with it, or the loudest."""
+def _ringing(records: Sequence[Record]) -> list[_Ringing]:
+    """What rings beside the vibration of the model, the loudest first."""
     heard = [_heard(record) for record in records]
     pairs = [(own, other) for own, others in filter(None, heard) for other in others]
-    if not pairs:
-        return None
-    own, other = max(pairs, key=lambda pair: (bool(resonances(pair)), pair[1].share))
-
-    def both(own_too: Vibration, others: Sequence[Vibration]) -> bool:
-        return _same(own, own_too) and any(_same(other, v) for v in others)
-
-    numbers = tuple(i for i, found in enumerate(heard) if found and both(*found))
-    return _Ringing(own, other, numbers)
+    found: list[_Ringing] = []
+    for own, other in sorted(pairs, key=lambda pair: -pair[1].share):
+        if not any(_same(other, known.other) for known in found):
+            numbers = (i for i, of in enumerate(heard) if of and _holds(of, own, other))
+            found.append(_Ringing(own, other, tuple(numbers)))
+    return found
 
 
-def _heard(record: Record) -> tuple[Vibration, list[Vibration]] | None:
+def _holds(heard: _Heard, own: Vibration, other: Vibration) -> bool:
+    """Whether what was heard of a record has both vibrations."""
+    return _same(own, heard[0]) and any(_same(other, v) for v in heard[1])
+
+
+def _heard(record: Record) -> _Heard | None:
     """The vibration of the model, and those that decay beside it."""
     decay = _at_rest(record.decay)
     every = find_vibrations(decay.signal, decay.dt, decay.derivative)

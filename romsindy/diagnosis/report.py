@@ -211,7 +211,7 @@ class DiagnosisReport:
         return self.sentence
 
     def __repr__(self) -> str:
-        return f"<DiagnosisReport: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
+        return f"<{type(self).__name__}: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
 
     # -- tables and files ------------------------------------------------------------------------
 
