@@ -109,7 +109,7 @@ def diagnose(
     Returns
     -------
     DiagnosisReport or BeamReport
-        For a ReducedModel or a Beam.
+        For a ReducedModel or a Beam; an `InteractionReport` where a model lacks another mode.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from romsindy.diagnosis.gap import Gap, Prediction, name_of
 from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.words import rings_along
+from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
@@ -48,6 +48,7 @@ def with_other_mode(report: DiagnosisReport, say: Callable[[str], None]) -> Diag
         decays = [_at_rest(report.records[i].decay) for i in ringing.numbers]
         found = interaction_of(model, decays, ringing.own, ringing.other, say)
         if found is None:
+            notes.append(not_followed(ringing.other))
             continue
         if found.takes_part and found.fit is not None:
             return _with(report, found, found.fit, ringing.numbers)

@@ -13,7 +13,7 @@ from romsindy.fit.coupled_rounds import Fitted
 from romsindy.fit.interaction import Interaction
 from romsindy.fit.refine import Fit
 from romsindy.fit.verdict import PREDICTED, SURE
-from romsindy.record.vibrations import Resonance
+from romsindy.record.vibrations import Resonance, Vibration
 from romsindy.text import listed, quantity, with_error
 
 _SOURCES = {
@@ -179,3 +179,11 @@ def rings_along(found: Interaction) -> str:
             f" {_two_digits(found.after)} with what could couple them"
         )
     return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."
+
+
+def not_followed(other: Vibration) -> str:
+    """That another mode rings, and nothing more can be said."""
+    return (
+        f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both modes were"
+        " found that follow the records, so that its part is not known."
+    )

@@ -124,7 +124,7 @@ def interaction_of(
         alone = of_plainest_kind(start, records, _ALONE, say)
         if alone is None:
             return None
-        longest = alone if alone.explained else of_plainest_kind(start, records, _TOGETHER, say)
+        longest = alone if alone.explained else _together(start, records, alone, say)
         if longest is None:
             return None
         cycles = min(alone.cycles, longest.cycles)
@@ -134,6 +134,14 @@ def interaction_of(
     own_terms = tuple(t.key for t in alone.stage.model.terms if t not in start.model.terms)
     slower = own.small_frequency < other.small_frequency
     return Interaction(other.small_frequency, slower, own_terms, pair[0], pair[1], longest)
+
+
+def _together(
+    start: Stage, records: Sequence[CoupledRecord], alone: Fitted, say: Callable[[str], None]
+) -> Fitted | None:
+    """With coupling; where that has no motion from the start, from what was found without it."""
+    found = of_plainest_kind(start, records, _TOGETHER, say)
+    return found or of_plainest_kind(alone.stage, alone.records, _TOGETHER, say)
 
 
 def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
