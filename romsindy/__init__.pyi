@@ -3,6 +3,7 @@
 from romsindy.beam import Beam as Beam
 from romsindy.diagnosis import BeamReport as BeamReport
 from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
+from romsindy.diagnosis import InteractionReport as InteractionReport
 from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.adequacy import Adequacy as Adequacy
 from romsindy.fit.bootstrap import Bootstrap as Bootstrap

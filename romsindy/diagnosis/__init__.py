@@ -3,6 +3,7 @@
 from romsindy.diagnosis.diagnose import diagnose
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.found import FoundEffect
+from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.effects import CATALOGUE

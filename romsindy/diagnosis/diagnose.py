@@ -14,6 +14,7 @@ from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
+from romsindy.diagnosis.other_mode import with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.tolerance import Tolerance
@@ -108,7 +109,7 @@ def diagnose(
     Returns
     -------
     DiagnosisReport or BeamReport
-        For a ReducedModel or a Beam.
+        For a ReducedModel or a Beam; an `InteractionReport` where a model lacks another mode.
 
     Raises
     ------
@@ -173,4 +174,5 @@ def diagnose(
         given = given.or_more(left)
     options = replace(options, tolerance=given)
     unsure = FREE if free is None else free
-    return diagnose_model(simulation, several, held_out, unsure, near, options, form)
+    report = diagnose_model(simulation, several, held_out, unsure, near, options, form)
+    return with_other_mode(report, options.progress)

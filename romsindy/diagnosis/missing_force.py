@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from romsindy.diagnosis.gap import Gap, Prediction, name_of
 from romsindy.diagnosis.prediction import predict
@@ -106,14 +107,22 @@ def record_errors(
 
 def errors_per_cycle(p: Prediction) -> tuple[Array, Array, Array]:
     """Times of the cycles of a record that are compared, and their error over noise each time."""
-    cycle = np.floor(p.record.spline.phase(p.record.t) / (2 * np.pi)).astype(int)
+    taken = np.ones(len(p.record.t), bool) if p.record.part is None else p.record.part
+    white = [p.record.whitened(p.record.signal - x) for x in (p.before, p.after)]
+    times, (before, after) = per_cycle(p.record.t, p.record.spline.phase(p.record.t), taken, white)
+    return times, before, after
+
+
+def per_cycle(
+    t: Array, phase: Array, taken: NDArray[np.bool_], white: Sequence[Array]
+) -> tuple[Array, list[Array]]:
+    """Mean times of cycles, and the rms of errors over noise, (n,), in the samples taken of each.
+
+    A cycle that takes part in a few samples says little, and is left out.
+    """
+    cycle = np.floor(phase / (2 * np.pi)).astype(int)
     cycle -= cycle.min()
-    taken = np.ones(len(cycle), bool) if p.record.part is None else p.record.part
     count = np.bincount(cycle, taken)
-    # A cycle that takes part in a few samples says little.
     some = count > 0.5 * np.median(np.bincount(cycle))
-    rms = [
-        np.sqrt(np.bincount(cycle, p.record.whitened(p.record.signal - x) ** 2)[some] / count[some])
-        for x in (p.before, p.after)
-    ]
-    return np.bincount(cycle, p.record.t * taken)[some] / count[some], rms[0], rms[1]
+    rms = [np.sqrt(np.bincount(cycle, e**2)[some] / count[some]) for e in white]
+    return np.bincount(cycle, t * taken)[some] / count[some], rms

@@ -9,8 +9,14 @@ import numpy as np
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap, Prediction
-from romsindy.diagnosis.missing_force import MissingForce, errors_per_cycle, record_errors
-from romsindy.diagnosis.words import percent
+from romsindy.diagnosis.missing_force import (
+    MissingForce,
+    errors_per_cycle,
+    per_cycle,
+    record_errors,
+)
+from romsindy.diagnosis.words import percent, pieces
+from romsindy.fit.interaction import Interaction
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
@@ -34,6 +40,38 @@ def pictures(
     yield _by_harmonic(before.harmonics(), after.harmonics())
     yield _by_cycle(prediction)
     yield by("record", *record_errors(model, parts, records, gap))
+
+
+def pictures_of_two(gap: Gap, found: Interaction) -> Iterator[Picture]:
+    """What a simulation of one coordinate missed, and what it misses with another mode."""
+    prediction = gap.predictions[gap.worst]
+    yield _in_time(prediction, gap)
+    yield _by_amplitude(prediction, gap)
+    yield _by_cycle(prediction)
+    yield _by_coordinates(found)
+
+
+def _by_coordinates(found: Interaction) -> Picture:
+    """What one coordinate and two leave of the record of which one leaves most."""
+    left = [
+        [record.whitened(e) for record, e in zip(f.records, f.residuals, strict=True)]
+        for f in (found.alone, found.together)
+    ]
+    worst = int(np.argmax([np.mean(white**2) for white in left[0]]))
+    record = found.together.records[worst]
+    # Of several channels, the mean power.
+    rms = [np.sqrt(np.mean(white[worst].reshape(-1, len(record.t)) ** 2, axis=0)) for white in left]
+    every = np.ones(len(record.t), bool)
+    t, (one, two) = per_cycle(record.t, record.tones[0].phase(record.t), every, rms)
+    more = int(np.argmax(one / two))
+    caption = (
+        f"Of {pieces(found.together)}, all values fitted: one coordinate leaves {found.before:.3g}"
+        f" times the noise, two {found.after:.3g}; they differ most at {t[more]:.3g} s, by a factor"
+        f" of {one[more] / two[more]:.3g}."
+    )
+    names = ("one coordinate", "two coordinates")
+    draw = partial(show.draw_cycles, t, one, two, [], names=names)
+    return Picture("coordinates", "One coordinate and two", caption, draw)
 
 
 def _in_time(p: Prediction, gap: Gap) -> Picture:

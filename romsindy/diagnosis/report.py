@@ -70,6 +70,8 @@ class DiagnosisReport:
         Whether the search was stopped before its end: what it had compared is all there is.
     form : FormError
         Of the model, as its reference record shows it.
+    notes : tuple of str
+        What else was found, a sentence each.
     """
 
     verdict: Verdict
@@ -88,6 +90,7 @@ class DiagnosisReport:
     added: tuple[Part, ...]
     interrupted: bool = False
     form: FormError = NO_FORM_ERROR
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
@@ -161,6 +164,7 @@ class DiagnosisReport:
             difference,
             f"Missing: {self._missing}",
             f"Left: {words.remainder(self.gap, self.left)}",
+            *(f"Note: {note}" for note in self.notes),
         ]
         if self.interrupted:
             n = len(self.compared)
@@ -207,7 +211,7 @@ class DiagnosisReport:
         return self.sentence
 
     def __repr__(self) -> str:
-        return f"<DiagnosisReport: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
+        return f"<{type(self).__name__}: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
 
     # -- tables and files ------------------------------------------------------------------------
 
@@ -225,8 +229,11 @@ class DiagnosisReport:
 
     def to_json(self) -> str:
         """All that was found as JSON text."""
+        return json_text(self._content())
+
+    def _content(self) -> dict[str, Any]:
         other, advice = self.next_best, self.next_test
-        content = {
+        return {
             "verdict": self.verdict,
             "sentence": self.sentence,
             "interrupted": self.interrupted,
@@ -250,7 +257,6 @@ class DiagnosisReport:
             "next": None if advice is None else {k: getattr(advice, k) for k in _ADVICE},
             "model": json.loads(self.model.to_json()),
         }
-        return json_text(content)
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table of explanations."""
@@ -283,27 +289,33 @@ class DiagnosisReport:
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        parts = self.added
-        terms = {p.effect.name for p in parts if p.effect.term() is not None}
-        outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
-        note = "Not a term of the equation of motion, so not in it: "
-        rows = self.table()
-        explained = self.verdict in ("named", "ambiguous")
-        found = "Explanations that the data allow" if explained else "What comes nearest"
         return {
             "title": "What the simulation lacks",
             "verdict": self.verdict,
             "sentence": self.sentence,
+            **self._equation(),
+            "tables": self._tables(),
+            "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
+        }
+
+    def _equation(self) -> dict[str, Any]:
+        parts = self.added
+        terms = {p.effect.name for p in parts if p.effect.term() is not None}
+        outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
+        note = "Not a term of the equation of motion, so not in it: "
+        return {
             "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
             "formula": self.model.latex_terms(),
             "equation": str(self.model),
             "equation_note": f"{note}{outside}." if outside else "",
-            "tables": [
-                TextTable("The gap, before and after", self.gap.table()),
-                *([TextTable(found, rows)] if rows[1:] else []),
-            ],
-            "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
         }
+
+    def _tables(self) -> list[TextTable]:
+        rows = self.table()
+        explained = self.verdict in ("named", "ambiguous")
+        found = "Explanations that the data allow" if explained else "What comes nearest"
+        gap = TextTable("The gap, before and after", self.gap.table())
+        return [gap, *([TextTable(found, rows)] if rows[1:] else [])]
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

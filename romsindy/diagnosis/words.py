@@ -9,8 +9,12 @@ import numpy as np
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
+from romsindy.fit.coupled_rounds import Fitted
+from romsindy.fit.interaction import Interaction
+from romsindy.fit.refine import Fit
 from romsindy.fit.verdict import PREDICTED, SURE
-from romsindy.text import listed
+from romsindy.record.vibrations import Resonance, Vibration
+from romsindy.text import listed, quantity, with_error
 
 _SOURCES = {
     DEFAULT: "{} would not matter",
@@ -20,6 +24,7 @@ _SOURCES = {
 }
 _WHERE = {"frequency": "in frequency", "damping": "in damping", "signal": "in waveform"}
 _MOST_ODDS = np.log(1e6)  # more depends on what no model of the noise knows
+_MOST_COUPLINGS = 3  # the surest are told
 _KINDS = {
     "tolerance": ", which does not matter",
     "form": ", of the size by which the model misses its own reference record: its form, not a"
@@ -111,3 +116,74 @@ def remainder(gap: Gap, kind: str) -> str:
     if kind == "noise":
         return f"nothing but noise ({times})."
     return f"{percent(worst.beyond_noise(worst.after))} of the amplitude, {times}{_KINDS[kind]}."
+
+
+def takes_part(found: Interaction, fit: Fit) -> str:
+    """That another mode takes part: by which resonance, where, and by what."""
+    unit = fit.model.unit
+    near = found.resonance
+    through = ""
+    if near is not None:
+        lower = "" if found.slower else " of the lower mode"
+        size = quantity(near.amplitude, unit or "[q]")
+        through = f" through a {ratio(near)} resonance near {size}{lower}"
+    values, errors = fit.model.coefficients, fit.standard_errors
+    surest = sorted(found.couplings, key=lambda t: -abs(values[t.key]) / errors[t.key])
+    told = [
+        f"{t.key} = {' +- '.join(with_error(values[t.key], errors[t.key]))} {t.unit(unit)}".rstrip()
+        for t in surest[:_MOST_COUPLINGS]
+    ]
+    more = len(surest) - len(told)
+    text = ", ".join([*told, *([f"{more} more"] if more else [])])
+    return f"a mode at {found.frequency:.4g} Hz takes part{through} ({text})"
+
+
+def ratio(resonance: Resonance | None) -> str:
+    """Of two frequencies, such as "1:3"; empty where they are near none."""
+    return "" if resonance is None else f"{resonance.p}:{resonance.q}"
+
+
+def footing(found: Interaction) -> str:
+    """What one coordinate and two leave, over pieces of one length."""
+    return (
+        f"Of {pieces(found.together)} one coordinate leaves {_two_digits(found.before)} times the"
+        f" noise, all its values free, and two leave {_two_digits(found.after)}."
+    )
+
+
+def footing_table(found: Interaction) -> list[list[str]]:
+    """The same as rows of text, with the pieces that the two follow at most."""
+    rows = [["followed", "one coordinate", "two"]]
+    rows.append([pieces(found.together), f"{found.before:.3g}", f"{found.after:.3g}"])
+    if found.longest.cycles != found.together.cycles:
+        rows.append([pieces(found.longest), "lost", f"{found.longest.left:.3g}"])
+    return rows
+
+
+def pieces(found: Fitted) -> str:
+    """Over what a model was fitted, each piece from an initial state of its own."""
+    if np.isinf(found.cycles):
+        return "the whole decay"
+    return f"pieces of {found.cycles:.0f} cycles"
+
+
+def rings_along(found: Interaction) -> str:
+    """That another mode rings, but is not seen to take part."""
+    alone = f"{_two_digits(found.before)} times the noise"
+    if found.alone.explained:
+        terms = f" and {listed(found.own)} added" if found.own else ""
+        rest = f"with it beside the model, all values free{terms}, noise alone is left ({alone})"
+    else:
+        rest = (
+            f"one coordinate with it beside leaves {alone} of {pieces(found.together)}, and"
+            f" {_two_digits(found.after)} with what could couple them"
+        )
+    return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."
+
+
+def not_followed(other: Vibration) -> str:
+    """That another mode rings, and nothing more can be said."""
+    return (
+        f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both modes were"
+        " found that follow the records, so that its part is not known."
+    )

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_record import coupled_records, free_shapes, names_of, ringing_in
-from romsindy.fit.coupled_rounds import Fitted, Progress, Stage, with_terms
+from romsindy.fit.coupled_rounds import Fitted, Progress, Stage, best_of, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, linear_terms
 from romsindy.fit.pieces import cut
 from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
@@ -69,8 +69,7 @@ def identify_coupled(
         try:
             for count in range(fewest, len(ringing) + 1):
                 kept.clear()
-                _identify(ringing[:count], free, Progress(say, kept.append))
-                found = _best(kept)
+                found = _identified(ringing[:count], free, Progress(say, kept.append))
                 # A further coordinate must be needed: harmonics and combinations look like one.
                 if best is not None and not (found and _needed(found, best)):
                     break
@@ -78,7 +77,7 @@ def identify_coupled(
                 if best is not None and best.explained:
                     break
         except KeyboardInterrupt:
-            best, interrupted = best or _best(kept), True
+            best, interrupted = best or best_of(kept), True
             if best is None:
                 raise
     if best is None:
@@ -142,32 +141,13 @@ def _linear(ringing: Sequence[Vibration], unit: str | None) -> CoupledModel:
     return CoupledModel(linear_terms(len(ringing)), tuple(values), unit)
 
 
-def _identify(strongest: Sequence[Vibration], decays: Sequence[Decay], progress: Progress) -> None:
-    """Model some vibrations, with candidates of the plainest kind that explains them.
-
-    What is found is kept by ``progress``.
-    """
+def _identified(
+    strongest: Sequence[Vibration], decays: Sequence[Decay], progress: Progress
+) -> Fitted | None:
+    """The model of some vibrations."""
     ringing = sorted(strongest, key=lambda v: v.small_frequency)
     frequency = np.array([v.small_frequency for v in ringing])
     progress.say(f"coordinates at {names_of(ringing)}")
     records = coupled_records(decays, frequency, NUMERICS)
     start = Stage(_linear(ringing, decays[0].unit), free_shapes(records))
-    for kind in KINDS:
-        fitted = with_terms(start, records, kind, progress)
-        if fitted is not None:
-            if fitted.explained:
-                return
-            # With their noise as it was heard again.
-            pairs = zip(records, fitted.records, strict=True)
-            records = tuple(replace(record, noise=f.noise) for record, f in pairs)
-
-
-def _best(found: Sequence[Fitted]) -> Fitted | None:
-    """Of several fits the one that explains, or follows the motion for longest and leaves least."""
-    if not found:
-        return None
-    longest = [f for f in found if f.cycles == max(f.cycles for f in found)]
-    quietest = longest[-1].records
-    explained = [f for f in longest if f.explained]
-    # Of two alike the later: its noise was heard last.
-    return min(reversed(explained or longest), key=lambda f: f.left_over(quietest))
+    return of_plainest_kind(start, records, KINDS, progress)

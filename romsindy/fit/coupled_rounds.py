@@ -152,6 +152,34 @@ class Progress(NamedTuple):
     keep: Callable[[Fitted], None]
 
 
+def of_plainest_kind(
+    start: Stage, records: Sequence[CoupledRecord], kinds: Sequence[Kind], progress: Progress
+) -> Fitted | None:
+    """The start with terms of the first kind that explains the records, or else of the best."""
+    found: list[Fitted] = []
+    for kind in kinds:
+        fitted = with_terms(start, records, kind, progress)
+        if fitted is not None:
+            found.append(fitted)
+            if fitted.explained:
+                break
+            # With their noise as it was heard again.
+            pairs = zip(records, fitted.records, strict=True)
+            records = tuple(replace(record, noise=f.noise) for record, f in pairs)
+    return best_of(found)
+
+
+def best_of(found: Sequence[Fitted]) -> Fitted | None:
+    """Of several fits the one that explains, or follows the motion for longest and leaves least."""
+    if not found:
+        return None
+    longest = [f for f in found if f.cycles == max(f.cycles for f in found)]
+    quietest = longest[-1].records
+    explained = [f for f in longest if f.explained]
+    # Of two alike the later: its noise was heard last.
+    return min(reversed(explained or longest), key=lambda f: f.left_over(quietest))
+
+
 def with_terms(
     start: Stage, given: Sequence[CoupledRecord], kind: Kind, progress: Progress
 ) -> Fitted | None:

@@ -43,12 +43,15 @@ def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
 class Kind(NamedTuple):
     """Which candidates there are beside the smooth ones.
 
-    Laws of single coordinates that have a kink at rest; and modal masses that differ, for sensors
-    scale the coordinates.
+    Laws of single coordinates that have a kink at rest; modal masses that differ, for sensors scale
+    the coordinates; what couples coordinates, without which masses are not told, and what couples
+    their damping.
     """
 
     kinked: bool = False
     masses: bool = False
+    coupled: bool = True
+    coupled_damping: bool = True
 
 
 # From the plainest on.
@@ -60,16 +63,20 @@ def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
     alone = _SMOOTH + _KINKED if kind.kinked else _SMOOTH
     found: list[CoupledTerm] = []
     unit = np.eye(n_coordinates, dtype=int)
-    if kind.masses:
+    if kind.masses and kind.coupled:
         found += [Along.coordinate(AddedMass(), i + 1) for i in range(1, n_coordinates)]
     for i in range(n_coordinates):
         found += [Along.coordinate(law, i + 1) for law in alone]
         found.append(_slaved(2 * unit[i], 2 * unit[i]))
+    if not kind.coupled:
+        return tuple(found)
     for i, j in itertools.combinations(range(n_coordinates), 2):
         a, b = unit[i], unit[j]
         powers = [2 * a + b, a + 2 * b, 3 * a + b, 2 * (a + b), a + 3 * b]
         found += [MixedStiffness(tuple(p.tolist())) for p in powers]
         found += [_slaved(a + b, a + b), _slaved(2 * a, a + b), _slaved(2 * b, a + b)]
+        if not kind.coupled_damping:
+            continue
         found.append(MixedDamping(i + 1, j + 1))
         found += [
             MixedDamping(k + 1, k + 1, tuple((2 * unit[m]).tolist())) for k, m in ((i, j), (j, i))

@@ -20,6 +20,7 @@ from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
+from romsindy.text import with_error
 from romsindy.typing import Array
 
 # Part of a standard error by which a coefficient moves for the slope of a curve.
@@ -78,6 +79,15 @@ class Estimate:
         """Standard error of every free coefficient, by name."""
         errors = np.sqrt(np.diag(self.covariance))
         return dict(zip(self.free, errors.tolist(), strict=True))
+
+    def table(self) -> list[list[str]]:
+        """Rows of text: every coefficient with its standard error, if it was estimated."""
+        errors, model = self.standard_errors, self.model
+        rows = [
+            [t.key, *with_error(value, errors.get(t.key, 0.0)), t.unit(model.unit)]
+            for t, value in zip(model.terms, model.values, strict=True)
+        ]
+        return [["coefficient", "value", "+-", "unit"], *rows]
 
     @property
     def adequacy(self) -> float:

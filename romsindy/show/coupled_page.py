@@ -101,14 +101,8 @@ class CoupledReport:
 
     def coefficients(self) -> TextTable:
         """Every coefficient with its standard error."""
-        model, errors = self.fit.model, self.fit.standard_errors
-        rows = [
-            [t.key, *with_error(value, errors[t.key]), t.unit(model.unit)]
-            for t, value in zip(model.terms, model.values, strict=True)
-        ]
-        header = ["coefficient", "value", "+-", "unit"]
         note = "Standard errors hold for these terms: what the choice of terms leaves open is more."
-        return TextTable("Coefficients", [header, *rows], note)
+        return TextTable("Coefficients", self.fit.table(), note)
 
     def notes(self) -> list[str]:
         """What was measured, and what was done to it."""

@@ -95,7 +95,12 @@ def draw_harmonics(before: Array, after: Array, figure: Figure) -> None:
 
 
 def draw_cycles(
-    t: Array, before: Array, after: Array, known: Sequence[Fact], figure: Figure
+    t: Array,
+    before: Array,
+    after: Array,
+    known: Sequence[Fact],
+    figure: Figure,
+    names: tuple[str, str] = ("before", "after"),
 ) -> None:
     """Error over noise of every cycle, (n,) each; lines end where cycles were left out.
 
@@ -106,7 +111,7 @@ def draw_cycles(
     facts = [f._replace(values=np.insert(f.values, gaps, np.nan)) for f in known]
     t, before, after = (np.insert(x, gaps, np.nan) for x in (t, before, after))
     # Thick and thin lines, and dots of two sizes: after never hides before.
-    looks = ((before, BEFORE, 2.4, 4, "before"), (after, AFTER, 1, 2, "after"))
+    looks = ((before, BEFORE, 2.4, 4, names[0]), (after, AFTER, 1, 2, names[1]))
     for errors, color, width, size, label in looks:
         (line,) = ax.plot(t, errors, "o-", color=color, lw=width, ms=size, label=label)
         tell(line, Fact("time (s)", t), *facts, Fact("error over noise", errors, digits=3))

@@ -1,0 +1,167 @@
+"""Does another vibration take part in the motion of a model, or does it only ring along?
+
+The coordinate of the model, q1, and that of the other vibration, q2, are fitted twice to the same
+records, with and without terms that couple them. All coefficients are free, and every coordinate
+may have further terms of its own: only coupling tells the two apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
+from romsindy.fit.coupled_rounds import Fitted, Progress, Stage, fitted, of_plainest_kind
+from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
+from romsindy.fit.pieces import cut
+from romsindy.fit.refine import NUMERICS, Fit, refined
+from romsindy.fit.resonance import resonances_in
+from romsindy.fit.verdict import EXPLAINED, MODE, WORTH
+from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupling import Along
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
+from romsindy.record.decay import Decay
+from romsindy.record.vibrations import Resonance, Vibration
+
+_ALONE = tuple(kind._replace(coupled=False) for kind in KINDS)
+# Coupling that stores energy: what damps may stand for a damping of one coordinate that is missing.
+_TOGETHER = tuple(kind._replace(coupled_damping=False) for kind in KINDS)
+
+
+@dataclass(frozen=True, eq=False)
+class Interaction:
+    """Two vibrations, fitted with and without coupling.
+
+    Attributes
+    ----------
+    frequency : float
+        Hz, of the other vibration where it is small.
+    slower : bool
+        Whether the modelled vibration is the slower one.
+    own : tuple of str
+        Terms of single coordinates that were added without coupling.
+    alone, together : Fitted
+        Without and with coupling, to pieces of one length, over the same noise.
+    longest : Fitted
+        With coupling, over the longest pieces that it follows.
+    """
+
+    frequency: float
+    slower: bool
+    own: tuple[str, ...]
+    alone: Fitted
+    together: Fitted
+    longest: Fitted
+
+    @property
+    def couplings(self) -> tuple[Term, ...]:
+        """The terms that couple the coordinates."""
+        own = candidates(2, Kind(kinked=True, coupled=False))
+        terms = self.longest.stage.model.terms
+        return tuple(t for t in terms if not (isinstance(t, Along) or t in own))
+
+    @property
+    def before(self) -> float:
+        """Rms of what is left without coupling, over the noise."""
+        return self.alone.left
+
+    @property
+    def after(self) -> float:
+        """The same with coupling."""
+        return self.together.left
+
+    @property
+    def takes_part(self) -> bool:
+        """Whether the coupling is needed: far beyond chance, and for a material part of the rest.
+
+        Where more than noise is left with it, it must count as any effect must there.
+        """
+        if not (self.couplings and self.together.is_better(self.alone, self.together.records)):
+            return False
+        enough = self.after <= EXPLAINED or WORTH * self.after**2 < self.before**2
+        return enough and self.after < (1 - MODE) * self.before
+
+    @property
+    def resonance(self) -> Resonance | None:
+        """Where the frequencies come nearest to a ratio of small whole numbers, if they do."""
+        return min(resonances_in(self.longest.records), key=lambda r: r.off, default=None)
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """The model of both, refined over the longest pieces; None if it has no exact motion."""
+        stage, best = self.longest.stage, self.longest
+        pieces = tuple(piece for record in best.records for piece in cut(record, best.cycles))
+        names = tuple(stage.model.coefficients)
+        try:
+            return refined(stage.model, names, pieces, stage.shapes, settled=True)
+        except TrajectoryError:
+            return None
+
+
+def interaction_of(
+    model: ReducedModel,
+    decays: Sequence[Decay],
+    own: Vibration,
+    other: Vibration,
+    say: Callable[[str], None],
+) -> Interaction | None:
+    """Fit a model and another vibration, with and without coupling, to decays in which both ring.
+
+    None where either follows the motion over no piece of the decays.
+    """
+    frequencies = np.array([own.small_frequency, other.small_frequency])
+    records = coupled_records(decays, frequencies, NUMERICS)
+    start, progress = Stage(_beside(model, other), free_shapes(records)), Progress(say, _pass)
+    # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        alone = of_plainest_kind(start, records, _ALONE, progress)
+        if alone is None:
+            return None
+        longest = alone if alone.explained else _together(start, records, alone, progress)
+        if longest is None:
+            return None
+        cycles = min(alone.cycles, longest.cycles)
+        pair = [_over(f, longest.records, cycles) for f in (alone, longest)]
+    if pair[0] is None or pair[1] is None:
+        return None
+    own_terms = tuple(t.key for t in alone.stage.model.terms if t not in start.model.terms)
+    slower = own.small_frequency < other.small_frequency
+    return Interaction(other.small_frequency, slower, own_terms, pair[0], pair[1], longest)
+
+
+def _together(
+    start: Stage, records: Sequence[CoupledRecord], alone: Fitted, progress: Progress
+) -> Fitted | None:
+    """With coupling; where that has no motion from the start, from what was found without it."""
+    found = of_plainest_kind(start, records, _TOGETHER, progress)
+    return found or of_plainest_kind(alone.stage, alone.records, _TOGETHER, progress)
+
+
+def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
+    """The same fitted to pieces so many cycles long, over the noise of some records."""
+    pairs = list(zip(found.records, records, strict=True))
+    if found.cycles == cycles and all(own.noise is other.noise for own, other in pairs):
+        return found
+    heard = tuple(replace(own, noise=other.noise) for own, other in pairs)
+    return fitted(found.stage, heard, cycles)
+
+
+def _pass(found: Fitted) -> None:
+    """An interrupt ends the whole comparison: nothing of it is kept."""
+
+
+def _beside(model: ReducedModel, other: Vibration) -> CoupledModel:
+    """The model along q1, and beside it the frequency and damping of another vibration."""
+    omega, zeta = 2 * np.pi * other.small_frequency, other.damping_ratio[1]
+    values = dict.fromkeys(linear_terms(2), 0.0)
+    pairs = zip(model.terms, model.values, strict=True)
+    values.update({Along.coordinate(term, 1): value for term, value in pairs})
+    small = (omega**2, 2 * zeta * omega if zeta > 0 else 0.0)
+    values.update(zip(linear_terms(2)[2:], small, strict=True))
+    return CoupledModel(tuple(values), tuple(values.values()), model.unit)
