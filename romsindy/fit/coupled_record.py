@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
@@ -97,16 +98,12 @@ class CoupledRecord(OfDecay):
         found = [tones_of(x, decay.dt, decay.derivative) for x in signals.T]
         everywhere = list(range(len(found)))
         wanted = [[channel] for channel in main] or [everywhere] * len(frequencies)
-        pairs: list[tuple[int, Vibration]] = []
-        for frequency, some in zip(frequencies, wanted, strict=True):
-            taken = [v for _, v in pairs]
-            others = [[v for v in several if v not in taken] for several in found]
-            pairs.append(_main(others, frequency, some))
-        main, own = zip(*pairs, strict=True)
+        main, own = zip(*_told_apart(found, frequencies, wanted), strict=True)
         tones = tuple(v.tone for v in own)
         waves = np.stack([_wave(tone, t, 0) for tone in tones], axis=1)
         shapes = np.linalg.lstsq(waves, signals, rcond=None)[0].T
-        shapes = shapes / shapes[list(main), range(len(main))]
+        size = shapes[list(main), range(len(main))]
+        shapes = shapes / np.where(size != 0, size, np.nan)  # nothing is known of what is silent
         loudest = [v.tone for v in sorted(own, key=lambda v: -v.energy)]
         noise = tuple(
             _noise(x - sum(v(t) for v in several), loudest, decay.dt, floor * np.abs(x).max())
@@ -232,9 +229,9 @@ class CoupledRecord(OfDecay):
         for signal, noise, left in zip(signals, self.noise, white, strict=True):
             for tone in self.tones:
                 clock = np.clip(t, tone.start, tone.end)
-                if clock[0] == clock[-1]:  # it has died before
-                    continue
                 q = np.real(_displaced(tone, clock, -self.derivative))
+                if np.all(q == q[0]):  # it has died before, or was not heard
+                    continue
                 decay = Decay(self.decay.t, q, unit=self.decay.unit, stage="free")
                 spline = HarmonicSpline.along(tone.phase, clock, q, _CYCLES, 1)
                 valid = np.ones(len(t), bool)
@@ -323,10 +320,16 @@ def coupled_records(
 
     Arguments and errors as those of `CoupledRecord.of`.
     """
-    first = CoupledRecord.of(decays[0], frequencies, floor)
-    others = [CoupledRecord.of(d, frequencies, floor, first.main) for d in decays[1:]]
-    shapes = np.mean([r.shapes for r in (first, *others)], axis=0)
-    return tuple(replace(r, shapes=shapes) for r in (first, *others))
+    alone = (CoupledRecord.of(d, frequencies, floor) for d in decays)
+    first = next((r for r in alone if not np.any(np.isnan(r.shapes))), None)
+    if first is None:
+        raise ValueError(
+            f"vibrations at {', '.join(f'{f:.4g} Hz' for f in frequencies)} ring as one in every"
+            " decay: model fewer coordinates, or give longer decays"
+        )
+    records = [CoupledRecord.of(d, frequencies, floor, first.main) for d in decays]
+    shapes = np.nanmean([r.shapes for r in records], axis=0)
+    return tuple(replace(r, shapes=shapes) for r in records)
 
 
 def free_shapes(records: Sequence[CoupledRecord]) -> tuple[Part, ...]:
@@ -359,15 +362,43 @@ def curved_shapes(record: CoupledRecord) -> list[tuple[Part, ...]]:
     ]
 
 
+def _told_apart(
+    found: Sequence[Sequence[Vibration]], frequencies: Array, wanted: Sequence[Sequence[int]]
+) -> list[tuple[int, Vibration]]:
+    """The channel of each coordinate and the vibration there; no two are the same vibration.
+
+    Where two coordinates ring as one, the further one is silent: its motion starts from rest.
+    """
+    mains = [_main(found, f, some) for f, some in zip(frequencies, wanted, strict=True)]
+    off = [abs(np.log(v.small_frequency / f)) for (_, v), f in zip(mains, frequencies, strict=True)]
+    chosen: dict[int, tuple[int, Vibration]] = {}
+    for i in np.argsort(off):
+        taken = [v for _, v in chosen.values()]
+        others = [[v for v in several if v not in taken] for several in found]
+        near = any(_near(others[channel], frequencies[i]) for channel in wanted[i])
+        channel, vibration = _main(others if near else found, frequencies[i], wanted[i])
+        chosen[i] = channel, vibration if near else _silent(vibration)
+    return [chosen[i] for i in range(len(mains))]
+
+
+def _silent(vibration: Vibration) -> Vibration:
+    """The same, of no size."""
+    z = vibration.tone.z
+    tone = replace(vibration.tone, z=BSpline(z.t, 0 * z.c, z.k))
+    return replace(vibration, tone=tone, energy=0.0)
+
+
+def _near(several: Sequence[Vibration], frequency: float) -> list[Vibration]:
+    """Those whose small vibrations are about so fast, Hz."""
+    return [v for v in several if 1 / _NEAR < v.small_frequency / frequency < _NEAR]
+
+
 def _main(
     found: Sequence[Sequence[Vibration]], frequency: float, channels: Sequence[int]
 ) -> tuple[int, Vibration]:
     """The channel in which a vibration near a frequency moves most, and the vibration there."""
     near = [
-        (v.energy, channel, v)
-        for channel in channels
-        for v in found[channel]
-        if 1 / _NEAR < v.small_frequency / frequency < _NEAR
+        (v.energy, channel, v) for channel in channels for v in _near(found[channel], frequency)
     ]
     if not near:
         heard = sorted({f"{v.mean_frequency:.4g} Hz" for several in found for v in several})

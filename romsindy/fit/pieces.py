@@ -33,9 +33,9 @@ def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
 
 def lengths(records: Sequence[CoupledRecord]) -> list[float]:
     """Of pieces, in cycles, until no record is cut; infinite at the end."""
-    frequency = np.sort([np.median(tone.frequency) for tone in records[0].tones])
-    nearest = float(np.min(np.diff(frequency), initial=np.inf))
-    first = max(_CYCLES, _BEATS * frequency[0] / nearest)
+    several = [np.sort([np.median(tone.frequency) for tone in r.tones]) for r in records]
+    apart = max(float(np.min(np.diff(f), initial=np.inf) / f[0]) for f in several)
+    first = max(_CYCLES, _BEATS / apart) if apart > 0 else _CYCLES
     longest = max(_cycles(record) for record in records)
     count = int(np.ceil(np.log(max(longest / first, 1.0)) / np.log(_GROWTH)))
     return [*(first * _GROWTH**k for k in range(count)), np.inf]
