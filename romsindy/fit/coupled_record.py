@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -279,13 +280,15 @@ def ringing_in(decays: Sequence[Decay]) -> list[Vibration]:
     most = max(
         channels, key=lambda found: (len(found[0] + found[1]), sum(v.share for v in found[0]))
     )
-    everything = [[v for both in found for some in both for v in some] for found in several]
-
-    def heard(v: Vibration) -> float:
-        near = ([o for o in found if _apart(o, v) < np.log(_NEAR)] for found in everything)
-        return min(max((o.share for o in some), default=0.0) for some in near)
-
-    return [v for some in most for v in sorted(some, key=lambda v: (-heard(v), -v.share))]
+    own = [v for some in most for v in some]
+    heard = {v: np.zeros(len(decays)) for v in own}
+    for i, found in enumerate(several):
+        for v in (v for both in found for some in both for v in some):
+            nearest = min(own, key=partial(_apart, v))
+            if _apart(v, nearest) < np.log(_NEAR):
+                heard[nearest][i] = max(heard[nearest][i], v.share)
+    ranks = {v: (-float(heard[v].min()), -v.share) for v in own}
+    return [v for some in most for v in sorted(some, key=lambda v: ranks[v])]
 
 
 def _apart(one: Vibration, other: Vibration) -> float:
