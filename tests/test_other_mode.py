@@ -124,7 +124,7 @@ def test_one_mode_is_not_looked_at_twice(monkeypatch):
     report = rs.diagnose(linear, one, catalogue=FEW)
     assert [e.name for e in report.effects] == ["cubic_stiffness"]
     module = importlib.import_module("romsindy.diagnosis.diagnose")
-    monkeypatch.setattr(module, "with_other_mode", lambda found, say: found)
+    monkeypatch.setattr(module, "with_other_mode", lambda found, options: found)
     assert rs.diagnose(linear, one, catalogue=FEW).to_json() == report.to_json()
     humming = decay(start=(0.8, 0.0), hum=0.02, friction=3.0)
     assert rs.diagnose(MODEL, humming, catalogue=(*FEW, Hum())).verdict == "unknown"

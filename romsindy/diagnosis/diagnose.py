@@ -175,4 +175,4 @@ def diagnose(
     options = replace(options, tolerance=given)
     unsure = FREE if free is None else free
     report = diagnose_model(simulation, several, held_out, unsure, near, options, form)
-    return with_other_mode(report, options.progress)
+    return with_other_mode(report, options)

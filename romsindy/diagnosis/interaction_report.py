@@ -67,7 +67,8 @@ class InteractionReport(DiagnosisReport):
     @property
     def _missing(self) -> str:
         found = words.takes_part(self.interaction, self.fit)
-        return f"{found}. {self._closing('It closes')} {words.footing(self.interaction)}"
+        moved = words.values_that_moved(self.nominal, self.fit)
+        return f"{found}. {self._closing('It closes')} {words.footing(self.interaction)}{moved}"
 
     # -- tables and files ------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from romsindy.diagnosis.gap import Gap, Prediction, name_of
 from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.interaction import Interaction, interaction_of
@@ -38,7 +39,7 @@ class _Ringing(NamedTuple):
     numbers: tuple[int, ...]
 
 
-def with_other_mode(report: DiagnosisReport, say: Callable[[str], None]) -> DiagnosisReport:
+def with_other_mode(report: DiagnosisReport, options: Options) -> DiagnosisReport:
     """The report; or what another mode explains, where what one coordinate explains is in doubt."""
     unknown = report.verdict == "unknown"
     if report.interrupted or not (unknown or _in_doubt(report)):
@@ -46,9 +47,10 @@ def with_other_mode(report: DiagnosisReport, say: Callable[[str], None]) -> Diag
     model, notes = report.nominal if unknown else report.model, []
     for ringing in _ringing(report.records)[:_MOST]:
         decays = [_at_rest(report.records[i].decay) for i in ringing.numbers]
-        found = interaction_of(model, decays, ringing.own, ringing.other, say)
+        own, other, _ = ringing
+        found = interaction_of(model, decays, own, other, options.floor, options.progress)
         if found is None:
-            notes.append(not_followed(ringing.other))
+            notes.append(not_followed(other))
             continue
         if found.takes_part and found.fit is not None:
             return _with(report, found, found.fit, ringing.numbers)

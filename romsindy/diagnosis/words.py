@@ -13,6 +13,8 @@ from romsindy.fit.coupled_rounds import Fitted
 from romsindy.fit.interaction import Interaction
 from romsindy.fit.refine import Fit
 from romsindy.fit.verdict import PREDICTED, SURE
+from romsindy.physics.coupling import Along
+from romsindy.physics.model import ReducedModel
 from romsindy.record.vibrations import Resonance, Vibration
 from romsindy.text import listed, quantity, with_error
 
@@ -149,6 +151,18 @@ def footing(found: Interaction) -> str:
         f"Of {pieces(found.together)} one coordinate leaves {_two_digits(found.before)} times the"
         f" noise, all its values free, and two leave {_two_digits(found.after)}."
     )
+
+
+def values_that_moved(nominal: ReducedModel, fit: Fit) -> str:
+    """By how much values of the simulation surely moved beside another mode."""
+    errors, now = fit.standard_errors, fit.model.coefficients
+    moved = []
+    for term, was in zip(nominal.terms, nominal.values, strict=True):
+        key = Along.coordinate(term, 1).key
+        if was and abs(now[key] - was) > SURE * errors[key]:
+            change = now[key] / was - 1
+            moved.append(f"{term.key} by {'-' if change < 0 else ''}{percent(abs(change))}")
+    return f" Beside it values of the simulation move: {listed(moved)}." if moved else ""
 
 
 def footing_table(found: Interaction) -> list[list[str]]:

@@ -19,7 +19,7 @@ from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_sha
 from romsindy.fit.coupled_rounds import Fitted, Progress, Stage, fitted, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
 from romsindy.fit.pieces import cut
-from romsindy.fit.refine import NUMERICS, Fit, refined
+from romsindy.fit.refine import Fit, refined
 from romsindy.fit.resonance import resonances_in
 from romsindy.fit.verdict import EXPLAINED, MODE, WORTH
 from romsindy.physics.coupled import CoupledModel
@@ -109,14 +109,16 @@ def interaction_of(
     decays: Sequence[Decay],
     own: Vibration,
     other: Vibration,
+    floor: float,
     say: Callable[[str], None],
 ) -> Interaction | None:
     """Fit a model and another vibration, with and without coupling, to decays in which both ring.
 
+    ``floor`` is the least noise, as a part of the largest sample: less than that does not matter.
     None where either follows the motion over no piece of the decays.
     """
     frequencies = np.array([own.small_frequency, other.small_frequency])
-    records = coupled_records(decays, frequencies, NUMERICS)
+    records = coupled_records(decays, frequencies, floor)
     start, progress = Stage(_beside(model, other), free_shapes(records)), Progress(say, _pass)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
