@@ -15,14 +15,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_record import coupled_records, free_shapes, names_of, ringing_in
-from romsindy.fit.coupled_rounds import Fitted, Progress, Stage, best_of, of_plainest_kind
+from romsindy.fit.coupled_choice import Stage
+from romsindy.fit.coupled_record import coupled_records, free_shapes
+from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, linear_terms
 from romsindy.fit.pieces import cut
 from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay
+from romsindy.record.ringing import names_of, ringing_in
 from romsindy.record.vibrations import Vibration
 
 

@@ -5,7 +5,6 @@ The first rounds look at short pieces of the records, which become longer (`roms
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,51 +14,18 @@ import numpy as np
 
 from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import extended, free_coefficients
+from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
-from romsindy.fit.coupled_terms import Gram, Kind, candidates, chosen, needed
-from romsindy.fit.gauss_newton import linear_table
-from romsindy.fit.mode_shape import CurvedShape, ModeShape
-from romsindy.fit.part import Part
-from romsindy.fit.pieces import cut, fit_pieces, lengths, moved
+from romsindy.fit.coupled_terms import Kind, candidates, needed
+from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.verdict import EXPLAINED, TERM
 from romsindy.physics.coupled import CoupledModel
-from romsindy.physics.coupling import Along, SlavedInertia
-from romsindy.physics.inertia import AddedMass
-from romsindy.physics.term import Term
-from romsindy.typing import Array, Indices
+from romsindy.typing import Array
 
 # Choices and fits with pieces of one length.
 _ROUNDS = 6
 # What is left may grow so much as pieces do, of a model that is not lost.
 _LOST = 3.0
-# Parts of the data that are left out in turn. With fewer records than the first, stretches of them
-# are: so many, dealt out in turn, so that each part spans the amplitudes.
-_FEWEST_RECORDS, _PARTS, _STRETCHES = 4, 4, 24
-
-
-@dataclass(frozen=True)
-class Stage:
-    """What has been found so far: the model, and what channels show beyond what was read off."""
-
-    model: CoupledModel
-    shapes: tuple[Part, ...]
-
-    @property
-    def n_values(self) -> int:
-        """Coefficients, and what sensors show of products."""
-        return len(self.model.terms) + len(self.shapes)
-
-    def is_like(self, other: Stage) -> bool:
-        """Whether it has the terms of another, and sensors of its kind."""
-        mine, others = ({*s.model.terms, *(p.effect for p in s.shapes)} for s in (self, other))
-        return mine == others
-
-    def summary(self, n_always: int) -> str:
-        """The terms beyond the first ones, and products that sensors show, in a line."""
-        names = [t.key for t in self.model.terms[n_always:]]
-        curved = [p.effect.product for p in self.shapes if isinstance(p.effect, CurvedShape)]
-        shown = [f"sensors show {product}" for product in dict.fromkeys(curved)]
-        return f"terms: {', '.join([*names, *shown]) or 'no more than at the start'}"
 
 
 @dataclass(frozen=True)
@@ -111,6 +77,11 @@ class Fitted:
         """Whether it leaves about as much as another, which a round more would do, too."""
         return bool(self._squares(records).sum() > (1 - TERM) * before._squares(records).sum())
 
+    def with_noise_of(self, records: Sequence[CoupledRecord]) -> Fitted:
+        """With the noise of other records in the place of its own."""
+        pairs = zip(self.records, records, strict=True)
+        return replace(self, records=tuple(replace(r, noise=o.noise) for r, o in pairs))
+
     def heard_again(self) -> Fitted:
         """With the noise of the records as it is in what the fit leaves, where that is less."""
         pairs = zip(self.records, self.residuals, strict=True)
@@ -131,18 +102,6 @@ class Fitted:
     def _squares(self, records: Sequence[CoupledRecord]) -> Array:
         pairs = zip(records, self.residuals, strict=True)
         return np.concatenate([record.whitened(residual) ** 2 for record, residual in pairs])
-
-
-class _Choice(NamedTuple):
-    """Terms that always take part, those that may, and what sensors may show of products."""
-
-    always: tuple[Term, ...]
-    candidates: tuple[Term, ...]
-    curved: list[tuple[Part, ...]]
-
-    @property
-    def terms(self) -> tuple[Term, ...]:
-        return (*self.always, *(t for t in self.candidates if t not in self.always))
 
 
 class Progress(NamedTuple):
@@ -189,22 +148,21 @@ def with_terms(
     known well, not beside everything else.
     """
     always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
-    choice = _Choice(always, candidates(r, kind), curved)
+    choice = Choice(always, candidates(r, kind), curved)
     best = _settled(start, given, choice, progress, lengths(given)[0])
     if best is None:
         return None
     best = _grown(best, choice, progress)
-    choice = _Choice(always, candidates(r, kind._replace(masses=True)), curved)
+    choice = Choice(always, candidates(r, kind._replace(masses=True)), curved)
     best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
     # The noise that was heard at first stands, unless less than it is left: that is a proof.
-    pairs = zip(best.records, given, strict=True)
-    best = replace(best, records=tuple(replace(r, noise=g.noise) for r, g in pairs))
+    best = best.with_noise_of(given)
     best = best.heard_again() if best.left < 1 else best
     progress.keep(best)
     return best
 
 
-def _grown(best: Fitted, choice: _Choice, progress: Progress) -> Fitted:
+def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
     """Fitted to the longest pieces over which the model follows the motion."""
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
@@ -231,7 +189,7 @@ def _longer(now: Fitted, cycles: float) -> Fitted | None:
 def _settled(
     now: Stage,
     records: Sequence[CoupledRecord],
-    choice: _Choice,
+    choice: Choice,
     progress: Progress,
     cycles: float,
     best: Fitted | None = None,
@@ -239,7 +197,7 @@ def _settled(
     """Rounds with pieces of one length, until the choice of terms stays; the best fit."""
     given, weighed = tuple(records), best.weighed_alike() if best else tuple(records)
     for _ in range(_ROUNDS):
-        start = _chosen(now, weighed, cycles, choice)
+        start = choose(now, weighed, cycles, choice)
         if start is None or (best and start.is_like(best.stage)):
             break
         progress.say(start.summary(len(choice.always)))
@@ -248,8 +206,7 @@ def _settled(
             break
         settled = best is not None and found.is_alike(best, weighed)
         # The noise is that of the records, not what they were weighed by.
-        quiet = tuple(replace(r, noise=g.noise) for r, g in zip(found.records, given, strict=True))
-        now, best = found.stage, replace(found, records=quiet).heard_again()
+        now, best = found.stage, found.with_noise_of(given).heard_again()
         pairs = zip(best.records, given, strict=True)
         settled = settled and all(r.noise is g.noise for r, g in pairs)
         progress.keep(best)
@@ -271,73 +228,7 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
     return Fitted(stage, followed, cycles, solution.residuals, solution.n_values)
 
 
-def _chosen(
-    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: _Choice
-) -> Stage | None:
-    """What always takes part, and terms that gain on data that took no part, about the motions.
-
-    Values are those of the linearised equations: where a fit is to start. None where the equations
-    have no motions near these.
-    """
-    everything, values = choice.terms, now.model.coefficients
-    at = [values.get(t.key, 0.0) for t in everything]
-    model = CoupledModel(everything, tuple(at), now.model.unit)
-    present = {p.effect: p for p in now.shapes}
-    straight = [p for p in now.shapes if isinstance(p.effect, ModeShape)]
-    sensors = [*straight, *(present.get(p.effect, p) for group in choice.curved for p in group)]
-    parts = (*sensors, *free_coefficients(model, [t.key for t in everything]))
-    start = np.array([*(p.values[0] for p in sensors), *at])
-    first = len(sensors)
-    grams: dict[int, list[Gram]] = {}
-    for i, record in enumerate(records):
-        for piece in cut(record, cycles):
-            with np.errstate(all="ignore"):
-                table = linear_table(model, parts, i, piece, piece.motion)[1]
-            if not np.all(np.isfinite(table)):
-                return None
-            left_out = _parts(piece, record, i, len(records))
-            for part in np.unique(left_out):
-                grams.setdefault(int(part), []).append(Gram.of(table[left_out == part], start))
-    always = [*range(len(straight)), *range(first, first + len(choice.always))]
-    ends = np.cumsum([len(straight), *(len(group) for group in choice.curved)])
-    groups = [
-        *(list(range(a, b)) for a, b in itertools.pairwise(ends)),
-        *([i] for i in range(always[-1] + 1, len(parts))),
-    ]
-    least = {
-        g: low
-        for g, (i, *_) in enumerate(groups)
-        if i >= first and (low := _least(everything[i - first])) is not None
-    }
-    kept, there = chosen([Gram.sum(some) for some in grams.values()], always, groups, least)
-    value = dict(zip([*always, *(i for g in kept for i in groups[g])], there, strict=True))
-    shapes = [
-        replace(p, strengths=np.full((1, 1), value[i])) for i, p in enumerate(sensors) if i in value
-    ]
-    terms = {everything[i - first]: v for i, v in value.items() if i >= first}
-    return Stage(CoupledModel(tuple(terms), tuple(terms.values()), now.model.unit), tuple(shapes))
-
-
-def _parts(piece: CoupledRecord, record: CoupledRecord, number: int, count: int) -> Indices:
-    """With which part of the data each sample of a piece is left out, (c n,).
-
-    ``number`` is that of the record among ``count``.
-    """
-    t = piece.decay.t
-    if count >= _FEWEST_RECORDS:
-        return np.full(len(t) * len(record.noise), number)
-    place = (t - record.clock) / (record.t[-1] + record.decay.dt)
-    return np.tile((place * _STRETCHES).astype(int) % _PARTS, len(record.noise))
-
-
 def _has_masses(model: CoupledModel) -> bool:
     """Whether the inertia at rest is positive, as that of all masses."""
     inertia = model.inertia(np.zeros(model.n_coordinates))
     return bool(np.linalg.eigvalsh(inertia)[0] > 0)
-
-
-def _least(term: Term) -> float | None:
-    """What its coefficient must exceed: squares and masses are positive."""
-    if isinstance(term, SlavedInertia) and term.first == term.second:
-        return 0.0
-    return -1.0 if isinstance(term, Along) and isinstance(term.law, AddedMass) else None

@@ -8,15 +8,16 @@ may have further terms of its own: only coupling tells the two apart.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_rounds import Fitted, Progress, Stage, fitted, of_plainest_kind
+from romsindy.fit.coupled_rounds import Fitted, Progress, fitted, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
 from romsindy.fit.pieces import cut
 from romsindy.fit.refine import Fit, refined
@@ -150,8 +151,7 @@ def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fit
     pairs = list(zip(found.records, records, strict=True))
     if found.cycles == cycles and all(own.noise is other.noise for own, other in pairs):
         return found
-    heard = tuple(replace(own, noise=other.noise) for own, other in pairs)
-    return fitted(found.stage, heard, cycles)
+    return fitted(found.stage, found.with_noise_of(records).records, cycles)
 
 
 def _pass(found: Fitted) -> None:

@@ -10,17 +10,12 @@ import numpy as np
 from pysindy.optimizers.base import BaseOptimizer
 from sklearn.base import BaseEstimator
 
-from romsindy.fit.coupled_record import (
-    CoupledRecord,
-    coupled_records,
-    names_of,
-    require_channels,
-    ringing_in,
-)
+from romsindy.fit.coupled_record import CoupledRecord, coupled_records
 from romsindy.fit.refine import NUMERICS, small_frequencies
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
+from romsindy.record.ringing import names_of, require_channels, ringing_in
 from romsindy.regression.coupled_motion import FollowedDecay, Oscillators, WindowRows
 from romsindy.typing import Array
 

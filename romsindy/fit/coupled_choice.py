@@ -1,0 +1,130 @@
+"""Choose terms of several coordinates about the motions of the records, which are cut in pieces."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.fit.coefficient import free_coefficients
+from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.coupled_terms import Gram, chosen
+from romsindy.fit.gauss_newton import linear_table
+from romsindy.fit.mode_shape import CurvedShape, ModeShape
+from romsindy.fit.part import Part
+from romsindy.fit.pieces import cut
+from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupling import Along, SlavedInertia
+from romsindy.physics.inertia import AddedMass
+from romsindy.physics.term import Term
+from romsindy.typing import Indices
+
+# Parts of the data that are left out in turn. With fewer records than the first, stretches of them
+# are: so many, dealt out in turn, so that each part spans the amplitudes.
+_FEWEST_RECORDS, _PARTS, _STRETCHES = 4, 4, 24
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What has been found so far: the model, and what channels show beyond what was read off."""
+
+    model: CoupledModel
+    shapes: tuple[Part, ...]
+
+    @property
+    def n_values(self) -> int:
+        """Coefficients, and what sensors show of products."""
+        return len(self.model.terms) + len(self.shapes)
+
+    def is_like(self, other: Stage) -> bool:
+        """Whether it has the terms of another, and sensors of its kind."""
+        mine, others = ({*s.model.terms, *(p.effect for p in s.shapes)} for s in (self, other))
+        return mine == others
+
+    def summary(self, n_always: int) -> str:
+        """The terms beyond the first ones, and products that sensors show, in a line."""
+        names = [t.key for t in self.model.terms[n_always:]]
+        curved = [p.effect.product for p in self.shapes if isinstance(p.effect, CurvedShape)]
+        shown = [f"sensors show {product}" for product in dict.fromkeys(curved)]
+        return f"terms: {', '.join([*names, *shown]) or 'no more than at the start'}"
+
+
+class Choice(NamedTuple):
+    """Terms that always take part, those that may, and what sensors may show of products."""
+
+    always: tuple[Term, ...]
+    candidates: tuple[Term, ...]
+    curved: list[tuple[Part, ...]]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        return (*self.always, *(t for t in self.candidates if t not in self.always))
+
+
+def choose(
+    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: Choice
+) -> Stage | None:
+    """What always takes part, and terms that gain on data that took no part, about the motions.
+
+    Values are those of the linearised equations: where a fit is to start. None where the equations
+    have no motions near these.
+    """
+    everything, values = choice.terms, now.model.coefficients
+    at = [values.get(t.key, 0.0) for t in everything]
+    model = CoupledModel(everything, tuple(at), now.model.unit)
+    present = {p.effect: p for p in now.shapes}
+    straight = [p for p in now.shapes if isinstance(p.effect, ModeShape)]
+    sensors = [*straight, *(present.get(p.effect, p) for group in choice.curved for p in group)]
+    parts = (*sensors, *free_coefficients(model, [t.key for t in everything]))
+    start = np.array([*(p.values[0] for p in sensors), *at])
+    first = len(sensors)
+    grams: dict[int, list[Gram]] = {}
+    for i, record in enumerate(records):
+        for piece in cut(record, cycles):
+            with np.errstate(all="ignore"):
+                table = linear_table(model, parts, i, piece, piece.motion)[1]
+            if not np.all(np.isfinite(table)):
+                return None
+            left_out = _parts(piece, record, i, len(records))
+            for part in np.unique(left_out):
+                grams.setdefault(int(part), []).append(Gram.of(table[left_out == part], start))
+    always = [*range(len(straight)), *range(first, first + len(choice.always))]
+    ends = np.cumsum([len(straight), *(len(group) for group in choice.curved)])
+    groups = [
+        *(list(range(a, b)) for a, b in itertools.pairwise(ends)),
+        *([i] for i in range(always[-1] + 1, len(parts))),
+    ]
+    least = {
+        g: low
+        for g, (i, *_) in enumerate(groups)
+        if i >= first and (low := _least(everything[i - first])) is not None
+    }
+    kept, there = chosen([Gram.sum(some) for some in grams.values()], always, groups, least)
+    value = dict(zip([*always, *(i for g in kept for i in groups[g])], there, strict=True))
+    shapes = [
+        replace(p, strengths=np.full((1, 1), value[i])) for i, p in enumerate(sensors) if i in value
+    ]
+    terms = {everything[i - first]: v for i, v in value.items() if i >= first}
+    return Stage(CoupledModel(tuple(terms), tuple(terms.values()), now.model.unit), tuple(shapes))
+
+
+def _parts(piece: CoupledRecord, record: CoupledRecord, number: int, count: int) -> Indices:
+    """With which part of the data each sample of a piece is left out, (c n,).
+
+    ``number`` is that of the record among ``count``.
+    """
+    t = piece.decay.t
+    if count >= _FEWEST_RECORDS:
+        return np.full(len(t) * len(record.noise), number)
+    place = (t - record.clock) / (record.t[-1] + record.decay.dt)
+    return np.tile((place * _STRETCHES).astype(int) % _PARTS, len(record.noise))
+
+
+def _least(term: Term) -> float | None:
+    """What its coefficient must exceed: squares and masses are positive."""
+    if isinstance(term, SlavedInertia) and term.first == term.second:
+        return 0.0
+    return -1.0 if isinstance(term, Along) and isinstance(term.law, AddedMass) else None
