@@ -190,7 +190,7 @@ class CoupledRecord(OfDecay):
 
         Vibrations that beat are not followed as well as they are fitted.
         """
-        tones = sorted(self.tones, key=lambda tone: -float(tone.amplitude.max()))
+        tones = sorted(self.tones, key=lambda tone: -float(np.abs(tone.z(tone.t)).max()))
         again = [
             _noise(rest, tones, self.decay.dt, noise.floor)
             for rest, noise in zip(residual.reshape(len(self.noise), -1), self.noise, strict=True)
