@@ -249,3 +249,22 @@ def test_many_samples_a_cycle_are_decimated():
     # Less of the noise is left than there was; at the ends nothing is spoiled.
     off = np.abs(decay.q - np.interp(decay.t, t, exact))
     assert off.max() < 4e-3 and off.std() < 1e-3
+
+
+def test_an_interrupt_within_a_file_keeps_what_was_found(run, folder, monkeypatch):
+    """Ctrl-C in the second round of terms: a page, a note, and the exit code of an interrupt."""
+    whole, rounds = coupled_module.identify_coupled, []
+
+    def interrupted(decays, coordinates, progress):
+        def stop(line):
+            rounds.append(line)
+            if sum(text.startswith("terms") for text in rounds) == 2:
+                raise KeyboardInterrupt
+
+        return whole(decays, coordinates, progress=stop)
+
+    monkeypatch.setattr(coupled_module, "identify_coupled", interrupted)
+    result = run("identify", "hammer.csv", *COLUMNS, "--coordinates", 2, "--report", "part.html")
+    assert result.exit_code == 130
+    assert "interrupted: the best of what had been tried" in result.output
+    assert "interrupted" in (folder / "part.html").read_text(encoding="utf-8")

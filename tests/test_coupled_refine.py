@@ -209,3 +209,26 @@ def test_what_cannot_be_identified(identified):
         free_run(fit, decay, samples=3)
     with pytest.raises(ValueError, match="the decay has 1 channels, the fit 2"):
         free_run(fit, decay.channel(0), samples=100)
+
+
+def test_small_vibrations_that_would_grow_are_told():
+    """Damping that a mode has by its amplitude alone: the record ends before it would grow."""
+    truth = {
+        "omega^2 [q1]": (2 * np.pi * 10.0) ** 2,
+        "omega^2 [q2]": (2 * np.pi * 23.7) ** 2,
+        "c_linear [q1]": 0.6,
+        "c_linear [q2]": -0.5,
+        "c_cubic [q2]": 1e-3,
+    }
+
+    def rates(_, y):
+        k1, k2, c1, c2, cubic = truth.values()
+        return [y[2], y[3], -k1 * y[0] - c1 * y[2], -k2 * y[1] - c2 * y[3] - cubic * y[3] ** 3]
+
+    t = np.arange(0, 3.0, 1 / 300)
+    q = solve_ivp(rates, (0, 3), [0.8, 0.6, 0, 0], t_eval=t, rtol=1e-10, atol=1e-12).y[:2].T
+    y = q @ SHAPES.T + 0.004 * np.random.default_rng(5).standard_normal(q.shape)
+    fit = refine(CoupledModel.from_coefficients(truth, unit="m"), Decay(t, y, unit="m"))
+    assert fit.model.coefficients["c_linear [q2]"] == pytest.approx(-0.5, abs=0.1)
+    told = [note for note in fit.notes if "would grow" in note]
+    assert len(told) == 1 and "q2" in told[0]

@@ -12,10 +12,13 @@ from scipy.integrate import solve_ivp
 from romsindy import CoupledModel, Decay, free_run, identify_coupled
 from romsindy.fit.coefficient import free_coefficients
 from romsindy.fit.collocation import Trajectory
-from romsindy.fit.coupled_record import coupled_records
+from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.pieces import fit_pieces, lengths
+from romsindy.fit.refine import refined
+from romsindy.fit.small_vibrations import small_vibrations
+from romsindy.show.coupled_page import CoupledReport, pictures
 
 # Hardening: the first coordinate falls from 15 to 10 Hz, through a third of the second's 40 Hz.
 TRUTH = {
@@ -77,6 +80,25 @@ def test_one_piece_is_the_record(record):
     whole, piece = fit(model, parts, [record]), fit_pieces(model, parts, [record], np.inf)
     assert whole.converged and piece.chi_squared == whole.chi_squared
     np.testing.assert_array_equal(piece.residuals[0], whole.residuals[0])
+
+
+def test_a_report_of_pieces_says_so(record):
+    """Tones and decays are told once; a simulation starts with each piece, and is told as one."""
+    model = CoupledModel.from_coefficients(TRUTH, unit="m")
+    whole, pieces = (
+        refined(model, tuple(TRUTH), records, free_shapes([record]), settled=True)
+        for records in ([record], record.pieces(3))
+    )
+    assert len(pieces.records) == 3
+    one, three = small_vibrations(whole), small_vibrations(pieces)
+    for a, b in zip(one, three, strict=True):
+        np.testing.assert_array_equal(a.measured_amplitude, b.measured_amplitude)
+    said = [
+        pictures(CoupledReport("", fit, seen, [record.decay], ["left", "right"]))[1].caption
+        for fit, seen in ((whole, one), (pieces, three))
+    ]
+    assert "the decay from its start" in said[0] and "worst" not in said[0]
+    assert "the piece from its start" in said[1] and "the worst of 3" in said[1]
 
 
 def test_pieces_double_until_they_are_whole(record):
@@ -145,6 +167,8 @@ def test_sensors_that_show_products_are_seen_through(curved):
     assert parts["channel 4, q1^2"] == pytest.approx(0.1, abs=0.01)
     assert parts["channel 4, q1^3"] == pytest.approx(-0.3, abs=0.03)
     assert fit.adequacy == pytest.approx(1.0, abs=0.1)
+    np.testing.assert_array_equal(fit.curved_shapes["q1^3"][3], parts["channel 4, q1^3"])
+    assert "sensors show products of coordinates as well: q1^2, q1^3" in str(fit)
     missed = free_run(fit, decays[2], 200) - decays[2].q
     # Noise is 1 % of the standard deviation; the state comes from 200 samples.
     assert np.all(missed.std(axis=0) < 0.02 * decays[2].q.std(axis=0))
@@ -161,7 +185,7 @@ def test_an_interrupt_keeps_what_was_found(curved):
 
     fit = identify_coupled(decays[0], 2, progress=stop)
     assert any(note.startswith("interrupted") for note in fit.notes)
-    assert fit.model.n_coordinates == 2
+    assert fit.model.n_coordinates == 2 and fit.solution.interrupted
     rounds[:] = ["terms"]
     with pytest.raises(KeyboardInterrupt):  # at the first choice nothing has been found
         identify_coupled(decays[0], 2, progress=stop)

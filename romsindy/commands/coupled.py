@@ -119,7 +119,7 @@ class CoupledResult:
 
     def __str__(self) -> str:
         report = self.report
-        decays = "\n".join(map(repr, self.found.decays))
+        decays = "\n".join(map(repr, report.decays))
         tables = map(as_text, report.tables())
         return "\n\n".join([report.picked, decays, str(self.found), *tables]) + "\n"
 
@@ -202,7 +202,8 @@ def identified_together(
         except (ValueError, TrajectoryError) as error:
             raise _refused(coordinates, error) from error
     file, title = names
-    report = CoupledReport(title, fit, seen, found.together, picked_together(found, releases))
+    picked = picked_together(found, releases)
+    report = CoupledReport(title, fit, seen, decays, found.together, picked)
     figures = [*pictures(report), picture(found)]
     write_coupled(report, page, bar(figures, "drawing"), interactive=interactive)
     return CoupledResult(file, report, found, tuple(i + 1 for i in releases), page)

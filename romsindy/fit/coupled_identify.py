@@ -8,7 +8,7 @@ stays. No ratio of frequencies is asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -91,7 +91,9 @@ def identify_coupled(
     stage, names = best.stage, tuple(best.stage.model.coefficients)
     pieces = tuple(piece for record in best.records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
-    return replace(fit, notes=(*fit.notes, *_notes(best, interrupted)))
+    solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
+    notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted))
+    return replace(fit, solution=solution, notes=notes)
 
 
 def _needed(found: Fitted, before: Fitted) -> bool:
@@ -100,9 +102,11 @@ def _needed(found: Fitted, before: Fitted) -> bool:
     return longer or found.left_over(before.records) < (1 - MODE) * before.left
 
 
-def _notes(best: Fitted, interrupted: bool) -> list[str]:
+def _notes(best: Fitted, products: Collection[str], interrupted: bool) -> list[str]:
     """What the reader must know of how it was found."""
     notes = ["interrupted: the best of what had been tried"] if interrupted else []
+    if products:
+        notes.append(f"sensors show products of coordinates as well: {', '.join(products)}")
     if best.cycles < np.inf:
         notes.append(
             f"the model follows the motion over pieces of {best.cycles:.0f} cycles of the slowest"

@@ -23,6 +23,7 @@ from romsindy.fit.coupled_record import AnyRecord, CoupledRecord, coupled_record
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.horizon import fit_growing
+from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.record import Record, sharing_drift
@@ -107,8 +108,18 @@ class Fit(Estimate):
         return resonances_in(self.records)
 
     @property
+    def curved_shapes(self) -> dict[str, Array]:
+        """What each channel shows of products of coordinates, (n_channels,), by product."""
+        found: dict[str, Array] = {}
+        for part in self.solution.parts:
+            if isinstance(part.effect, CurvedShape):
+                shown = found.setdefault(part.effect.product, np.zeros(len(self.mode_shapes)))
+                shown[part.effect.channel] = part.own(0)[0]
+        return found
+
+    @property
     def decays(self) -> tuple[Decay, ...]:
-        """What was fitted: the free parts."""
+        """What was fitted: the free parts, or pieces of them where notes say so."""
         return tuple(record.decay for record in self.records)
 
     @property
@@ -198,16 +209,32 @@ def refined(
             ) from error
     peak = max(float(np.abs(record.decay.q).max()) for record in records)
     new = extended(model, solution.parts)
+    covariance = covariance[: len(free), : len(free)]
+    grows = _growing(new, free, covariance)
     return Fit(
         model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
         free=free,
-        covariance=covariance[: len(free), : len(free)],
+        covariance=covariance,
         verdict=examine(records, solution.residuals, solution.n_values),
-        notes=(*_notes(records, solution), *resonance_notes(new, records)),
+        notes=(*_notes(records, solution), *resonance_notes(new, records), *grows),
         start=start,
         records=tuple(records),
         solution=solution,
     )
+
+
+def _growing(model: AnyModel, free: Sequence[str], covariance: Array) -> list[str]:
+    """A sentence for each coordinate of several whose small vibrations would grow, for certain."""
+    if not isinstance(model, CoupledModel):
+        return []
+    std = np.sqrt(np.diag(covariance))
+    surely = {n for n, s in zip(free, std, strict=True) if model.coefficients[n] < -1.96 * s}
+    return [
+        f"the linear damping of q{i + 1} is negative: its small vibrations would grow, which no"
+        " decay shows; do not extrapolate to smaller amplitudes"
+        for i in range(model.n_coordinates)
+        if f"c_linear [q{i + 1}]" in surely
+    ]
 
 
 def several_decays(decays: Decay | Sequence[Decay]) -> list[Decay]:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from romsindy.fit.coupled_record import AnyRecord, CoupledRecord
+from romsindy.fit.coupled_record import AnyRecord, one_a_decay
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.vibrations import Resonance, resonances_of
 from romsindy.text import quantity
@@ -20,7 +20,7 @@ def resonances_in(records: Sequence[AnyRecord]) -> tuple[Resonance, ...]:
 
     Empty for records of one coordinate.
     """
-    several = [record for record in records if isinstance(record, CoupledRecord)]
+    several = one_a_decay(records)
     if not several:
         return ()
     by_frequency = np.argsort([np.median(tone.frequency) for tone in several[0].tones])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.coupled_record import one_a_decay
 from romsindy.fit.refine import Fit
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.typing import Array
@@ -64,7 +64,7 @@ def small_vibrations(fit: Fit) -> tuple[SmallVibration, ...]:
 
 def _followed(fit: Fit, coordinate: int) -> tuple[Array, Array]:
     """Amplitude of a coordinate, and its frequency in Hz, as followed in all decays."""
-    tones = [(r.tones[coordinate], r) for r in fit.records if isinstance(r, CoupledRecord)]
+    tones = [(r.tones[coordinate], r) for r in one_a_decay(fit.records)]
     amplitude = [t.amplitude / (2 * np.pi * t.frequency) ** r.derivative for t, r in tones]
     return np.concatenate(amplitude), np.concatenate([t.frequency for t, _ in tones])
 

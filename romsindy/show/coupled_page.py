@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from romsindy.fit.coupled_record import in_pieces
 from romsindy.fit.refine import Fit
 from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import BackboneCurve, backbone_curve
+from romsindy.record.decay import Decay
 from romsindy.show.coupled_plots import draw_backbones, draw_channel
 from romsindy.show.identification_page import told_of
 from romsindy.show.page import Picture, write_page
@@ -31,6 +33,8 @@ class CoupledReport:
     title : str
     fit : Fit
     modes : sequence of SmallVibration
+    decays : sequence of Decay
+        Whole, as the fit was given them.
     channels : sequence of str
         Names of what was measured.
     picked : str
@@ -40,6 +44,7 @@ class CoupledReport:
     title: str
     fit: Fit
     modes: Sequence[SmallVibration]
+    decays: Sequence[Decay]
     channels: Sequence[str]
     picked: str = ""
 
@@ -69,9 +74,11 @@ class CoupledReport:
     def tables(self) -> list[TextTable]:
         """Modes of small vibrations, and what channels show of the coordinates."""
         header = ["mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-", "moves", "amplitude"]
+        curved, unit = self.fit.curved_shapes, self.fit.model.unit or "[q]"
+        columns = np.column_stack([self.fit.mode_shapes, *curved.values()])
         shapes = [
             [name, *(f"{x:.4g}" for x in row)]
-            for name, row in zip(self.channels, self.fit.mode_shapes, strict=True)
+            for name, row in zip(self.channels, columns, strict=True)
         ]
         coordinates = [f"q{i + 1}" for i in range(self.fit.mode_shapes.shape[1])]
         return [
@@ -83,8 +90,9 @@ class CoupledReport:
             ),
             TextTable(
                 "Mode shapes",
-                [["channel", *coordinates], *shapes],
-                "What each channel shows of each coordinate: 1 where that moves it most.",
+                [["channel", *coordinates, *curved], *shapes],
+                "What each channel shows of each coordinate: 1 where that moves it most"
+                f"{f'; and of their products, per power of {unit}' if curved else ''}.",
             ),
         ]
 
@@ -106,7 +114,7 @@ class CoupledReport:
 
     def notes(self) -> list[str]:
         """What was measured, and what was done to it."""
-        return told_of(self.fit.decays)
+        return told_of(self.decays)
 
 
 def pictures(report: CoupledReport) -> list[Picture]:
@@ -128,17 +136,18 @@ def pictures(report: CoupledReport) -> list[Picture]:
 
 
 def _channels(report: CoupledReport) -> list[Picture]:
-    """Each channel of the decay of which the equations leave most."""
+    """Each channel of the decay, or piece of one, of which the equations leave most."""
     fit = report.fit
     left = [
         float(np.sqrt(np.mean(record.whitened(residual) ** 2)))
         for record, residual in zip(fit.records, fit.residuals, strict=True)
     ]
     worst = int(np.argmax(left))
-    which = f" Decay {worst + 1}, the worst of {len(left)}." if len(left) > 1 else ""
+    what = "piece" if in_pieces(fit.records) else "decay"
+    which = f" {what.capitalize()} {worst + 1}, the worst of {len(left)}." if len(left) > 1 else ""
     caption = (
         "Top: measured and simulated. Middle: the first cycles. Bottom: what one simulation of the"
-        f" equations leaves of the record from its start to its end, over the noise.{which}"
+        f" equations leaves of the {what} from its start to its end, over the noise.{which}"
     )
     slowest = min(mode.frequency for mode in report.modes)
     return [

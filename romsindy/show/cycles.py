@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.coupled_record import CoupledRecord, one_a_decay
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.refine import Fit
 from romsindy.orbits.curves import linear_mode
@@ -61,8 +61,7 @@ def backbones_of(
     if isinstance(measured.model, CoupledModel):
         name += f", mode {mode} alone"
         coordinate = int(np.argmax(np.abs(linear_mode(measured.model.undamped(), mode)[1])))
-        records = [r for r in measured.records if isinstance(r, CoupledRecord)]
-        found = [_of_tone(r, coordinate) for r in records]
+        found = [_of_tone(r, coordinate) for r in one_a_decay(measured.records)]
     else:
         found = [extract_backbone(d) for d in measured.decays]
     return found, models or {name: measured}
