@@ -11,11 +11,12 @@ from romsindy.fit.bootstrap import bootstrap as bootstrap
 from romsindy.fit.coupled_identify import identify_coupled as identify_coupled
 from romsindy.fit.estimate import Band as Band
 from romsindy.fit.estimate import Estimate as Estimate
+from romsindy.fit.fitted import Fit as Fit
+from romsindy.fit.forced.identify import identify_forced as identify_forced
 from romsindy.fit.free_run import free_run as free_run
 from romsindy.fit.functions.identification import Curve as Curve
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.functions.identify import identify as identify
-from romsindy.fit.refine import Fit as Fit
 from romsindy.fit.refine import refine as refine
 from romsindy.inspection.inspect import inspect as inspect
 from romsindy.inspection.inspection import Inspection as Inspection
@@ -38,6 +39,7 @@ from romsindy.record.backbone import Backbone as Backbone
 from romsindy.record.backbone import extract_backbone as extract_backbone
 from romsindy.record.decay import Decay as Decay
 from romsindy.record.files import load_decay as load_decay
+from romsindy.record.forced import ForcedVibration as ForcedVibration
 from romsindy.record.files import load_recording as load_recording
 from romsindy.record.files import save_decay as save_decay
 from romsindy.record.filters import Butterworth as Butterworth

@@ -95,10 +95,10 @@ def quantity(value: float, unit: str) -> str:
     return f"{value / 1000.0**step:.3g} {_PREFIXES[step]}{unit}"
 
 
-def listed(words: Sequence[object]) -> str:
+def listed(words: Sequence[object], conjunction: str = "and") -> str:
     """Words as in a sentence: "1, 2 and 3"."""
     *most, last = map(str, words)
-    return f"{', '.join(most)} and {last}" if most else last
+    return f"{', '.join(most)} {conjunction} {last}" if most else last
 
 
 def on_terminal() -> bool:

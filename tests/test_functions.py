@@ -14,7 +14,7 @@ from romsindy.fit.functions.dispersion import dispersion
 from romsindy.fit.functions.posterior import _inside, _positive, draw
 from romsindy.fit.functions.series import Scales, Series, Sizes
 from romsindy.fit.functions.windows import linearised, reduced, windows_of
-from romsindy.fit.refine import prepared
+from romsindy.fit.measured import prepared
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.example import add_noise
 

@@ -13,10 +13,10 @@ from romsindy import CoupledModel, Decay, free_run, identify_coupled
 from romsindy.fit.coefficient import free_coefficients
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_record import coupled_records, free_shapes
+from romsindy.fit.fitted import refined
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.pieces import fit_pieces, lengths
-from romsindy.fit.refine import refined
 from romsindy.fit.small_vibrations import small_vibrations
 from romsindy.show.coupled_page import CoupledReport, pictures
 

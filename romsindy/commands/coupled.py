@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from romsindy.commands.results import coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_identify import identify_coupled
-from romsindy.fit.refine import Fit
+from romsindy.fit.fitted import Fit
 from romsindy.fit.small_vibrations import small_vibrations
 from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.page import picture

@@ -10,8 +10,8 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Left
+from romsindy.fit.fitted import Fit
 from romsindy.fit.interaction import Interaction
-from romsindy.fit.refine import Fit
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
+from romsindy.fit.fitted import Fit
 from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
-from romsindy.fit.refine import Fit
 from romsindy.physics.model import ReducedModel
 from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay

@@ -10,8 +10,8 @@ from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
 from romsindy.fit.coupled_rounds import Fitted
+from romsindy.fit.fitted import Fit
 from romsindy.fit.interaction import Interaction
-from romsindy.fit.refine import Fit
 from romsindy.fit.verdict import PREDICTED, SURE
 from romsindy.physics.coupling import Along
 from romsindy.physics.model import ReducedModel

@@ -22,7 +22,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -32,7 +32,15 @@ from romsindy.physics.damping import FrictionLaw
 from romsindy.physics.memory import Memory
 from romsindy.physics.stiffness import side_name
 from romsindy.physics.term import Term, unit_text
+from romsindy.record.interpolation import Interpolation
 from romsindy.typing import Array
+
+
+class SampledInput(Protocol):
+    """A measured input."""
+
+    def at(self, t: Array, delay: float, interpolation: Interpolation) -> Array:
+        """Its values so much (s) before times from the start of the record, (n,)."""
 
 
 class State(NamedTuple):
@@ -40,7 +48,7 @@ class State(NamedTuple):
 
     ``rate`` (rad/s) is that of small vibrations, ``memory`` what an effect remembers of the motion
     before, None where the motion begins; ``clock`` (s) is what the clock of all records shows at
-    the start of this one.
+    the start of this one; ``inputs`` are those that were measured, by name.
     """
 
     t: Array
@@ -51,6 +59,7 @@ class State(NamedTuple):
     rate: float = 1.0
     memory: Memory | None = None
     clock: float = 0.0
+    inputs: Mapping[str, SampledInput] | None = None
 
 
 class Scales(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.special import fdtrc
 
-from romsindy.fit.coupled_record import AnyRecord
+from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EXPLAINED, FALSE_ALARM, STRUCTURE
 from romsindy.typing import Array
@@ -132,7 +132,7 @@ class Adequacy:
 
 
 def examine(
-    records: Sequence[AnyRecord],
+    records: Sequence[Record | CoupledRecord],
     residuals: Sequence[Array],
     n_values: int,
     false_alarm: float = FALSE_ALARM,

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.refine import Fit
+from romsindy.fit.fitted import Fit
 from romsindy.fit.shooting import shoot
 from romsindy.typing import Array
 

@@ -19,8 +19,9 @@ from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, linear_terms
+from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.measured import NUMERICS, require_unit, several_decays
 from romsindy.fit.pieces import cut
-from romsindy.fit.refine import NUMERICS, Fit, refined, require_unit, several_decays
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay

@@ -239,19 +239,6 @@ class CoupledRecord(OfDecay):
         return found
 
 
-AnyRecord = Record | CoupledRecord
-
-
-def one_a_decay(records: Sequence[AnyRecord]) -> list[CoupledRecord]:
-    """Those of several coordinates; of records in pieces the first, which has all their tones."""
-    return [r for r in records if isinstance(r, CoupledRecord) and r.since == 0]
-
-
-def in_pieces(records: Sequence[AnyRecord]) -> bool:
-    """Whether decays were cut, and each piece has an initial state of its own."""
-    return any(isinstance(r, CoupledRecord) and r.since > 0 for r in records)
-
-
 def coupled_records(
     decays: Sequence[Decay], frequencies: Array, floor: float
 ) -> tuple[CoupledRecord, ...]:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
 from romsindy.fit.linear_steps import Equation, Linearisation
 from romsindy.fit.part import ExtendedEquation, Part
@@ -16,13 +17,12 @@ from romsindy.physics.coupling import CoupledTerm
 from romsindy.typing import Array
 
 
-def equation_of(
-    model: AnyModel, parts: Sequence[Part], record: int, step: float, clock: float
-) -> Equation:
-    """The equation of a model with its parts; arguments as those of `ExtendedEquation`."""
+def equation_of(model: AnyModel, parts: Sequence[Part], number: int, record: AnyRecord) -> Equation:
+    """The equation of a model with its parts in a record, which has this number."""
     if isinstance(model, CoupledModel):
-        return CoupledEquation(model, tuple(parts), record)
-    return ExtendedEquation(model, tuple(parts), record, step, clock)
+        return CoupledEquation(model, tuple(parts), number)
+    step = record.motion.grid.step
+    return ExtendedEquation(model, tuple(parts), number, step, record.clock, inputs=record.inputs)
 
 
 @dataclass(frozen=True)

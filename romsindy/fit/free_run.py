@@ -10,24 +10,27 @@ import numpy as np
 from romsindy.fit.collocation import integrate
 from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.equation import equation_of
+from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.run import forced_run
+from romsindy.fit.measured import NUMERICS, small_frequencies
 from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.part import in_orders
-from romsindy.fit.refine import NUMERICS, Fit, small_frequencies
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.typing import Array
 
 
-def free_run(fit: Fit, decay: Decay, samples: int) -> Array:
-    """Simulate a decay that took no part in a fit, from the state that its first samples show.
+def free_run(fit: Fit, decay: Decay | ForcedVibration, samples: int) -> Array:
+    """Simulate a record that took no part in a fit, from the state that its first samples show.
 
     Parameters
     ----------
     fit : Fit
-        Of several coordinates.
-    decay : Decay
-        Free, with the channels of the decays behind the fit.
+        Of several coordinates, or of one with inputs.
+    decay : Decay or ForcedVibration
+        Free, with the channels of the decays behind the fit; or with its inputs.
     samples : int
         So many, of every channel, give the state: at least 4 for each coordinate.
 
@@ -39,17 +42,21 @@ def free_run(fit: Fit, decay: Decay, samples: int) -> Array:
     Raises
     ------
     ValueError
-        If the model has one coordinate, the channels differ, or the samples are too few or too
-        many.
+        If a model of one coordinate has no inputs, the channels or inputs differ, or the samples
+        are too few or too many.
     TrajectoryError
         If the model has no motion that long from there.
     """
     model = fit.model
-    if not isinstance(model, CoupledModel):
-        raise ValueError("the model has one coordinate: free_run is for those of several")
     least, n = 4 * model.n_coordinates, len(decay.t)
     if not least <= samples <= n:
-        raise ValueError(f"samples = {samples!r} must be from {least} to the {n} of the decay")
+        raise ValueError(f"samples = {samples!r} must be from {least} to the {n} of the record")
+    if isinstance(decay, ForcedVibration):
+        return forced_run(fit, decay, samples)
+    if not isinstance(model, CoupledModel):
+        raise ValueError(
+            "the model has one coordinate: free_run is for those of several, and for forced ones"
+        )
     if decay.n_channels != len(fit.mode_shapes):
         raise ValueError(
             f"the decay has {decay.n_channels} channels, the fit {len(fit.mode_shapes)}: give the"
@@ -62,7 +69,7 @@ def free_run(fit: Fit, decay: Decay, samples: int) -> Array:
     first = record.until(samples)
     start = shoot(model, curved, [first], [first.motion], fixed=True)[0].motions[0]
     grid = record.motion.grid
-    equation = equation_of(model, (), 0, grid.step, record.clock)
+    equation = equation_of(model, (), 0, record)
     motion = integrate(equation, start.start, grid, record.motion)
     x = in_orders(record.orders(curved), partial(motion.samples, equation))
     shown = record.read(curved, 0, x).shown

@@ -15,8 +15,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.collocation import Trajectory
-from romsindy.fit.coupled_record import AnyRecord
 from romsindy.fit.equation import equation_of
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
@@ -202,11 +202,27 @@ def _linearised(
     return system, responses
 
 
+def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[AnyRecord]) -> Array:
+    """Covariance of the values of a fit that converged, for the colour of what it leaves."""
+    parts, n_values = solution.parts, sum(p.size for p in solution.parts)
+    system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
+    tables = []
+    for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
+        _, own = linear_table(model, parts, i, record, motion)
+        where = np.concatenate([columns_of(parts, i), system.states_of(i)])
+        rows = np.zeros((len(own), system.size + 1))
+        rows[:, [*where, -1]] = own
+        system.add(where, own)
+        tables.append(rows)
+    system.add_priors(parts)
+    return system.coloured(tables)[:n_values, :n_values]
+
+
 def linear_table(
     model: AnyModel, parts: tuple[Part, ...], i: int, record: AnyRecord, motion: Trajectory
 ) -> tuple[Response, Array]:
     """Response of a motion to all values, and `table` of where it leads, in record i."""
-    equation = equation_of(model, parts, i, motion.grid.step, record.clock)
+    equation = equation_of(model, parts, i, record)
     response = respond(equation, motion, equation.by_parameter(*nodes(motion)))
     orders = record.orders(parts)
     change = in_orders(orders, response.samples)

@@ -19,8 +19,8 @@ from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_rounds import Fitted, Progress, fitted, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
+from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.pieces import cut
-from romsindy.fit.refine import Fit, refined
 from romsindy.fit.resonance import resonances_in
 from romsindy.fit.verdict import EXPLAINED, MODE, WORTH
 from romsindy.physics.coupled import CoupledModel

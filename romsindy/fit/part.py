@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.effects.base import Effect, Parameter, Scales, State
+from romsindy.effects.base import Effect, Parameter, SampledInput, Scales, State
 from romsindy.fit.linear_steps import Linearisation
 from romsindy.physics.memory import Memory
 from romsindy.physics.model import ReducedModel
@@ -139,6 +139,7 @@ class ExtendedEquation:
     step: float
     clock: float  # at the start of the record, s
     memories: tuple[Memory | None, ...] = ()  # of each part; none where the motion begins
+    inputs: Mapping[str, SampledInput] | None = None  # that were measured
 
     @cached_property
     def rate(self) -> float:
@@ -150,7 +151,7 @@ class ExtendedEquation:
     def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
         """What the effects take, (n,) each, from (n, 1) states."""
         motion = (q[:, 0], q_dot[:, 0], q_ddot[:, 0])
-        return State(t, *motion, self.step, self.rate, clock=self.clock)
+        return State(t, *motion, self.step, self.rate, clock=self.clock, inputs=self.inputs)
 
     def _states(self, *motion: Array) -> list[State]:
         """What the effect of each part takes, with its memory."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from romsindy.effects.base import Scales
+from romsindy.effects.base import SampledInput, Scales
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.verdict import QUIET, RELEASED
@@ -50,6 +50,16 @@ class OfDecay:
     def derivative(self) -> int:
         """0, 1, 2 where displacement, velocity or acceleration was measured."""
         return self.decay.derivative
+
+    @property
+    def peak(self) -> float:
+        """Largest displacement in any channel."""
+        return float(np.abs(self.decay.q).max())
+
+    @property
+    def inputs(self) -> Mapping[str, SampledInput]:
+        """What drives it, by name: nothing drives a decay."""
+        return {}
 
     def orders(self, parts: Sequence[Part]) -> tuple[int, ...]:
         """Which derivatives of the motion its reading needs."""

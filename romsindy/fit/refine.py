@@ -9,132 +9,31 @@ motions (`romsindy.fit.shooting`).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
 
-import numpy as np
-from threadpoolctl import threadpool_limits
-
-from romsindy.effects import Bias
-from romsindy.fit.adequacy import examine
-from romsindy.fit.coefficient import extended, free_coefficients
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_record import AnyRecord, CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.estimate import Estimate
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.horizon import fit_growing
-from romsindy.fit.mode_shape import CurvedShape
+from romsindy.fit.any_record import AnyRecord
+from romsindy.fit.coupled_record import coupled_records, free_shapes
+from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.forced.refine import refined_forced
+from romsindy.fit.measured import (
+    NUMERICS,
+    free_names,
+    free_offsets,
+    listed_records,
+    prepared,
+    require_unit,
+    several_decays,
+    small_frequencies,
+)
 from romsindy.fit.part import Part
-from romsindy.fit.pieces import fit_pieces, lengths, moved
-from romsindy.fit.record import Record, sharing_drift
-from romsindy.fit.resonance import resonance_notes, resonances_in
-from romsindy.fit.shooting import LOSSES, TOLERANCE, shoot
-from romsindy.fit.verdict import EXPLAINED
+from romsindy.fit.shooting import LOSSES
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.decay import Decay
-from romsindy.record.noise import Noise
-from romsindy.record.vibrations import Resonance
-from romsindy.typing import Array
-
-# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`.
-_SMOOTHING = 0.01
-# Change of chi-square at which a fit of several coordinates ends where the form of the equation
-# decides, and no digit of its values matters.
-_ROUGH = 1e-3
-# Errors of the integration, as a part of the largest amplitude.
-NUMERICS = 1e-6
-
-
-@dataclass(frozen=True)
-class _Offset(Bias):
-    """A zero of the sensor that differs from record to record."""
-
-    per_record = True
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit(Estimate):
-    """A model fitted by simulation, with its errors and what it was made of.
-
-    Saved is the `Estimate` alone: model, covariance, verdict and notes.
-
-    Attributes
-    ----------
-    start : ReducedModel
-        The equation to which the parts of the solution are added; its dry friction is smooth.
-    records : tuple of Record
-    solution : Solution
-        Changes of the free coefficients, then the offsets of the sensor where they were fitted.
-    """
-
-    start: AnyModel
-    records: tuple[AnyRecord, ...]
-    solution: Solution
-
-    @property
-    def residuals(self) -> tuple[Array, ...]:
-        """Measured minus simulated for every decay, unit of the measured quantity."""
-        return self.solution.residuals
-
-    @property
-    def chi_squared(self) -> float:
-        """Sum of squares of the whitened residuals."""
-        return self.solution.chi_squared
-
-    @property
-    def states(self) -> Array:
-        """q and q_dot at the first sample of each decay, (n_decays, 2 R) for R coordinates."""
-        return np.array([m.start for m in self.solution.motions])
-
-    @property
-    def offsets(self) -> Array:
-        """Offset of the sensor in each decay, unit of the measured quantity; 0 if not fitted."""
-        for part in self.solution.parts:
-            if isinstance(part.effect, _Offset):
-                return part.strengths[:, 0]
-        return np.zeros(len(self.records))
-
-    @property
-    def mode_shapes(self) -> Array:
-        """What each channel shows of each coordinate, (n_channels, R); 1 in its main channel."""
-        record = self.records[0]
-        if not isinstance(record, CoupledRecord):
-            return np.ones((1, 1))
-        return record.mode_shapes(self.solution.parts)
-
-    @property
-    def resonances(self) -> tuple[Resonance, ...]:
-        """Pairs of modes, from 0 by frequency, that come within 1 % of p : q in the records."""
-        return resonances_in(self.records)
-
-    @property
-    def curved_shapes(self) -> dict[str, Array]:
-        """What each channel shows of products of coordinates, (n_channels,), by product."""
-        found: dict[str, Array] = {}
-        for part in self.solution.parts:
-            if isinstance(part.effect, CurvedShape):
-                shown = found.setdefault(part.effect.product, np.zeros(len(self.mode_shapes)))
-                shown[part.effect.channel] = part.own(0)[0]
-        return found
-
-    @property
-    def decays(self) -> tuple[Decay, ...]:
-        """What was fitted: the free parts, or pieces of them where notes say so."""
-        return tuple(record.decay for record in self.records)
-
-    @property
-    def noise(self) -> tuple[Noise | tuple[Noise, ...], ...]:
-        """Noise of each decay, found without the model; a tuple of the channels of several."""
-        return tuple(record.noise for record in self.records)
-
-    def __repr__(self) -> str:
-        size = f"{len(self.free)} coefficients, {len(self.decays)} decays"
-        return f"<Fit: {size}, adequacy {self.adequacy:.3f}>"
+from romsindy.record.forced import ForcedVibration
 
 
 def refine(
     model: AnyModel,
-    decays: Decay | Sequence[Decay],
+    decays: Decay | ForcedVibration | Sequence[Decay | ForcedVibration],
     *,
     fixed: Collection[str] = (),
     offset: bool = False,
@@ -148,7 +47,7 @@ def refine(
     model : ReducedModel or CoupledModel
         Structure and start, such as ``HarmonicSINDy().fit(decay).model_``. A model of several
         coordinates needs frequencies near those of the record; all else may start from 0.
-    decays : Decay or sequence of Decay
+    decays : Decay, ForcedVibration or sequence of them
         In the unit of the model; one channel each, or for several coordinates any number: what a
         channel shows of a coordinate is fitted, and is 1 where that moves it most. The free part
         is fitted, in the quantity that was measured: displacement, velocity or acceleration.
@@ -177,112 +76,12 @@ def refine(
     """
     if loss not in LOSSES:
         raise ValueError(f"loss = {loss!r} must be one of {LOSSES}")
-    free = _free_names(model, fixed)
-    records, more = _seen(model, several_decays(decays), offset)
+    several = listed_records(decays)
+    if any(isinstance(d, ForcedVibration) for d in several):
+        return refined_forced(model, several, fixed, loss=loss, progress=progress)
+    free = free_names(model, fixed)
+    records, more = _seen(model, several_decays(several), offset)
     return refined(model, free, records, more, loss=loss, progress=progress)
-
-
-def refined(
-    model: AnyModel,
-    free: tuple[str, ...],
-    records: Sequence[AnyRecord],
-    more: tuple[Part, ...] = (),
-    *,
-    settled: bool = False,
-    loss: str = "linear",
-    progress: Callable[[str], None] | None = None,
-) -> Fit:
-    """The same from records, whose motions it starts from, and with parts of their sensors.
-
-    ``settled`` where the motions are those of the model already.
-    """
-    start = _smoothed(model, records)
-    parts = (*free_coefficients(start, free), *more)
-    # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
-    with threadpool_limits(limits=1, user_api="blas"):
-        try:
-            solution, covariance = _followed(start, parts, records, settled, loss, progress)
-        except TrajectoryError as error:
-            raise TrajectoryError(
-                f"the model with {len(free)} free coefficients has no motion near the measured one"
-                f" ({error}): use fewer terms, or start from other values"
-            ) from error
-    peak = max(float(np.abs(record.decay.q).max()) for record in records)
-    new = extended(model, solution.parts)
-    covariance = covariance[: len(free), : len(free)]
-    grows = _growing(new, free, covariance)
-    return Fit(
-        model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
-        free=free,
-        covariance=covariance,
-        verdict=examine(records, solution.residuals, solution.n_values),
-        notes=(*_notes(records, solution), *resonance_notes(new, records), *grows),
-        start=start,
-        records=tuple(records),
-        solution=solution,
-    )
-
-
-def _growing(model: AnyModel, free: Sequence[str], covariance: Array) -> list[str]:
-    """A sentence for each coordinate of several whose small vibrations would grow, for certain."""
-    if not isinstance(model, CoupledModel):
-        return []
-    std = np.sqrt(np.diag(covariance))
-    surely = {n for n, s in zip(free, std, strict=True) if model.coefficients[n] < -1.96 * s}
-    return [
-        f"the linear damping of q{i + 1} is negative: its small vibrations would grow, which no"
-        " decay shows; do not extrapolate to smaller amplitudes"
-        for i in range(model.n_coordinates)
-        if f"c_linear [q{i + 1}]" in surely
-    ]
-
-
-def several_decays(decays: Decay | Sequence[Decay]) -> list[Decay]:
-    """One decay or several as a list.
-
-    Raises
-    ------
-    ValueError
-        For none, or anything else.
-    """
-    several = [decays] if isinstance(decays, Decay) else decays
-    if not isinstance(several, (list, tuple)) or not all(isinstance(d, Decay) for d in several):
-        raise ValueError(
-            f"decays is {type(decays).__name__}: give a Decay or a list of them; arrays become one"
-            ' by Decay(t, q, unit="m")'
-        )
-    if not several:
-        raise ValueError("decays is empty: give at least one Decay")
-    return list(several)
-
-
-def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record, ...]:
-    """Free decays in a unit, ready to be fitted.
-
-    Raises
-    ------
-    ValueError
-        For no decays, another unit, or a decay given twice.
-    """
-    several = several_decays(decays)
-    require_unit(several, unit)
-    records = sharing_drift([Record.of(d.single().free(), NUMERICS) for d in several])
-    return tuple(record.without_faults() for record in records)
-
-
-def require_unit(several: Sequence[Decay], unit: str | None) -> None:
-    """All decays in the unit of the model, each given once."""
-    for i, decay in enumerate(several):
-        if decay.unit != unit:
-            raise ValueError(
-                f"decay {i} is in {decay.unit or 'an unknown unit'}, the model in"
-                f" {unit or 'an unknown unit'}: load the decay with unit={unit!r}"
-            )
-        if any(decay.same_record(other) for other in several[:i]):
-            raise ValueError(
-                f"decay {i} is the same record as an earlier one: counted twice, it would make"
-                " every error bar too small; give it once"
-            )
 
 
 def _seen(
@@ -291,8 +90,7 @@ def _seen(
     """Records, and what of their sensors is fitted: offsets, or mode shapes."""
     if not isinstance(model, CoupledModel):
         records = prepared(decays, model.unit)
-        zero = Part(_Offset(), (), np.zeros((len(records), 1)))
-        return records, (zero,) if offset else ()
+        return records, (free_offsets(records),) if offset else ()
     if offset:
         raise ValueError(
             "offset = True is for models of one coordinate: subtract the mean of each channel"
@@ -300,91 +98,3 @@ def _seen(
     require_unit(decays, model.unit)
     several = coupled_records([d.free() for d in decays], small_frequencies(model), NUMERICS)
     return several, free_shapes(several)
-
-
-def small_frequencies(model: CoupledModel) -> Array:
-    """Of small vibrations, Hz, in the order of the coordinates that move most in them."""
-    omega, modes = model.linear_modes
-    return omega[np.argsort(np.argmax(np.abs(modes), axis=0))] / (2 * np.pi)
-
-
-def _notes(records: Sequence[AnyRecord], solution: Solution) -> tuple[str, ...]:
-    """What the reader must know of the records and of the fit."""
-    notes = []
-    if solution.interrupted:
-        notes.append("interrupted before the simulations came to their end: not the best fit")
-    elif not solution.converged:
-        notes.append("the fit has not come to its end: start from other values")
-    return (*notes, *record_notes(records))
-
-
-def record_notes(records: Sequence[AnyRecord]) -> list[str]:
-    """What the reader must know of the records."""
-    alone = [(i, record) for i, record in enumerate(records) if isinstance(record, Record)]
-    return [f"decay {i}: {text}" for i, record in alone for text in record.remarks]
-
-
-def _followed(
-    model: AnyModel,
-    parts: tuple[Part, ...],
-    records: Sequence[AnyRecord],
-    settled: bool,
-    loss: str,
-    progress: Callable[[str], None] | None,
-) -> tuple[Solution, Array]:
-    """Fit from the motions of the records; where that does not settle, over growing horizons."""
-    shot = partial(shoot, model, loss=loss, progress=progress)
-    if settled:
-        return shot(parts, records, [r.motion for r in records], tolerance=_ROUGH)
-    near = fit(model, parts, records)
-    if isinstance(model, CoupledModel):
-        coupled = [r for r in records if isinstance(r, CoupledRecord)]
-        if not near.converged:
-            near = _in_pieces(model, parts, coupled)
-        rough = near.chi_squared > EXPLAINED**2 * sum(len(r.signal) for r in records)
-        tolerance = _ROUGH if rough else TOLERANCE
-        return shot(near.parts, records, near.motions, tolerance=tolerance)
-    alone = [r for r in records if isinstance(r, Record)]
-    if near.converged or not alone:
-        return shot(near.parts, records, near.motions)
-    found, motions = fit_growing(model, parts, alone)
-    return shot(found, records, motions)
-
-
-def _in_pieces(
-    model: CoupledModel, parts: tuple[Part, ...], records: Sequence[CoupledRecord]
-) -> Solution:
-    """Where a fit of whole records does not settle: to the longest pieces that the model follows.
-
-    Raises
-    ------
-    TrajectoryError
-        If it follows none.
-    """
-    best = None
-    for cycles in lengths(records):
-        found = fit_pieces(model, parts, records, cycles)
-        if found is None:
-            break
-        best, parts, records = found, found.parts, moved(records, found.motions)
-    if best is None:
-        raise TrajectoryError(f"it follows it over no {lengths(records)[0]:.0f} cycles")
-    return best
-
-
-def _free_names(model: AnyModel, fixed: Collection[str]) -> tuple[str, ...]:
-    unknown = sorted(set(fixed) - set(model.coefficients))
-    if unknown:
-        raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
-    free = tuple(name for name in model.coefficients if name not in fixed)
-    if not free:
-        raise ValueError("fixed names every coefficient of the model: leave one to fit")
-    return free
-
-
-def _smoothed(model: AnyModel, records: Sequence[AnyRecord]) -> AnyModel:
-    """Model whose dry friction is smooth at the speeds of the records."""
-    if all(term.smooth for term in model.terms):
-        return model
-    speed = max(float(np.abs(r.motion.q_dot).max()) for r in records)
-    return model.regularised(_SMOOTHING * speed)

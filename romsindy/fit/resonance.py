@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from romsindy.fit.coupled_record import AnyRecord, one_a_decay
+from romsindy.fit.any_record import AnyRecord, one_a_decay
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.vibrations import Resonance, resonances_of
 from romsindy.text import quantity

@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
+from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
-from romsindy.fit.coupled_record import AnyRecord
 from romsindy.fit.equation import equation_of
 from romsindy.fit.gauss_newton import Solution, held_values, limits, moved_parts, table
 from romsindy.fit.linear_response import sensitivity
@@ -53,10 +53,7 @@ class _Problem:
     def at(self, values: Array) -> tuple[tuple[Part, ...], list[Equation]]:
         """Parts and equations with other values."""
         parts = moved_parts(self.parts, values[: self.n_values] - self.start[: self.n_values])
-        return parts, [
-            equation_of(self.model, parts, i, r.motion.grid.step, r.clock)
-            for i, r in enumerate(self.records)
-        ]
+        return parts, [equation_of(self.model, parts, i, r) for i, r in enumerate(self.records)]
 
     def simulate(self, values: Array) -> list[Trajectory]:
         """Motions from the initial states among the values."""

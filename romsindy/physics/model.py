@@ -16,6 +16,7 @@ from scipy.optimize import elementwise
 
 from romsindy.physics import export
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.input import Input
 from romsindy.physics.integration import integrate_smooth, integrate_strokes
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
@@ -438,8 +439,8 @@ class ReducedModel(TermSum):
 
     def equation(self, precision: int = 4) -> str:
         """One line of text."""
-        sums = self._sum(precision, lambda term: term.expression())
-        return "".join(["q_ddot", *sums, " = 0"])
+        sums, driven = self._sums_of(precision, lambda term: term.expression())
+        return "".join(["q_ddot", *sums, " = ", driven])
 
     def latex(self, precision: int = 4) -> str:
         """The equation as LaTeX, without dollar signs."""
@@ -453,12 +454,20 @@ class ReducedModel(TermSum):
             text = re.sub(r"\^(\d[\d.]+)", r"^{\1}", text)
             return text.replace("sign", r"\operatorname{sign}")
 
-        return [r"\ddot{q}", *self._sum(precision, expression, latex=True), " = 0"]
+        sums, driven = self._sums_of(precision, expression, latex=True)
+        return [r"\ddot{q}", *sums, f" = {driven}"]
 
-    def _sum(
+    def _sums_of(
         self, precision: int, expression: Callable[[Term], str], latex: bool = False
-    ) -> list[str]:
-        return [signed_text(v, expression(t), precision, latex=latex) for t, v in self._pairs]
+    ) -> tuple[list[str], str]:
+        """Terms on the left side, and what drives the motion on the right one: 0 without inputs."""
+        left, right = [], ""
+        for t, v in self._pairs:
+            if isinstance(t, Input):
+                right += signed_text(t.sign * v, expression(t), precision, latex=latex)
+            else:
+                left.append(signed_text(v, expression(t), precision, latex=latex))
+        return left, right.strip().removeprefix("+ ") or "0"
 
     def __str__(self) -> str:
         lines = [f"{self.equation()}    (q in {self.unit or 'its own unit [q]'}, t in s)"]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 # The laws must be there before they are looked up by name.
-from romsindy.physics import combination, coupling, inertia  # noqa: F401
+from romsindy.physics import combination, coupling, inertia, input  # noqa: F401
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.term import Term, law_called, type_name
 

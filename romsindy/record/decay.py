@@ -77,7 +77,7 @@ class Decay:
                 raise ValueError(f"{name} = {getattr(self, name)!r} must be one of {choices}")
         t = checked_time(self.t)
         signals = {
-            name: _checked_signal(name, getattr(self, name), len(t))
+            name: checked_signal(name, getattr(self, name), len(t))
             for name in ("q", "q_dot", "q_ddot")
             if getattr(self, name) is not None
         }
@@ -363,7 +363,7 @@ def checked_time(t: ArrayLike) -> Array:
     return t
 
 
-def _checked_signal(name: str, x: ArrayLike, n: int) -> Array:
+def checked_signal(name: str, x: ArrayLike, n: int) -> Array:
     x = _as_floats(name, x)
     if x.ndim not in (1, 2) or len(x) != n:
         raise ValueError(

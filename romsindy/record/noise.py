@@ -104,6 +104,12 @@ class Noise:
         slowly = drift(rest + slow, amplitude, beside, cycle, dt)
         return cls(std, spectrum, dt, floor, lines, level, slowly)
 
+    @classmethod
+    def white(cls, std: float, dt: float, floor: float = 0.0) -> Noise:
+        """White noise of a known standard deviation."""
+        power = np.full(2, std**2)
+        return cls(std, Spectrum(np.array([0.0, 0.5 / dt]), power), dt, floor, level=std)
+
     def weighing_alike(self) -> Noise:
         """The same for fits that may be wrong: see `alike`."""
         return replace(self, std=self.level, alike=True)

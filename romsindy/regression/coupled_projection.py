@@ -11,7 +11,7 @@ from pysindy.optimizers.base import BaseOptimizer
 from sklearn.base import BaseEstimator
 
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records
-from romsindy.fit.refine import NUMERICS, small_frequencies
+from romsindy.fit.measured import NUMERICS, small_frequencies
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay

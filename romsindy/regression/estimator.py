@@ -13,7 +13,7 @@ from sklearn.base import BaseEstimator
 from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
-from romsindy.fit.refine import require_unit, several_decays
+from romsindy.fit.measured import require_unit, several_decays
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term

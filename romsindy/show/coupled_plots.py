@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from romsindy.fit.refine import Fit
+from romsindy.fit.fitted import Fit
 from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.orbits.curves import BackboneCurve
 from romsindy.record.recording import unit_of

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.coupled_record import CoupledRecord, one_a_decay
+from romsindy.fit.any_record import one_a_decay
+from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.refine import Fit
+from romsindy.fit.fitted import Fit
 from romsindy.orbits.curves import linear_mode
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.backbone import Backbone, extract_backbone

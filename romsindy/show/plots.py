@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate, curves_near
-from romsindy.fit.refine import Fit
+from romsindy.fit.fitted import Fit
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from romsindy.fit.fitted import record_notes
 from romsindy.fit.functions.evidence import Fitted
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.record import Record
-from romsindy.fit.refine import record_notes
 from romsindy.fit.verdict import BY_CHANCE, DEPARTURE, DETERMINED, NOISE_FREE
 from romsindy.typing import Array
 

@@ -24,8 +24,8 @@ from romsindy.fit.functions.structures import (
     simpler,
 )
 from romsindy.fit.functions.windows import Window, windows_of
+from romsindy.fit.measured import prepared, several_decays
 from romsindy.fit.record import Record
-from romsindy.fit.refine import prepared, several_decays
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.model import ReducedModel

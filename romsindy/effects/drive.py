@@ -1,0 +1,48 @@
+"""A measured input as a part of the equation: its gain and its delay are fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from romsindy.effects.base import Effect, Parameter, Scales, State
+from romsindy.physics.input import Input
+from romsindy.typing import Array
+
+
+@dataclass(frozen=True)
+class Drive(Effect):
+    """An input of every record, late by ``delay`` (s), of at most ``most`` to either side."""
+
+    of: Input = field(default_factory=Input)
+    delay: float = 0.0
+    most: float = 0.0
+
+    name, family = "input", "outside"
+    label = "a measured input"
+
+    @property
+    def variant(self) -> str:
+        """Name of the coefficient."""
+        return self.of.key
+
+    def parameters(self, scales: Scales | None = None) -> tuple[Parameter, ...]:
+        """The delay, where it is free."""
+        if not self.most:
+            return ()
+        return (Parameter("delay", (self.delay,), -self.most, self.most, unit="s"),)
+
+    def term(self) -> Input:
+        """The law, with the delay."""
+        return replace(self.of, delay=self.delay)
+
+    def forces(self, state: State) -> Array | None:
+        """The input on the left side; None where nothing is measured of it, as in a decay."""
+        samples = (state.inputs or {}).get(self.of.source)
+        if samples is None:
+            return None
+        return -self.of.sign * samples.at(state.t, self.delay, self.of.interpolation)[None]
+
+    def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
+        """It does not depend on the motion."""
+        return 0.0, 0.0, 0.0

@@ -1,0 +1,279 @@
+"""Models fitted by simulation to records that are ready: values, errors, verdict.
+
+Fits start from the measured motion, smoothed (`romsindy.fit.gauss_newton`), so that the phase is
+never a cycle off, and end with exact motions (`romsindy.fit.shooting`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from romsindy.effects.drive import Drive
+from romsindy.fit.adequacy import Adequacy, examine
+from romsindy.fit.any_record import AnyRecord
+from romsindy.fit.coefficient import extended, free_coefficients
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.estimate import Estimate
+from romsindy.fit.forced.adequacy import examine_forced
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.gauss_newton import Solution, coloured_covariance, fit
+from romsindy.fit.horizon import fit_growing
+from romsindy.fit.measured import Offset
+from romsindy.fit.mode_shape import CurvedShape
+from romsindy.fit.part import Part
+from romsindy.fit.pieces import fit_pieces, lengths, moved
+from romsindy.fit.record import Record
+from romsindy.fit.resonance import resonance_notes, resonances_in
+from romsindy.fit.shooting import TOLERANCE, shoot
+from romsindy.fit.verdict import EXPLAINED
+from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.record.decay import Decay
+from romsindy.record.noise import Noise
+from romsindy.record.vibrations import Resonance
+from romsindy.typing import Array
+
+# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`.
+_SMOOTHING = 0.01
+# Change of chi-square at which a fit of several coordinates ends where the form of the equation
+# decides, and no digit of its values matters.
+_ROUGH = 1e-3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Estimate):
+    """A model fitted by simulation, with its errors and what it was made of.
+
+    Saved is the `Estimate` alone: model, covariance, verdict and notes.
+
+    Attributes
+    ----------
+    start : ReducedModel
+        The equation to which the parts of the solution are added; its dry friction is smooth.
+    records : tuple of Record
+    solution : Solution
+        Changes of the free coefficients, then the offsets of the sensor where they were fitted.
+    """
+
+    start: AnyModel
+    records: tuple[AnyRecord, ...]
+    solution: Solution
+
+    @property
+    def residuals(self) -> tuple[Array, ...]:
+        """Measured minus simulated for every decay, unit of the measured quantity."""
+        return self.solution.residuals
+
+    @property
+    def chi_squared(self) -> float:
+        """Sum of squares of the whitened residuals."""
+        return self.solution.chi_squared
+
+    @property
+    def states(self) -> Array:
+        """q and q_dot at the first sample of each decay, (n_decays, 2 R) for R coordinates."""
+        return np.array([m.start for m in self.solution.motions])
+
+    @property
+    def offsets(self) -> Array:
+        """Offset of the sensor in each decay, unit of the measured quantity; 0 if not fitted."""
+        for part in self.solution.parts:
+            if isinstance(part.effect, Offset):
+                return part.strengths[:, 0]
+        return np.zeros(len(self.records))
+
+    @property
+    def mode_shapes(self) -> Array:
+        """What each channel shows of each coordinate, (n_channels, R); 1 in its main channel."""
+        record = self.records[0]
+        if not isinstance(record, CoupledRecord):
+            return np.ones((1, 1))
+        return record.mode_shapes(self.solution.parts)
+
+    @property
+    def resonances(self) -> tuple[Resonance, ...]:
+        """Pairs of modes, from 0 by frequency, that come within 1 % of p : q in the records."""
+        return resonances_in(self.records)
+
+    @property
+    def curved_shapes(self) -> dict[str, Array]:
+        """What each channel shows of products of coordinates, (n_channels,), by product."""
+        found: dict[str, Array] = {}
+        for part in self.solution.parts:
+            if isinstance(part.effect, CurvedShape):
+                shown = found.setdefault(part.effect.product, np.zeros(len(self.mode_shapes)))
+                shown[part.effect.channel] = part.own(0)[0]
+        return found
+
+    @property
+    def decays(self) -> tuple[Decay, ...]:
+        """What was fitted: the free parts, or pieces of them where notes say so."""
+        return tuple(r.decay for r in self.records if not isinstance(r, ForcedRecord))
+
+    @property
+    def delays(self) -> dict[str, tuple[float, float]]:
+        """By how much each input acts later than it was measured, and the standard error, s."""
+        std = np.sqrt(np.diag(self.solution.covariance))
+        return {
+            part.effect.of.source: (part.effect.delay, float(std[at.stop - 1]))
+            for part, at in zip(self.solution.parts, self.solution.slices(), strict=True)
+            if isinstance(part.effect, Drive)
+        }
+
+    @property
+    def noise(self) -> tuple[Noise | tuple[Noise, ...], ...]:
+        """Noise of each decay, found without the model; a tuple of the channels of several."""
+        return tuple(record.noise for record in self.records)
+
+    def __repr__(self) -> str:
+        size = f"{len(self.free)} coefficients, {len(self.records)} records"
+        return f"<Fit: {size}, adequacy {self.adequacy:.3f}>"
+
+
+def refined(
+    model: AnyModel,
+    free: tuple[str, ...],
+    records: Sequence[AnyRecord],
+    more: tuple[Part, ...] = (),
+    *,
+    settled: bool = False,
+    loss: str = "linear",
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """The same from records, whose motions it starts from, and with parts of their sensors.
+
+    ``settled`` where the motions are those of the model already.
+    """
+    start = _smoothed(model, records)
+    parts = (*free_coefficients(start, free), *more)
+    # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        try:
+            solution, covariance = _followed(start, parts, records, settled, loss, progress)
+        except TrajectoryError as error:
+            raise TrajectoryError(
+                f"the model with {len(free)} free coefficients has no motion near the measured one"
+                f" ({error}): use fewer terms, or start from other values"
+            ) from error
+    peak = max(record.peak for record in records)
+    new = extended(model, solution.parts)
+    solution = replace(solution, covariance=covariance)  # that of the residuals as they are
+    laws = [(p.effect.term(), at) for p, at in zip(solution.parts, solution.slices(), strict=True)]
+    named = {law.key: at.start for law, at in laws if law is not None}
+    free, places = tuple(named), list(named.values())
+    covariance = covariance[np.ix_(places, places)]
+    grows = _growing(new, free, covariance)
+    return Fit(
+        model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
+        free=free,
+        covariance=covariance,
+        verdict=_verdict(records, solution),
+        notes=(*_notes(records, solution), *resonance_notes(new, records), *grows),
+        start=start,
+        records=tuple(records),
+        solution=solution,
+    )
+
+
+def _verdict(records: Sequence[AnyRecord], solution: Solution) -> Adequacy:
+    """Of the forced records, where there are any: what decays say beside them is a note."""
+    pairs = list(zip(records, solution.residuals, strict=True))
+    forced = [(r, e) for r, e in pairs if isinstance(r, ForcedRecord)]
+    if forced:
+        driven, residuals = zip(*forced, strict=True)
+        return examine_forced(driven, residuals, solution.n_values)
+    free = [r for r in records if not isinstance(r, ForcedRecord)]
+    return examine(free, solution.residuals, solution.n_values)
+
+
+def _growing(model: AnyModel, free: Sequence[str], covariance: Array) -> list[str]:
+    """A sentence for each coordinate of several whose small vibrations would grow, for certain."""
+    if not isinstance(model, CoupledModel):
+        return []
+    std = np.sqrt(np.diag(covariance))
+    surely = {n for n, s in zip(free, std, strict=True) if model.coefficients[n] < -1.96 * s}
+    return [
+        f"the linear damping of q{i + 1} is negative: its small vibrations would grow, which no"
+        " decay shows; do not extrapolate to smaller amplitudes"
+        for i in range(model.n_coordinates)
+        if f"c_linear [q{i + 1}]" in surely
+    ]
+
+
+def _notes(records: Sequence[AnyRecord], solution: Solution) -> tuple[str, ...]:
+    """What the reader must know of the records and of the fit."""
+    notes = []
+    if solution.interrupted:
+        notes.append("interrupted before the simulations came to their end: not the best fit")
+    elif not solution.converged:
+        notes.append("the fit has not come to its end: start from other values")
+    return (*notes, *record_notes(records))
+
+
+def record_notes(records: Sequence[AnyRecord]) -> list[str]:
+    """What the reader must know of the records."""
+    alone = [(i, record) for i, record in enumerate(records) if isinstance(record, Record)]
+    return [f"decay {i}: {text}" for i, record in alone for text in record.remarks]
+
+
+def _followed(
+    model: AnyModel,
+    parts: tuple[Part, ...],
+    records: Sequence[AnyRecord],
+    settled: bool,
+    loss: str,
+    progress: Callable[[str], None] | None,
+) -> tuple[Solution, Array]:
+    """Fit from the motions of the records; where that does not settle, over growing horizons."""
+    shot = partial(shoot, model, loss=loss, progress=progress)
+    if settled:
+        return shot(parts, records, [r.motion for r in records], tolerance=_ROUGH)
+    near = fit(model, parts, records)
+    if near.converged and any(isinstance(r, ForcedRecord) for r in records):
+        return near, coloured_covariance(model, near, records)
+    if isinstance(model, CoupledModel):
+        coupled = [r for r in records if isinstance(r, CoupledRecord)]
+        if not near.converged:
+            near = _in_pieces(model, parts, coupled)
+        rough = near.chi_squared > EXPLAINED**2 * sum(len(r.signal) for r in records)
+        tolerance = _ROUGH if rough else TOLERANCE
+        return shot(near.parts, records, near.motions, tolerance=tolerance)
+    alone = [r for r in records if isinstance(r, Record)]
+    if near.converged or not alone:
+        return shot(near.parts, records, near.motions)
+    found, motions = fit_growing(model, parts, alone)
+    return shot(found, records, motions)
+
+
+def _in_pieces(
+    model: CoupledModel, parts: tuple[Part, ...], records: Sequence[CoupledRecord]
+) -> Solution:
+    """Where a fit of whole records does not settle: to the longest pieces that the model follows.
+
+    Raises
+    ------
+    TrajectoryError
+        If it follows none.
+    """
+    best = None
+    for cycles in lengths(records):
+        found = fit_pieces(model, parts, records, cycles)
+        if found is None:
+            break
+        best, parts, records = found, found.parts, moved(records, found.motions)
+    if best is None:
+        raise TrajectoryError(f"it follows it over no {lengths(records)[0]:.0f} cycles")
+    return best
+
+
+def _smoothed(model: AnyModel, records: Sequence[AnyRecord]) -> AnyModel:
+    """Model whose dry friction is smooth at the speeds of the records."""
+    if all(term.smooth for term in model.terms):
+        return model
+    speed = max(float(np.abs(r.motion.q_dot).max()) for r in records)
+    return model.regularised(_SMOOTHING * speed)

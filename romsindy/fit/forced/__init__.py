@@ -1,0 +1,1 @@
+"""Fits to vibrations that measured inputs drive."""

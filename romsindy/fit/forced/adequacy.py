@@ -1,0 +1,98 @@
+"""Does a model explain a forced vibration? What it leaves is noise where its past tells nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.special import fdtrc
+
+from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.verdict import FALSE_ALARM
+from romsindy.record.noise import autoregression
+from romsindy.text import quantity
+from romsindy.typing import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedAdequacy(Adequacy):
+    """Whether a model explains forced vibrations; of `Adequacy`, what goes by windows is empty.
+
+    Attributes
+    ----------
+    ratio : float
+        Rms of the residual over the noise where the spectrum of the response is quietest.
+    structure : float
+        Power of the residual over that part of it that its own past does not predict: 1 of white
+        noise.
+    p_value : float
+        Probability that white noise is predicted as well (F test).
+    left : float
+        Rms of the residual, in the unit of the measured quantity.
+    part : float
+        The same as a part of the rms of the response.
+    measured_unit : str
+    """
+
+    left: float = 0.0
+    part: float = 0.0
+    measured_unit: str = ""
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residual is white, or as good."""
+        return bool(np.isfinite(self.ratio)) and not self.structured
+
+    def __str__(self) -> str:
+        if not np.isfinite(self.ratio):
+            return "The model does not explain the record: it has no motion that follows it."
+        size = f"{quantity(self.left, self.measured_unit)} rms, {100 * self.part:.2g} %"
+        if self.explained:
+            return f"The model explains the record: it leaves {size} of the response, as noise."
+        share = 100 * (1 - 1 / self.structure)
+        return (
+            f"The model does not explain the record to its noise: it leaves {size} of the response"
+            f" ({self.ratio:.3g} times the noise where that is quietest); {share:.0f} % of the"
+            " power of it is no noise, for its past predicts it."
+        )
+
+
+def examine_forced(
+    records: Sequence[ForcedRecord],
+    residuals: Sequence[Array],
+    n_values: int,
+    false_alarm: float = FALSE_ALARM,
+) -> ForcedAdequacy:
+    """Whether residuals (n,) are white."""
+    unit = records[0].decay.unit
+    n = sum(map(len, residuals))
+    power = sum(float(e @ e) for e in residuals)
+    noise = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
+    heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records)
+    innovation, order = 0.0, 0
+    if np.isfinite(power):
+        for e in residuals:
+            a = autoregression(e - e.mean())
+            driven = lfilter(a, [1.0], e - e.mean())[len(a) :]
+            innovation += float(np.mean(driven**2)) * len(e)
+            order += len(a) - 1
+    structure = power / innovation if innovation > 0 else np.inf
+    freedom = max(n - order, 1)
+    p = float(fdtrc(order, freedom, (structure - 1) * freedom / order)) if order else 1.0
+    return ForcedAdequacy(
+        ratio=float(np.sqrt(noise / max(n - n_values, 1))),
+        p_value=p,
+        structure=max(structure, 1.0),
+        below_floor=False,
+        amplitude=np.zeros(0),
+        misfit=np.zeros(0),
+        limit=max(r.amplitude for r in records),
+        unit=unit,
+        false_alarm=false_alarm,
+        left=float(np.sqrt(power / n)),
+        part=float(np.sqrt(power / heard)),
+        measured_unit=(unit or "[q]") + ("", "/s", "/s^2")[records[0].derivative],
+    )

@@ -1,0 +1,111 @@
+"""The inputs of a model in a fit: where their gains start, and which delays are free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from romsindy.effects.drive import Drive
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.linear_response import nodes
+from romsindy.fit.part import Part
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.input import Input
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import Interpolation
+from romsindy.typing import Array
+
+# Samples by which an input may act later, or sooner, than it was measured.
+_LATE = 20
+# Participation factors beyond are none: of the mode of a structure it is 1 to 2, and 0 to either
+# side of that where the sensor is near a node.
+_PARTICIPATION = 20.0
+
+
+def inputs_of(model: AnyModel) -> tuple[Input, ...]:
+    """The inputs among the terms of a model."""
+    return tuple(term for term in model.terms if isinstance(term, Input))
+
+
+def without_inputs(model: ReducedModel) -> ReducedModel:
+    """The free model."""
+    kept = {t: v for t, v in zip(model.terms, model.values, strict=True) if not _is_input(t)}
+    return replace(model, terms=tuple(kept), values=tuple(kept.values()))
+
+
+def _is_input(term: Term) -> bool:
+    return isinstance(term, Input)
+
+
+def inputs_in(
+    vibrations: Sequence[ForcedVibration], interpolation: Interpolation
+) -> tuple[Input, ...]:
+    """Inputs of records, those of a name once.
+
+    Raises
+    ------
+    ValueError
+        If one has two units.
+    """
+    found: dict[str, Input] = {}
+    for v in vibrations:
+        for name in v.names:
+            new = Input(name, interpolation, 0.0, v.input_unit)
+            old = found.setdefault(name, new)
+            if old.input_unit != new.input_unit:
+                raise ValueError(
+                    f"the input {name!r} is in {old.input_unit} and in {new.input_unit}: give both"
+                    " records in one unit"
+                )
+    return tuple(found.values())
+
+
+def free_drives(
+    inputs: Sequence[Input], gains: Sequence[float], records: Sequence[ForcedRecord]
+) -> tuple[Part, ...]:
+    """Parts of inputs with free gains and delays, from these gains on."""
+    most = _LATE * max(r.decay.dt for r in records)
+    parts = []
+    for term, gain in zip(inputs, gains, strict=True):
+        effect = Drive(replace(term, delay=0.0), term.delay, most)
+        parts.append(Part(effect, effect.parameters(), np.array([[gain]])))
+    return tuple(parts)
+
+
+def regressed(
+    terms: Sequence[Term], inputs: Sequence[Input], records: Sequence[ForcedRecord]
+) -> tuple[Array, Array]:
+    """Coefficients of terms, and gains, by least squares on the smooth motions of the records."""
+    rows, right = [], []
+    for record in records:
+        t, *motion = nodes(record.motion)
+        q, q_dot, q_ddot = (x[:, 0] for x in motion)
+        columns = [term.strong(q, q_dot, q_ddot) for term in terms]
+        columns += [
+            -term.sign * record.inputs[term.source].at(t, term.delay, term.interpolation)
+            if term.source in record.inputs
+            else np.zeros_like(q)
+            for term in inputs
+        ]
+        rows.append(np.column_stack(columns))
+        right.append(-q_ddot)
+    table = np.concatenate(rows)
+    scale = np.maximum(np.std(table, axis=0), 1e-300)
+    found = np.linalg.lstsq(table / scale, np.concatenate(right), rcond=None)[0] / scale
+    return found[: len(terms)], found[len(terms) :]
+
+
+def refuse_displacement(model: AnyModel) -> None:
+    """Refuse a base motion that is no acceleration: its sign, and its size, are wrong."""
+    for term in inputs_of(model):
+        factor = model.coefficients[term.key]
+        if term.sign < 0 and factor < -_PARTICIPATION:
+            raise ValueError(
+                f"the input {term.source!r} acts with a participation factor of {factor:.3g}: it"
+                " looks like the displacement of the base, or has another unit; give its"
+                " acceleration, in the unit of q per s^2"
+            )

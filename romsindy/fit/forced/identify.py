@@ -1,0 +1,119 @@
+"""The equation of a forced vibration from its record: the terms it needs, and their values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.between_samples import ways
+from romsindy.fit.forced.drives import inputs_in, inputs_of, regressed, without_inputs
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.forced.refine import decided, driven, forced_among
+from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
+from romsindy.fit.measured import listed_records, ready, require_unit
+from romsindy.fit.record import Record
+from romsindy.physics.input import Input
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
+from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
+
+_ROUNDS = 5  # of choosing terms about the motions of those chosen before
+
+
+def identify_forced(
+    records: ForcedVibration | Sequence[ForcedVibration | Decay],
+    order: int = 5,
+    *,
+    terms: Sequence[Term] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Identify the equation of motion of one coordinate from records with measured inputs.
+
+    Coefficients, gain and delay of each input, the offset of the sensor and the initial states are
+    fitted by simulation over the whole records. Terms are chosen by what each gains on stretches
+    that took no part. What the input does between its samples is decided by the records, unless
+    they say it.
+
+    Parameters
+    ----------
+    records : ForcedVibration or sequence of ForcedVibration and Decay
+        At least one with an input; decays are fitted together with it.
+    order : int
+        Highest order of the candidates for stiffness and inertia.
+    terms : sequence of Term, optional
+        What the model has beside its linear terms; then nothing is chosen.
+    progress : callable, optional
+        Called with a line of text at every step.
+
+    Returns
+    -------
+    Fit
+        As `refine` gives it; the last terms of its model are the inputs.
+
+    Raises
+    ------
+    ValueError
+        For no input, units that differ, an order below 1, or an input that looks like the
+        displacement of the base.
+    TrajectoryError
+        If no motion of the model follows the measured one.
+    """
+    several = listed_records(records)
+    if order < 1:
+        raise ValueError(f"order = {order!r} must be 1 or more")
+    if not any(isinstance(v, ForcedVibration) for v in several):
+        raise ValueError("records hold no ForcedVibration: free decays alone are for identify()")
+    require_unit(several, several[0].unit)
+    found = ready(several)
+    measured = [r.decay for r in forced_among(found)]
+    say = progress or (lambda _: None)
+    several_terms = candidates(order) if terms is None else ()
+    first, *others = [inputs_in(measured, way) for way in ways(measured)]
+    fits = [_with_needed(terms, several_terms, first, found, say)]
+    for inputs in others:
+        say(f"{inputs[0].interpolation} input")
+        fits.append(_fitted(_terms_of(fits[0]), inputs, found))
+    best = decided(fits)
+    inputs = inputs_of(best.model)
+    if terms is not None or inputs[0].interpolation == first[0].interpolation:
+        return best
+    # Terms that were chosen with another input may stand for what was wrong with it.
+    return replace(_with_needed(terms, several_terms, inputs, found, say), notes=best.notes)
+
+
+def _with_needed(
+    terms: Sequence[Term] | None,
+    several: Sequence[Term],
+    inputs: Sequence[Input],
+    records: Sequence[Record | ForcedRecord],
+    say: Callable[[str], None],
+) -> Fit:
+    """With some terms, or those of several that are needed about the motions of those before."""
+    kept = tuple(terms or ())
+    fit = _fitted(kept, inputs, records)
+    motions = [r.motion for r in records]
+    for number in range(_ROUNDS if terms is None else 0):
+        say(f"terms, round {number + 1}")
+        new = needed_terms(fit, records, motions, several)
+        if new == kept:
+            break
+        fit, kept = _fitted(new, inputs, records), new
+        motions = list(fit.solution.motions)
+    return fit
+
+
+def _terms_of(fit: Fit) -> tuple[Term, ...]:
+    """Beside the linear ones."""
+    return tuple(t for t in without_inputs(fit.single_model).terms if t not in LINEAR)
+
+
+def _fitted(
+    terms: Sequence[Term], inputs: Sequence[Input], records: Sequence[Record | ForcedRecord]
+) -> Fit:
+    """From values by regression on the smooth motions."""
+    own = (*LINEAR, *terms)
+    values, gains = regressed(own, inputs, forced_among(records))
+    model = ReducedModel(own, tuple(values.tolist()), records[0].decay.unit)
+    return driven(model, tuple(model.coefficients), inputs, gains.tolist(), records)

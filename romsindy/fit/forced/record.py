@@ -1,0 +1,118 @@
+"""Forced vibrations, ready to be compared with a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.forced.sampled import Sampled
+from romsindy.fit.forced.smooth import quiet_power, quiet_std, smooth_motion
+from romsindy.fit.part import Part, Reading, read
+from romsindy.fit.record import OfDecay
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.noise import Noise
+from romsindy.typing import Array
+
+# Steps in a mean cycle, and in the shortest one that matters: below its frequency lies this part of
+# the power of the displacement. At eight steps a frequency is wrong by 2e-6 of itself.
+_STEPS, _LEAST_STEPS, _POWER = 8, 4, 0.999
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedRecord(OfDecay):
+    """One forced vibration: what was measured, its inputs, and the smooth motion behind it.
+
+    Attributes
+    ----------
+    decay : ForcedVibration
+    signal : (n,) array
+        The measured quantity.
+    noise : Noise
+        White, as strong as the quietest part of the spectrum, or the floor.
+    motion : Trajectory
+        Smooth displacement on the steps of the simulation; times from the start of the record.
+    sampled : dict
+        The measured inputs by name.
+    """
+
+    decay: ForcedVibration  # type: ignore[assignment]
+    signal: Array
+    noise: Noise
+    motion: Trajectory
+    sampled: dict[str, Sampled]
+
+    @classmethod
+    def of(cls, vibration: ForcedVibration, floor: float) -> ForcedRecord:
+        """Look at a record; ``floor`` is the least noise, as a part of the largest value."""
+        t, y = vibration.t - vibration.t[0], vibration.y
+        least = floor * float(np.abs(y - y.mean()).max())
+        noise = Noise.white(float(np.hypot(quiet_std(y), least)), vibration.dt, least)
+        mean, highest = _frequencies(y, vibration.dt, vibration.derivative)
+        grid = Grid.over(t, min(1 / mean, _STEPS / _LEAST_STEPS / highest), _STEPS)
+        motion = smooth_motion(y - y.mean(), vibration.dt, vibration.derivative, grid)
+        columns = zip(vibration.names, vibration.u.T, strict=True)
+        sampled = {name: Sampled(u, vibration.dt, grid) for name, u in columns}
+        return cls(vibration, y, noise, motion, sampled)
+
+    @property
+    def inputs(self) -> dict[str, Sampled]:
+        """What drives it, by name."""
+        return self.sampled
+
+    @cached_property
+    def rate(self) -> float:
+        """Angular frequency of the motion: rms velocity over rms displacement, rad/s."""
+        return float(np.std(self.motion.q_dot) / np.std(self.motion.q))
+
+    @property
+    def amplitude(self) -> float:
+        """Largest displacement."""
+        return float(np.abs(self.motion.q).max())
+
+    @property
+    def peak(self) -> float:
+        """The same: one channel was measured."""
+        return self.amplitude
+
+    @property
+    def count(self) -> float:
+        """Samples."""
+        return float(len(self.signal))
+
+    def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
+        """What the sensor shows of a motion x, (n, 1), with the parts of a hypothesis."""
+        return read(parts, number, self.t, x)
+
+    def whitened(self, x: Array) -> Array:
+        """Misfits or their derivatives (n, ...) over the noise."""
+        return self.noise(x)
+
+    def until(self, end: float) -> ForcedRecord:
+        """The first seconds of the record, with the noise of all of it."""
+        m, grid = self.motion, self.motion.grid.until(end)
+        n, steps = len(grid.fraction), grid.n_steps
+        motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
+        vibration = self.decay.between(end=float(self.decay.t[n - 1]))
+        return replace(self, decay=vibration, signal=self.signal[:n], motion=motion)
+
+    def with_signal(self, signal: Array) -> ForcedRecord:
+        """The same with another measurement, such as a simulated one."""
+        return replace(self, signal=signal)
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Noise like that of the record, (n,)."""
+        return self.noise.draw(len(self.signal), self.decay.dt, rng)
+
+
+def _frequencies(y: Array, dt: float, derivative: int) -> tuple[float, float]:
+    """Mean frequency of the displacement, Hz, and that below which nearly all of it lies."""
+    frequency = np.fft.rfftfreq(len(y), dt)[1:]
+    power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)))[1:]) ** 2
+    # The spectrum of a displacement falls: where noise of a rate is divided by it, none is left.
+    heard = np.where(power > 10 * quiet_power(power), power, 0.0) * frequency ** (-2.0 * derivative)
+    mean = np.sqrt(np.sum(heard * frequency**2) / np.sum(heard))
+    return float(mean), float(frequency[np.searchsorted(np.cumsum(heard), _POWER * heard.sum())])

@@ -1,0 +1,98 @@
+"""Terms that a forced vibration of one coordinate needs: chosen by what each gains where left out.
+
+As for several coordinates (`romsindy.fit.coupled_terms`), but that one long record is cut into
+stretches, each of which is left out in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from romsindy.fit.any_record import AnyRecord
+from romsindy.fit.coefficient import Coefficient, free_coefficients
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.coupled_terms import Gram, chosen
+from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.drives import without_inputs
+from romsindy.fit.gauss_newton import linear_table
+from romsindy.physics.damping import AmplitudeDamping, PowerDamping
+from romsindy.physics.inertia import Inertia
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Term
+from romsindy.record.noise import autoregression
+from romsindy.typing import Array
+
+LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
+_STRETCHES = 8  # in all, each left out in turn
+
+
+def candidates(order: int) -> tuple[Term, ...]:
+    """Stiffness and inertia up to an order, and damping that grows with amplitude or speed."""
+    stiffness = [Stiffness(m) for m in range(2, order + 1)]
+    inertia = [Inertia(k) for k in range(3, order + 1)]
+    damping = [AmplitudeDamping(1), AmplitudeDamping(2), PowerDamping(2), PowerDamping(3)]
+    return (*stiffness, *damping, *inertia)
+
+
+def innovation(residual: Array) -> float:
+    """Rms of that part of a residual, (n,), which its own past does not predict."""
+    centred = residual - residual.mean()
+    a = autoregression(centred)
+    return float(np.sqrt(np.mean(lfilter(a, [1.0], centred)[len(a) :] ** 2)))
+
+
+def needed_terms(
+    fit: Fit,
+    records: Sequence[AnyRecord],
+    motions: Sequence[Trajectory],
+    several: Sequence[Term],
+) -> tuple[Term, ...]:
+    """Those of several terms that are needed beside the linear ones.
+
+    The equation of a fit is linearised about the motions; its inputs and offsets are fitted beside
+    any choice, as initial states are.
+    """
+    model = without_inputs(fit.single_model)
+    more = [p for p in fit.solution.parts if not isinstance(p.effect, Coefficient)]
+    present = model.coefficients
+    others = tuple(t for t in several if t.key not in present)
+    wide = replace(
+        model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
+    )
+    terms = {t.key: t for t in (*LINEAR, *several)}
+    parts = (*free_coefficients(wide, tuple(terms)), *more)
+    at = np.array([wide.coefficients[key] for key in terms])
+    tables = [
+        linear_table(wide, parts, i, record, motion)[1]
+        for i, (record, motion) in enumerate(zip(records, motions, strict=True))
+    ]
+    n_linear, total = len(LINEAR), sum(map(len, tables))
+    grams = []
+    for rows in tables:
+        pieces = max(round(_STRETCHES * len(rows) / total), 2)
+        grams += _stretches(rows / innovation(_left(rows)), at, pieces)
+    always, places = range(n_linear), range(n_linear, len(terms))
+    found, _ = chosen(grams, always, [[p] for p in places], {})
+    names = list(terms)
+    return tuple(terms[names[places[g]]] for g in sorted(found))
+
+
+def _left(rows: Array) -> Array:
+    """What a fit of all candidates leaves of the misfit in the last column."""
+    table = rows[:, :-1] / np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
+    return rows[:, -1] - table @ np.linalg.lstsq(table, rows[:, -1], rcond=None)[0]
+
+
+def _stretches(rows: Array, at: Array, pieces: int) -> list[Gram]:
+    """A record in stretches; values beside the coefficients are fitted to all of it first."""
+    m = len(at)
+    nuisance = rows[:, m:-1]
+    scale = np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
+    basis = np.linalg.svd(nuisance / scale, full_matrices=False)[0]
+    clean = np.column_stack([rows[:, :m], rows[:, -1]])
+    clean = clean - basis @ (basis.T @ clean)
+    return [Gram.of(part, at) for part in np.array_split(clean, pieces)]

@@ -1,0 +1,128 @@
+"""Records of what was measured, as fits need them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.effects import Bias
+from romsindy.fit.any_record import AnyRecord
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record, sharing_drift
+from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
+from romsindy.typing import Array
+
+# Errors of the integration, as a part of the largest amplitude.
+NUMERICS = 1e-6
+
+
+@dataclass(frozen=True)
+class Offset(Bias):
+    """A zero of the sensor that differs from record to record."""
+
+    per_record = True
+
+
+def listed_records(
+    records: Decay | ForcedVibration | Sequence[Decay | ForcedVibration],
+) -> list[Decay | ForcedVibration]:
+    """One record or several as a list.
+
+    Raises
+    ------
+    ValueError
+        For none, or anything else.
+    """
+    several = [records] if isinstance(records, (Decay, ForcedVibration)) else records
+    is_list = isinstance(several, (list, tuple))
+    if not is_list or not all(isinstance(d, (Decay, ForcedVibration)) for d in several):
+        raise ValueError(
+            f"decays is {type(records).__name__}: give a Decay or a list of them; arrays become one"
+            ' by Decay(t, q, unit="m"), and with an input by ForcedVibration(t, y, u, unit="m")'
+        )
+    if not several:
+        raise ValueError("decays is empty: give at least one Decay")
+    return list(several)
+
+
+def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[Decay]:
+    """The same of decays alone.
+
+    Raises
+    ------
+    ValueError
+        For none, or anything else.
+    """
+    several = listed_records(decays)
+    decays_alone = [d for d in several if isinstance(d, Decay)]
+    if len(decays_alone) < len(several):
+        raise ValueError(
+            "decays hold a ForcedVibration, and free decays are needed here: refine() and"
+            " identify_forced() take inputs"
+        )
+    return decays_alone
+
+
+def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record, ...]:
+    """Free decays in a unit, ready to be fitted.
+
+    Raises
+    ------
+    ValueError
+        For no decays, another unit, or a decay given twice.
+    """
+    several = several_decays(decays)
+    require_unit(several, unit)
+    records = sharing_drift([Record.of(d.single().free(), NUMERICS) for d in several])
+    return tuple(record.without_faults() for record in records)
+
+
+def ready(several: Sequence[Decay | ForcedVibration]) -> tuple[Record | ForcedRecord, ...]:
+    """Free decays and forced vibrations of one channel, ready to be fitted together."""
+    return tuple(
+        ForcedRecord.of(measured, NUMERICS)
+        if isinstance(measured, ForcedVibration)
+        else Record.of(measured.single().free(), NUMERICS).without_faults()
+        for measured in several
+    )
+
+
+def free_offsets(records: Sequence[AnyRecord]) -> Part:
+    """An offset of the sensor in each record, 0 at first."""
+    return Part(Offset(), (), np.zeros((len(records), 1)))
+
+
+def require_unit(several: Sequence[Decay | ForcedVibration], unit: str | None) -> None:
+    """All decays in the unit of the model, each given once."""
+    for i, decay in enumerate(several):
+        if decay.unit != unit:
+            raise ValueError(
+                f"decay {i} is in {decay.unit or 'an unknown unit'}, the model in"
+                f" {unit or 'an unknown unit'}: load the decay with unit={unit!r}"
+            )
+        if any(np.array_equal(decay.signal, other.signal) for other in several[:i]):
+            raise ValueError(
+                f"decay {i} is the same record as an earlier one: counted twice, it would make"
+                " every error bar too small; give it once"
+            )
+
+
+def small_frequencies(model: CoupledModel) -> Array:
+    """Of small vibrations, Hz, in the order of the coordinates that move most in them."""
+    omega, modes = model.linear_modes
+    return omega[np.argsort(np.argmax(np.abs(modes), axis=0))] / (2 * np.pi)
+
+
+def free_names(model: AnyModel, fixed: Collection[str]) -> tuple[str, ...]:
+    unknown = sorted(set(fixed) - set(model.coefficients))
+    if unknown:
+        raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    free = tuple(name for name in model.coefficients if name not in fixed)
+    if not free:
+        raise ValueError("fixed names every coefficient of the model: leave one to fit")
+    return free

@@ -1,0 +1,220 @@
+"""The record of a forced vibration: what drives it, and what was measured of the motion."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
+
+from romsindy.record.decay import checked_signal, checked_time
+from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
+from romsindy.record.recording import QUANTITIES, Quantity
+from romsindy.record.sampling import uniform_times
+from romsindy.typing import Array
+
+_INPUT = re.compile(r"(force|base)( \d+)?")
+# So many samples in a row at the largest, or at the least value, are an input that is clipped, if
+# they are this part of all; one that switches between a few levels is not.
+_CLIPPED, _PART, _LEVELS = 3, 2e-3, 20
+
+
+def require_input(name: str) -> None:
+    """Refuse what is no name of an input."""
+    if not _INPUT.fullmatch(name):
+        raise ValueError(
+            f"input {name!r} is not known: use 'force' or 'base', and of several of a kind"
+            " 'force 2', ..."
+        )
+
+
+def is_base(name: str) -> bool:
+    """Whether an input is the acceleration of the base."""
+    return name.startswith("base")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForcedVibration:
+    """One forced vibration, uniformly sampled; checked when it is made.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Time in s, increasing, of response and input alike. Jitter is resampled, with a warning.
+    y : (n,) array
+        What was measured of the motion: displacement, velocity or acceleration of q. With a base
+        that moves, q counts from the base.
+    u : (n,) or (n, n_inputs) array
+        Measured inputs: forces, or accelerations of the base.
+    unit : str, optional
+        Unit of q, such as "m".
+    measured : "displacement", "velocity" or "acceleration"
+        What y is.
+    inputs : str or sequence of str
+        What each column of u is: "force", "base", and of several of a kind "force 2", ...
+    input_unit : str, optional
+        Unit of u, such as "N" or "m/s^2".
+    interpolation : "band-limited", "linear" or "hold", optional
+        What the inputs do between their samples, where it is known; else the data choose.
+    notes : tuple of str
+        What was done to the record, for the reader.
+
+    Raises
+    ------
+    ValueError
+        For NaN, gaps, lengths that differ, or an input that is constant; the message names the
+        argument and the remedy.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(0.0, 2.0, 1e-3)
+    >>> ForcedVibration(t, np.sin(9 * t), np.cos(9 * t), unit="m", input_unit="N")
+    <ForcedVibration: 2000 samples at 1000 Hz, 1.999 s, max |displacement| 1 m, by force>
+    """
+
+    t: Array
+    y: Array
+    u: Array
+    unit: str | None = None
+    measured: Quantity = "displacement"
+    inputs: str | Sequence[str] = "force"
+    input_unit: str | None = None
+    interpolation: Interpolation | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.measured not in QUANTITIES:
+            raise ValueError(f"measured = {self.measured!r} must be one of {QUANTITIES}")
+        if self.interpolation not in (None, *INTERPOLATIONS):
+            raise ValueError(
+                f"interpolation = {self.interpolation!r} must be one of {INTERPOLATIONS}, or None"
+            )
+        t = checked_time(self.t)
+        y, u = (_checked(name, getattr(self, name), t) for name in ("y", "u"))
+        if y.ndim == 2 and y.shape[1] > 1:
+            raise ValueError(
+                f"y has {y.shape[1]} channels, and one is needed here: choose one, y[:, 0]"
+            )
+        y, u = y.reshape(len(t)), u.reshape(len(t), -1)
+        names = (self.inputs,) if isinstance(self.inputs, str) else tuple(self.inputs)
+        for name in names:
+            require_input(name)
+        if len(set(names)) != u.shape[1]:
+            raise ValueError(
+                f"inputs = {names} must name each of the {u.shape[1]} columns of u once"
+            )
+        if not np.ptp(y) > 0:
+            raise ValueError(f"y is constant ({y[0]:.6g}): nothing vibrates in this record")
+        notes = tuple(self.notes)
+        uniform, note = uniform_times(t)
+        if note:
+            y, u = (make_interp_spline(t, x, k=3)(uniform) for x in (y, u))
+            warnings.warn(note, stacklevel=3)
+            notes = (*notes, note)
+        for name, x in zip(names, u.T, strict=True):
+            _refuse_silent(name, x)
+            clipped = _clipped_note(name, x)
+            if clipped:
+                warnings.warn(clipped, stacklevel=3)
+                notes = (*notes, clipped)
+        for name, value in {"t": uniform, "y": y, "u": u}.items():
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "inputs", names)
+        object.__setattr__(self, "notes", notes)
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval in s."""
+        return float(self.t[1] - self.t[0])
+
+    @property
+    def derivative(self) -> int:
+        """0, 1, 2 where displacement, velocity or acceleration was measured."""
+        return QUANTITIES.index(self.measured)
+
+    @property
+    def signal(self) -> Array:
+        """What was measured of the motion, (n,)."""
+        return self.y
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the inputs, in the order of the columns of u."""
+        return tuple(self.inputs)
+
+    def same_record(self, other: Any) -> bool:
+        """Whether both hold the same samples of y."""
+        return isinstance(other, ForcedVibration) and np.array_equal(self.y, other.y)
+
+    def between(self, start: float | None = None, end: float | None = None) -> Any:
+        """The part with start <= t <= end, in s; None leaves an end as it is.
+
+        Raises
+        ------
+        ValueError
+            If fewer than eight samples are left.
+        """
+        low = self.t[0] if start is None else start
+        high = self.t[-1] if end is None else end
+        slack = 1e-6 * self.dt
+        inside = (self.t >= low - slack) & (self.t <= high + slack)
+        if np.count_nonzero(inside) < 8:
+            raise ValueError(
+                f"start = {start}, end = {end} leave {np.count_nonzero(inside)} samples of the"
+                f" record, which runs from {self.t[0]:.6g} to {self.t[-1]:.6g} s"
+            )
+        return replace(self, t=self.t[inside], y=self.y[inside], u=self.u[inside])
+
+    def __repr__(self) -> str:
+        size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
+        unit = (self.unit or "[q]") + ("", "/s", "/s^2")[self.derivative]
+        peak = f"max |{self.measured}| {np.abs(self.y).max():.4g} {unit}"
+        first = f"<ForcedVibration: {size}, {peak}, by {' and '.join(self.names)}>"
+        return "\n".join([first, *(f"  - {note}" for note in self.notes)])
+
+
+def _checked(name: str, x: ArrayLike, t: Array) -> Array:
+    try:
+        return checked_signal(name, x, len(t))
+    except ValueError as error:
+        if np.ndim(x) and len(np.asarray(x)) != len(t):
+            raise ValueError(
+                f"{name} has {len(np.asarray(x))} samples, and t {len(t)}: response and input need"
+                " one clock; resample one of them, or cut both to the times that they share"
+            ) from error
+        raise
+
+
+def _refuse_silent(name: str, u: Array) -> None:
+    if not np.ptp(u) > 0:
+        what = "zero" if u[0] == 0 else f"constant ({u[0]:.6g})"
+        raise ValueError(
+            f"the input {name!r} is {what}: it drives no vibration; choose the column that was"
+            " measured, or take the record for a free decay"
+        )
+
+
+def _clipped_note(name: str, u: Array) -> str:
+    """What is to be said of an input that sticks to the end of its range; empty if none does."""
+    if len(np.unique(u)) < _LEVELS:  # a square wave, or a binary one
+        return ""
+    found = 0
+    for end in (u.max(), u.min()):
+        at = np.concatenate([[0], u == end, [0]]).astype(int)
+        edges = np.flatnonzero(np.diff(at)).reshape(-1, 2)
+        lengths = edges[:, 1] - edges[:, 0]
+        found += int(lengths[lengths >= _CLIPPED].sum())
+    if found < max(_PART * len(u), _CLIPPED):
+        return ""
+    return (
+        f"{found} samples of the input {name!r} stick to {u.max():.4g} or {u.min():.4g}: it is"
+        " saturated, and the true one is larger; measure it again with a wider range, or cut the"
+        " record to where it is not"
+    )

@@ -1,0 +1,100 @@
+"""What a sampled input does between its samples: it is held, goes straight, or is band-limited.
+
+A converter holds its output until the next sample; a line from sample to sample is the least that
+is assumed of a measured input; one that went through an anti-aliasing filter is band-limited. Where
+the input drives a motion, the difference is seen (J. Schoukens, R. Pintelon, H. Van hamme,
+"Identification of linear dynamic systems using piecewise constant excitations", Automatica 30,
+1994).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from romsindy.typing import Array
+
+Interpolation = Literal["band-limited", "linear", "hold"]
+INTERPOLATIONS: tuple[Interpolation, ...] = ("band-limited", "linear", "hold")
+
+# Samples to either side in the interpolation of a band-limited input, and the shape of its window
+# (J. Kaiser): 170 dB up to 0.4 of the sampling rate.
+_REACH, _KAISER = 32, 17.5
+
+
+def interpolated(u: Array, place: Array, interpolation: Interpolation) -> Array:
+    """Values at places, counted in samples, of an input (n,); beyond its ends as there.
+
+    Nothing beyond the ends is looked at: where a band-limited input would need it, value and slope
+    go on (odd reflection).
+    """
+    if interpolation == "hold":
+        return u[np.clip(np.floor(place + 1e-9).astype(int), 0, len(u) - 1)]
+    if interpolation == "linear":
+        return np.interp(place, np.arange(len(u)), u)
+    return _band_limited(u, np.clip(place, 0, len(u) - 1))
+
+
+def _band_limited(u: Array, place: Array) -> Array:
+    """By sinc functions under a Kaiser window."""
+    margin = min(_REACH, len(u) - 1)
+    wide = np.pad(u, margin, mode="reflect", reflect_type="odd")
+    wide = np.pad(wide, _REACH - margin, mode="edge")
+    first = np.minimum(np.floor(place).astype(int), len(u) - 2)
+    # Times on a grid share few fractions of a sample: one filter serves all that have the same.
+    fractions, kind = np.unique(np.round(place - first, 9), return_inverse=True)
+    offsets = np.arange(1 - _REACH, _REACH + 1)
+    out = np.empty(len(place))
+    windows = sliding_window_view(wide, 2 * _REACH)
+    for i, fraction in enumerate(fractions):
+        x = fraction - offsets
+        kernel = np.sinc(x) * np.i0(_KAISER * np.sqrt(1 - (x / _REACH) ** 2)) / np.i0(_KAISER)
+        rows = kind == i
+        out[rows] = windows[first[rows] + 1] @ kernel
+    return out
+
+
+def of_steps(
+    u: Array, start: Array, length: float, nodes: Array, interpolation: Interpolation
+) -> Array:
+    """What stands for an input at the Gauss points of steps of time, (n_steps, 3).
+
+    With these values quadrature gives the exact integrals of the input times any parabola over a
+    step, wherever it jumps or bends within: so does the motion that it drives.
+
+    Parameters
+    ----------
+    u : (n,) array
+    start : (n_steps,) array
+        Where steps start, in samples.
+    length : float
+        Of a step, in samples.
+    nodes : (3,) array
+        Gauss points of a step of length one.
+    interpolation : "band-limited", "linear" or "hold"
+    """
+    if interpolation == "band-limited":  # smooth: its values are as good
+        return interpolated(u, (start[:, None] + length * nodes).ravel(), interpolation).reshape(
+            -1, 3
+        )
+    ends = np.floor(start + 1e-9)[:, None] + np.arange(1, int(np.ceil(length - 1e-9)) + 1)
+    edges = np.clip(ends, start[:, None], start[:, None] + length)
+    edges = np.concatenate([start[:, None], edges, start[:, None] + length], axis=1)
+    widths = np.diff(edges, axis=1)
+    weights = np.polynomial.legendre.leggauss(3)[1] / 2
+    lagrange = np.linalg.inv(np.vander(nodes, 3, increasing=True))
+    found = np.zeros((len(start), 3))
+    for left, width in zip(edges[:, :-1].T, widths.T, strict=True):
+        for node, weight in zip(nodes, weights, strict=True):
+            place = left + width * node
+            parabolas = np.vander((place - start) / length, 3, increasing=True) @ lagrange
+            value = interpolated(u, _inside(place, left, width), interpolation)
+            found += parabolas * (weight * width / length * value)[:, None]
+    return found / weights
+
+
+def _inside(place: Array, left: Array, width: Array) -> Array:
+    """Places in pieces between samples; in an empty one, where it is does not matter."""
+    return np.where(width > 1e-9, place, left)

@@ -1,0 +1,250 @@
+"""Forced vibrations, made by a simulator that shares nothing with the package."""
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import StateSpace, cont2discrete, dlsim
+
+import romsindy as rs
+from romsindy import ForcedVibration, identify_forced, refine
+
+OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 2e4, 3.0
+DT = 0.01
+T = DT * np.arange(4000)
+
+
+def multisine(seed, n=4000, dt=DT, low=1.0, high=12.0, lines=60):
+    """A force of random phases, exact at any time, (n,) samples and the function."""
+    rng = np.random.default_rng(seed)
+    frequency = rng.uniform(low, high, lines)
+    phase = rng.uniform(0, 2 * np.pi, lines)
+
+    def force(t):
+        return np.cos(2 * np.pi * np.multiply.outer(t, frequency) + phase).sum(axis=-1)
+
+    return force(dt * np.arange(n)), force
+
+
+def duffing(force, t, start=(0.0, 0.0), sign=1.0):
+    """The displacement under a force that is known at all times."""
+
+    def rates(time, y):
+        push = sign * GAIN * float(force(time))
+        return [y[1], push - DAMPING * y[1] - OMEGA**2 * y[0] - CUBIC * y[0] ** 3]
+
+    options = {"t_eval": t, "method": "DOP853", "rtol": 1e-10, "atol": 1e-13, "max_step": DT}
+    return solve_ivp(rates, (t[0], t[-1]), start, **options).y
+
+
+@pytest.fixture(scope="module")
+def smooth():
+    """Displacement, velocity and samples of a band-limited force."""
+    u, force = multisine(1)
+    return u, *duffing(force, T)
+
+
+def noisy(x, seed, level=0.01):
+    return x + level * x.std() * np.random.default_rng(seed).standard_normal(len(x))
+
+
+def model():
+    names = {"omega^2": 0.95 * OMEGA**2, "c_linear": 1.0, "gamma_3": 0.0}
+    return rs.ReducedModel.from_coefficients(names, unit="m")
+
+
+def misses(fit):
+    """Errors over standard errors."""
+    truth = {"omega^2": OMEGA**2, "c_linear": DAMPING, "gamma_3": CUBIC, "gain [force]": GAIN}
+    found, error = fit.model.coefficients, fit.standard_errors
+    return np.array([(found[k] - v) / error[k] for k, v in truth.items()])
+
+
+def test_a_forced_vibration_gives_back_its_equation(smooth):
+    u, q, _ = smooth
+    record = ForcedVibration(T, 0.02 + noisy(q, 2), u, unit="m", input_unit="N")
+    fit = refine(model(), record)
+    # Four values, each normal: the largest of 4 exceeds 3.5 once in 500.
+    assert np.abs(misses(fit)).max() < 3.5
+    errors = {k: e / abs(fit.model.coefficients[k]) for k, e in fit.standard_errors.items()}
+    assert max(errors.values()) < 0.02
+    assert fit.offsets[0] == pytest.approx(0.02, abs=1e-4)
+    assert fit.verdict.explained and "explains the record" in str(fit)
+    assert any("band-limited" in note for note in fit.notes)
+    delay, error = fit.delays["force"]
+    assert abs(delay) < 4 * error < 1e-3 * DT * 40
+    assert "gain [force]" in str(fit) and "m/(s^2 N)" in str(fit)
+
+
+@pytest.mark.parametrize("derivative", [1, 2])
+def test_velocity_and_acceleration_do_as_well(smooth, derivative):
+    u, q, v = smooth
+    _, force = multisine(1)
+    a = GAIN * force(T) - DAMPING * v - OMEGA**2 * q - CUBIC * q**3
+    y = noisy((q, v, a)[derivative], 3)
+    measured = ("displacement", "velocity", "acceleration")[derivative]
+    fit = refine(model(), ForcedVibration(T, y, u, unit="m", measured=measured))
+    assert np.abs(misses(fit)).max() < 3.5
+
+
+def held(u, dt=DT):
+    """Exact response of the linear oscillator to an input that is held between its samples."""
+    a = np.array([[0.0, 1.0], [-(OMEGA**2), -DAMPING]])
+    system = StateSpace(a, np.array([[0.0], [GAIN]]), np.array([[1.0, 0.0]]), np.zeros((1, 1)))
+    discrete = cont2discrete((system.A, system.B, system.C, system.D), dt, "zoh")
+    return dlsim((*discrete[:4], dt), u)[1][:, 0]
+
+
+def test_an_input_that_is_held_is_named():
+    u = multisine(4)[0]
+    fit = refine(model(), ForcedVibration(T, noisy(held(u), 5), u, unit="m"))
+    assert fit.notes[0].startswith("between its samples the input is held")
+    assert abs(fit.delays["force"][0]) < 4 * fit.delays["force"][1]
+    assert fit.model.coefficients["omega^2"] == pytest.approx(OMEGA**2, rel=1e-3)
+
+
+def test_an_input_that_is_held_is_integrated_exactly():
+    """Without noise, what is left is rounding and the error of the steps, of order six."""
+    u = multisine(4)[0]
+    record = ForcedVibration(T, held(u), u, unit="m", interpolation="hold")
+    linear = rs.ReducedModel.from_coefficients({"omega^2": OMEGA**2, "c_linear": DAMPING}, "m")
+    fit = refine(linear, record)
+    assert np.std(fit.residuals[0]) < 1e-6 * np.std(record.y)
+    assert fit.model.coefficients["omega^2"] == pytest.approx(OMEGA**2, rel=1e-6)
+
+
+def test_slow_input_cannot_tell(smooth):
+    """Sampled 20 times a cycle and noisy, held and straight inputs differ by a delay alone."""
+    t = 0.0025 * np.arange(4000)
+    u, force = multisine(6, 4000, 0.0025, 3.0, 7.0)
+    q = duffing(force, t)[0]
+    fit = refine(model(), ForcedVibration(t, noisy(q, 7, 0.1), u, unit="m"))
+    assert "cannot tell these apart" in fit.notes[0]
+
+
+def test_the_delay_of_the_chain_is_found(smooth):
+    u, force = multisine(1)
+    late = 0.0037
+    q = duffing(lambda t: force(t - late), T)[0]
+    fit = refine(model(), ForcedVibration(T, noisy(q, 8), u, unit="m"))
+    delay, error = fit.delays["force"]
+    assert delay == pytest.approx(late, abs=4 * error) and error < 2e-4
+    assert f"force(t - {delay:.4g})" in fit.model.equation()
+
+
+def test_a_base_that_moves():
+    """q'' + ... = - Gamma a: the factor of a mass on a spring is 1, without a unit."""
+    u, force = multisine(9)
+    q = duffing(force, T, sign=-1.0)[0]
+    record = ForcedVibration(T, noisy(q, 10), u, unit="m", inputs="base", input_unit="m/s^2")
+    fit = refine(model(), record)
+    assert fit.model.coefficients["Gamma [base]"] == pytest.approx(GAIN, rel=0.01)
+    assert "= - 3" in fit.model.equation().replace("-3", "- 3") and "Gamma [base]" in str(fit)
+
+
+def test_a_displacement_of_the_base_is_refused():
+    _, force = multisine(9)
+    q = duffing(force, T, sign=-1.0)[0]
+    rng = np.random.default_rng(9)
+    frequency, phase = rng.uniform(1.0, 12.0, 60), rng.uniform(0, 2 * np.pi, 60)
+    omega = 2 * np.pi * frequency
+    moved = -np.sum(np.cos(np.multiply.outer(T, omega) + phase) / omega**2, axis=1)
+    with pytest.raises(ValueError, match="displacement of the base"):
+        refine(model(), ForcedVibration(T, q, moved, unit="m", inputs="base"))
+
+
+def test_a_decay_and_a_forced_record_together(smooth):
+    u, q, _ = smooth
+    free = duffing(lambda t: 0.0, T[:1500], start=(0.03, 0.0))[0]
+    decay = rs.Decay(T[:1500], noisy(free, 11), unit="m")
+    record = ForcedVibration(T, noisy(q, 12), u, unit="m")
+    both, alone = refine(model(), [record, decay]), refine(model(), record)
+    assert np.abs(misses(both)).max() < 3.5
+    better = both.standard_errors["gamma_3"] / alone.standard_errors["gamma_3"]
+    assert better < 0.9 and len(both.decays) == 1
+
+
+def test_terms_are_chosen(smooth):
+    """The cubic stiffness and nothing else; also where a linear model has a phase of its own."""
+    u, q, _ = smooth
+    fit = identify_forced(ForcedVibration(T, noisy(q, 13), u, unit="m"))
+    assert set(fit.model.coefficients) == {"omega^2", "c_linear", "gamma_3", "gain [force]"}
+    linear = identify_forced(ForcedVibration(T, noisy(held(u), 14), u, unit="m"))
+    assert set(linear.model.coefficients) == {"omega^2", "c_linear", "gain [force]"}
+
+
+def test_a_free_run_predicts_the_rest(smooth):
+    u, q, _ = smooth
+    y = 0.02 + noisy(q, 15, 1e-3)
+    first = ForcedVibration(T[:2500], y[:2500], u[:2500], unit="m")
+    rest = ForcedVibration(T[2500:], y[2500:], u[2500:], unit="m")
+    missed = rest.y - rs.free_run(refine(model(), first), rest, 50)
+    assert np.std(missed[50:]) < 1.5e-3 * np.std(q)  # 1e-3 is noise; the state has an error too
+    with pytest.raises(ValueError, match="driven by"):
+        rs.free_run(refine(model(), first), ForcedVibration(T, q, u, "m", inputs="base"), 50)
+
+
+def test_a_linear_oscillator_under_a_multisine_has_its_transfer_function():
+    """Identified without noise; H at the lines against the closed form."""
+    rng = np.random.default_rng(16)
+    lines, n = np.arange(10, 120), 1000
+    phase = rng.uniform(0, 2 * np.pi, len(lines))
+    omega = 2 * np.pi * lines / (n * DT)
+    h = GAIN / (OMEGA**2 - omega**2 + 1j * DAMPING * omega)
+    waves = np.exp(1j * (np.multiply.outer(DT * np.arange(3 * n), omega) + phase))
+    record = ForcedVibration(T[: 3 * n], (waves @ h).real, waves.sum(axis=1).real, unit="m")
+    fit = refine(rs.ReducedModel.from_coefficients({"omega^2": 900.0, "c_linear": 1.0}, "m"), record)
+    c, delay = fit.model.coefficients, fit.delays["force"][0]
+    found = c["gain [force]"] / (c["omega^2"] - omega**2 + 1j * c["c_linear"] * omega)
+    off = np.abs(found * np.exp(-1j * omega * delay) - h).max() / np.abs(h).max()
+    assert off < 1e-4
+
+
+def test_what_cannot_be_a_record_is_refused(smooth):
+    u, q, _ = smooth
+    with pytest.raises(ValueError, match=r"u has 3999 samples, and t 4000: .* one clock"):
+        ForcedVibration(T, q, u[1:])
+    with pytest.raises(ValueError, match="the input 'force' is zero"):
+        ForcedVibration(T, q, 0 * u)
+    with pytest.raises(ValueError, match="y is constant"):
+        ForcedVibration(T, 0 * q, u)
+    with pytest.raises(ValueError, match="input 'shaker' is not known"):
+        ForcedVibration(T, q, u, inputs="shaker")
+    with pytest.raises(ValueError, match="name each of the 1 columns"):
+        ForcedVibration(T, q, u, inputs=("force", "base"))
+    with pytest.raises(ValueError, match="interpolation = 'cubic'"):
+        ForcedVibration(T, q, u, interpolation="cubic")
+    with pytest.raises(ValueError, match="several coordinates|2 coordinates"):
+        coupled = {"omega^2 [q1]": 900.0, "omega^2 [q2]": 4000.0}
+        refine(rs.CoupledModel.from_coefficients(coupled, "m"), ForcedVibration(T, q, u, "m"))
+    with pytest.raises(ValueError, match="no ForcedVibration"):
+        identify_forced(rs.Decay(T, q, unit="m"))
+    with pytest.raises(ValueError, match="gains of inputs are always fitted"):
+        own = rs.ReducedModel.from_coefficients({"omega^2": 900.0, "gain [force]": 3.0}, "m")
+        refine(own, ForcedVibration(T, q, u, "m"), fixed=["gain [force]"])
+
+
+def test_a_saturated_force_is_told(smooth):
+    u, q, _ = smooth
+    with pytest.warns(UserWarning, match="saturated"):
+        record = ForcedVibration(T, q, np.clip(u, -8, 8))
+    assert "saturated" in repr(record)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ForcedVibration(T, q, np.sign(u))  # a square wave is not
+
+
+def test_a_model_with_an_input_is_kept(smooth, tmp_path):
+    u, q, _ = smooth
+    fit = refine(model(), ForcedVibration(T, noisy(q, 17), u, unit="m", input_unit="N"))
+    assert rs.ReducedModel.from_json(fit.model.to_json()) == fit.model
+    fit.save(tmp_path / "fit.json")
+    kept = rs.Estimate.load(tmp_path / "fit.json")
+    assert kept.standard_errors == fit.standard_errors and str(kept) == str(fit)
+    # The free motion is that of the model without its input.
+    np.testing.assert_array_equal(
+        fit.model.simulate(0.01, 0.0, T[:200]).q,
+        rs.ReducedModel(fit.model.terms[:3], fit.model.values[:3], "m").simulate(0.01, 0, T[:200]).q,
+    )
+    assert "= " in fit.model.latex() and r"force(t" in fit.model.latex()
