@@ -39,11 +39,11 @@ from romsindy.record.backbone import Backbone as Backbone
 from romsindy.record.backbone import extract_backbone as extract_backbone
 from romsindy.record.decay import Decay as Decay
 from romsindy.record.files import load_decay as load_decay
-from romsindy.record.forced import ForcedVibration as ForcedVibration
 from romsindy.record.files import load_recording as load_recording
 from romsindy.record.files import save_decay as save_decay
 from romsindy.record.filters import Butterworth as Butterworth
 from romsindy.record.filters import SavitzkyGolay as SavitzkyGolay
+from romsindy.record.forced import ForcedVibration as ForcedVibration
 from romsindy.record.recording import Recording as Recording
 from romsindy.regression.coupled_projection import WindowProjection as WindowProjection
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy

@@ -115,9 +115,9 @@ def test_an_input_that_is_held_is_integrated_exactly():
 
 
 def test_slow_input_cannot_tell(smooth):
-    """Sampled 20 times a cycle and noisy, held and straight inputs differ by a delay alone."""
+    """Sampled 80 times a cycle and noisy, held and straight inputs differ by a delay alone."""
     t = 0.0025 * np.arange(4000)
-    u, force = multisine(6, 4000, 0.0025, 3.0, 7.0)
+    u, force = multisine(6, 4000, 0.0025, 3.0, 7.0, lines=20)
     q = duffing(force, t)[0]
     fit = refine(model(), ForcedVibration(t, noisy(q, 7, 0.1), u, unit="m"))
     assert "cannot tell these apart" in fit.notes[0]
@@ -156,7 +156,7 @@ def test_a_displacement_of_the_base_is_refused():
 
 def test_a_decay_and_a_forced_record_together(smooth):
     u, q, _ = smooth
-    free = duffing(lambda t: 0.0, T[:1500], start=(0.03, 0.0))[0]
+    free = duffing(lambda t: 0.0, T[:1500], start=(0.2, 0.0))[0]
     decay = rs.Decay(T[:1500], noisy(free, 11), unit="m")
     record = ForcedVibration(T, noisy(q, 12), u, unit="m")
     both, alone = refine(model(), [record, decay]), refine(model(), record)
@@ -194,7 +194,9 @@ def test_a_linear_oscillator_under_a_multisine_has_its_transfer_function():
     h = GAIN / (OMEGA**2 - omega**2 + 1j * DAMPING * omega)
     waves = np.exp(1j * (np.multiply.outer(DT * np.arange(3 * n), omega) + phase))
     record = ForcedVibration(T[: 3 * n], (waves @ h).real, waves.sum(axis=1).real, unit="m")
-    fit = refine(rs.ReducedModel.from_coefficients({"omega^2": 900.0, "c_linear": 1.0}, "m"), record)
+    fit = refine(
+        rs.ReducedModel.from_coefficients({"omega^2": 900.0, "c_linear": 1.0}, "m"), record
+    )
     c, delay = fit.model.coefficients, fit.delays["force"][0]
     found = c["gain [force]"] / (c["omega^2"] - omega**2 + 1j * c["c_linear"] * omega)
     off = np.abs(found * np.exp(-1j * omega * delay) - h).max() / np.abs(h).max()
@@ -215,7 +217,7 @@ def test_what_cannot_be_a_record_is_refused(smooth):
         ForcedVibration(T, q, u, inputs=("force", "base"))
     with pytest.raises(ValueError, match="interpolation = 'cubic'"):
         ForcedVibration(T, q, u, interpolation="cubic")
-    with pytest.raises(ValueError, match="several coordinates|2 coordinates"):
+    with pytest.raises(ValueError, match="has 2 coordinates"):
         coupled = {"omega^2 [q1]": 900.0, "omega^2 [q2]": 4000.0}
         refine(rs.CoupledModel.from_coefficients(coupled, "m"), ForcedVibration(T, q, u, "m"))
     with pytest.raises(ValueError, match="no ForcedVibration"):
@@ -245,6 +247,8 @@ def test_a_model_with_an_input_is_kept(smooth, tmp_path):
     # The free motion is that of the model without its input.
     np.testing.assert_array_equal(
         fit.model.simulate(0.01, 0.0, T[:200]).q,
-        rs.ReducedModel(fit.model.terms[:3], fit.model.values[:3], "m").simulate(0.01, 0, T[:200]).q,
+        rs.ReducedModel(fit.model.terms[:3], fit.model.values[:3], "m")
+        .simulate(0.01, 0, T[:200])
+        .q,
     )
     assert "= " in fit.model.latex() and r"force(t" in fit.model.latex()

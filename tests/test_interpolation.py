@@ -1,5 +1,7 @@
 """What an input does between its samples, and what stands for it in a step of time."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -40,7 +42,7 @@ def test_integrals_over_steps_are_exact(way, length):
             inside = np.arange(np.ceil(first), first + length)
             edges = np.unique([first, *inside, first + length])
             exact = 0.0
-            for a, b in zip(edges, edges[1:], strict=False):
+            for a, b in itertools.pairwise(edges):
                 x = a + (b - a) * NODES
                 u = SAMPLES[int(a)] if way == "hold" else np.interp(x, range(60), SAMPLES)
                 exact += (b - a) * np.sum(WEIGHTS * u * ((x - first) / length) ** k)

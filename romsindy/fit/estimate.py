@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.orbits.curves import require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
@@ -239,10 +240,11 @@ def _texts(name: str, content: Any) -> tuple[str, ...]:
 
 
 def _verdict(content: Mapping[str, Any]) -> Adequacy:
+    kind = ForcedAdequacy if "measured_unit" in content else Adequacy
     try:
-        return Adequacy(**content)
+        return kind(**content)
     except (TypeError, ValueError) as error:
-        names = ", ".join(field.name for field in fields(Adequacy))
+        names = ", ".join(field.name for field in fields(kind))
         raise ValueError(f"verdict needs the entries {names} ({error})") from error
 
 

@@ -43,6 +43,7 @@ _SMOOTHING = 0.01
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
 # decides, and no digit of its values matters.
 _ROUGH = 1e-3
+_DRIVEN = 30  # iterations of a fit to motions that inputs drive
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,9 +234,12 @@ def _followed(
     shot = partial(shoot, model, loss=loss, progress=progress)
     if settled:
         return shot(parts, records, [r.motion for r in records], tolerance=_ROUGH)
-    near = fit(model, parts, records)
-    if near.converged and any(isinstance(r, ForcedRecord) for r in records):
+    if any(isinstance(r, ForcedRecord) for r in records):  # inputs keep the phase: no need to shoot
+        near = fit(model, parts, records, iterations=_DRIVEN)
+        if not near.finite:
+            raise TrajectoryError("it leads far away")
         return near, coloured_covariance(model, near, records)
+    near = fit(model, parts, records)
     if isinstance(model, CoupledModel):
         coupled = [r for r in records if isinstance(r, CoupledRecord)]
         if not near.converged:

@@ -99,10 +99,9 @@ def regressed(
     return found[: len(terms)], found[len(terms) :]
 
 
-def refuse_displacement(model: AnyModel) -> None:
+def refuse_displacement(inputs: Sequence[Input], gains: Sequence[float]) -> None:
     """Refuse a base motion that is no acceleration: its sign, and its size, are wrong."""
-    for term in inputs_of(model):
-        factor = model.coefficients[term.key]
+    for term, factor in zip(inputs, gains, strict=True):
         if term.sign < 0 and factor < -_PARTICIPATION:
             raise ValueError(
                 f"the input {term.source!r} acts with a participation factor of {factor:.3g}: it"

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
-from romsindy.fit.forced.drives import inputs_in, inputs_of, regressed, without_inputs
+from romsindy.fit.forced.drives import (
+    inputs_in,
+    inputs_of,
+    refuse_displacement,
+    regressed,
+    without_inputs,
+)
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.refine import decided, driven, forced_among
 from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
@@ -115,5 +121,6 @@ def _fitted(
     """From values by regression on the smooth motions."""
     own = (*LINEAR, *terms)
     values, gains = regressed(own, inputs, forced_among(records))
+    refuse_displacement(inputs, gains.tolist())
     model = ReducedModel(own, tuple(values.tolist()), records[0].decay.unit)
     return driven(model, tuple(model.coefficients), inputs, gains.tolist(), records)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,9 +18,11 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
 from romsindy.typing import Array
 
-# Steps in a mean cycle, and in the shortest one that matters: below its frequency lies this part of
-# the power of the displacement. At eight steps a frequency is wrong by 2e-6 of itself.
+# Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies
+# this part of the power of the displacement. At eight steps a frequency is wrong by 2e-6 of itself.
+# Short records can have more, as long as all their steps are no more than so many.
 _STEPS, _LEAST_STEPS, _POWER = 8, 4, 0.999
+_MOST_STEPS, _AFFORDABLE = 40, 40_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,9 @@ class ForcedRecord(OfDecay):
         least = floor * float(np.abs(y - y.mean()).max())
         noise = Noise.white(float(np.hypot(quiet_std(y), least)), vibration.dt, least)
         mean, highest = _frequencies(y, vibration.dt, vibration.derivative)
-        grid = Grid.over(t, min(1 / mean, _STEPS / _LEAST_STEPS / highest), _STEPS)
+        cycle = min(1 / mean, _STEPS / _LEAST_STEPS / highest)
+        steps = int(np.clip(_AFFORDABLE * cycle / t[-1], _STEPS, _MOST_STEPS))
+        grid = Grid.over(t, cycle, steps)
         motion = smooth_motion(y - y.mean(), vibration.dt, vibration.derivative, grid)
         columns = zip(vibration.names, vibration.u.T, strict=True)
         sampled = {name: Sampled(u, vibration.dt, grid) for name, u in columns}
@@ -98,6 +103,24 @@ class ForcedRecord(OfDecay):
         motion = Trajectory(grid, m.q[: steps + 1], m.q_dot[: steps + 1], m.q_ddot[:steps])
         vibration = self.decay.between(end=float(self.decay.t[n - 1]))
         return replace(self, decay=vibration, signal=self.signal[:n], motion=motion)
+
+    def pieces(self, count: int) -> list[ForcedRecord]:
+        """The record in so many stretches, each with a state of its own at its start."""
+        grid = self.motion.grid
+        edges = np.linspace(0, grid.n_steps, count + 1).round().astype(int)
+        places = np.searchsorted(grid.sample_step, edges)
+        several = []
+        for (first, last), (a, b) in zip(pairwise(edges), pairwise(places), strict=True):
+            times = self.decay.t[a], self.decay.t[b - 1]
+            several.append(
+                replace(
+                    self,
+                    decay=self.decay.between(*times),
+                    signal=self.signal[a:b],
+                    motion=self.motion.between(int(first), int(last)),
+                )
+            )
+        return several
 
     def with_signal(self, signal: Array) -> ForcedRecord:
         """The same with another measurement, such as a simulated one."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.between_samples import plainest, ways
 from romsindy.fit.forced.drives import (
@@ -23,6 +26,8 @@ from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+
+_CYCLES = 5.0  # in a piece of a record, at least
 
 
 def refined_forced(
@@ -58,6 +63,7 @@ def refined_forced(
         inputs = own or inputs_in([r.decay for r in forced], way)
         gains = [model.coefficients[term.key] for term in own]
         gains = gains or regressed(free_model.terms, inputs, forced)[1].tolist()
+        refuse_displacement(inputs, gains)
         fits.append(driven(free_model, names, inputs, gains, records, loss=loss, progress=progress))
     return decided(fits)
 
@@ -77,24 +83,52 @@ def driven(
     loss: str = "linear",
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Coefficients, gains and delays of inputs, and offsets, fitted from these values on."""
-    drives = free_drives(inputs, gains, forced_among(records))
-    more = (*drives, free_offsets(records))
-    return refined(model, names, records, more, loss=loss, progress=progress)
+    """Coefficients, gains and delays of inputs, and offsets, fitted from these values on.
 
-
-def decided(fits: Sequence[Fit]) -> Fit:
-    """The best of fits that differ in what inputs do between their samples, and what is said of it.
+    Where no motion of the model follows a whole record from its initial state, as where it is
+    chaotic, the record is cut in pieces, which become shorter until it does.
 
     Raises
     ------
-    ValueError
-        If an input can be no acceleration of a base.
+    TrajectoryError
+        If it follows not even a few cycles.
     """
+    drives, count, cycles = free_drives(inputs, gains, forced_among(records)), 1, np.inf
+    while True:
+        several = [p for r in records for p in _cut(r, count)]
+        try:
+            more = (*drives, free_offsets(several))
+            fit = refined(model, names, several, more, loss=loss, progress=progress)
+        except TrajectoryError:
+            if cycles < 2 * _CYCLES:
+                raise
+        else:
+            if fit.solution.converged or fit.solution.interrupted or cycles < 2 * _CYCLES:
+                return replace(fit, notes=(*fit.notes, *_notes(cycles))) if count > 1 else fit
+        longest = max(forced_among(records), key=lambda r: r.t[-1])
+        count *= 2
+        cycles = float(longest.t[-1]) * longest.rate / (2 * np.pi * count)
+
+
+def _cut(record: Record | ForcedRecord, count: int) -> list[Record | ForcedRecord]:
+    """Pieces of a forced record; a decay is whole."""
+    if isinstance(record, ForcedRecord) and count > 1:
+        return [*record.pieces(count)]
+    return [record]
+
+
+def _notes(cycles: float) -> list[str]:
+    return [
+        f"the model follows the motion over pieces of {cycles:.0f} cycles, each with an initial"
+        " state of its own; longer ones leave it: it is chaotic, or the equation is of another form"
+    ]
+
+
+def decided(fits: Sequence[Fit]) -> Fit:
+    """The best of fits that differ in what inputs do between their samples, with a note on it."""
     fit, *others = fits
     if others:
         by_way = {inputs_of(f.model)[0].interpolation: f for f in fits}
         best, told = plainest({way: f.residuals for way, f in by_way.items()})
         fit = replace(by_way[best], notes=(told, *by_way[best].notes))
-    refuse_displacement(fit.model)
     return fit
