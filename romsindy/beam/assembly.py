@@ -205,10 +205,10 @@ class Assembly:
     ) -> np.ndarray:
         """Return the acceleration in x with velocity v, without short axial and shear waves.
 
-        Solve (M + stiffening^2 D) a = load - r, where D is the axial and shear stiffness alone.  A force
-        that is suddenly taken away starts waves; those much faster than `stiffening` [s] have died
-        when the next sample is taken, and the motion that remains starts with this acceleration:
-        that of a beam which neither stretches nor shears.
+        Solve (M + stiffening^2 D) a = load - r, where D is the axial and shear stiffness alone.  A
+        force that is suddenly taken away, or put on, starts waves; those much faster than
+        `stiffening` [s] have died when the next sample is taken, and the motion that remains starts
+        with this acceleration: that of a beam which neither stretches nor shears.
         """
         length, EA, GA, _ = self._stiffness
         _, D = kernel.tangent(x, length, EA, GA, 0.0)

@@ -11,13 +11,7 @@ import numpy as np
 
 from romsindy.beam.assembly import Assembly
 from romsindy.beam.coupled_reduction import reduce_modes
-from romsindy.beam.excitation import (
-    BaseAcceleration,
-    Excitation,
-    Function,
-    PointForce,
-    Samples,
-)
+from romsindy.beam.excitation import BaseAcceleration, Excitation, History, PointForce
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode, find_normal_mode
@@ -264,8 +258,8 @@ class Beam(Structure):
         duration: float | None = None,
         step: float = 1e-3,
         *,
-        force: PointForce | Sequence[PointForce] | Function | Samples | None = None,
-        base: BaseAcceleration | Function | Samples | None = None,
+        force: PointForce | History | Sequence[PointForce | History] | None = None,
+        base: BaseAcceleration | History | None = None,
         energy_tolerance: float = 1e-4,
         modes: ModalBasis | None = None,
         sensors: SensorArray | None = None,
@@ -285,7 +279,7 @@ class Beam(Structure):
             Where it starts (default: its equilibrium).
         duration, step : float
             Time to follow; sampling interval and longest time step, s.
-        force : PointForce, sequence of PointForce, or a history, optional
+        force : PointForce, a history, or a sequence of these, optional
             What drives it, N. A history alone, a function of an array of times or samples
             (t, force), acts transversely at the right end.
         base : BaseAcceleration, or a history, optional
@@ -299,6 +293,10 @@ class Beam(Structure):
         >>> motion.force.shape
         (11,)
         """
+        if not isinstance(shape, Shape | None):
+            raise TypeError(f"shape is {shape!r}: give a Shape, or the time as duration={shape!r}")
+        if duration is None:
+            raise TypeError("duration is not given: say how long to follow, in s, as duration=10")
         return simulate(
             self.assembly,
             self.equilibrium(),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,19 +17,23 @@ from romsindy.beam.sensors import TRANSVERSE
 from romsindy.physics.validation import unit_vector
 
 Function: TypeAlias = Callable[[np.ndarray], ArrayLike]
-Samples: TypeAlias = tuple[ArrayLike, ArrayLike]
+History: TypeAlias = Function | tuple[ArrayLike, ArrayLike]
 
 
-class _Input:
+class _Input(ABC):
     """A history, and the nodal load of its unit."""
 
-    history: Function | Samples
+    history: History
     direction: tuple[float, float]
     name: ClassVar[str]
 
     def __post_init__(self) -> None:
         unit_vector(self.direction)
         self._function  # noqa: B018  a bad history is refused where it is given
+
+    @abstractmethod
+    def load(self, assembly: Assembly) -> np.ndarray:
+        """Return the nodal load of a history of 1, (n_nodes, 3)."""
 
     @cached_property
     def _function(self) -> Function:
@@ -95,7 +100,7 @@ class PointForce(_Input):
         times that do not increase.
     """
 
-    history: Function | Samples
+    history: History
     at: float | None = None
     direction: tuple[float, float] = TRANSVERSE
     name = "force"
@@ -123,7 +128,8 @@ class BaseAcceleration(_Input):
     """The acceleration of all that holds a beam: its supports and the anchors of its springs.
 
     The motion is then relative to the base, in whose frame the inertial force -rho A a(t) acts
-    along the beam and -m a(t) on point masses.  Damping feels speeds relative to the base.
+    along the beam and -m a(t) on point masses.  All damping, that of air too, feels speeds
+    relative to the base.
 
     Parameters
     ----------
@@ -139,7 +145,7 @@ class BaseAcceleration(_Input):
         As `PointForce` does.
     """
 
-    history: Function | Samples
+    history: History
     direction: tuple[float, float] = TRANSVERSE
     name = "base"
 
@@ -156,10 +162,10 @@ class Excitation:
     ----------
     assembly : Assembly
         The beam.
-    force : PointForce, sequence of PointForce, or a history, optional
-        A bare history acts transversely at the right end.
+    force : PointForce, a history, or a sequence of these, optional
+        A history alone acts transversely at the right end.
     base : BaseAcceleration, or a history, optional
-        A bare history is transverse.
+        A history alone is transverse.
 
     Raises
     ------
@@ -170,10 +176,10 @@ class Excitation:
     def __init__(
         self,
         assembly: Assembly,
-        force: PointForce | Sequence[PointForce] | Function | Samples | None = None,
-        base: BaseAcceleration | Function | Samples | None = None,
+        force: PointForce | History | Sequence[PointForce | History] | None = None,
+        base: BaseAcceleration | History | None = None,
     ) -> None:
-        self._forces = _as_forces(force)
+        self._forces = () if force is None else _as_forces(force)
         self._base = base if isinstance(base, BaseAcceleration | None) else BaseAcceleration(base)
         self._inputs = (*self._forces, *([self._base] if self._base else []))
         self._loads = np.zeros((len(self._inputs), assembly.n_nodes, 3))
@@ -197,16 +203,15 @@ class Excitation:
         return self._base.values(t) if self._base else None
 
 
-def _as_forces(
-    force: PointForce | Sequence[PointForce] | Function | Samples | None,
-) -> tuple[PointForce, ...]:
-    if force is None:
-        return ()
-    if isinstance(force, PointForce):
-        return (force,)
-    if isinstance(force, Sequence) and all(isinstance(f, PointForce) for f in force):
-        return tuple(force)  # type: ignore[arg-type]
-    return (PointForce(force),)  # type: ignore[arg-type]
+def _as_forces(force: Any) -> tuple[PointForce, ...]:
+    several = isinstance(force, Sequence) and any(_is_force(f) for f in force)
+    return tuple(
+        f if isinstance(f, PointForce) else PointForce(f) for f in (force if several else [force])
+    )
+
+
+def _is_force(given: Any) -> bool:
+    return isinstance(given, PointForce) or callable(given)
 
 
 def _spline(name: str, times: ArrayLike, samples: ArrayLike) -> CubicSpline:

@@ -56,7 +56,8 @@ def simulate(
         Time to follow; sampling interval and longest time step, s.
     energy_tolerance : float
         How far kinetic + strain + potential + dissipated energy - work of the excitation may drift
-        over the whole motion, relative to the energy at release and the largest work so far.
+        over the whole motion, relative to the energy at release (zero from rest) + the largest
+        work so far.
     modes, sensors : ModalBasis, SensorArray, optional
         What to record (default: the first ten modes about the beam's own equilibrium).
     keep_field : bool
