@@ -11,7 +11,7 @@ import numpy as np
 
 from romsindy.beam.assembly import Assembly
 from romsindy.beam.coupled_reduction import reduce_modes
-from romsindy.beam.excitation import BaseAcceleration, Excitation, History, PointForce
+from romsindy.beam.excitation import BaseAcceleration, Excitation, InTime, PointForce
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode, find_normal_mode
@@ -258,8 +258,8 @@ class Beam(Structure):
         duration: float | None = None,
         step: float = 1e-3,
         *,
-        force: PointForce | History | Sequence[PointForce | History] | None = None,
-        base: BaseAcceleration | History | None = None,
+        force: PointForce | InTime | Sequence[PointForce | InTime] | None = None,
+        base: BaseAcceleration | InTime | None = None,
         energy_tolerance: float = 1e-4,
         modes: ModalBasis | None = None,
         sensors: SensorArray | None = None,

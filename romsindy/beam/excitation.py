@@ -17,13 +17,13 @@ from romsindy.beam.sensors import TRANSVERSE
 from romsindy.physics.validation import unit_vector
 
 Function: TypeAlias = Callable[[np.ndarray], ArrayLike]
-History: TypeAlias = Function | tuple[ArrayLike, ArrayLike]
+InTime: TypeAlias = Function | tuple[ArrayLike, ArrayLike]
 
 
 class _Input(ABC):
     """A history, and the nodal load of its unit."""
 
-    history: History
+    history: InTime
     direction: tuple[float, float]
     name: ClassVar[str]
 
@@ -73,7 +73,7 @@ class _Input(ABC):
             i = np.argmin(np.isfinite(values))
             raise ValueError(
                 f"{self.name} is {values[i]} at t = {t[i]:g} s: give finite values from 0 to the"
-                " end of the duration; samples must last as long"
+                " end of the duration; samples must cover all of that"
             )
         return values
 
@@ -100,7 +100,7 @@ class PointForce(_Input):
         times that do not increase.
     """
 
-    history: History
+    history: InTime
     at: float | None = None
     direction: tuple[float, float] = TRANSVERSE
     name = "force"
@@ -145,7 +145,7 @@ class BaseAcceleration(_Input):
         As `PointForce` does.
     """
 
-    history: History
+    history: InTime
     direction: tuple[float, float] = TRANSVERSE
     name = "base"
 
@@ -176,8 +176,8 @@ class Excitation:
     def __init__(
         self,
         assembly: Assembly,
-        force: PointForce | History | Sequence[PointForce | History] | None = None,
-        base: BaseAcceleration | History | None = None,
+        force: PointForce | InTime | Sequence[PointForce | InTime] | None = None,
+        base: BaseAcceleration | InTime | None = None,
     ) -> None:
         self._forces = () if force is None else _as_forces(force)
         self._base = base if isinstance(base, BaseAcceleration | None) else BaseAcceleration(base)
