@@ -1,6 +1,8 @@
 # The public names and where they live; `__init__.py` reads this list.
 
+from romsindy.beam import BaseAcceleration as BaseAcceleration
 from romsindy.beam import Beam as Beam
+from romsindy.beam import PointForce as PointForce
 from romsindy.diagnosis import BeamReport as BeamReport
 from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
 from romsindy.diagnosis import InteractionReport as InteractionReport

@@ -200,19 +200,21 @@ class Assembly:
             powers += [self._load_power(x, v) for x, v in zip(X, V, strict=True)]
         return powers
 
-    def smooth_acceleration(self, x: np.ndarray, v: np.ndarray, stiffening: float) -> np.ndarray:
+    def smooth_acceleration(
+        self, x: np.ndarray, v: np.ndarray, load: np.ndarray, stiffening: float
+    ) -> np.ndarray:
         """Return the acceleration in x with velocity v, without short axial and shear waves.
 
-        Solve (M + stiffening^2 D) a = -r, where D is the axial and shear stiffness alone.  A force
-        that is suddenly taken away starts waves; those much faster than `stiffening` [s] have died
-        when the next sample is taken, and the motion that remains starts with this acceleration:
-        that of a beam which neither stretches nor shears.
+        Solve (M + stiffening^2 D) a = load - r, where D is the axial and shear stiffness alone.  A
+        force that is suddenly taken away, or put on, starts waves; those much faster than
+        `stiffening` [s] have died when the next sample is taken, and the motion that remains starts
+        with this acceleration: that of a beam which neither stretches nor shears.
         """
         length, EA, GA, _ = self._stiffness
         _, D = kernel.tangent(x, length, EA, GA, 0.0)
         factors = factorise(self.mass + stiffening**2 * D, self.fixed)
         residual, _ = self.residual(x, v)
-        return solve(factors, -residual)
+        return solve(factors, load - residual)
 
     def tangents(self, x: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return (K, C), (n_elements, 9, 9): derivatives of the residual to x and to v.

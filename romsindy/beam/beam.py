@@ -11,6 +11,7 @@ import numpy as np
 
 from romsindy.beam.assembly import Assembly
 from romsindy.beam.coupled_reduction import reduce_modes
+from romsindy.beam.excitation import BaseAcceleration, Excitation, InTime, PointForce
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.motion import Motion
 from romsindy.beam.normal_modes import NormalMode, find_normal_mode
@@ -253,10 +254,12 @@ class Beam(Structure):
 
     def simulate(
         self,
-        shape: Shape,
-        duration: float,
+        shape: Shape | None = None,
+        duration: float | None = None,
         step: float = 1e-3,
         *,
+        force: PointForce | InTime | Sequence[PointForce | InTime] | None = None,
+        base: BaseAcceleration | InTime | None = None,
         energy_tolerance: float = 1e-4,
         modes: ModalBasis | None = None,
         sensors: SensorArray | None = None,
@@ -265,14 +268,39 @@ class Beam(Structure):
         velocity: np.ndarray | None = None,
         progress: bool = True,
     ) -> Motion:
-        """Let the beam go from `shape` and follow its motion; see `transient.simulate`.
+        """Let the beam go from `shape` and follow its motion, free or driven.
 
         It starts from rest, or with a velocity (n_nodes, 3), such as that of `struck` after a hit.
+        `transient.simulate` has the other parameters, and the errors.
+
+        Parameters
+        ----------
+        shape : Shape, optional
+            Where it starts (default: its equilibrium).
+        duration, step : float
+            Time to follow; sampling interval and longest time step, s.
+        force : PointForce, a history, or a sequence of these, optional
+            What drives it, N. A history alone, a function of an array of times or samples
+            (t, force), acts transversely at the right end.
+        base : BaseAcceleration, or a history, optional
+            Acceleration of its base, m/s^2, transverse if it is a history alone. All displacements
+            are relative to the base.
+
+        Examples
+        --------
+        >>> beam = Beam.cantilever(elements=4)
+        >>> motion = beam.simulate(duration=0.01, force=lambda t: 0.1 * np.sin(60 * t))
+        >>> motion.force.shape
+        (11,)
         """
+        if not isinstance(shape, Shape | None):
+            raise TypeError(f"shape is {shape!r}: give a Shape, or the time as duration={shape!r}")
+        if duration is None:
+            raise TypeError("duration is not given: say how long to follow, in s, as duration=10")
         return simulate(
             self.assembly,
             self.equilibrium(),
-            shape,
+            shape or self.equilibrium(),
             duration,
             step,
             energy_tolerance=energy_tolerance,
@@ -281,6 +309,7 @@ class Beam(Structure):
             keep_field=keep_field,
             method=method,
             velocity=velocity,
+            excitation=Excitation(self.assembly, force, base),
             progress=progress,
         )
 

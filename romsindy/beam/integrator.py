@@ -8,6 +8,7 @@ import numpy as np
 
 from romsindy.beam import kernel
 from romsindy.beam.assembly import Assembly
+from romsindy.beam.excitation import Excitation
 from romsindy.beam.radau import RadauIIA
 
 _MAX_ITERATIONS = 10
@@ -18,19 +19,21 @@ _NEWTON_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class State:
-    """Displacement, velocity, stage accelerations and the step that led here."""
+    """Displacement, velocity, stage accelerations and the step that led here; time."""
 
     x: np.ndarray
     v: np.ndarray
     stages: np.ndarray
     h: float
+    t: float
 
 
 class Integrator:
     """One Radau IIA step of the beam at a time."""
 
-    def __init__(self, assembly: Assembly, method: RadauIIA) -> None:
+    def __init__(self, assembly: Assembly, method: RadauIIA, excitation: Excitation) -> None:
         self._assembly = assembly
+        self._excitation = excitation
         self._method = method
         self._A2 = method.A @ method.A
         self._to_acceleration = np.linalg.inv(self._A2)
@@ -49,16 +52,19 @@ class Integrator:
         The first step is guessed without acceleration: Newton converges from the unmoved shape,
         but not from one that a full step of a guessed acceleration has stretched.
         """
-        return State(x, v, np.zeros((self._method.stages, *x.shape)), 0.0)
+        return State(x, v, np.zeros((self._method.stages, *x.shape)), 0.0, 0.0)
 
-    def step(self, state: State, h: float) -> tuple[State, float] | None:
-        """Return the state after a step of h [s] and the energy dissipated [J]; None on failure."""
+    def step(self, state: State, h: float) -> tuple[State, float, float] | None:
+        """Return the state after a step of h [s], the energy dissipated and the work of the
+        excitation [J]; None on failure.
+        """
+        load = self._excitation.load(state.t + h * self._method.c)
         X, V, a = self._predict(state, h)
         theta = self._factorise(X, V, h)
         rate, change = 1.0, 0.0
         for iteration in range(_MAX_ITERATIONS):
             self.iterations += 1
-            R = self._assembly.stage_residuals(X, V, a)
+            R = self._assembly.stage_residuals(X, V, a) - load
             last = change
             change, largest = kernel.newton_update(
                 R, X, V, a, theta, h, self._method.A, self._to_acceleration,
@@ -75,8 +81,10 @@ class Integrator:
             # A motion that is small beside the static sag drowns in the rounding of the sag.
             if converged or (stalled and change <= self._assembly.rounding(X)):
                 self._peak = max(self._peak, largest)
-                powers = self._assembly.stage_powers(X, V)
-                return State(X[-1], V[-1], a, h), h * float(self._method.A[-1] @ powers)
+                weights = self._method.A[-1]
+                dissipated = h * float(weights @ self._assembly.stage_powers(X, V))
+                work = h * float(weights @ np.einsum("inc,inc->i", load, V))
+                return State(X[-1], V[-1], a, h, state.t + h), dissipated, work
             if rate > 2.0 or (rate > 0.9 and iteration > 3):
                 return None
         return None

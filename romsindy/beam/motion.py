@@ -13,7 +13,7 @@ from romsindy.beam.sensors import SensorArray
 
 @dataclass(frozen=True, eq=False)
 class EnergyBalance:
-    """Energies over time, J, relative to the equilibrium.
+    """Energies over time, J, relative to the equilibrium without excitation.
 
     Attributes
     ----------
@@ -22,23 +22,29 @@ class EnergyBalance:
     potential : (n_samples,) array
         Of gravity and of the effects that store energy (springs, magnets, stops).
     dissipated : (n_samples,) array
-        What damping and dissipative effects have taken since the release.
+        What damping and dissipative effects have taken since the start.
+    work : (n_samples,) array
+        What the excitation has put in since the start; of a moving base, that of the inertial
+        force in its frame.
     """
 
     kinetic: np.ndarray
     strain: np.ndarray
     potential: np.ndarray
     dissipated: np.ndarray
+    work: np.ndarray
 
     @property
     def total(self) -> np.ndarray:
-        """Sum of the four, constant but for the error of the time integration."""
-        return self.kinetic + self.strain + self.potential + self.dissipated
+        """Sum of the first four less the work, constant but for the error of time integration."""
+        return self.kinetic + self.strain + self.potential + self.dissipated - self.work
 
     @property
     def drift(self) -> float:
-        """Largest change of the total, relative to the energy at release."""
-        return float(np.max(np.abs(self.total - self.total[0])) / abs(self.total[0]))
+        """Largest change of the total, relative to the energy at the start and the largest work."""
+        scale = abs(self.total[0]) + np.max(np.abs(self.work))
+        change = np.max(np.abs(self.total - self.total[0]))
+        return float(change / scale) if scale > 0.0 else 0.0  # nothing has moved
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,10 @@ class Motion:
         Displacements from equilibrium and their derivatives at the sensors, m; these sensors.
     field : History, optional
         Of all nodes, (n_samples, n_nodes * 3), if that was asked for.
+    force : (n_samples,) or (n_samples, n_forces) array, optional
+        The force that drove it, N; several in their order.
+    base : (n_samples,) array, optional
+        The acceleration of the base, m/s^2; all displacements are relative to the base.
     """
 
     t: np.ndarray
@@ -89,6 +99,8 @@ class Motion:
     sensors: History | None = None
     sensor_array: SensorArray | None = None
     field: History | None = None
+    force: np.ndarray | None = None
+    base: np.ndarray | None = None
 
     def __repr__(self) -> str:
         dt = self.t[1] - self.t[0] if len(self.t) > 1 else 0.0

@@ -14,28 +14,39 @@ _RELEASE_TIME = 0.1  # [s], see Budget
 class Budget:
     """Shares out how much the energy balance may drift over a motion.
 
-    Half goes evenly by time, a quarter to the moments after the release, where modes ring that
+    That is `tolerance` times the energy [J] at release and the largest work of an excitation so
+    far. Half goes evenly by time, a quarter to the moments after the release, where modes ring that
     soon have died, and a quarter to single steps (half of what is left of it each): a step across
     an impact, or the first, which loses the axial waves of the release.
     """
 
-    def __init__(self, tolerance: float, duration: float, floor: float) -> None:
-        self._even = 0.5 * tolerance / duration
-        self._early = 0.25 * tolerance / _RELEASE_TIME
-        self._reserve = 0.25 * tolerance
+    def __init__(self, tolerance: float, released: float, duration: float, floor: float) -> None:
+        self._tolerance = tolerance
+        self._released = released
+        self._duration = duration
         self._floor = floor
+        self._work = self._spent = 0.0
+
+    def put_in(self, work: float) -> None:
+        """Take note of the work [J] of the excitation up to a time."""
+        self._work = max(self._work, abs(work))
+
+    @property
+    def _drift(self) -> float:
+        return self._tolerance * (self._released + self._work)
 
     def _rate(self, t: float) -> float:
-        return self._even + self._early * float(np.exp(-t / _RELEASE_TIME))
+        early = 0.25 / _RELEASE_TIME * float(np.exp(-t / _RELEASE_TIME))
+        return self._drift * (0.5 / self._duration + early)
 
     def allowance(self, t: float, h: float) -> float:
         """Return the allowed drift [J] of the step from t to t + h."""
-        return max(self._rate(t) * h + 0.5 * self._reserve, self._floor)
+        reserve = max(0.25 * self._drift - self._spent, 0.0)
+        return max(self._rate(t) * h + 0.5 * reserve, self._floor)
 
     def spend(self, t: float, h: float, drift: float) -> None:
         """Book the drift [J] of a step that was taken."""
-        excess = drift - max(self._rate(t) * h, self._floor)
-        self._reserve = max(self._reserve - max(excess, 0.0), 0.0)
+        self._spent += max(drift - max(self._rate(t) * h, self._floor), 0.0)
 
 
 class Stepper:
@@ -51,7 +62,7 @@ class Stepper:
         # Drift per time goes with h^order: coarsen only with that, and some more, in hand.
         self._margin = 0.5 ** (order + 1)
         self.state = state
-        self.dissipated = 0.0
+        self.dissipated = self.work = 0.0
         self.energies = self._energies_of(state)
         self.steps = 0
 
@@ -81,14 +92,16 @@ class Stepper:
         found = self._integrator.step(self.state, h)
         if found is None:
             return None
-        state, dissipated = found
+        state, dissipated, work = found
         energies = self._energies_of(state)
-        drift = abs(sum(energies) - sum(self.energies) + dissipated)
+        drift = abs(sum(energies) - sum(self.energies) + dissipated - work)
+        self._budget.put_in(self.work + work)
         share = drift / self._budget.allowance(t, h)
         if share > 1.0 and self._level < FINEST:
             return None
         self._budget.spend(t, h, drift)
         self.state, self.energies = state, energies
         self.dissipated += dissipated
+        self.work += work
         self.steps += 1
         return share

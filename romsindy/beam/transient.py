@@ -1,4 +1,4 @@
-"""Free motion of the beam from a released shape."""
+"""Motion of the beam from a shape at which it starts, free or driven."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from romsindy.beam import kernel
 from romsindy.beam.assembly import Assembly
+from romsindy.beam.excitation import Excitation
 from romsindy.beam.integrator import Integrator
 from romsindy.beam.modes import ModalBasis, solve_modes
 from romsindy.beam.motion import Cost, Motion, StepTooLongError
@@ -38,9 +39,10 @@ def simulate(
     keep_field: bool = False,
     method: RadauIIA | None = None,
     velocity: np.ndarray | None = None,
+    excitation: Excitation | None = None,
     progress: bool = True,
 ) -> Motion:
-    """Let the beam go from `shape` and follow its free motion.
+    """Let the beam go from `shape` and follow its motion, free or driven.
 
     The result is sampled every `step`; a sample interval is cut into 2, 4, ... time steps where
     the energy balance or Newton's method asks for it.  The first acceleration leaves out the
@@ -53,8 +55,9 @@ def simulate(
     duration, step : float
         Time to follow; sampling interval and longest time step, s.
     energy_tolerance : float
-        How far kinetic + strain + potential + dissipated energy may drift over the whole motion,
-        relative to the energy at release.
+        How far kinetic + strain + potential + dissipated energy - work of the excitation may drift
+        over the whole motion, relative to the energy at release (zero from rest) + the largest
+        work so far.
     modes, sensors : ModalBasis, SensorArray, optional
         What to record (default: the first ten modes about the beam's own equilibrium).
     keep_field : bool
@@ -63,6 +66,8 @@ def simulate(
         The collocation method (default: Radau IIA of order 5).
     velocity : (n_nodes, 3) array, optional
         Velocities at the start, m/s and rad/s (default: rest).
+    excitation : Excitation, optional
+        What drives it (default: nothing).
     progress : bool
         Whether to show a progress bar, on a terminal.
 
@@ -70,7 +75,7 @@ def simulate(
     ------
     ValueError
         For a duration, step or tolerance that is not positive, a shape or a velocity of another
-        mesh, or a velocity of what is held.
+        mesh, a velocity of what is held, or an excitation that is not finite all the time.
     StepTooLongError
         If Newton fails even in steps of step / 1024.
     """
@@ -81,24 +86,26 @@ def simulate(
     rest, start = equilibrium.displacement, shape.displacement
     rest_energy = (0.0, assembly.strain(rest), assembly.potential(rest))
     method = method or RadauIIA()
-    integrator = Integrator(assembly, method)
+    excitation = excitation or Excitation(assembly)
+    integrator = Integrator(assembly, method, excitation)
     released = assembly.strain(start) + assembly.potential(start) + assembly.kinetic(v)
     at_rest = sum(rest_energy)
     rounding = 1e-14 * (abs(released) + abs(at_rest))
-    budget = Budget(energy_tolerance * abs(released - at_rest), duration, rounding)
+    budget = Budget(energy_tolerance, abs(released - at_rest), duration, rounding)
     stepper = Stepper(integrator, assembly, integrator.start(start, v), budget, method.order)
-    acceleration = assembly.smooth_acceleration(start, v, stiffening=step)
+    first = excitation.load(np.zeros(1))[0]
+    acceleration = assembly.smooth_acceleration(start, v, first, stiffening=step)
     free = int(np.count_nonzero(~assembly.fixed))
     basis = modes or solve_modes(assembly, equilibrium, min(_DEFAULT_MODES, free - 2))
     n_samples = int(np.floor(duration / step * (1 + 1e-12))) + 1
-    recorder = Recorder(basis, sensors, n_samples, keep_field)
+    recorder = Recorder(basis, sensors, step * np.arange(n_samples), excitation, keep_field)
     began = time.perf_counter()
 
     def motion(stop_reason: str) -> Motion:
         cost = Cost(stepper.steps, integrator.iterations, time.perf_counter() - began)
-        return recorder.motion(step, cost, rest_energy, stop_reason)
+        return recorder.motion(cost, rest_energy, stop_reason)
 
-    recorder.add(start, stepper.state.v, acceleration, stepper.energies, 0.0)
+    recorder.add(start, v, acceleration, stepper.energies, 0.0, 0.0)
     try:
         samples = range(n_samples - 1)
         for i in bar(samples, "simulate", unit="step") if progress else samples:
@@ -111,7 +118,14 @@ def simulate(
                     0.1 * step,
                 )
             state = stepper.state
-            recorder.add(state.x, state.v, state.stages[-1], stepper.energies, stepper.dissipated)
+            recorder.add(
+                state.x,
+                state.v,
+                state.stages[-1],
+                stepper.energies,
+                stepper.dissipated,
+                stepper.work,
+            )
     except KeyboardInterrupt:
         return motion(f"interrupted at {(recorder.count - 1) * step:.6g} s of {duration:.6g} s")
     return motion("completed")
