@@ -116,7 +116,9 @@ def trial(seed, select):
     if select:
         fit = identify_forced(s.record)
     else:
-        start = {n: v * (1.03 if n == "omega^2" else 0.0) for n, v in s.truth.items() if "[" not in n}
+        start = {
+            n: v * (1.03 if n == "omega^2" else 0.0) for n, v in s.truth.items() if "[" not in n
+        }
         fit = refine(ReducedModel.from_coefficients(start | {"c_linear": 0.0}, unit="m"), s.record)
     found, error = fit.model.coefficients, fit.standard_errors
     off = {n: (found[n] - s.truth.get(n, 0.0)) / error[n] for n in fit.free}

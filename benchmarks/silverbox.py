@@ -52,7 +52,9 @@ def main(arguments=None):
         input_unit="V",
     )
     terms = {*fit.model.terms[:-1], Stiffness(5)}
-    wide = identify_forced(learned, terms=[t for t in terms if t.key not in ("omega^2", "c_linear")])
+    wide = identify_forced(
+        learned, terms=[t for t in terms if t.key not in ("omega^2", "c_linear")]
+    )
     refine(wide.model, rest)
     start = time.perf_counter()
     again = refine(wide.model, whole)

@@ -45,15 +45,20 @@ def _band_limited(u: Array, place: Array) -> Array:
     first = np.minimum(np.floor(place).astype(int), len(u) - 2)
     # Times on a grid share few fractions of a sample: one filter serves all that have the same.
     fractions, kind = np.unique(np.round(place - first, 9), return_inverse=True)
-    offsets = np.arange(1 - _REACH, _REACH + 1)
+    if len(fractions) > _REACH:
+        windows = sliding_window_view(wide, 2 * _REACH)[first + 1]
+        return np.einsum("ij,ij->i", windows, _kernel(place - first))
     out = np.empty(len(place))
-    windows = sliding_window_view(wide, 2 * _REACH)
-    for i, fraction in enumerate(fractions):
-        x = fraction - offsets
-        kernel = np.sinc(x) * np.i0(_KAISER * np.sqrt(1 - (x / _REACH) ** 2)) / np.i0(_KAISER)
+    for i, kernel in enumerate(_kernel(fractions)):
         rows = kind == i
-        out[rows] = windows[first[rows] + 1] @ kernel
+        out[rows] = np.correlate(wide, kernel)[first[rows] + 1]
     return out
+
+
+def _kernel(fraction: Array) -> Array:
+    """Weights of the samples about places between two of them, (n, 2 reach)."""
+    x = fraction[:, None] - np.arange(1 - _REACH, _REACH + 1)
+    return np.sinc(x) * np.i0(_KAISER * np.sqrt(1 - (x / _REACH) ** 2)) / np.i0(_KAISER)
 
 
 def of_steps(
