@@ -150,7 +150,8 @@ def main(arguments=None):
             worst = max(off, key=lambda n: abs(off[n]))
             print(
                 f"{s.seed:5d} {s.kind:9s} {s.source:5s} {said:12s} {s.decibels:3.0f} dB"
-                f"  {inside}/{len(off)}  {worst} {off[worst]:+.1f}  {exact!s:5s} {fine!s:5s} {note[19:60]}",
+                f"  {inside}/{len(off)}  {worst} {off[worst]:+.1f}  {exact!s:5s} {fine!s:5s}"
+                f" {note[29:60]}",
                 flush=True,
             )
     print(f"two standard errors cover {100 * covered / total:.1f} % of {total} coefficients")

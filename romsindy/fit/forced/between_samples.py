@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
@@ -49,20 +50,33 @@ def deviance(residuals: Sequence[Array]) -> float:
     return found
 
 
-def plainest(
-    residuals: Mapping[Interpolation, Sequence[Array]],
-) -> tuple[Interpolation, str]:
-    """The hypothesis that leaves least of the records, and what is to be said of the others.
+@dataclass(frozen=True)
+class Rivals:
+    """What inputs may do between their samples: that which explains most, and what does as well.
 
-    Where several leave as little, the first of them in the order given.
+    ``weights`` has the likelihood of those that the records do not tell apart, of 1 in all.
     """
+
+    best: Interpolation
+    weights: dict[Interpolation, float]
+    tried: tuple[Interpolation, ...]
+
+    def __str__(self) -> str:
+        if len(self.weights) > 1:
+            names = listed([_SAID[way] for way in self.weights], "or")
+            return (
+                f"between its samples the input may be {names}: the record cannot tell these"
+                " apart, and the errors count them all"
+            )
+        others = listed([_SAID[way] for way in self.tried if way != self.best], "or")
+        return f"between its samples the input is {_SAID[self.best]}, not {others}"
+
+
+def rated(residuals: Mapping[Interpolation, Sequence[Array]]) -> Rivals:
+    """Hypotheses by what they leave of the records."""
     deviances = {way: deviance(left) for way, left in residuals.items()}
     least = min(deviances.values())
-    alike = [way for way, value in deviances.items() if value - least < EQUIVALENT]
-    if len(alike) == 1:
-        others = listed([_SAID[way] for way in residuals if way != alike[0]])
-        return alike[0], f"between its samples the input is {_SAID[alike[0]]}; not {others}"
-    text = listed([_SAID[way] for way in alike], "or")
-    return alike[0], (
-        f"between its samples the input may be {text}: the record cannot tell these apart"
-    )
+    alike = {w: np.exp((least - d) / 2) for w, d in deviances.items() if d - least < EQUIVALENT}
+    total = sum(alike.values())
+    weights = {way: float(weight / total) for way, weight in alike.items()}
+    return Rivals(min(deviances, key=lambda way: deviances[way]), weights, tuple(residuals))

@@ -9,7 +9,7 @@ import numpy as np
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit, refined
-from romsindy.fit.forced.between_samples import plainest, ways
+from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import (
     free_drives,
     inputs_in,
@@ -125,10 +125,18 @@ def _notes(cycles: float) -> list[str]:
 
 
 def decided(fits: Sequence[Fit]) -> Fit:
-    """The best of fits that differ in what inputs do between their samples, with a note on it."""
-    fit, *others = fits
-    if others:
-        by_way = {inputs_of(f.model)[0].interpolation: f for f in fits}
-        best, told = plainest({way: f.residuals for way, f in by_way.items()})
-        fit = replace(by_way[best], notes=(told, *by_way[best].notes))
-    return fit
+    """The best of fits that differ in what inputs do between their samples, with a note on it.
+
+    Where the records cannot tell, the errors cover what the others say: the covariance of the
+    average over all, by their likelihoods (J. Hoeting and others, Statistical Science 14, 1999).
+    """
+    if len(fits) == 1:
+        return fits[0]
+    names = [inputs_of(fit.model)[0].interpolation for fit in fits]
+    rivals = rated(dict(zip(names, (fit.residuals for fit in fits), strict=True)))
+    best = fits[names.index(rivals.best)]
+    values = [np.array([fit.model.coefficients[n] for n in best.free]) for fit in fits]
+    off = np.array(values) - values[fits.index(best)]
+    weights = np.array([rivals.weights.get(name, 0.0) for name in names])
+    spread = (weights * off.T) @ off
+    return replace(best, covariance=best.covariance + spread, notes=(str(rivals), *best.notes))
