@@ -1,0 +1,273 @@
+"""Coefficients, gain and phase from steady states, by Gauss-Newton's method with latent orbits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from romsindy.fit.steady.balance import Chain, Rows, known, linearised, measured
+from romsindy.fit.steady.points import SteadyPoints
+from romsindy.orbits.harmonic_balance import HarmonicBalance
+from romsindy.physics.model import ReducedModel
+from romsindy.typing import Array
+
+_ITERATIONS = 60
+_SETTLED = 1e-9  # largest change of a parameter, relative to it and to its error
+# Numbers of harmonics, and the force left over at which the next one is tried.
+_HARMONICS = (3, 5, 9, 15)
+_RESOLVED = 1e-6
+# Part of the force that is never explained: what is left of the equations by rounding.
+_ROUNDING = 1e-9
+_CONDITION = 1e8  # of the columns, each of unit length: beyond, two of them are one
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Parameters found, and the rows at their orbits.
+
+    Attributes
+    ----------
+    model, chain : ReducedModel, Chain
+    free : tuple of str
+        Parameters that were fitted: coefficients, then "gain" and "phase".
+    unexplained : float
+        Part of the force that the model leaves over, as a standard deviation; 0 where the noise
+        explains it.
+    rows : Rows
+        By all parameters that `free` names.
+    c : (n, 2 H + 1) array
+        Fourier coefficients of the orbits.
+    converged : bool
+    """
+
+    model: ReducedModel
+    chain: Chain
+    free: tuple[str, ...]
+    unexplained: float
+    rows: Rows
+    c: Array
+    converged: bool
+
+    @property
+    def misfit(self) -> Array:
+        """Force left over by the points as measured, over the amplitude of the force, (n, k)."""
+        return self.rows.misfit / self.rows.size[:, None]
+
+    @property
+    def white(self) -> Array:
+        """Misfit, (n, k), of unit variance."""
+        return self.rows.whitened(self.floor)[1].reshape(self.misfit.shape)
+
+    @property
+    def floor(self) -> float:
+        """The part of the force left over, by rounding at least."""
+        return max(self.unexplained, _ROUNDING)
+
+    @property
+    def covariance(self) -> Array:
+        """Of the free parameters, where the points err independently."""
+        columns = self.rows.whitened(self.floor)[0]
+        scale = np.linalg.norm(columns, axis=0)
+        inverse = np.linalg.pinv(columns / scale)
+        return (inverse @ inverse.T) / np.outer(scale, scale)
+
+
+def solve(
+    points: SteadyPoints,
+    model: ReducedModel,
+    free: tuple[str, ...],
+    gain: float | None,
+    phase: float | None,
+) -> Solution:
+    """Fit the free coefficients, and gain and phase where they are not given.
+
+    Raises
+    ------
+    ValueError
+        If points do not determine the gain, or fewer than there are unknowns.
+    """
+    names = _names(points, free, gain, phase)
+    count = known(points).stop - known(points).start
+    if count * len(points) <= len(names):
+        raise ValueError(
+            f"frequency has {len(points)} values, too few for {len(names)} unknowns"
+            f" {list(names)}: measure more points, or name coefficients in fixed"
+        )
+    model, chain = _start(points, model, free, gain, phase)
+    c = np.zeros((len(points), 1 + 2 * max(_HARMONICS[0], points.q.shape[1])))
+    c[:, known(points)] = measured(points)[0]
+    for n_harmonics in _HARMONICS:
+        c = np.pad(c, [(0, 0), (0, max(0, 1 + 2 * n_harmonics - c.shape[1]))])
+        found = _settle(points, model, free, names, chain, c)
+        model, chain, c = found.model, found.chain, found.c
+        largest = int(np.argmax(points.amplitude))
+        balance = HarmonicBalance(model, c.shape[1] // 2)
+        if balance.leftover(c[largest][:, None], points.frequency[largest]) < _RESOLVED:
+            break
+    return found
+
+
+def _names(
+    points: SteadyPoints, free: tuple[str, ...], gain: float | None, phase: float | None
+) -> tuple[str, ...]:
+    fitted_phase = phase is None and points.phased
+    return (*free, *["gain"] * (gain is None), *["phase"] * fitted_phase)
+
+
+def _settle(
+    points: SteadyPoints,
+    model: ReducedModel,
+    free: tuple[str, ...],
+    names: tuple[str, ...],
+    chain: Chain,
+    c: Array,
+) -> Solution:
+    """Gauss-Newton's method with one number of harmonics."""
+    every = (*free, "gain", "phase")
+    columns = [every.index(name) for name in names]
+    own = known(points)
+    q, std = measured(points)
+    converged = False
+    unexplained = 1.0
+    for _ in range(_ITERATIONS):
+        rows = linearised(points, model, free, chain, c)
+        rows = replace(rows, by_parameter=rows.by_parameter[..., columns])
+        if converged:
+            break
+        unexplained, step, errors = _step(rows)
+        left = rows.misfit + rows.by_parameter @ step
+        pull = np.linalg.solve(rows.covariance(max(unexplained, _ROUNDING)), left[..., None])
+        new = q - std**2 * (rows.by_q.swapaxes(1, 2) @ pull)[..., 0]
+        moved = new - c[:, own]
+        k = moved.shape[1]
+        other = np.r_[0 : own.start, (own.stop if points.phased else 3) : c.shape[1]]
+        by_coefficient = np.zeros((*rows.others.shape[:2], len(names)))
+        by_coefficient[..., : len(free)] = rows.others[..., 1 + k :]
+        change = rows.others[..., 0] + (rows.others[..., 1 : 1 + k] @ moved[..., None])[..., 0]
+        c = c.copy()
+        c[:, other] -= change + by_coefficient @ step
+        c[:, own] = new
+        model, chain = _moved(model, chain, dict(zip(names, step, strict=True)))
+        at = np.array([_values(model, chain)[name] for name in names])
+        small = np.abs(step) <= _SETTLED * (np.abs(at) + errors)
+        converged = bool(np.all(small))
+    return Solution(model, chain, names, unexplained, rows, c, converged)
+
+
+def _step(rows: Rows) -> tuple[float, Array, Array]:
+    """Part of the force left over, best change of the parameters and their errors.
+
+    That part is such that the whitened misfits have their expected sum of squares (Mandel and
+    Paule, Anal. Chem. 42 (1970) 1194); 0 where the noise alone explains them.
+    """
+    freedom = rows.misfit.size - rows.by_parameter.shape[2]
+
+    def excess(log_part: float) -> float:
+        return _least_squares(rows, np.exp(log_part))[1] - freedom
+
+    low, high = np.log(_ROUNDING), np.log(1e3)
+    unexplained = 0.0
+    if excess(low) > 0:
+        unexplained = float(np.exp(brentq(excess, low, high, xtol=1e-6)))
+    step, _, errors = _least_squares(rows, max(unexplained, _ROUNDING))
+    return unexplained, step, errors
+
+
+def _least_squares(rows: Rows, unexplained: float) -> tuple[Array, float, Array]:
+    """Best change of the parameters, sum of squares that it leaves, and errors."""
+    a, b = rows.whitened(unexplained)
+    scale = np.linalg.norm(a, axis=0)
+    u, sizes, vt = np.linalg.svd(a / scale, full_matrices=False)
+    inside = u.T @ b
+    step = -(vt.T @ (inside / sizes)) / scale
+    errors = np.linalg.norm(vt.T / sizes, axis=1) / scale
+    return step, float(b @ b - inside @ inside), errors
+
+
+def _values(model: ReducedModel, chain: Chain) -> dict[str, float]:
+    return model.coefficients | {"gain": chain.gain, "phase": chain.phase}
+
+
+def _moved(
+    model: ReducedModel, chain: Chain, step: dict[str, float]
+) -> tuple[ReducedModel, Chain]:
+    values = _values(model, chain)
+    values |= {name: values[name] + change for name, change in step.items()}
+    new = replace(model, values=tuple(values[name] for name in model.coefficients))
+    return new, Chain(values["gain"], values["phase"])
+
+
+def _start(
+    points: SteadyPoints,
+    model: ReducedModel,
+    free: tuple[str, ...],
+    gain: float | None,
+    phase: float | None,
+) -> tuple[ReducedModel, Chain]:
+    """One harmonic, as measured: linear in coefficients and in gain exp(i phase).
+
+    Raises
+    ------
+    ValueError
+        If the points do not determine them.
+    """
+    if not points.phased:
+        points = replace(points, q=_guessed(points)[:, None], phased=True)
+        phase = 0.0
+    c = np.zeros((len(points), 1 + 2 * points.q.shape[1]))
+    c[:, 1:] = measured(points)[0]
+    turned = Chain(1.0, phase or 0.0)
+    rows = linearised(points, model, free, turned, c)
+    weight = 1 / np.abs(points.force)[:, None]
+    values = np.array([model.coefficients[name] for name in free])
+    n = len(free)
+    columns = rows.by_parameter * weight[..., None]
+    a, by_chain = columns[..., :n], columns[..., n:]  # of a gain of 1: along and across
+    if gain is not None and phase is not None:
+        by_chain = by_chain[..., :0]
+        offset = rows.misfit + (1 - gain) * -rows.by_parameter[..., n]
+    else:
+        by_chain = by_chain[..., : 1 if phase is not None else 2]
+        offset = rows.misfit - rows.by_parameter[..., n]
+    # The misfit without free coefficients and, where it is fitted, without excitation.
+    target = (rows.by_parameter[..., :n] @ values - offset) * weight
+    a = np.concatenate([a, by_chain], axis=2).reshape(target.size, -1)
+    scale = np.linalg.norm(a, axis=0)
+    names = (*free, *["gain", "phase"][: by_chain.shape[2]])
+    _require_determined(a / np.where(scale > 0, scale, 1), names)
+    found = np.linalg.lstsq(a / scale, target.ravel(), rcond=None)[0] / scale
+    force = complex(*found[n:], *[0.0] * (2 - len(found[n:]))) if len(found) > n else 1.0
+    turned = Chain(
+        abs(force) if gain is None and phase is None else force.real if gain is None else gain,
+        float(np.angle(force)) if phase is None else phase,
+    )
+    coefficients = model.coefficients | dict(zip(free, found[:n].tolist(), strict=True))
+    return replace(model, values=tuple(coefficients.values())), turned
+
+
+def _require_determined(columns: Array, names: tuple[str, ...]) -> None:
+    _, sizes, vt = np.linalg.svd(columns, full_matrices=False)
+    if sizes[-1] * _CONDITION > sizes[0]:
+        return
+    tied = [name for name, part in zip(names, vt[-1], strict=True) if abs(part) > 0.1]
+    remedy = (
+        "give gain=, or add points off resonance"
+        if "gain" in tied
+        else "name one of them in fixed, or add points at other amplitudes and frequencies"
+    )
+    raise ValueError(f"the points do not tell {' from '.join(tied)}: {remedy}")
+
+
+def _guessed(points: SteadyPoints) -> Array:
+    """Harmonic of q with the phase that a viscous damper would give: q / q_peak = sin(lag)."""
+    ratio = points.amplitude / np.abs(points.force)
+    q = np.empty(len(points), complex)
+    for number in np.unique(points.level):
+        some = points.level == number
+        peak = np.argmax(ratio[some])
+        lag = np.arcsin(ratio[some] / ratio[some][peak])
+        below = points.frequency[some] < points.frequency[some][peak]
+        q[some] = points.amplitude[some] * np.exp(-1j * np.where(below, lag, np.pi - lag))
+    return q
