@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.forced_band import ForcedBand, forced_band
 from romsindy.orbits.curves import require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
@@ -138,6 +139,48 @@ class Estimate:
         curves, model = curves_near(self.model, a, mode), self.model
         (omega, zeta), (omega_std, zeta_std) = curves(model), self.errors_of(curves)
         return Band(a, omega, zeta, omega_std, zeta_std, model.unit)
+
+    def forced_response(
+        self,
+        force: float,
+        frequency: tuple[float, float],
+        n_harmonics: int | None = None,
+        *,
+        velocity_scale: float | None = None,
+        n_points: int = 100,
+    ) -> ForcedBand:
+        """Response to force cos(omega t) with its 95 % band, by the covariance.
+
+        Parameters
+        ----------
+        force : float
+            Amplitude per unit mass, unit of q per s^2.
+        frequency, n_harmonics, velocity_scale, n_points
+            As those of `romsindy.forced_response`.
+
+        Returns
+        -------
+        ForcedBand
+            What else may differ in a measurement is not in the band: the force, the sensor.
+
+        Raises
+        ------
+        ValueError
+            As `romsindy.forced_response`, and for a model of several coordinates.
+        """
+        size = len(self.free)
+        covariance = np.zeros((size + 1, size + 1))
+        covariance[:size, :size] = self.covariance
+        return forced_band(
+            self.single_model,
+            force,
+            frequency,
+            self.free,
+            covariance,
+            n_points=n_points,
+            n_harmonics=n_harmonics,
+            velocity_scale=velocity_scale,
+        )
 
     def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:
         """Standard errors of numbers that are read off the model, to first order."""

@@ -21,6 +21,7 @@ from romsindy.typing import Array
 
 BRANCHES = ("upper", "lower")
 _DRAWS = 400
+_ORBITS = 60  # about, and more where the damping is light
 _LEVEL = 0.95
 # Of the range of frequencies: the curve goes on so far, for displaced ones to fill the range.
 _MARGIN = 0.1
@@ -139,7 +140,7 @@ def forced_band(
     *,
     rate: int = 0,
     noise: float = 0.0,
-    n_points: int = 200,
+    n_points: int = 100,
     n_harmonics: int | None = None,
     velocity_scale: float | None = None,
 ) -> ForcedBand:
@@ -160,7 +161,9 @@ def forced_band(
         How often q is differentiated to give what is measured.
     noise : float
         Standard deviation of a measured amplitude.
-    n_points, n_harmonics, velocity_scale
+    n_points : int
+        Of the uniform frequencies.
+    n_harmonics, velocity_scale
         As those of `romsindy.forced_response`.
     """
     low, high = sorted(frequency)
@@ -171,7 +174,7 @@ def forced_band(
         (max(low - reach, low / 2), high + reach),
         n_harmonics,
         velocity_scale=velocity_scale,
-        n_points=n_points,
+        n_points=_ORBITS,
     )
     smooth = model if velocity_scale is None else model.regularised(velocity_scale)
     first = np.abs(response.coefficients[:, 1])

@@ -130,7 +130,7 @@ class HarmonicBalance:
         )
 
     def by_coefficient(self, terms: Sequence[Term], c: Array, omega: float) -> Array:
-        """Derivatives of `residual` by the coefficients of terms of one coordinate, (m, n_terms)."""
+        """Derivatives of `residual` by coefficients of one coordinate, (m, n_terms)."""
         q, q_dot, q_ddot = (x[:, 0] for x in self.motion(c, omega))
         forces = [np.broadcast_to(term.strong(q, q_dot, q_ddot), q.shape) for term in terms]
         return self.basis.projection @ np.array(forces).reshape(-1, len(q)).T

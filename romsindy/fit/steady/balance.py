@@ -20,14 +20,19 @@ from romsindy.typing import Array
 
 @dataclass(frozen=True)
 class Chain:
-    """How the measured excitation becomes a force per unit mass: gain exp(i phase) F."""
+    """How an excitation F becomes a force per unit mass: (gain + slope |F|) exp(i phase) F."""
 
     gain: float
+    slope: float
     phase: float
 
     def force(self, measured: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Complex amplitudes per unit mass."""
-        return self.gain * np.exp(1j * self.phase) * measured
+        gain = self.gain + self.slope * np.abs(measured)
+        return gain * np.exp(1j * self.phase) * measured
+
+
+CHAIN = ("gain", "slope", "phase")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +44,7 @@ class Rows:
     misfit : (n, k) array
         Force left over were the orbit as measured, unit of q per s^2.
     by_parameter : (n, k, p) array
-        Its derivatives by the free coefficients, the gain and the phase.
+        Its derivatives by the free coefficients and by those of the `CHAIN`.
     by_q : (n, k, k) array
         Its derivatives by the measured quantities.
     noise : (n, k, k) array
@@ -144,14 +149,15 @@ def _balance(
 
 
 def _given(points: SteadyPoints, chain: Chain, k: int) -> tuple[Array, Array]:
-    """Fourier coefficients of the excitation (n, k), and their derivatives by gain and phase."""
-    force = chain.force(points.force)
-    by_chain = np.zeros((len(points), k, 2))
+    """Fourier coefficients of the excitation (n, k), and their derivatives by the `CHAIN`."""
+    force, size = chain.force(points.force), np.abs(points.force)
+    by_chain = np.zeros((len(points), k, 3))
     if not points.phased:
-        by_chain[:, 0, 0] = np.abs(points.force)
+        by_chain[:, 0, :2] = np.stack([size, size**2], axis=1)
         return np.abs(force)[:, None], by_chain
-    by_chain[:, :2, 0] = _parts(force / chain.gain)
-    by_chain[:, :2, 1] = _parts(1j * force)
+    turned = np.exp(1j * chain.phase) * points.force
+    for column, change in enumerate((turned, size * turned, 1j * force)):
+        by_chain[:, :2, column] = _parts(change)
     given = np.zeros((len(points), k))
     given[:, :2] = _parts(force)
     return given, by_chain

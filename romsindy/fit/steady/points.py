@@ -131,7 +131,7 @@ class SteadyPoints:
 def _column(name: str, values: ArrayLike, n: int, kind: type = float) -> NDArray:
     if kind is float and np.iscomplexobj(values):
         raise ValueError(f"{name} must be real numbers")
-    x = np.asarray(values, kind)
+    x: NDArray = np.asarray(values, kind)
     if x.shape != (n,):
         raise ValueError(
             f"{name} has the shape {x.shape}, but frequency has {n} values: give ({n},)"

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from romsindy.fit.steady.balance import Chain, Rows, known, linearised, measured
+from romsindy.fit.steady.balance import CHAIN, Chain, Rows, known, linearised, measured
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
@@ -61,6 +62,11 @@ class Solution:
         return self.rows.whitened(self.floor)[1].reshape(self.misfit.shape)
 
     @property
+    def over_noise(self) -> Array:
+        """Misfit, (n, k), over what the noise of the response makes of it."""
+        return self.rows.whitened(_ROUNDING)[1].reshape(self.misfit.shape)
+
+    @property
     def floor(self) -> float:
         """The part of the force left over, by rounding at least."""
         return max(self.unexplained, _ROUNDING)
@@ -78,24 +84,27 @@ def solve(
     points: SteadyPoints,
     model: ReducedModel,
     free: tuple[str, ...],
-    gain: float | None,
-    phase: float | None,
+    gain: float | None = None,
+    slope: float | None = 0.0,
+    phase: float | None = None,
 ) -> Solution:
-    """Fit the free coefficients, and gain and phase where they are not given.
+    """Fit the free coefficients, and what is not given of the `CHAIN`.
 
     Raises
     ------
     ValueError
         If points do not determine the gain, or fewer than there are unknowns.
     """
-    names = _names(points, free, gain, phase)
+    given = (gain, slope, phase if points.phased else 0.0)
+    names = (*free, *(name for name, value in zip(CHAIN, given, strict=True) if value is None))
     count = known(points).stop - known(points).start
     if count * len(points) <= len(names):
         raise ValueError(
             f"frequency has {len(points)} values, too few for {len(names)} unknowns"
             f" {list(names)}: measure more points, or name coefficients in fixed"
         )
-    model, chain = _start(points, model, free, gain, phase)
+    model, chain = start(points, model, free, gain, phase)
+    chain = replace(chain, slope=slope or 0.0)
     c = np.zeros((len(points), 1 + 2 * max(_HARMONICS[0], points.q.shape[1])))
     c[:, known(points)] = measured(points)[0]
     for n_harmonics in _HARMONICS:
@@ -109,13 +118,6 @@ def solve(
     return found
 
 
-def _names(
-    points: SteadyPoints, free: tuple[str, ...], gain: float | None, phase: float | None
-) -> tuple[str, ...]:
-    fitted_phase = phase is None and points.phased
-    return (*free, *["gain"] * (gain is None), *["phase"] * fitted_phase)
-
-
 def _settle(
     points: SteadyPoints,
     model: ReducedModel,
@@ -125,7 +127,7 @@ def _settle(
     c: Array,
 ) -> Solution:
     """Gauss-Newton's method with one number of harmonics."""
-    every = (*free, "gain", "phase")
+    every = (*free, *CHAIN)
     columns = [every.index(name) for name in names]
     own = known(points)
     q, std = measured(points)
@@ -187,26 +189,24 @@ def _least_squares(rows: Rows, unexplained: float) -> tuple[Array, float, Array]
 
 
 def _values(model: ReducedModel, chain: Chain) -> dict[str, float]:
-    return model.coefficients | {"gain": chain.gain, "phase": chain.phase}
+    return model.coefficients | vars(chain)
 
 
-def _moved(
-    model: ReducedModel, chain: Chain, step: dict[str, float]
-) -> tuple[ReducedModel, Chain]:
+def _moved(model: ReducedModel, chain: Chain, step: dict[str, float]) -> tuple[ReducedModel, Chain]:
     values = _values(model, chain)
     values |= {name: values[name] + change for name, change in step.items()}
     new = replace(model, values=tuple(values[name] for name in model.coefficients))
-    return new, Chain(values["gain"], values["phase"])
+    return new, Chain(*(values[name] for name in CHAIN))
 
 
-def _start(
+def start(
     points: SteadyPoints,
     model: ReducedModel,
     free: tuple[str, ...],
     gain: float | None,
     phase: float | None,
 ) -> tuple[ReducedModel, Chain]:
-    """One harmonic, as measured: linear in coefficients and in gain exp(i phase).
+    """One harmonic, as measured: linear in the coefficients and in gain exp(i phase).
 
     Raises
     ------
@@ -218,33 +218,31 @@ def _start(
         phase = 0.0
     c = np.zeros((len(points), 1 + 2 * points.q.shape[1]))
     c[:, 1:] = measured(points)[0]
-    turned = Chain(1.0, phase or 0.0)
-    rows = linearised(points, model, free, turned, c)
+    chain = Chain(1.0, 0.0, phase or 0.0)
+    rows = linearised(points, model, free, chain, c)
     weight = 1 / np.abs(points.force)[:, None]
-    values = np.array([model.coefficients[name] for name in free])
     n = len(free)
-    columns = rows.by_parameter * weight[..., None]
-    a, by_chain = columns[..., :n], columns[..., n:]  # of a gain of 1: along and across
-    if gain is not None and phase is not None:
-        by_chain = by_chain[..., :0]
-        offset = rows.misfit + (1 - gain) * -rows.by_parameter[..., n]
-    else:
-        by_chain = by_chain[..., : 1 if phase is not None else 2]
-        offset = rows.misfit - rows.by_parameter[..., n]
+    by_coefficient, by_force = rows.by_parameter[..., :n], rows.by_parameter[..., [n, n + 2]]
+    fitted = by_force[..., : 2 if phase is None else 1 if gain is None else 0]
     # The misfit without free coefficients and, where it is fitted, without excitation.
-    target = (rows.by_parameter[..., :n] @ values - offset) * weight
-    a = np.concatenate([a, by_chain], axis=2).reshape(target.size, -1)
+    fixed = 0.0 if gain is None or phase is None else gain
+    rest = rows.misfit + (fixed - 1.0) * by_force[..., 0]
+    rest = rest - by_coefficient @ np.array([model.coefficients[name] for name in free])
+    a = np.concatenate([by_coefficient, fitted], axis=2) * weight[..., None]
+    a = a.reshape(rest.size, -1)
     scale = np.linalg.norm(a, axis=0)
-    names = (*free, *["gain", "phase"][: by_chain.shape[2]])
+    names = (*free, *("gain", "phase")[: fitted.shape[2]])
     _require_determined(a / np.where(scale > 0, scale, 1), names)
-    found = np.linalg.lstsq(a / scale, target.ravel(), rcond=None)[0] / scale
-    force = complex(*found[n:], *[0.0] * (2 - len(found[n:]))) if len(found) > n else 1.0
-    turned = Chain(
-        abs(force) if gain is None and phase is None else force.real if gain is None else gain,
-        float(np.angle(force)) if phase is None else phase,
-    )
-    coefficients = model.coefficients | dict(zip(free, found[:n].tolist(), strict=True))
-    return replace(model, values=tuple(coefficients.values())), turned
+    found = -np.linalg.lstsq(a / scale, (rest * weight).ravel(), rcond=None)[0] / scale
+    along, across = (*found[n:], 0.0, 0.0)[:2]
+    if phase is None:
+        chain = Chain(float(np.hypot(along, across)), 0.0, float(np.arctan2(across, along)))
+    elif gain is None:
+        chain = replace(chain, gain=float(along))
+    if gain is not None:
+        chain = replace(chain, gain=gain)
+    values = model.coefficients | dict(zip(free, found[:n].tolist(), strict=True))
+    return replace(model, values=tuple(values.values())), chain
 
 
 def _require_determined(columns: Array, names: tuple[str, ...]) -> None:
@@ -260,7 +258,7 @@ def _require_determined(columns: Array, names: tuple[str, ...]) -> None:
     raise ValueError(f"the points do not tell {' from '.join(tied)}: {remedy}")
 
 
-def _guessed(points: SteadyPoints) -> Array:
+def _guessed(points: SteadyPoints) -> NDArray[np.complex128]:
     """Harmonic of q with the phase that a viscous damper would give: q / q_peak = sin(lag)."""
     ratio = points.amplitude / np.abs(points.force)
     q = np.empty(len(points), complex)
