@@ -7,12 +7,14 @@ always has a slope, by the errors of the model, and is read at a frequency only 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 
 from romsindy.orbits.curves import ForcedResponse, forced_response
 from romsindy.orbits.harmonic_balance import HarmonicBalance
@@ -22,6 +24,7 @@ from romsindy.typing import Array
 BRANCHES = ("upper", "lower")
 _DRAWS = 400
 _ORBITS = 60  # about, and more where the damping is light
+_BETWEEN = 4  # points for each, by cubic splines
 _LEVEL = 0.95
 # Of the range of frequencies: the curve goes on so far, for displaced ones to fill the range.
 _MARGIN = 0.1
@@ -54,8 +57,8 @@ class ForcedBand:
 
     frequency: Array
     response: ForcedResponse
-    _curve: Array  # (n_points,) of `response`, amplitudes
-    _drawn: Array  # (2, n_draws, n_points): frequencies and amplitudes
+    _curve: Array  # (2, n): frequencies and amplitudes along the response
+    _drawn: Array  # (2, n_draws, n): the same, displaced
     _scatter: Array  # (n_draws,): of the sensor, added to an amplitude
 
     def at(self, frequency: ArrayLike, branch: Literal["upper", "lower"] = "upper") -> Predicted:
@@ -84,7 +87,7 @@ class ForcedBand:
                 f"frequency = {omega[~inside][0]:.8g} rad/s lies outside {first:.8g} to"
                 f" {last:.8g}: ask forced_response for a wider range"
             )
-        value = _read(self.response.frequency, self._curve, omega, branch)
+        value = _read(*self._curve, omega, branch)
         drawn = [_read(w, a, omega, branch) for w, a in zip(*self._drawn, strict=True)]
         tail = (1 - _LEVEL) / 2
         scattered = np.abs(np.array(drawn) + self._scatter[:, None])
@@ -179,15 +182,17 @@ def forced_band(
     smooth = model if velocity_scale is None else model.regularised(velocity_scale)
     first = np.abs(response.coefficients[:, 1])
     by_w, by_a = _slopes(smooth, force, response, names)
+    table = _refined(np.column_stack([response.frequency, first, by_w, by_a]))
+    on, first, by_w, by_a = table[:, 0], table[:, 1], *np.hsplit(table[:, 2:], 2)
     rng = np.random.default_rng(0)
     drawn = rng.multivariate_normal(np.zeros(len(covariance)), covariance, _DRAWS, method="svd")
-    w = np.maximum(response.frequency + drawn @ by_w.T, 0.0)
+    w = np.maximum(on + drawn @ by_w.T, 0.0)
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)
     return ForcedBand(
         np.linspace(low, high, n_points),
         response,
-        first * response.frequency**rate,
+        np.array([on, first * on**rate]),
         np.array([w, a * w**rate]),
         noise * rng.standard_normal(_DRAWS),
     )
@@ -229,13 +234,24 @@ def _width(response: ForcedResponse) -> float:
     return float(np.ptp(response.frequency[size >= size.max() / 2]))
 
 
+def _refined(columns: Array) -> Array:
+    """Points between those of a curve, (n, k) to more of them: frequency, amplitude and others."""
+    steps = np.diff(columns[:, :2] / np.ptp(columns[:, :2], axis=0), axis=0)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1))])
+    between = np.interp(
+        np.arange(_BETWEEN * (len(length) - 1) + 1) / _BETWEEN, np.arange(len(length)), length
+    )
+    return CubicSpline(length, columns)(between)
+
+
 def _read(w: Array, a: Array, omega: Array, branch: str) -> Array:
     """Largest or smallest amplitude at frequencies omega of a curve that may fold."""
-    left, right = w[:-1, None], w[1:, None]
-    crossed = (left <= omega) != (right <= omega)
-    share = (omega - left) / np.where(crossed, right - left, 1.0)
-    found = a[:-1, None] + share * np.diff(a)[:, None]
-    worst = -np.inf if branch == "upper" else np.inf
-    best = np.where(crossed, found, worst)
-    value = best.max(axis=0) if branch == "upper" else best.min(axis=0)
-    return np.where(np.isfinite(value), value, np.nan)
+    better = np.fmax if branch == "upper" else np.fmin
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(w)))) + 1
+    value = np.full(len(omega), np.nan)
+    for first, last in itertools.pairwise([0, *turns.tolist(), len(w) - 1]):
+        part = slice(first, last + 1)
+        forth = 1 if w[last] > w[first] else -1
+        one = np.interp(omega, w[part][::forth], a[part][::forth], left=np.nan, right=np.nan)
+        value = better(value, one)
+    return value

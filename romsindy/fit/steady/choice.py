@@ -22,6 +22,7 @@ DAMPING = ("c_linear", "c_quadratic", "c_cubic")
 _MOST = 2  # of each
 _ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
 _BLOCKS = 5
+_CHANCE = 2.0  # standard errors of a sum of losses
 
 
 def choose(
@@ -34,8 +35,8 @@ def choose(
     """Terms to fit, and the slope of the chain: None where it is to be fitted.
 
     Every level of force is left out in turn; where there are fewer than three, every fifth of the
-    points by amplitude. Of the models whose squared misfit there is within 2 % of the least, the
-    one with the fewest coefficients is taken.
+    points by amplitude. Of the models whose squared misfit there is the least, to 2 % or to two
+    standard errors of the difference, the one with the fewest coefficients is taken.
     """
     every = ("omega^2", *STIFFNESS, *DAMPING)
     chosen: tuple[str, ...] = ("c_linear",)
@@ -66,13 +67,20 @@ def _best(
     at = np.array([values[name] for name in names])
     optional = [*STIFFNESS, *DAMPING, *(["slope"] if slope is None else [])]
     folds = _folds(points)
-    scores = {}
+    losses = {}
     for some in _subsets(slope is None):
         dropped = [names.index(name) for name in optional if name not in some]
-        scores[some] = _missed(rows, found.floor, at, dropped, folds)
-    least = min(scores.values())
-    good = [some for some, score in scores.items() if score <= (1 + TERM) * least]
-    return min(good, key=lambda some: (len(some), scores[some]))
+        losses[some] = _missed(rows, found.floor, at, dropped, folds)
+    least = min(losses.values(), key=np.sum)
+    good = [some for some, loss in losses.items() if _as_good(loss, least)]
+    return min(good, key=lambda some: (len(some), np.sum(losses[some])))
+
+
+def _as_good(loss: Array, least: Array) -> bool:
+    """Whether the points do not tell a model from the best one."""
+    more = loss - least
+    chance = _CHANCE * np.sqrt(len(more)) * np.std(more)
+    return bool(np.sum(more) <= max(TERM * np.sum(least), chance))
 
 
 def _subsets(with_slope: bool) -> list[tuple[str, ...]]:
@@ -98,8 +106,8 @@ def _folds(points: SteadyPoints) -> list[NDArray[np.bool_]]:
 
 def _missed(
     rows: Rows, unexplained: float, values: Array, dropped: list[int], folds: list[NDArray]
-) -> float:
-    """Sum of squares of the whitened misfits of points that took no part.
+) -> Array:
+    """Squares of the whitened misfits of points that took no part, (n,).
 
     Coefficients that are ``dropped``, by their columns, are put to 0.
     """
@@ -107,9 +115,9 @@ def _missed(
     b = b - a[:, dropped] @ values[dropped]
     a = np.delete(a, dropped, axis=1)
     a /= np.linalg.norm(a, axis=0)
-    total = 0.0
+    missed = np.empty_like(b)
     for left_out in folds:
         out = np.repeat(left_out, rows.misfit.shape[1])
         step = np.linalg.lstsq(a[~out], -b[~out], rcond=1e-12)[0]
-        total += float(np.sum((a[out] @ step + b[out]) ** 2))
-    return total
+        missed[out] = a[out] @ step + b[out]
+    return np.sum(missed.reshape(len(rows.misfit), -1) ** 2, axis=1)

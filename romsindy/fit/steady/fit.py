@@ -42,9 +42,10 @@ from romsindy.typing import Array
 # Correlation of neighbours that is chance in this many standard errors of it.
 _CHANCE = 2.0
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
-_ROUGH = 10.0
+_ROUGH = 6.0
 _NOISY = 10.0  # times the usual standard deviation
 _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its sign
+_ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
 _HARMONICS = 6  # of the windows in `Adequacy`
 
@@ -241,18 +242,20 @@ def fit_steady(
             raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
         model, slope = choose(points, unit, gain, slope, phase)
     free = _free(model, fixed)
+    if gain is None:
+        _require_lags(points)
     solution = solve(points, model, free, gain, slope, phase)
     _require_sense(points, solution)
     joint, together = _covariance(points, solution)
     _require_gain(solution, joint)
     peak = float(points.amplitude.max())
-    n = len(free)
+    n, verdict = len(free), _verdict(points, solution)
     return SteadyFit(
         model=replace(solution.model, amplitude_range=(float(points.amplitude.min()), peak)),
         free=free,
         covariance=joint[:n, :n],
-        verdict=_verdict(points, solution),
-        notes=tuple(_notes(points, solution, std is not None, together)),
+        verdict=verdict,
+        notes=tuple(_notes(points, solution, verdict, together)),
         points=points,
         solution=solution,
         joint=joint,
@@ -286,6 +289,18 @@ def _require_levels(points: SteadyPoints) -> None:
     size = np.abs(points.force)
     if np.ptp(size) < 0.01 * size.max():
         raise ValueError("force has one amplitude, which tells no slope of the gain: give slope=0")
+
+
+def _require_lags(points: SteadyPoints) -> None:
+    if not points.phased:
+        return
+    turn = points.q[:, 0] / points.force
+    lag = np.angle(turn / np.mean(turn / np.abs(turn)))
+    if np.ptp(lag) < _ONE_LAG:
+        raise ValueError(
+            "the points do not tell the gain: all have one phase, and at resonance only the ratio"
+            " of gain and damping is seen; give gain= and phase=, or add points off resonance"
+        )
 
 
 def _require_sense(points: SteadyPoints, solution: Solution) -> None:
@@ -361,15 +376,17 @@ def _verdict(points: SteadyPoints, solution: Solution) -> Adequacy:
     )
 
 
-def _notes(points: SteadyPoints, solution: Solution, known: bool, together: float) -> list[str]:
-    notes = []
+def _notes(
+    points: SteadyPoints, solution: Solution, verdict: Adequacy, together: float
+) -> list[str]:
+    notes, known = [], bool(np.all(points.std > 0))
     if not solution.converged:
         notes.append("the fit has not come to its end: use fewer terms")
     if not known:
         notes.append("std was not given: all that is left counts as noise, and nothing is tested")
-    if solution.unexplained:
+    if known and not verdict.explained:
         notes.append(
-            f"{solution.unexplained:.2g} of the force is left unexplained by model and noise; the"
+            f"{solution.unexplained:.2%} of the force is left unexplained by model and noise; the"
             " errors count it"
         )
     if together:
