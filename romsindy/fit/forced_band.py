@@ -87,7 +87,7 @@ class ForcedBand:
                 f"frequency = {omega[~inside][0]:.8g} rad/s lies outside {first:.8g} to"
                 f" {last:.8g}: ask forced_response for a wider range"
             )
-        value = _read(*self._curve, omega, branch)
+        value = _read(self._curve[0], self._curve[1], omega, branch)
         drawn = [_read(w, a, omega, branch) for w, a in zip(*self._drawn, strict=True)]
         tail = (1 - _LEVEL) / 2
         scattered = np.abs(np.array(drawn) + self._scatter[:, None])

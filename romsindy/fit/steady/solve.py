@@ -151,7 +151,7 @@ def _settle(
         c = c.copy()
         c[:, other] -= change + by_coefficient @ step
         c[:, own] = new
-        model, chain = _moved(model, chain, dict(zip(names, step, strict=True)))
+        model, chain = _moved(model, chain, dict(zip(names, step.tolist(), strict=True)))
         at = np.array([_values(model, chain)[name] for name in names])
         small = np.abs(step) <= _SETTLED * (np.abs(at) + errors)
         converged = bool(np.all(small))
