@@ -25,7 +25,7 @@ BRANCHES = ("upper", "lower")
 _DRAWS = 400
 _ORBITS = 60  # about, and more where the damping is light
 _BETWEEN = 4  # points for each, by cubic splines
-_LEVEL = 0.95
+_TAILS = (0.025, 0.975)
 # Of the range of frequencies: the curve goes on so far, for displaced ones to fill the range.
 _MARGIN = 0.1
 _SIGNIFICANT = 1e-9
@@ -89,9 +89,8 @@ class ForcedBand:
             )
         value = _read(self._curve[0], self._curve[1], omega, branch)
         drawn = [_read(w, a, omega, branch) for w, a in zip(*self._drawn, strict=True)]
-        tail = (1 - _LEVEL) / 2
         scattered = np.abs(np.array(drawn) + self._scatter[:, None])
-        low, high = np.nanquantile(scattered, [tail, 1 - tail], axis=0)
+        low, high = np.nanquantile(scattered, _TAILS, axis=0)
         return Predicted(value, np.minimum(low, value), np.maximum(high, value))
 
     @cached_property
@@ -113,24 +112,23 @@ class ForcedBand:
         """Upper end of the 95 % band, (n,)."""
         return self._upper.high
 
-    @property
+    @cached_property
     def peak(self) -> tuple[float, float]:
-        """Frequency, rad/s, and amplitude of the largest response within the range."""
-        at = int(np.argmax(self.amplitude))
-        near = slice(max(at - 1, 0), at + 2)
-        w, a = self.frequency[near], self.amplitude[near]
-        if len(w) < 3:
-            return float(self.frequency[at]), float(self.amplitude[at])
-        curve = np.polynomial.Polynomial.fit(w, a, 2)
-        top = float(np.clip(curve.deriv().roots()[0].real, w[0], w[-1]))
-        return top, float(curve(top))
+        """Frequency, rad/s, and amplitude of the largest response."""
+        w, a = self._curve
+        at = int(np.clip(np.argmax(a), 1, len(a) - 2))
+        # By the parabola through three points along the curve, which has no folds there.
+        before, here, after = a[at - 1 : at + 2]
+        bend = before - 2 * here + after
+        shift = float(np.clip((before - after) / (2 * bend), -1, 1)) if bend < 0 else 0.0
+        on = np.interp(at + shift, np.arange(len(w)), w)
+        return float(on), float(here - (before - after) * shift / 4)
 
     def __repr__(self) -> str:
-        top, size = self.peak
-        low, high = (x[np.argmax(self.amplitude)] for x in (self.low, self.high))
+        low, high = np.quantile(self._drawn[1].max(axis=1) + self._scatter, _TAILS)
         return (
             f"<ForcedBand: {self.frequency[0]:.6g} to {self.frequency[-1]:.6g} rad/s, largest"
-            f" {size:.4g} ({low:.4g} to {high:.4g}) at {top:.6g} rad/s>"
+            f" {self.peak[1]:.4g} ({low:.4g} to {high:.4g}) at {self.peak[0]:.6g} rad/s>"
         )
 
 

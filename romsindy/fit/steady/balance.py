@@ -18,6 +18,9 @@ from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
 
+_ROUNDING = 1e-12  # of a covariance
+
+
 @dataclass(frozen=True)
 class Chain:
     """How an excitation F becomes a force per unit mass: (gain + slope |F|) exp(i phase) F."""
@@ -75,8 +78,9 @@ class Rows:
 
     def covariance(self, unexplained: float) -> Array:
         """Of the misfit, (n, k, k)."""
-        slack = (unexplained * self.size)[:, None, None] ** 2
-        return self.noise + slack * np.eye(self.misfit.shape[1])
+        slack = (unexplained * self.size) ** 2
+        slack = slack + _ROUNDING * np.trace(self.noise, axis1=1, axis2=2)  # singular at folds
+        return self.noise + slack[:, None, None] * np.eye(self.misfit.shape[1])
 
 
 def known(points: SteadyPoints) -> slice:

@@ -22,7 +22,6 @@ DAMPING = ("c_linear", "c_quadratic", "c_cubic")
 _MOST = 2  # of each
 _ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
 _BLOCKS = 5
-_CHANCE = 2.0  # standard errors of a sum of losses
 
 
 def choose(
@@ -35,8 +34,8 @@ def choose(
     """Terms to fit, and the slope of the chain: None where it is to be fitted.
 
     Every level of force is left out in turn; where there are fewer than three, every fifth of the
-    points by amplitude. Of the models whose squared misfit there is the least, to 2 % or to two
-    standard errors of the difference, the one with the fewest coefficients is taken.
+    points by amplitude. Of the models whose squared misfit there is the least, to 2 % or to its
+    standard error, the one with the fewest coefficients is taken.
     """
     every = ("omega^2", *STIFFNESS, *DAMPING)
     chosen: tuple[str, ...] = ("c_linear",)
@@ -72,15 +71,10 @@ def _best(
         dropped = [names.index(name) for name in optional if name not in some]
         losses[some] = _missed(rows, found.floor, at, dropped, folds)
     least = min(losses.values(), key=np.sum)
-    good = [some for some, loss in losses.items() if _as_good(loss, least)]
+    chance = np.sqrt(len(least)) * np.std(least)
+    as_good = np.sum(least) + max(TERM * np.sum(least), chance)
+    good = [some for some, loss in losses.items() if np.sum(loss) <= as_good]
     return min(good, key=lambda some: (len(some), np.sum(losses[some])))
-
-
-def _as_good(loss: Array, least: Array) -> bool:
-    """Whether the points do not tell a model from the best one."""
-    more = loss - least
-    chance = _CHANCE * np.sqrt(len(more)) * np.std(more)
-    return bool(np.sum(more) <= max(TERM * np.sum(least), chance))
 
 
 def _subsets(with_slope: bool) -> list[tuple[str, ...]]:

@@ -42,7 +42,7 @@ from romsindy.typing import Array
 # Correlation of neighbours that is chance in this many standard errors of it.
 _CHANCE = 2.0
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
-_ROUGH = 6.0
+_ROUGH = 8.0
 _NOISY = 10.0  # times the usual standard deviation
 _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its sign
 _ONE_LAG = 0.1  # rad: phases that differ by less
@@ -245,9 +245,9 @@ def fit_steady(
     if gain is None:
         _require_lags(points)
     solution = solve(points, model, free, gain, slope, phase)
-    _require_sense(points, solution)
     joint, together = _covariance(points, solution)
     _require_gain(solution, joint)
+    _require_sense(points, solution)
     peak = float(points.amplitude.max())
     n, verdict = len(free), _verdict(points, solution)
     return SteadyFit(

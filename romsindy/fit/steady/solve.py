@@ -93,10 +93,12 @@ def solve(
     Raises
     ------
     ValueError
-        If points do not determine the gain, or fewer than there are unknowns.
+        If points do not determine the parameters, or no balance is found near them.
     """
     given = (gain, slope, phase if points.phased else 0.0)
     names = (*free, *(name for name, value in zip(CHAIN, given, strict=True) if value is None))
+    if not names:
+        raise ValueError("fixed, gain and phase leave nothing to fit: leave one of them free")
     count = known(points).stop - known(points).start
     if count * len(points) <= len(names):
         raise ValueError(
@@ -109,7 +111,13 @@ def solve(
     c[:, known(points)] = measured(points)[0]
     for n_harmonics in _HARMONICS:
         c = np.pad(c, [(0, 0), (0, max(0, 1 + 2 * n_harmonics - c.shape[1]))])
-        found = _settle(points, model, free, names, chain, c)
+        try:
+            found = _settle(points, model, free, names, chain, c)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise ValueError(
+                f"no balance is found near the measured points ({error}): give a model with fewer"
+                " terms, or leave out points that are no steady states"
+            ) from error
         model, chain, c = found.model, found.chain, found.c
         largest = int(np.argmax(points.amplitude))
         balance = HarmonicBalance(model, c.shape[1] // 2)
@@ -196,7 +204,12 @@ def _moved(model: ReducedModel, chain: Chain, step: dict[str, float]) -> tuple[R
     values = _values(model, chain)
     values |= {name: values[name] + change for name, change in step.items()}
     new = replace(model, values=tuple(values[name] for name in model.coefficients))
-    return new, Chain(*(values[name] for name in CHAIN))
+    chain = Chain(*(values[name] for name in CHAIN))
+    if "phase" in step:  # one of the many pairs of gain and phase that are one chain
+        sign = np.copysign(1.0, chain.gain)
+        turned = float(np.angle(sign * np.exp(1j * chain.phase)))
+        chain = Chain(sign * chain.gain, sign * chain.slope, turned)
+    return new, chain
 
 
 def start(
