@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
-from romsindy.typing import Array
-
+from romsindy.typing import Array, Indices
 
 _ROUNDING = 1e-12  # of a covariance
 
@@ -88,6 +87,16 @@ def known(points: SteadyPoints) -> slice:
     return slice(1, 2 if not points.phased else 1 + 2 * points.q.shape[1])
 
 
+def _first(points: SteadyPoints) -> slice:
+    """Equations in which the excitation stands, or a measured harmonic."""
+    return known(points) if points.phased else slice(1, 3)
+
+
+def others_of(points: SteadyPoints, c: Array) -> Indices:
+    """Fourier coefficients of c, (n, 2 H + 1), that follow from their own equations."""
+    return np.delete(np.arange(c.shape[1]), _first(points))
+
+
 def measured(points: SteadyPoints) -> tuple[Array, Array]:
     """Measured Fourier coefficients of q, (n, k), and their standard deviations."""
     if not points.phased:
@@ -106,8 +115,7 @@ def linearised(
     """Balance about orbits with Fourier coefficients c, (n, 2 H + 1), by all parameters."""
     force, by_c, by_p = _balance(points, model, free, c)
     own = known(points)
-    equations = own if points.phased else slice(1, 3)
-    other = np.r_[0 : own.start, equations.stop : c.shape[1]]
+    equations, other = _first(points), others_of(points, c)
     # The other harmonics follow from their own equations: Schur's complement.
     right = np.concatenate([force[..., None], by_c[:, :, own], by_p], axis=2)
     others = np.linalg.solve(by_c[:, other[:, None], other], right[:, other])

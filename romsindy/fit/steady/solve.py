@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from romsindy.fit.steady.balance import CHAIN, Chain, Rows, known, linearised, measured
+from romsindy.fit.steady.balance import CHAIN, Chain, Rows, known, linearised, measured, others_of
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
@@ -137,8 +137,6 @@ def _settle(
     """Gauss-Newton's method with one number of harmonics."""
     every = (*free, *CHAIN)
     columns = [every.index(name) for name in names]
-    own = known(points)
-    q, std = measured(points)
     converged = False
     unexplained = 1.0
     for _ in range(_ITERATIONS):
@@ -147,23 +145,27 @@ def _settle(
         if converged:
             break
         unexplained, step, errors = _step(rows)
-        left = rows.misfit + rows.by_parameter @ step
-        pull = np.linalg.solve(rows.covariance(max(unexplained, _ROUNDING)), left[..., None])
-        new = q - std**2 * (rows.by_q.swapaxes(1, 2) @ pull)[..., 0]
-        moved = new - c[:, own]
-        k = moved.shape[1]
-        other = np.r_[0 : own.start, (own.stop if points.phased else 3) : c.shape[1]]
-        by_coefficient = np.zeros((*rows.others.shape[:2], len(names)))
-        by_coefficient[..., : len(free)] = rows.others[..., 1 + k :]
-        change = rows.others[..., 0] + (rows.others[..., 1 : 1 + k] @ moved[..., None])[..., 0]
-        c = c.copy()
-        c[:, other] -= change + by_coefficient @ step
-        c[:, own] = new
+        c = _orbits(points, rows, c, max(unexplained, _ROUNDING), step)
         model, chain = _moved(model, chain, dict(zip(names, step.tolist(), strict=True)))
         at = np.array([_values(model, chain)[name] for name in names])
         small = np.abs(step) <= _SETTLED * (np.abs(at) + errors)
         converged = bool(np.all(small))
     return Solution(model, chain, names, unexplained, rows, c, converged)
+
+
+def _orbits(points: SteadyPoints, rows: Rows, c: Array, unexplained: float, step: Array) -> Array:
+    """Fourier coefficients of the orbits after a step: the nearest ones to the measurement."""
+    own, (q, std) = known(points), measured(points)
+    left = rows.misfit + rows.by_parameter @ step
+    pull = np.linalg.solve(rows.covariance(unexplained), left[..., None])
+    nearest = q - std**2 * (rows.by_q.swapaxes(1, 2) @ pull)[..., 0]
+    # The other harmonics depend on the coefficients, which come first, and not on the chain.
+    n = rows.others.shape[2] - 1 - q.shape[1]
+    steps = np.column_stack([np.ones(len(c)), nearest - c[:, own], np.tile(step[:n], (len(c), 1))])
+    moved = c.copy()
+    moved[:, others_of(points, c)] -= (rows.others @ steps[..., None])[..., 0]
+    moved[:, own] = nearest
+    return moved
 
 
 def _step(rows: Rows) -> tuple[float, Array, Array]:
@@ -206,7 +208,7 @@ def _moved(model: ReducedModel, chain: Chain, step: dict[str, float]) -> tuple[R
     new = replace(model, values=tuple(values[name] for name in model.coefficients))
     chain = Chain(*(values[name] for name in CHAIN))
     if "phase" in step:  # one of the many pairs of gain and phase that are one chain
-        sign = np.copysign(1.0, chain.gain)
+        sign = -1.0 if chain.gain < 0 else 1.0
         turned = float(np.angle(sign * np.exp(1j * chain.phase)))
         chain = Chain(sign * chain.gain, sign * chain.slope, turned)
     return new, chain
