@@ -15,11 +15,14 @@ from romsindy.fit.estimate import Band as Band
 from romsindy.fit.estimate import Estimate as Estimate
 from romsindy.fit.fitted import Fit as Fit
 from romsindy.fit.forced.identify import identify_forced as identify_forced
+from romsindy.fit.forced_band import ForcedBand as ForcedBand
 from romsindy.fit.free_run import free_run as free_run
 from romsindy.fit.functions.identification import Curve as Curve
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.functions.identify import identify as identify
 from romsindy.fit.refine import refine as refine
+from romsindy.fit.steady.fit import SteadyFit as SteadyFit
+from romsindy.fit.steady.fit import fit_steady as fit_steady
 from romsindy.inspection.inspect import inspect as inspect
 from romsindy.inspection.inspection import Inspection as Inspection
 from romsindy.orbits.continuation import Branch as Branch

@@ -252,3 +252,21 @@ def test_a_model_with_an_input_is_kept(smooth, tmp_path):
         .q,
     )
     assert "= " in fit.model.latex() and r"force(t" in fit.model.latex()
+
+
+def test_the_response_to_a_harmonic_force_is_told_before_the_test(smooth):
+    """In the unit of the input; the band holds the truth, of Duffing's equation with its folds."""
+    u, q, _ = smooth
+    fit = refine(model(), ForcedVibration(T, noisy(q, 18), u, unit="m", input_unit="N"))
+    band = rs.forced_response(fit, 0.5, (0.9 * OMEGA, 1.2 * OMEGA))
+    names = {"omega^2": OMEGA**2, "c_linear": DAMPING, "gamma_3": CUBIC}
+    truth = rs.ReducedModel.from_coefficients(names, unit="m")
+    exact = rs.forced_response(truth, 0.5 * GAIN, (0.9 * OMEGA, 1.2 * OMEGA))
+    peak = exact.amplitude.max()
+    assert band.peak[1] == pytest.approx(peak, rel=0.01)
+    below = slice(5, int(np.argmax(exact.amplitude)), 8)  # of the first fold
+    found, wanted = band.at(exact.frequency[below]), np.abs(exact.coefficients[below, 1])
+    inside = (found.low < wanted) & (wanted < found.high)
+    assert np.mean(inside) > 0.8  # of values that all hang on the same coefficients
+    by_model = rs.forced_response(fit.model, 0.5, (0.9 * OMEGA, 1.2 * OMEGA))
+    assert by_model.amplitude.max() == pytest.approx(peak, rel=0.01)

@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced_band import ForcedBand, forced_band
 from romsindy.orbits.curves import require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
+from romsindy.physics.driven import gain_of, inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
 from romsindy.text import with_error
@@ -139,6 +141,55 @@ class Estimate:
         curves, model = curves_near(self.model, a, mode), self.model
         (omega, zeta), (omega_std, zeta_std) = curves(model), self.errors_of(curves)
         return Band(a, omega, zeta, omega_std, zeta_std, model.unit)
+
+    def forced_response(
+        self,
+        force: float,
+        frequency: tuple[float, float],
+        n_harmonics: int | None = None,
+        *,
+        velocity_scale: float | None = None,
+        n_points: int = 100,
+    ) -> ForcedBand:
+        """Response to force cos(omega t) with its 95 % band, by the covariance.
+
+        Parameters
+        ----------
+        force : float
+            Amplitude per unit mass, unit of q per s^2; of a model with an input, in its unit.
+        frequency, n_harmonics, velocity_scale, n_points
+            As those of `romsindy.forced_response`.
+
+        Returns
+        -------
+        ForcedBand
+            What else may differ in a measurement is not in the band: the force, the sensor.
+
+        Raises
+        ------
+        ValueError
+            As `romsindy.forced_response`, and for a model of several coordinates.
+        """
+        gain, model = gain_of(self.model), self.single_model
+        drives = {term.key for term in inputs_of(model)}
+        names = tuple(name for name in self.free if name not in drives)
+        # The errors of the force are those of the gain, relative to it.
+        order = [*map(self.free.index, names), *(i for i, n in enumerate(self.free) if n in drives)]
+        covariance = np.zeros((len(names) + 1, len(names) + 1))
+        scale = np.append(np.ones(len(names)), 1 / gain)[: len(order)]
+        covariance[: len(order), : len(order)] = (
+            self.covariance[np.ix_(order, order)] * scale * scale[:, None]
+        )
+        return forced_band(
+            without_inputs(model),
+            abs(gain) * force,
+            frequency,
+            names,
+            covariance,
+            n_points=n_points,
+            n_harmonics=n_harmonics,
+            velocity_scale=velocity_scale,
+        )
 
     def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:
         """Standard errors of numbers that are read off the model, to first order."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Protocol, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,9 @@ from romsindy.orbits.families import (
 )
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import floquet_multipliers, free_multipliers
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.driven import gain_of
+from romsindy.physics.model import ReducedModel
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
 
@@ -306,6 +308,19 @@ def backbone_curve(
     )
 
 
+_Band = TypeVar("_Band", covariant=True)
+
+
+class Estimated(Protocol[_Band]):
+    """What knows the errors of its model, as `romsindy.Estimate` does."""
+
+    def forced_response(
+        self, force: float, frequency: tuple[float, float], *args: Any, **kwargs: Any
+    ) -> _Band:
+        """Response with its band."""
+
+
+@overload
 def forced_response(
     model: AnyModel,
     force: ArrayLike,
@@ -314,17 +329,42 @@ def forced_response(
     *,
     velocity_scale: float | None = None,
     n_points: int = 200,
-) -> ForcedResponse:
+) -> ForcedResponse: ...
+
+
+@overload
+def forced_response(
+    model: Estimated[_Band],
+    force: ArrayLike,
+    frequency: tuple[float, float],
+    n_harmonics: int | None = None,
+    *,
+    velocity_scale: float | None = None,
+    n_points: int = 200,
+) -> _Band: ...
+
+
+def forced_response(
+    model: Any,
+    force: ArrayLike,
+    frequency: tuple[float, float],
+    n_harmonics: int | None = None,
+    *,
+    velocity_scale: float | None = None,
+    n_points: int = 200,
+) -> Any:
     """Follow the periodic response to force cos(omega t) from one frequency to another.
 
     The branch starts from the orbit that grows out of rest as the force is raised.
 
     Parameters
     ----------
-    model : ReducedModel or CoupledModel
+    model : ReducedModel, CoupledModel or Estimate
+        Of an `Estimate`, such as a `SteadyFit`, of one coordinate: its own ``forced_response``.
     force : float or (R,) array
         Amplitude of the force per unit mass, unit of q per s^2: positive, or those on the R
         coordinates of a `CoupledModel`, such as the mode shapes at the point of a force times it.
+        Of a model with an input, and of a `SteadyFit`, in the unit of what was measured.
     frequency : (float, float)
         Angular frequency where the branch starts and ends, rad/s; rising or falling.
     n_harmonics, velocity_scale
@@ -334,9 +374,9 @@ def forced_response(
 
     Returns
     -------
-    ForcedResponse
+    ForcedResponse or ForcedBand
         Folds are passed, and located; unstable parts are marked. A branch that folds may come back
-        to the first frequency, and end there.
+        to the first frequency, and end there. Of an `Estimate`, a `ForcedBand`.
 
     Raises
     ------
@@ -354,13 +394,17 @@ def forced_response(
     >>> [bifurcation.kind for bifurcation in response.bifurcations]
     ['fold', 'fold']
     """
+    if not isinstance(model, (ReducedModel, CoupledModel)):
+        return model.forced_response(
+            force, frequency, n_harmonics, velocity_scale=velocity_scale, n_points=n_points
+        )
     first, last = frequency
     if not (0 < first < np.inf and 0 < last < np.inf and first != last):
         raise ValueError(f"frequency = {frequency!r} must be two different positive numbers")
     ladder = _ladder(n_harmonics)
     smooth = _smooth(model, velocity_scale)
     equations = equations_of(smooth)
-    forces = _checked_force(force, equations)
+    forces = abs(gain_of(model)) * _checked_force(force, equations)
     size = _resonance(equations, forces, (first + last) / 2)
 
     def family(path: Path, n: int) -> Family:

@@ -11,6 +11,7 @@ Forces are evaluated at samples of one period and projected back (alternating fr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -18,6 +19,7 @@ import numpy as np
 
 from romsindy.orbits.equations import equations_of
 from romsindy.physics.coupled import AnyModel
+from romsindy.physics.term import Term
 from romsindy.typing import Array
 
 # Samples for every harmonic: products of up to ten factors, q^9 q_ddot, do not fold back onto the
@@ -126,6 +128,12 @@ class HarmonicBalance:
             projected.reshape(c.size, c.size),
             (b.projection @ np.sum(changes, axis=2)).ravel() / omega,
         )
+
+    def by_coefficient(self, terms: Sequence[Term], c: Array, omega: float) -> Array:
+        """Derivatives of `residual` by coefficients of one coordinate, (m, n_terms)."""
+        q, q_dot, q_ddot = (x[:, 0] for x in self.motion(c, omega))
+        forces = [np.broadcast_to(term.strong(q, q_dot, q_ddot), q.shape) for term in terms]
+        return self.basis.projection @ np.array(forces).reshape(-1, len(q)).T
 
     def leftover(self, c: Array, omega: float) -> float:
         """Largest force that the harmonics beyond H leave in an equation, relative.

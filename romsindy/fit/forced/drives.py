@@ -11,9 +11,7 @@ from romsindy.effects.drive import Drive
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
-from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import Input
-from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
@@ -24,21 +22,6 @@ _LATE = 20
 # Participation factors beyond are none: of the mode of a structure it is 1 to 2, and 0 to either
 # side of that where the sensor is near a node.
 _PARTICIPATION = 20.0
-
-
-def inputs_of(model: AnyModel) -> tuple[Input, ...]:
-    """The inputs among the terms of a model."""
-    return tuple(term for term in model.terms if isinstance(term, Input))
-
-
-def without_inputs(model: ReducedModel) -> ReducedModel:
-    """The free model."""
-    kept = {t: v for t, v in zip(model.terms, model.values, strict=True) if not _is_input(t)}
-    return replace(model, terms=tuple(kept), values=tuple(kept.values()))
-
-
-def _is_input(term: Term) -> bool:
-    return isinstance(term, Input)
 
 
 def inputs_in(

@@ -7,18 +7,13 @@ from dataclasses import replace
 
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
-from romsindy.fit.forced.drives import (
-    inputs_in,
-    inputs_of,
-    refuse_displacement,
-    regressed,
-    without_inputs,
-)
+from romsindy.fit.forced.drives import inputs_in, refuse_displacement, regressed
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.refine import decided, driven, forced_among
 from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
 from romsindy.fit.measured import listed_records, ready, require_unit
 from romsindy.fit.record import Record
+from romsindy.physics.driven import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term

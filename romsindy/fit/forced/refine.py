@@ -10,18 +10,12 @@ import numpy as np
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.between_samples import rated, ways
-from romsindy.fit.forced.drives import (
-    free_drives,
-    inputs_in,
-    inputs_of,
-    refuse_displacement,
-    regressed,
-    without_inputs,
-)
+from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_names, free_offsets, ready, require_unit
 from romsindy.fit.record import Record
 from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.driven import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay

@@ -10,11 +10,11 @@ from romsindy.effects import Bias
 from romsindy.fit.collocation import integrate
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.drives import inputs_of
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import fit as fit_motion
 from romsindy.fit.measured import NUMERICS, Offset
 from romsindy.fit.part import Part
+from romsindy.physics.driven import inputs_of
 from romsindy.record.forced import ForcedVibration
 from romsindy.typing import Array
 

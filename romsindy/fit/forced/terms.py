@@ -17,9 +17,9 @@ from romsindy.fit.coefficient import Coefficient, free_coefficients
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import Gram, chosen
 from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.drives import without_inputs
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.physics.damping import AmplitudeDamping, PowerDamping
+from romsindy.physics.driven import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term

@@ -1,0 +1,348 @@
+"""Fit a model to measured steady states: stepped sine, phase resonance, control-based continuation.
+
+A steady state says: these harmonics of q need that force. The balance of forces is linear in the
+coefficients, and its first harmonic alone gives the start. Then every point gets an orbit of its
+own, whose measured harmonics keep to the measurement within its noise and whose others follow from
+the balance (`romsindy.fit.steady.balance`). What is minimised is the force that is left over,
+weighted by what the noise of the response makes of it: errors in variables, [1].
+
+The common choice, measured less computed response at a given frequency, has no slope at a fold and
+must know the branch. A force left over has neither trouble: unstable points count as others do.
+
+What the noise does not explain is taken for a force that the model leaves out: a part of the
+excitation, alike at all points, found from the fit. As such misfits go together in neighbouring
+points, the covariance is that of least squares with errors so correlated.
+
+[1] H. Britt, R. Luecke, "The estimation of parameters in nonlinear, implicit models",
+    Technometrics 15 (1973) 233.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from romsindy.fit.estimate import Estimate
+from romsindy.fit.forced_band import ForcedBand, forced_band
+from romsindy.fit.steady.balance import CHAIN, Chain
+from romsindy.fit.steady.choice import choose
+from romsindy.fit.steady.points import SteadyPoints
+from romsindy.fit.steady.solve import Solution, solve
+from romsindy.fit.steady.told import notes_on, verdict_of
+from romsindy.physics.model import ReducedModel
+from romsindy.record.recording import Quantity
+from romsindy.text import with_error
+from romsindy.typing import Array
+
+# Correlation of neighbours that is chance in this many standard errors of it.
+_CHANCE = 2.0
+_ONE_LAG = 0.1  # rad: phases that differ by less
+_SURE = 3.0  # standard errors of the gain, at least
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SteadyFit(Estimate):
+    """A model fitted to steady states, with its errors and the chain of the excitation.
+
+    Saved is the `Estimate` alone: model, covariance, verdict and notes.
+
+    Attributes
+    ----------
+    points : SteadyPoints
+        What was measured, as harmonics of q.
+    solution : Solution
+    joint : (p, p) array
+        Covariance of the free coefficients and of what was fitted of the chain: `solution.free`.
+    """
+
+    points: SteadyPoints
+    solution: Solution
+    joint: Array
+
+    @property
+    def chain(self) -> Chain:
+        """From the measured excitation to a force per unit mass."""
+        return self.solution.chain
+
+    @property
+    def gain(self) -> float:
+        """Force per unit mass for an excitation of 1, where it is small."""
+        return self.chain.gain
+
+    @property
+    def chain_errors(self) -> dict[str, float]:
+        """Standard errors of what was fitted of gain, slope and phase."""
+        names, errors = self.solution.free, np.sqrt(np.diag(self.joint)).tolist()
+        return {n: e for n, e in zip(names, errors, strict=True) if n in CHAIN}
+
+    @property
+    def unexplained(self) -> float:
+        """Part of the force that neither model nor noise explain, as a standard deviation."""
+        return self.solution.unexplained
+
+    @property
+    def misfit(self) -> NDArray[np.complex128]:
+        """Force left over in the first harmonic, over that of the excitation, (n,).
+
+        Real, without a phase, where phases were not measured.
+        """
+        e = self.solution.misfit
+        return np.array(e[:, 0] - 1j * e[:, 1] if self.points.phased else e[:, 0], complex)
+
+    @property
+    def residuals(self) -> NDArray[np.complex128]:
+        """Measured less computed first harmonic at equal frequency, (n,), unit as measured.
+
+        To first order, as the force that is left over would move the response: large near folds.
+        """
+        by_q, size = self.solution.rows.by_q, self.points.frequency**self.points.rate
+        x = (np.linalg.pinv(by_q) @ self.solution.rows.misfit[..., None])[..., 0]
+        turned = (x[:, 0] - 1j * x[:, 1]) * 1j**self.points.rate if self.points.phased else x[:, 0]
+        return np.array(size * turned, complex)
+
+    def forced_response(
+        self,
+        force: float,
+        frequency: tuple[float, float],
+        n_harmonics: int | None = None,
+        *,
+        velocity_scale: float | None = None,
+        n_points: int = 100,
+    ) -> ForcedBand:
+        """Response to an excitation, as measured, with the band of a further measurement.
+
+        The band holds errors of coefficients and chain, the force that the model leaves out, and
+        the noise of a point; see `romsindy.forced_response` and `Estimate.forced_response`.
+        ``force`` is in the unit of the excitation that was fitted.
+        """
+        excitation = _positive(force)
+        size = float(np.abs(self.chain.force(np.array([excitation + 0j])))[0])
+        slopes = np.zeros((len(self.free) + 1, len(self.joint)))
+        slopes[:-1, : len(self.free)] = np.eye(len(self.free))
+        for name, slope in (("gain", excitation / size), ("slope", excitation**2 / size)):
+            if name in self.solution.free:
+                slopes[-1, self.solution.free.index(name)] = slope
+        covariance = slopes @ self.joint @ slopes.T
+        covariance[-1, -1] += self.unexplained**2
+        noise = self.points.std[:, 0] * self.points.frequency**self.points.rate
+        return forced_band(
+            self.single_model,
+            size,
+            frequency,
+            self.free,
+            covariance,
+            rate=self.points.rate,
+            noise=float(np.median(noise)),
+            n_points=n_points,
+            n_harmonics=n_harmonics or self.solution.c.shape[1] // 2,
+            velocity_scale=velocity_scale,
+        )
+
+    def __str__(self) -> str:
+        errors = self.chain_errors
+        rows = ["Force per unit mass (gain + slope |F|) exp(i phase) F, with F as measured:"]
+        for name, value in vars(self.chain).items():
+            if name in errors:
+                shown, error = with_error(value, errors[name])
+                rows.append(f"  {name:<12} {shown:>12} +- {error}")
+            elif value or name == "gain":
+                rows.append(f"  {name:<12} {value:>12.6g} (given)")
+        return "\n".join([super().__str__(), *rows])
+
+    def __repr__(self) -> str:
+        size = f"{len(self.free)} coefficients, {len(self.points)} steady states"
+        return f"<SteadyFit: {size}, {self.unexplained:.2%} of the force unexplained>"
+
+
+def fit_steady(
+    model: ReducedModel | None,
+    frequency: ArrayLike,
+    force: ArrayLike,
+    response: ArrayLike,
+    *,
+    measured: Quantity = "displacement",
+    std: ArrayLike | None = None,
+    gain: float | None = None,
+    slope: float | None = 0.0,
+    phase: float | None = None,
+    fixed: Collection[str] = (),
+    unit: str | None = None,
+) -> SteadyFit:
+    """Fit the coefficients of a model to measured steady states.
+
+    Parameters
+    ----------
+    model : ReducedModel or None
+        Terms to fit; the values of free ones do not matter. None chooses them: of omega^2 and
+        powers 2, 3, 5 of q and 1, 2, 3 of q_dot those that best predict a level of force that is
+        left out (`romsindy.fit.steady.choice`).
+    frequency : (n,) array
+        Angular frequency, rad/s, as in `forced_response`. In any order, but neighbours in one
+        sweep should stand together: their misfits are compared.
+    force : (n,) array
+        Amplitude of the measured excitation, in any unit; complex with its phase.
+    response : (n,) array
+        First harmonic, complex: Re(x exp(i omega t)); or (n, H), harmonics 1 to H. Real: its
+        amplitude, where phases are not known. Harmonics that are not given follow from the balance.
+    measured : "displacement", "velocity" or "acceleration"
+        What the response is; q has its unit, integrated over time in s.
+    std : float, (n,) or (n, H) array, optional
+        Standard deviation of real and imaginary part of the response. Without it, all that is left
+        over counts as a force.
+    gain, phase : float, optional
+        Force per unit mass of an excitation of 1, and by how much it leads it, rad; fitted if not
+        given. The phase also holds what filters do to the response.
+    slope : float or None
+        By how much the gain grows for an excitation of 1; None fits it, or, where the model is
+        chosen, fits it if that predicts better. A shaker's force is not always proportional.
+    fixed : names
+        Coefficients of the model that keep their value.
+    unit : str, optional
+        Unit of q, where the model is chosen.
+
+    Returns
+    -------
+    SteadyFit
+
+    Raises
+    ------
+    ValueError
+        If an argument has another length, is not finite or not positive where it must be; if forces
+        jump, as dry friction; if the points do not tell gain or coefficients; if the response leads
+        the force, so that all damping would be negative.
+
+    Examples
+    --------
+    >>> w = np.linspace(0.8, 1.2, 20)
+    >>> fit = fit_steady(
+    ...     ReducedModel.from_coefficients({"omega^2": 1.1, "c_linear": 0.1}),
+    ...     w, np.ones(20), 3.0 / (1.0 - w**2 + 0.05j * w),
+    ... )
+    >>> round(fit.model.coefficients["c_linear"], 6), round(fit.gain, 6)
+    (0.05, 3.0)
+    """
+    points = SteadyPoints.of(frequency, force, response, std, measured)
+    for name, value in (("gain", gain), ("slope", slope), ("phase", phase)):
+        if value is not None and not np.isfinite(value):
+            raise ValueError(f"{name} = {value!r} must be finite, or None to be fitted")
+    if slope is None:
+        _require_levels(points)
+    if model is None:
+        if fixed:
+            raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
+        model, slope = choose(points, unit, gain, slope, phase)
+    free = _free(model, fixed)
+    if gain is None:
+        _require_lags(points)
+    solution = solve(points, model, free, gain, slope, phase)
+    joint, together = _covariance(points, solution)
+    _require_gain(solution, joint)
+    _require_sense(points, solution)
+    peak = float(points.amplitude.max())
+    n, verdict = len(free), verdict_of(points, solution)
+    return SteadyFit(
+        model=replace(solution.model, amplitude_range=(float(points.amplitude.min()), peak)),
+        free=free,
+        covariance=joint[:n, :n],
+        verdict=verdict,
+        notes=tuple(notes_on(points, solution, verdict, together)),
+        points=points,
+        solution=solution,
+        joint=joint,
+    )
+
+
+def _positive(force: float) -> float:
+    if np.ndim(force) or not 0 < force < np.inf:
+        raise ValueError(f"force = {force!r} must be positive: the amplitude of the excitation")
+    return float(force)
+
+
+def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
+    if not isinstance(model, ReducedModel):
+        raise ValueError(
+            f"model is {type(model).__name__}: give a ReducedModel, or None to have it chosen"
+        )
+    unknown = sorted(set(fixed) - set(model.coefficients))
+    if unknown:
+        raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    jumps = [term.key for term in model.terms if not term.smooth]
+    if jumps:
+        raise ValueError(
+            f"the force of {jumps[0]} jumps: give model.regularised(velocity_scale), which is"
+            " smooth below a small velocity"
+        )
+    return tuple(name for name in model.coefficients if name not in fixed)
+
+
+def _require_levels(points: SteadyPoints) -> None:
+    size = np.abs(points.force)
+    if np.ptp(size) < 0.01 * size.max():
+        raise ValueError("force has one amplitude, which tells no slope of the gain: give slope=0")
+
+
+def _require_lags(points: SteadyPoints) -> None:
+    if not points.phased:
+        return
+    turn = points.q[:, 0] / points.force
+    lag = np.angle(turn / np.mean(turn / np.abs(turn)))
+    if np.ptp(lag) < _ONE_LAG:
+        raise ValueError(
+            "the points do not tell the gain: all have one phase, and at resonance only the ratio"
+            " of gain and damping is seen; give gain= and phase=, or add points off resonance"
+        )
+
+
+def _require_sense(points: SteadyPoints, solution: Solution) -> None:
+    """The damping takes energy at some points, or the sense of the phase is wrong."""
+    if solution.chain.gain < 0:
+        raise ValueError(
+            f"gain = {solution.chain.gain:.3g} is negative: the force has the other sign; give"
+            " -force, or leave phase to be fitted"
+        )
+    damped = {t.key: i for i, t in enumerate(solution.model.terms) if t.has("damping")}
+    columns = [i for i, name in enumerate(solution.free) if name in damped]
+    if not columns or not points.phased:
+        return
+    values = [solution.model.coefficients[solution.free[i]] for i in columns]
+    force = solution.rows.by_parameter[:, :2, columns] @ values
+    q = points.q[:, 0]
+    if np.all(force[:, 0] * -q.imag - force[:, 1] * q.real < 0):
+        raise ValueError(
+            "response leads the force at every point, and its damping would be negative: where the"
+            " phase was recorded as a lag, give response.conj()"
+        )
+
+
+def _require_gain(solution: Solution, joint: Array) -> None:
+    if "gain" not in solution.free:
+        return
+    error = float(np.sqrt(joint[solution.free.index("gain")][solution.free.index("gain")]))
+    if not abs(solution.chain.gain) > _SURE * error:
+        raise ValueError(
+            f"the points do not tell the gain ({solution.chain.gain:.3g} +- {error:.3g}): at"
+            " resonance only its ratio to the damping is seen; give gain=, or add points off"
+            " resonance"
+        )
+
+
+def _covariance(points: SteadyPoints, solution: Solution) -> tuple[Array, float]:
+    """Covariance of least squares whose misfits go together, and their correlation.
+
+    That of neighbours in a level is found from the residuals; it falls with every further point.
+    """
+    plain, white, level = solution.covariance, solution.white, points.level
+    same = level[1:] == level[:-1]
+    products = np.sum(white[1:] * white[:-1], axis=1)[same]
+    together = float(np.mean(products) / np.mean(np.sum(white**2, axis=1)))
+    if not solution.unexplained or together < _CHANCE / np.sqrt(max(np.sum(same), 1)):
+        return plain, 0.0
+    together = min(together, 1.0)
+    number = np.arange(len(level))
+    alike = np.where(level[:, None] == level, together ** np.abs(number[:, None] - number), 0.0)
+    a = solution.rows.whitened(solution.floor)[0].reshape(*white.shape, -1)
+    scores = np.einsum("nkp,nm,mkq->pq", a, alike, a, optimize=True)
+    return plain @ scores @ plain, together

@@ -1,0 +1,38 @@
+"""The inputs of a model, and the model without them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeVar
+
+from romsindy.physics.input import Input
+from romsindy.physics.term_sum import TermSum
+
+Model = TypeVar("Model", bound=TermSum)
+
+
+def inputs_of(model: TermSum) -> tuple[Input, ...]:
+    """The inputs among the terms of a model."""
+    return tuple(term for term in model.terms if isinstance(term, Input))
+
+
+def without_inputs(model: Model) -> Model:
+    """The free model."""
+    pairs = zip(model.terms, model.values, strict=True)
+    kept = {term: value for term, value in pairs if not isinstance(term, Input)}
+    return replace(model, terms=tuple(kept), values=tuple(kept.values()))
+
+
+def gain_of(model: TermSum) -> float:
+    """Force per unit mass for an input of 1; 1 of a model without inputs.
+
+    Raises
+    ------
+    ValueError
+        If the model has several inputs.
+    """
+    inputs = inputs_of(model)
+    if len(inputs) > 1:
+        names = [term.source for term in inputs]
+        raise ValueError(f"the model has the inputs {names}, and one can be harmonic: drop others")
+    return model.coefficients[inputs[0].key] if inputs else 1.0
