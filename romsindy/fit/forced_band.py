@@ -183,7 +183,11 @@ def forced_band(
     table = _refined(np.column_stack([response.frequency, first, by_w, by_a]))
     on, first, by_w, by_a = table[:, 0], table[:, 1], *np.hsplit(table[:, 2:], 2)
     rng = np.random.default_rng(0)
-    drawn = rng.multivariate_normal(np.zeros(len(covariance)), covariance, _DRAWS, method="svd")
+    # Coefficients differ by many powers of ten: only their correlations are near one another.
+    size = np.sqrt(np.diag(covariance))
+    unit = np.where(size > 0, size, 1.0)
+    correlation = covariance / unit / unit[:, None]
+    drawn = size * rng.multivariate_normal(np.zeros(len(size)), correlation, _DRAWS, method="svd")
     w = np.maximum(on + drawn @ by_w.T, 0.0)
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)

@@ -37,6 +37,11 @@ TERM = 0.02
 # A further coordinate must bring down the rms of what is left by this part.
 MODE = 0.1
 
+# -- what does an input do between its samples? (`romsindy.fit.forced.between_samples`) ----------
+
+# A way must leave this part of the power less than another one: less may be the form of the model.
+FORM = 0.003
+
 # -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.checks`) -------
 
 # What vibrates below this part of the largest amplitude is not looked at: 40 dB.

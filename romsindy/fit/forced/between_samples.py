@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import EQUIVALENT, FORM
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 from romsindy.record.noise import autoregression
 from romsindy.text import listed
 from romsindy.typing import Array
+
+_OWN = 3  # values of each record: its state, and the offset of the sensor
 
 _SAID: dict[Interpolation, str] = {
     "band-limited": "band-limited",
@@ -46,7 +48,8 @@ def deviance(residuals: Sequence[Array]) -> float:
             return np.inf
         a = autoregression(e - e.mean())
         driven = lfilter(a, [1.0], e - e.mean())[len(a) :]
-        found += len(e) * float(np.log(np.mean(driven**2))) + len(a) * np.log(len(e))
+        values = len(a) + _OWN
+        found += len(e) * float(np.log(np.mean(driven**2))) + values * np.log(len(e))
     return found
 
 
@@ -76,7 +79,11 @@ def rated(residuals: Mapping[Interpolation, Sequence[Array]]) -> Rivals:
     """Hypotheses by what they leave of the records."""
     deviances = {way: deviance(left) for way, left in residuals.items()}
     least = min(deviances.values())
-    alike = {w: np.exp((least - d) / 2) for w, d in deviances.items() if d - least < EQUIVALENT}
+    n = sum(len(e) for left in residuals.values() for e in left) / len(residuals)
+    apart = max(EQUIVALENT, FORM * n)
+    # Where the form of the model counts, likelihoods say less than they seem to.
+    rate = EQUIVALENT / apart / 2
+    alike = {w: np.exp(rate * (least - d)) for w, d in deviances.items() if d - least < apart}
     total = sum(alike.values())
     weights = {way: float(weight / total) for way, weight in alike.items()}
     return Rivals(min(deviances, key=lambda way: deviances[way]), weights, tuple(residuals))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
@@ -13,7 +12,7 @@ from romsindy.fit.forced.refine import decided, driven, forced_among
 from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
 from romsindy.fit.measured import listed_records, ready, require_unit
 from romsindy.fit.record import Record
-from romsindy.physics.driven import inputs_of, without_inputs
+from romsindy.physics.driven import inputs_of
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -70,44 +69,50 @@ def identify_forced(
     found = ready(several)
     measured = [r.decay for r in forced_among(found)]
     say = progress or (lambda _: None)
-    several_terms = candidates(order) if terms is None else ()
-    first, *others = [inputs_in(measured, way) for way in ways(measured)]
-    fits = [_with_needed(terms, several_terms, first, found, say)]
-    for inputs in others:
-        say(f"{inputs[0].interpolation} input")
-        fits.append(_fitted(_terms_of(fits[0]), inputs, found))
-    best = decided(fits)
+    hypotheses = [inputs_in(measured, way) for way in ways(measured)]
+    if terms is not None:
+        return _decided(terms, hypotheses, found, say)
+    needed = _needed(candidates(order), hypotheses[0], found, say)
+    best = _decided(needed, hypotheses, found, say)
     inputs = inputs_of(best.model)
-    if terms is not None or inputs[0].interpolation == first[0].interpolation:
+    if inputs[0].interpolation == hypotheses[0][0].interpolation:
         return best
     # Terms that were chosen with another input may stand for what was wrong with it.
-    return replace(_with_needed(terms, several_terms, inputs, found, say), notes=best.notes)
+    return _decided(_needed(candidates(order), inputs, found, say), hypotheses, found, say)
 
 
-def _with_needed(
-    terms: Sequence[Term] | None,
+def _decided(
+    terms: Sequence[Term],
+    hypotheses: Sequence[Sequence[Input]],
+    records: Sequence[Record | ForcedRecord],
+    say: Callable[[str], None],
+) -> Fit:
+    """With some terms, and whatever the inputs do between their samples."""
+    fits = []
+    for inputs in hypotheses:
+        say(f"{inputs[0].interpolation} input")
+        fits.append(_fitted(terms, inputs, records))
+    return decided(fits)
+
+
+def _needed(
     several: Sequence[Term],
     inputs: Sequence[Input],
     records: Sequence[Record | ForcedRecord],
     say: Callable[[str], None],
-) -> Fit:
-    """With some terms, or those of several that are needed about the motions of those before."""
-    kept = tuple(terms or ())
+) -> tuple[Term, ...]:
+    """Those of several terms that are needed, about the motions of those found before."""
+    kept: tuple[Term, ...] = ()
     fit = _fitted(kept, inputs, records)
-    motions = [r.motion for r in records]
-    for number in range(_ROUNDS if terms is None else 0):
+    motions = [r.motion for r in fit.records]
+    for number in range(_ROUNDS):
         say(f"terms, round {number + 1}")
-        new = needed_terms(fit, records, motions, several)
+        new = needed_terms(fit, motions, several)
         if new == kept:
             break
         fit, kept = _fitted(new, inputs, records), new
         motions = list(fit.solution.motions)
-    return fit
-
-
-def _terms_of(fit: Fit) -> tuple[Term, ...]:
-    """Beside the linear ones."""
-    return tuple(t for t in without_inputs(fit.single_model).terms if t not in LINEAR)
+    return kept
 
 
 def _fitted(

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import Coefficient, free_coefficients
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import Gram, chosen
@@ -46,15 +45,12 @@ def innovation(residual: Array) -> float:
 
 
 def needed_terms(
-    fit: Fit,
-    records: Sequence[AnyRecord],
-    motions: Sequence[Trajectory],
-    several: Sequence[Term],
+    fit: Fit, motions: Sequence[Trajectory], several: Sequence[Term]
 ) -> tuple[Term, ...]:
     """Those of several terms that are needed beside the linear ones.
 
-    The equation of a fit is linearised about the motions; its inputs and offsets are fitted beside
-    any choice, as initial states are.
+    The equation of a fit is linearised about motions near its records; inputs and offsets are
+    fitted beside any choice, as initial states are.
     """
     model = without_inputs(fit.single_model)
     more = [p for p in fit.solution.parts if not isinstance(p.effect, Coefficient)]
@@ -68,7 +64,7 @@ def needed_terms(
     at = np.array([wide.coefficients[key] for key in terms])
     tables = [
         linear_table(wide, parts, i, record, motion)[1]
-        for i, (record, motion) in enumerate(zip(records, motions, strict=True))
+        for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True))
     ]
     n_linear, total = len(LINEAR), sum(map(len, tables))
     grams = []
