@@ -98,7 +98,7 @@ def held(u, dt=DT):
 
 def test_an_input_that_is_held_is_named():
     u = multisine(4)[0]
-    fit = refine(model(), ForcedVibration(T, noisy(held(u), 5), u, unit="m"))
+    fit = refine(model(), ForcedVibration(T, noisy(held(u), 5, 0.003), u, unit="m"))
     assert fit.notes[0].startswith("between its samples the input is held")
     assert abs(fit.delays["force"][0]) < 4 * fit.delays["force"][1]
     assert fit.model.coefficients["omega^2"] == pytest.approx(OMEGA**2, rel=1e-3)
