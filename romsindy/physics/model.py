@@ -566,6 +566,8 @@ class ReducedModel(TermSum):
     def to_sympy(self) -> Any:
         """q_ddot as a sympy expression of the real symbols q and q_dot.
 
+        Inputs are functions of the real symbol t, such as ``Function("force")(t - 0.002)``.
+
         Needs sympy: ``pip install sympy``.
 
         Returns
@@ -587,6 +589,9 @@ class ReducedModel(TermSum):
     def to_matlab(self, name: str = "rhs") -> str:
         """Text of a MATLAB or Octave function dy = name(t, y), y = [q; q_dot], for ``ode45``.
 
+        With an input it is dy = name(t, y, force), where force is a function handle of time; delays
+        are inside, and the comment says how it is called with samples.
+
         It belongs in a file of its name. Numbers have all their digits; raises as `to_sympy`, and
         ValueError for a name that MATLAB does not take.
         """
@@ -595,7 +600,9 @@ class ReducedModel(TermSum):
     def to_c(self, name: str = "rhs") -> str:
         """Text of a C99 function ``void name(double t, const double y[2], double dy[2])``.
 
-        y = {q, q_dot}. Numbers have all their digits; raises as `to_matlab`.
+        y = {q, q_dot}. With an input it is ``void name(double t, const double y[2], double force,
+        double dy[2])``; the comment says at which time the value of force is to be taken. Numbers
+        have all their digits; raises as `to_matlab`.
         """
         return export.c_function(self._pairs, str(self), name)
 
