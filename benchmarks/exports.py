@@ -39,18 +39,16 @@ printf('%.17g\\n', y(:, 1));
 """
 
 
-def compiled(
-    model: rs.ReducedModel | rs.CoupledModel, folder: Path
-) -> Callable[[float, np.ndarray], list[float]]:
-    """dy/dt of t and y, by the compiled function."""
+def compiled(model: rs.ReducedModel | rs.CoupledModel, folder: Path) -> Callable[..., list[float]]:
+    """dy/dt of t, y and the values of inputs, by the compiled function."""
     source, library = folder / "rhs.c", folder / "rhs.so"
     source.write_text(model.to_c())
     subprocess.run(["cc", *_STRICT, "-o", library, source, "-lm"], check=True)
     function, state = ctypes.CDLL(str(library)).rhs, ctypes.c_double * (2 * model.n_coordinates)
 
-    def rates(t: float, y: np.ndarray) -> list[float]:
+    def rates(t: float, y: np.ndarray, *inputs: float) -> list[float]:
         dy = state()
-        function(ctypes.c_double(t), state(*y), dy)
+        function(ctypes.c_double(t), state(*y), *map(ctypes.c_double, inputs), dy)
         return list(dy)
 
     return rates

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import sympy
 from click.testing import CliRunner
+from scipy.integrate import solve_ivp
 from test_coupled import COUPLED
 from test_physics_laws import ALL, COMBINED, Ripple
 
@@ -20,6 +21,7 @@ from romsindy.physics import coupled_export
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import Friction, PositionDamping
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import ForceLaw
 
@@ -244,6 +246,105 @@ def test_without_sympy_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "sympy", None)
     with pytest.raises(ValueError, match=r"not installed: python -m pip install sympy$"):
         EXAMPLE_MODEL.to_c()
+
+
+# -- inputs ---------------------------------------------------------------------------------------
+
+INPUTS = (Input("force", delay=1 / 300), Input("base", "hold", -0.25), Input("force 2", "linear"))
+DRIVEN = ReducedModel(
+    (*EXAMPLE_MODEL.terms, *INPUTS), (*EXAMPLE_MODEL.values, 1 / 7, 2.0, -0.3), "m"
+)
+NOW = 0.7
+
+
+def pushes(t):
+    """Some functions of time, by name."""
+    return {"force": np.cos(3 * t), "base": np.sin(5 * t), "force_2": t**2}
+
+
+def driven_acceleration():
+    """By the laws, at states and NOW."""
+    pushed = pushes(NOW - 1 / 300)["force"] / 7 - 2 * pushes(NOW + 0.25)["base"]
+    pushed -= 0.3 * pushes(NOW)["force_2"]
+    return EXAMPLE_MODEL.acceleration(Q, Q_DOT) + pushed / EXAMPLE_MODEL.inertia(Q)
+
+
+def functions():
+    return {name: lambda t, name=name: pushes(t)[name] for name in pushes(NOW)}
+
+
+def evaluated_driven(expression):
+    names = [*sympy.symbols("q q_dot t", real=True)]
+    return sympy.lambdify(names, expression, [functions(), "numpy"])(Q, Q_DOT, NOW)
+
+
+def test_sympy_accelerates_under_inputs():
+    np.testing.assert_allclose(
+        evaluated_driven(DRIVEN.to_sympy()), driven_acceleration(), atol=1e-13
+    )
+
+
+def test_matlab_accelerates_under_inputs():
+    text = DRIVEN.to_matlab("pushed")
+    assert text.startswith("function dy = pushed(t, y, force, base, force_2)\n%")
+    said = re.sub(r"\n% ", " ", text)
+    assert "@(t, y) pushed(t, y, @(s) interp1(tu, u(:, 1), s, 'spline', 'extrap')" in said
+    assert "@(s) interp1(tu, u(:, 2), s, 'previous', 'extrap')" in said
+    body = re.sub(r" \.\.\.\n *", " ", text.split("\n", 1)[1].rsplit("\n", 1)[0])
+    body = "\n".join(line for line in body.splitlines() if not line.startswith("%"))
+    for matlab, python in ((".^", "**"), (".*", "*"), ("./", "/"), ("; -", ", -"), (";", "")):
+        body = body.replace(matlab, python)
+    names = {"y": (None, Q, Q_DOT).__getitem__, "t": NOW, **functions()}
+    exec(body, names)
+    np.testing.assert_allclose(names["dy"][1], driven_acceleration(), atol=1e-13)
+
+
+@needs_compiler
+def test_compiled_c_accelerates_under_inputs(tmp_path):
+    text = DRIVEN.to_c()
+    arguments = "double t, const double y[2], double force, double base, double force_2"
+    assert f"void rhs({arguments}, double dy[2])" in text
+    assert "The argument base is base(t + 0.25)." in text
+    rates = exports.compiled(DRIVEN, tmp_path)
+    values = pushes(NOW - 1 / 300)["force"], pushes(NOW + 0.25)["base"], pushes(NOW)["force_2"]
+    found = np.array([rates(NOW, y, *values) for y in np.stack([Q, Q_DOT], axis=1)])
+    np.testing.assert_allclose(found[:, 1], driven_acceleration(), atol=1e-13)
+
+
+@needs_compiler
+def test_compiled_c_moves_under_an_input_as_the_model_does(tmp_path):
+    model = ReducedModel((*EXAMPLE_MODEL.terms, INPUTS[0]), (*EXAMPLE_MODEL.values, 2.0), "m")
+    rates, t = exports.compiled(model, tmp_path), np.linspace(0, 10, 1001)
+    found = solve_ivp(
+        lambda now, y: rates(now, y, np.cos(3 * (now - 1 / 300))),
+        t[[0, -1]],
+        (0.3, 0.0),
+        "DOP853",
+        t,
+        rtol=1e-12,
+        atol=1e-13,
+    ).y[0]
+    same = model.simulate(0.3, 0.0, t, u=lambda now: np.cos(3 * now), rtol=1e-12).y
+    assert np.abs(found - same).max() < 1e-8 * np.abs(same).max()
+
+
+def test_one_input_goes_by_samples():
+    model = ReducedModel((Stiffness(1), Input("force")), (36.0, 2.0), "m")
+    said = re.sub(r"\n% ", " ", model.to_matlab())
+    assert "ode45(@(t, y) rhs(t, y, @(s) interp1(tu, u, s, 'spline', 'extrap')), [t0 t1]" in said
+    for name in ("forces", "base", "force_2"):
+        with pytest.raises(ValueError, match="is a word of C or MATLAB"):
+            model.to_c(name)
+
+
+def test_command_exports_inputs(run, tmp_path):
+    (tmp_path / "model.json").write_text(DRIVEN.to_json())
+    names = {}
+    exec(run("model.json", "--to", "sympy").output, names)
+    np.testing.assert_allclose(evaluated_driven(names["q_ddot"]), driven_acceleration(), atol=1e-13)
+    assert run("model.json", "--to", "c").output == DRIVEN.to_c() + "\n"
+    assert run("model.json", "--to", "matlab").output == DRIVEN.to_matlab() + "\n"
+    assert "inputs" in run("--help").output
 
 
 # -- the command --------------------------------------------------------------------------------

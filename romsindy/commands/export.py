@@ -41,6 +41,8 @@ def export(file: Path, language: str, output: Path, name: str | None) -> None:
     """Write the equation of motion in FILE for MATLAB, C or sympy.
 
     FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
+
+    Measured inputs become arguments: functions of time in MATLAB and sympy, values in C.
     """
     text = text_of(file)
     with named(f"{file}"):

@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
+from romsindy.physics.input import Input
 from romsindy.physics.term import Term
+from romsindy.record.interpolation import Interpolation
 
 Pairs = Sequence[tuple[Term, float]]
 _WIDTH = 84
@@ -24,8 +26,15 @@ _WIDTH = 84
 _WORDS = {
     *("catch", "classdef", "elseif", "end", "function", "global", "otherwise", "parfor"),
     *("persistent", "spmd", "try", "main", "t", "y", "dy", "q", "q_dot", "inertia", "force"),
+    *("forces", "base"),
 }
-_STATE = re.compile(r"q\d+(_dot)?")
+_NUMBERED = re.compile(r"q\d+(_dot)?|(force|base)_\d+")
+# Of MATLAB's interp1, for what inputs do between their samples.
+_METHODS: dict[Interpolation, str] = {
+    "band-limited": "spline",
+    "linear": "linear",
+    "hold": "previous",
+}
 _JUMP = (
     "Dry friction jumps where q_dot changes its sign, and solvers take small steps there;"
     " romsindy's model.regularised(velocity_scale) has no jump."
@@ -38,8 +47,10 @@ def symbols() -> tuple[Any, Any]:
     return q, q_dot
 
 
-def inertia_and_force(pairs: Pairs) -> tuple[Any, Any]:
+def inertia_and_force(pairs: Pairs, symbol: Callable[[Input], Any]) -> tuple[Any, Any]:
     """M(q) and K(q) + N(q) q_dot^2 + D(q, q_dot) as sympy expressions.
+
+    Less what inputs push, each by its symbol.
 
     Raises
     ------
@@ -51,61 +62,100 @@ def inertia_and_force(pairs: Pairs) -> tuple[Any, Any]:
     for term, value in pairs:
         added, push = traced(term, q, q_dot)
         inertia, force = inertia + value * added, force + value * push
+        if isinstance(term, Input):
+            force -= term.sign * value * symbol(term)
     return inertia, force
 
 
 def acceleration(pairs: Pairs) -> Any:
-    """q_ddot as a sympy expression of `symbols`."""
-    inertia, force = inertia_and_force(pairs)
+    """q_ddot as a sympy expression of `symbols`; inputs are functions of the real symbol t."""
+    sympy = sympy_module()
+    t = sympy.Symbol("t", real=True)
+    inertia, force = inertia_and_force(
+        pairs, lambda term: sympy.Function(term.name)(t - whole(term.delay))
+    )
     return -force / inertia
 
 
 def python_script(pairs: Pairs, title: str) -> str:
     """Python that makes the sympy expression ``q_ddot``, every number to its last digit."""
     sympy = sympy_module()
-    q_ddot = acceleration(pairs)
+    q_ddot, names = acceleration(pairs), [term.name for term in _inputs(pairs)]
     functions = {f.func.__name__ for f in q_ddot.atoms(sympy.Function, sympy.Max, sympy.Min)}
+    imports = {"symbols", *functions, *(["Function"] if names else [])} - {*names}
+    inputs = ['t = symbols("t", real=True)\n'] if names else []
+    inputs += [f'{name} = Function("{name}")\n' for name in names]
     code = sympy.sstr(exact(q_ddot))
     return (
         f"{comment('#', pairs, title)}\n"
-        f"from sympy import {', '.join(sorted({'symbols', *functions}))}\n\n"
+        f"from sympy import {', '.join(sorted(imports))}\n\n"
         'q, q_dot = symbols("q q_dot", real=True)\n'
+        f"{''.join(inputs)}"
         f"q_ddot = (\n        {wrapped(code)}\n)"
     )
 
 
 def matlab_function(pairs: Pairs, title: str, name: str) -> str:
-    """Text of a function for ``ode45``, for a file ``name``.m."""
-    inertia, force = (sympy_module().octave_code(exact(x)) for x in inertia_and_force(pairs))
-    use = f"[t, y] = ode45(@{named(name)}, [t0 t1], [q0; q_dot0], odeset('RelTol', 1e-9));"
+    """Text of a function for ``ode45``, for a file ``name``.m; inputs are functions of time."""
+    sympy, inputs, sum_name = sympy_module(), _inputs(pairs), _sum_name(pairs)
+    both = inertia_and_force(pairs, lambda term: sympy.Symbol(term.called(term.delay)))
+    inertia, force = (sympy.octave_code(exact(x)) for x in both)
+    call = f"[t, y] = ode45({_handle(inputs, named(name))}, [t0 t1], [q0; q_dot0]"
+    use = f"dy/dt of y = [q; q_dot]: {call}, odeset('RelTol', 1e-9));"
+    samples = ["tu and u are the times and the samples of the input."] if inputs else []
     return (
-        f"function dy = {name}(t, y)\n"
-        f"{comment('%', pairs, title, f'dy/dt of y = [q; q_dot]: {use}')}\n"
+        f"function dy = {name}({', '.join(['t', 'y', *(term.name for term in inputs)])})\n"
+        f"{comment('%', pairs, title, use, *samples)}\n"
         "q = y(1);\n"
         "q_dot = y(2);\n"
         f"inertia = {wrapped(inertia, ' ...')};\n"
-        f"force = {wrapped(force, ' ...')};\n"
-        "dy = [q_dot; -force / inertia];\n"
+        f"{sum_name} = {wrapped(force, ' ...')};\n"
+        f"dy = [q_dot; -{sum_name} / inertia];\n"
         "end"
     )
 
 
 def c_function(pairs: Pairs, title: str, name: str) -> str:
-    """Text of a C99 function."""
-    inertia, force = (sympy_module().ccode(x) for x in inertia_and_force(pairs))
+    """Text of a C99 function; inputs are values."""
+    sympy, inputs, sum_name = sympy_module(), _inputs(pairs), _sum_name(pairs)
+    both = inertia_and_force(pairs, lambda term: sympy.Symbol(term.name))
+    inertia, force = map(sympy.ccode, both)
+    values = [f"The argument {term.name} is {term.called(term.delay)}." for term in inputs]
+    arguments = ["const double y[2]", *(f"double {term.name}" for term in inputs), "double dy[2]"]
     return (
-        f"{comment('//', pairs, title, 'dy/dt of y = {q, q_dot}; link with -lm.')}\n"
+        f"{comment('//', pairs, title, 'dy/dt of y = {q, q_dot}; link with -lm.', *values)}\n"
         "#include <math.h>\n\n"
-        f"void {named(name)}(double t, const double y[2], double dy[2])\n"
+        f"void {named(name)}(double t, {', '.join(arguments)})\n"
         "{\n"
         "    const double q = y[0], q_dot = y[1];\n"
         f"    const double inertia = {wrapped(inertia)};\n"
-        f"    const double force = {wrapped(force)};\n"
+        f"    const double {sum_name} = {wrapped(force)};\n"
         "    (void)t;\n"
         "    dy[0] = q_dot;\n"
-        "    dy[1] = -force / inertia;\n"
+        f"    dy[1] = -{sum_name} / inertia;\n"
         "}"
     )
+
+
+def _inputs(pairs: Pairs) -> list[Input]:
+    return [term for term, _ in pairs if isinstance(term, Input)]
+
+
+def _sum_name(pairs: Pairs) -> str:
+    """Name of the sum of all forces: an input may have the name "force"."""
+    return "forces" if _inputs(pairs) else "force"
+
+
+def _handle(inputs: Sequence[Input], name: str) -> str:
+    """MATLAB's handle of the function, with inputs interpolated."""
+    if not inputs:
+        return f"@{name}"
+    columns = ["u"] if len(inputs) == 1 else [f"u(:, {i + 1})" for i in range(len(inputs))]
+    functions = [
+        f"@(s) interp1(tu, {u}, s, '{_METHODS[term.interpolation]}', 'extrap')"
+        for u, term in zip(columns, inputs, strict=True)
+    ]
+    return f"@(t, y) {name}(t, y, {', '.join(functions)})"
 
 
 # -- what a model of several coordinates shares (`romsindy.physics.coupled_export`) ---------------
@@ -117,10 +167,10 @@ def exact(expression: Any) -> Any:
     return expression.xreplace({x: sympy.Float(x, 17) for x in expression.atoms(sympy.Float)})
 
 
-def comment(sign: str, pairs: Pairs, title: str, use: str = "") -> str:
+def comment(sign: str, pairs: Pairs, title: str, *use: str) -> str:
     """Lines of a comment: what the model says, how the code is used, and what jumps in it."""
     jumps = any(not term.smooth for term, _ in pairs)
-    lines = [*title.splitlines(), use, _JUMP if jumps else ""]
+    lines = [*title.splitlines(), *use, _JUMP if jumps else ""]
     return "\n".join(f"{sign} {part}" for line in lines for part in _split(line))
 
 
@@ -135,7 +185,7 @@ def _split(line: str) -> list[str]:
 
 def named(name: str) -> str:
     """The name of a function, if C and MATLAB take it, or else a ValueError."""
-    if name in {*import_module("sympy.printing.c").reserved_words, *_WORDS} or _STATE.fullmatch(
+    if name in {*import_module("sympy.printing.c").reserved_words, *_WORDS} or _NUMBERED.fullmatch(
         name
     ):
         raise ValueError(f"name={name!r} is a word of C or MATLAB: take another, such as 'rhs'")

@@ -62,9 +62,17 @@ class Input(Term):
         return -1 if is_base(self.source) else 1
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
-        name = self.source.replace(" ", "_")
-        late = f" {'-' if self.delay > 0 else '+'} {exact(abs(float(f'{self.delay:.4g}')))}"
-        return f"{name}(t{late if self.delay else ''})"
+        return self.called(float(f"{self.delay:.4g}"))
+
+    @property
+    def name(self) -> str:
+        """The source as a name in code."""
+        return self.source.replace(" ", "_")
+
+    def called(self, delay: float) -> str:
+        """Text of the input as a function of time, late by a delay (s)."""
+        late = f" {'-' if delay > 0 else '+'} {exact(abs(delay))}" if delay else ""
+        return f"{self.name}(t{late})"
 
     @classmethod
     def from_key(cls, key: str) -> Input | None:

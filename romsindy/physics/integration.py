@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import ODEintWarning, odeint, solve_ivp
+from scipy.integrate import ODEintWarning, ode, odeint, solve_ivp
 
 from romsindy.typing import Array
 
-Acceleration = Callable[[Any, Any], Any]  # of floats, or of (R,) arrays
+# Of q and q_dot, floats or (R,) arrays; under inputs of their force, too.
+Acceleration = Callable[..., Any]
 # Accelerations that a motion may take: so many for each of its times, and for so many more. A cycle
 # takes some 300 to ten digits: motion that takes more is faster than its times show.
 _MOST, _AHEAD = 200, 1000
@@ -38,8 +39,8 @@ class _Followed:
         self.place = self.start = (t[0], *state)
         self.left = _MOST * (_AHEAD + len(t))
 
-    def __call__(self, t: float, q: Any, q_dot: Any) -> Any:
-        q_ddot = self.acceleration(q, q_dot)
+    def __call__(self, t: float, q: Any, q_dot: Any, *force: float) -> Any:
+        q_ddot = self.acceleration(q, q_dot, *force)
         whole = math.isfinite(q_ddot) if isinstance(q_ddot, float) else np.isfinite(q_ddot).all()
         if not whole:
             raise self.escaped("goes to infinity")
@@ -96,6 +97,40 @@ def integrate_smooth(
         except ODEintWarning as warning:
             raise followed.escaped(f"stops ({warning})") from None
     q, q_dot = np.moveaxis(y.reshape(len(t), *state.shape), 1, 0)
+    return q, q_dot
+
+
+def integrate_steps(
+    acceleration: Acceleration,
+    state: Array,
+    t: Array,
+    steps: Iterable[tuple[float, Callable[[float], float]]],
+    rtol: float,
+    scale: float,
+) -> tuple[Array, Array]:
+    """As `integrate_smooth`, of one coordinate under a force that is smooth in each step.
+
+    ``steps`` are their ends, all of t[1:] among them, with the force as a function of time.
+    """
+    followed = _Followed(acceleration, state, t)
+
+    def rates(now: float, y: Array, force: Callable[[float], float]) -> list[float]:
+        q, q_dot = y.tolist()
+        return [q_dot, followed(now, q, q_dot, force(now))]
+
+    solver = ode(rates).set_integrator("dop853", rtol=rtol, atol=rtol * scale, nsteps=followed.left)
+    solver.set_initial_value(state, t[0])
+    ends, states = [t[0]], [state]
+    with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+        warnings.simplefilter("ignore", UserWarning)  # of steps that become too small: see below
+        for end, force in steps:
+            solver.set_f_params(force)
+            states.append(solver.integrate(end))
+            ends.append(end)
+            if not solver.successful():
+                raise followed.escaped("goes to infinity")
+    wanted = np.searchsorted(ends, t - (t[1] - t[0]) / 1e6)
+    q, q_dot = np.array(states)[wanted].T
     return q, q_dot
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -16,12 +16,15 @@ from scipy.optimize import elementwise
 
 from romsindy.physics import export
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.forcing import Excitation, Forcing
 from romsindy.physics.input import Input
-from romsindy.physics.integration import integrate_smooth, integrate_strokes
+from romsindy.physics.integration import integrate_smooth, integrate_steps, integrate_strokes
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
 from romsindy.physics.validation import require_finite
 from romsindy.record.decay import Decay, checked_time
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.recording import Quantity
 from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
@@ -198,11 +201,38 @@ class ReducedModel(TermSum):
 
     # -- motion -------------------------------------------------------------------------------
 
-    def simulate(self, q0: float, q_dot0: float, t: ArrayLike, *, rtol: float = 1e-10) -> Decay:
-        """Integrate the free motion.
+    @overload
+    def simulate(
+        self, q0: float, q_dot0: float, t: ArrayLike, *, rtol: float = ..., u: None = ...
+    ) -> Decay: ...
+
+    @overload
+    def simulate(
+        self,
+        q0: float,
+        q_dot0: float,
+        t: ArrayLike,
+        *,
+        rtol: float = ...,
+        u: Excitation,
+        measured: Quantity = ...,
+    ) -> ForcedVibration: ...
+
+    def simulate(
+        self,
+        q0: float,
+        q_dot0: float,
+        t: ArrayLike,
+        *,
+        rtol: float = 1e-10,
+        u: Excitation | None = None,
+        measured: Quantity = "displacement",
+    ) -> Decay | ForcedVibration:
+        """Integrate the free motion, or that under inputs.
 
         Smooth models go to LSODA. With dry friction the motion is integrated stroke by stroke
-        between reversals, and rests where friction holds it.
+        between reversals, and rests where friction holds it. Under inputs it is integrated by
+        DOP853 from sample to sample, so that no step goes across a jump.
 
         Parameters
         ----------
@@ -212,11 +242,18 @@ class ReducedModel(TermSum):
             Increasing times in s at which the motion is wanted; uniform, as in every `Decay`.
         rtol : float
             Local relative tolerance of the integration; the error of 200 cycles is about 1e3 rtol.
+        u : (n,) or (n, k) array, or callable, optional
+            The inputs at the times t, a column for each `Input` of the model, in its order.
+            Between samples they go on as the Input says, and they act late by its delay; before the
+            first sample they are as there. Or a function of time that gives a number, or k of them.
+        measured : "displacement", "velocity" or "acceleration"
+            What the y of a motion under inputs is, as a sensor of that kind shows it.
 
         Returns
         -------
-        Decay
-            With q, q_dot, q_ddot.
+        Decay or ForcedVibration
+            Of a free motion q, q_dot and q_ddot. With ``u`` a record as `romsindy.refine` takes it:
+            one measured quantity and the inputs.
 
         Raises
         ------
@@ -224,6 +261,16 @@ class ReducedModel(TermSum):
             If the motion reaches 1 + h(q) <= 0.
         EscapeError
             If the motion goes to infinity, or becomes too fast to be followed to the last time.
+        ValueError
+            With ``u``, for a model without inputs, dry friction, other numbers of samples or
+            columns, or inputs that are constant (see `ForcedVibration`).
+
+        Examples
+        --------
+        >>> t = np.arange(0.0, 10.0, 0.01)
+        >>> named = {"omega^2": 36.0, "c_linear": 0.1, "gain [force]": 2.0}
+        >>> ReducedModel.from_coefficients(named, "m").simulate(0, 0, t, u=np.sin(5 * t))
+        <ForcedVibration: 1000 samples at 100 Hz, 9.99 s, max |displacement| 0.3096 m, by force>
         """
         require_finite("q0", q0)
         require_finite("q_dot0", q_dot0)
@@ -231,6 +278,12 @@ class ReducedModel(TermSum):
         frequency = np.sqrt(abs(self.coefficients.get("omega^2", 1.0))) or 1.0
         scale = max(abs(q0), abs(q_dot0) / frequency, 1e-300)
         state = np.array([q0, q_dot0], float)
+        if u is not None:
+            forcing = self._forcing(u, t)
+            scale = max(scale, float(np.abs(forcing(t)).max()) / frequency**2)
+            own = self._scalar_acceleration()
+            q, q_dot = integrate_steps(own, state, t, forcing.steps(), rtol, scale)
+            return self._shown(forcing, q, q_dot, measured)
         if all(term.smooth for term in self.terms):
             q, q_dot = integrate_smooth(self._scalar_acceleration(), state, t, rtol, scale)
             return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
@@ -238,14 +291,38 @@ class ReducedModel(TermSum):
         q_ddot = np.where(rests, 0.0, self.acceleration(q, q_dot))
         return Decay(t, q, q_dot, q_ddot, unit=self.unit)
 
-    def _scalar_acceleration(self) -> Callable[[float, float], float]:
+    def _forcing(self, u: Excitation, t: Array) -> Forcing:
+        jumping = [term.key for term in self.terms if not term.smooth]
+        if jumping:
+            raise ValueError(
+                f"{jumping[0]!r} jumps where the velocity changes its sign, and is not integrated"
+                " under inputs: use model.regularised(velocity_scale)"
+            )
+        return Forcing([(term, c) for term, c in self._pairs if isinstance(term, Input)], u, t)
+
+    def _shown(
+        self, forcing: Forcing, q: Array, q_dot: Array, measured: Quantity
+    ) -> ForcedVibration:
+        q_ddot = self.acceleration(q, q_dot) + forcing(forcing.t) / self.inertia(q)
+        return ForcedVibration(
+            forcing.t,
+            {"displacement": q, "velocity": q_dot, "acceleration": q_ddot}.get(measured, q),
+            forcing.u,
+            unit=self.unit,
+            measured=measured,
+            inputs=[term.source for term, _ in forcing.inputs],
+            input_unit=forcing.inputs[0][0].input_unit,
+            interpolation=forcing.interpolation,
+        )
+
+    def _scalar_acceleration(self) -> Callable[..., float]:
         mass_and_force = self.mass_and_force()
 
-        def acceleration(q: float, q_dot: float) -> float:
+        def acceleration(q: float, q_dot: float, push: float = 0.0) -> float:
             mass, force = mass_and_force(q, q_dot)
             if mass <= _SINGULAR:
                 self._refuse(q)
-            return -force / mass
+            return (push - force) / mass
 
         return acceleration
 
@@ -489,6 +566,8 @@ class ReducedModel(TermSum):
     def to_sympy(self) -> Any:
         """q_ddot as a sympy expression of the real symbols q and q_dot.
 
+        Inputs are functions of the real symbol t, such as ``Function("force")(t - 0.002)``.
+
         Needs sympy: ``pip install sympy``.
 
         Returns
@@ -510,6 +589,9 @@ class ReducedModel(TermSum):
     def to_matlab(self, name: str = "rhs") -> str:
         """Text of a MATLAB or Octave function dy = name(t, y), y = [q; q_dot], for ``ode45``.
 
+        With an input it is dy = name(t, y, force), where force is a function handle of time; delays
+        are inside, and the comment says how it is called with samples.
+
         It belongs in a file of its name. Numbers have all their digits; raises as `to_sympy`, and
         ValueError for a name that MATLAB does not take.
         """
@@ -518,7 +600,9 @@ class ReducedModel(TermSum):
     def to_c(self, name: str = "rhs") -> str:
         """Text of a C99 function ``void name(double t, const double y[2], double dy[2])``.
 
-        y = {q, q_dot}. Numbers have all their digits; raises as `to_matlab`.
+        y = {q, q_dot}. With an input it is ``void name(double t, const double y[2], double force,
+        double dy[2])``; the comment says at which time the value of force is to be taken. Numbers
+        have all their digits; raises as `to_matlab`.
         """
         return export.c_function(self._pairs, str(self), name)
 

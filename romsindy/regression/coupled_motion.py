@@ -1,8 +1,9 @@
-"""Several coordinates of one decay: what its channels show of every term, window by window.
+"""What the channels of a record show of every term, window by window.
 
 Linear oscillators with the frequency and damping of small vibrations stand in for the coordinates.
 What a term contributes to the record is the response of the oscillators to it as a force; in a
 window of a few cycles any free motion of the oscillators is added. No signal is differentiated.
+Records are decays of several coordinates, or forced vibrations of one: there an input is a column.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.physics.coupled import CoupledModel
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.physics.input import Input
 from romsindy.physics.term import Term
+from romsindy.record.interpolation import interpolated
 from romsindy.record.ridges import Ridge
 from romsindy.typing import Array
 
@@ -106,12 +109,14 @@ class WindowRows(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FollowedDecay:
-    """A decay with what is known so far of the motion of its coordinates.
+class Followed:
+    """A record with what is known so far of the motion of its coordinates.
 
     Attributes
     ----------
-    record : CoupledRecord
+    record : CoupledRecord or ForcedRecord
+    shapes : (c, R) array
+        What each channel shows of each coordinate.
     oscillators : Oscillators
     scale : (c,) array
         What samples of each channel are divided by: its noise.
@@ -123,7 +128,8 @@ class FollowedDecay:
         q, q_dot, q_ddot at the steps.
     """
 
-    record: CoupledRecord
+    record: CoupledRecord | ForcedRecord
+    shapes: Array
     oscillators: Oscillators
     scale: Array
     factor: int
@@ -132,17 +138,22 @@ class FollowedDecay:
 
     @classmethod
     def of(
-        cls, record: CoupledRecord, oscillators: Oscillators, scale: Array, cycles: float
-    ) -> FollowedDecay:
-        """Start from the tones as they were followed, windows of so many of the longest cycles."""
+        cls,
+        record: CoupledRecord | ForcedRecord,
+        shapes: Array,
+        oscillators: Oscillators,
+        scale: Array,
+        cycles: float,
+    ) -> Followed:
+        """Start from the motion of the record, windows of so many of the longest cycles."""
         dt, rate = record.decay.dt, oscillators.omega / (2 * np.pi)
         factor = int(np.ceil(_STEPS * rate.max() * dt))
         width = min(round(cycles / (rate.min() * dt)), len(record.t))
         grid, q, q_dot = record.motion.grid, record.motion.q, record.motion.q_dot
-        tones = CubicHermiteSpline(grid.start + grid.step * np.arange(len(q)), q, q_dot)
+        motion_at = CubicHermiteSpline(grid.start + grid.step * np.arange(len(q)), q, q_dot)
         t = dt / factor * np.arange(factor * (len(record.t) - 1) + 1)
-        motion = np.array([tones(t, k) for k in range(3)])
-        return cls(record, oscillators, scale, factor, width, motion)
+        motion = np.array([motion_at(t, k) for k in range(3)])
+        return cls(record, shapes, oscillators, scale, factor, width, motion)
 
     @property
     def amplitude(self) -> Array:
@@ -151,10 +162,10 @@ class FollowedDecay:
 
     def rows(self, terms: Sequence[Term]) -> WindowRows:
         """What the channels show of the terms, and of -q_ddot."""
-        shown = [self._shown(self._forced(-term.strong(*self.motion))) for term in terms]
+        shown = [self._shown(self._forced(-self._strong(term))) for term in terms]
         restored = self._shown(self._forced(self.oscillators.restoring(self.motion)))
         table = np.stack([*shown, self._measured - restored], axis=-1)
-        basis = np.linalg.qr(self._free)[0]
+        basis = np.linalg.qr(np.column_stack([self._free, *self._offset]))[0]
         found = []
         for samples, _ in self._windows:
             own = table[:, samples].reshape(len(basis), -1)
@@ -163,17 +174,19 @@ class FollowedDecay:
         window = np.repeat(np.arange(len(found)), [len(x) for x in found])
         return WindowRows(rows[:, :-1], rows[:, -1], window)
 
-    def following(self, model: CoupledModel) -> FollowedDecay:
+    def following(self, terms: Sequence[Term], coef: Array) -> Followed:
         """With a motion nearer to that of a model, which in each window follows the channels."""
-        q, q_dot, q_ddot = self.motion
-        terms = model.residual(q, q_dot, q_ddot) - q_ddot
-        forced = self._forced(self.oscillators.restoring(self.motion) - terms)
+        total = np.zeros_like(self.motion[0])
+        for term, c in zip(terms, coef, strict=True):
+            total += c * self._strong(term)
+        forced = self._forced(self.oscillators.restoring(self.motion) - total)
         left = self._measured - self._shown(forced)
         moved, weight = np.zeros_like(forced), np.zeros((forced.shape[1], 1))
         n = self.factor * (self.width - 1) + 1
         free = self.oscillators.free(self.record.decay.dt / self.factor * np.arange(n))
         fade = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None] ** 2
-        start = np.linalg.pinv(self._free)
+        start = np.linalg.pinv(np.column_stack([self._free, *self._offset]))
+        start = start[: self._free.shape[1]]
         for samples, steps in self._windows:
             own = (start @ left[:, samples].ravel()).reshape(-1, 2)
             moved[:, steps] += fade * (forced[:, steps] + np.einsum("knrj,rj->knr", free, own))
@@ -185,11 +198,24 @@ class FollowedDecay:
         """What the channels show of the motion, (c, R); 1 in the main channel of a coordinate."""
         moved = self.motion[self.record.derivative, :: self.factor]
         shapes = np.linalg.lstsq(moved, self._measured.T, rcond=None)[0].T * self.scale[:, None]
-        return shapes / shapes[self.record.main, range(len(moved.T))]
+        main = np.argmin(np.abs(self.shapes - 1), axis=0)
+        return shapes / shapes[main, range(len(moved.T))]
 
-    def with_shapes(self, shapes: Array) -> FollowedDecay:
+    def with_shapes(self, shapes: Array) -> Followed:
         """The same with other mode shapes."""
-        return replace(self, record=replace(self.record, shapes=shapes))
+        return replace(self, shapes=shapes)
+
+    def _strong(self, term: Term) -> Array:
+        """A term on the left side of the equations, (n, R)."""
+        if not isinstance(term, Input):
+            return term.strong(*self.motion)
+        assert isinstance(self.record, ForcedRecord)
+        vibration = self.record.decay
+        u = vibration.u[:, vibration.names.index(term.source)]
+        place = np.arange(self.motion.shape[1]) / self.factor - term.delay / vibration.dt
+        # Where a held input jumps, the mean of both sides.
+        before, after = (interpolated(u, place + x, term.interpolation) for x in (-1e-6, 1e-6))
+        return -term.sign * (before + after)[:, None] / 2
 
     @property
     def _measured(self) -> Array:
@@ -198,7 +224,7 @@ class FollowedDecay:
 
     @property
     def _shapes(self) -> Array:
-        return self.record.shapes / self.scale[:, None]
+        return self.shapes / self.scale[:, None]
 
     def _forced(self, force: Array) -> Array:
         return self.oscillators.forced(force, self.record.decay.dt / self.factor)
@@ -213,6 +239,11 @@ class FollowedDecay:
         free = self.oscillators.free(self.record.decay.dt * np.arange(self.width))
         shown = np.einsum("cr,nrk->cnrk", self._shapes, free[self.record.derivative])
         return shown.reshape(len(self.scale) * self.width, -1)
+
+    @property
+    def _offset(self) -> list[Array]:
+        """An offset of the sensor, where that is free: (w,) or nothing."""
+        return [np.ones(self.width)] if isinstance(self.record, ForcedRecord) else []
 
     @cached_property
     def _windows(self) -> list[tuple[slice, slice]]:

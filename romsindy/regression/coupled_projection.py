@@ -16,7 +16,7 @@ from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.ringing import names_of, require_channels, ringing_in
-from romsindy.regression.coupled_motion import FollowedDecay, Oscillators, WindowRows
+from romsindy.regression.coupled_motion import Followed, Oscillators, WindowRows
 from romsindy.typing import Array
 
 # A known omega^2 is refused where it is so many times that of the vibration, or less.
@@ -29,14 +29,14 @@ _AWAY = 10.0
 
 @dataclass(eq=False, repr=False)
 class WindowProjection(BaseEstimator):
-    """Compare terms of several coordinates with the channels, in windows of a few cycles.
+    """Compare terms with the channels, in windows of a few cycles.
 
-    The motion of several coordinates repeats itself in no cycle. So the windows hold some cycles
-    of the slowest, and overlap by half. A term, as a force on linear oscillators, contributes what
-    the channels show of their response; free motions of the oscillators are projected out in every
-    window. This is -q_ddot = sum of terms with both sides filtered alike, and reads displacement,
-    velocity or acceleration as it was measured. All R equations stand in each row: a coefficient
-    that they share is one column.
+    The motion of several coordinates, or under inputs, repeats itself in no cycle. So the windows
+    hold some cycles of the slowest, and overlap by half. A term, as a force on linear oscillators,
+    contributes what the channels show of their response; free motions of the oscillators are
+    projected out in every window. This is -q_ddot = sum of terms with both sides filtered alike,
+    and reads displacement, velocity or acceleration as it was measured. All R equations stand in
+    each row: a coefficient that they share is one column.
 
     Terms are evaluated on the motion of the coordinates, which at first is that of the followed
     vibrations; each round replaces it by that of the model found, which in every window follows the
@@ -66,6 +66,25 @@ class WindowProjection(BaseEstimator):
             raise ValueError(f"cycles = {self.cycles!r} must be at least 2")
         if isinstance(self.rounds, bool) or self.rounds != int(self.rounds) or self.rounds < 1:
             raise ValueError(f"rounds = {self.rounds!r} must be a whole number of at least 1")
+
+
+class Rounds(NamedTuple):
+    """The best of several rounds.
+
+    Attributes
+    ----------
+    left : float
+        Mean square of what the regression leaves of its rows.
+    optimizer : BaseOptimizer
+        Fitted.
+    rows : WindowRows
+    shapes : (c, R) array
+    """
+
+    left: float
+    optimizer: BaseOptimizer
+    rows: WindowRows
+    shapes: Array
 
 
 class Regression(NamedTuple):
@@ -123,33 +142,56 @@ def regressed(
     records = coupled_records(free, _ringing(free, modes), NUMERICS)
     followed = _followed(records, projection, weighted)
     _refuse_far(known, followed[0].oscillators.omega)
-    sizes = _sizes(followed)
-    best: tuple[float, BaseOptimizer, WindowRows, Array] | None = None
-    for _ in range(projection.rounds):
-        rows = WindowRows.stacked([decay.rows(terms) for decay in followed])
+    sizes = sizes_of(followed)
+    best = in_rounds(followed, terms, projection.rounds, solve)
+    model = _kept(terms, best.optimizer.coef_[0], modes, decays[0].unit)
+    return Regression(
+        best.optimizer,
+        replace(model, amplitude_range=(float(sizes.min()), float(sizes.max()))),
+        best.rows,
+        best.shapes,
+    )
+
+
+def in_rounds(
+    followed: Sequence[Followed],
+    terms: Sequence[Term],
+    rounds: int,
+    solve: Callable[[WindowRows], BaseOptimizer],
+) -> Rounds:
+    """Regress, follow the motion of the model found, and so on until nothing changes."""
+    sizes, best = sizes_of(followed), None
+    for _ in range(rounds):
+        rows = WindowRows.stacked([record.rows(terms) for record in followed])
         optimizer = solve(rows)
         coef = optimizer.coef_[0]
         left = float(np.mean((rows.target - rows.theta @ coef) ** 2))
-        settled = best is not None and abs(left - best[0]) < _SETTLED * left
-        if best is None or left < best[0]:
-            best = left, optimizer, rows, followed[0].record.shapes
+        settled = best is not None and abs(left - best.left) < _SETTLED * left
+        if best is None or left < best.left:
+            best = Rounds(left, optimizer, rows, followed[0].shapes)
         if settled:
             break
-        model = CoupledModel(tuple(terms), tuple(coef), decays[0].unit)
-        followed = tuple(decay.following(model) for decay in followed)
+        followed = [record.following(terms, coef) for record in followed]
         if _runs_away(followed, sizes):
             break
-        shapes = np.mean([decay.mode_shapes for decay in followed], axis=0)
-        followed = tuple(decay.with_shapes(shapes) for decay in followed)
+        if len(followed[0].shapes) > 1:
+            shapes = np.mean([record.mode_shapes for record in followed], axis=0)
+            followed = [record.with_shapes(shapes) for record in followed]
     assert best is not None
-    _, optimizer, rows, shapes = best
-    model = _kept(terms, optimizer.coef_[0], modes, decays[0].unit)
-    return Regression(
-        optimizer,
-        replace(model, amplitude_range=(float(sizes.min()), float(sizes.max()))),
-        rows,
-        shapes,
-    )
+    return best
+
+
+def rows_about(
+    followed: Sequence[Followed], terms: Sequence[Term], coef: Array, rounds: int
+) -> WindowRows:
+    """Rows about the motion of a model that is known, where it leaves least of them."""
+    sizes, found = sizes_of(followed), []
+    for _ in range(rounds):
+        found.append(WindowRows.stacked([record.rows(terms) for record in followed]))
+        followed = [record.following(terms, coef) for record in followed]
+        if _runs_away(followed, sizes):
+            break
+    return min(found, key=lambda rows: float(np.sum((rows.target - rows.theta @ coef) ** 2)))
 
 
 def rows_of(
@@ -171,23 +213,17 @@ def rows_of(
     found = [CoupledRecord.of(d.free(), small_frequencies(model), NUMERICS, main) for d in decays]
     records = [replace(record, shapes=mode_shapes) for record in found]
     followed = _followed(records, projection, weighted)
-    sizes = _sizes(followed)
-    for _ in range(projection.rounds):
-        nearer = tuple(decay.following(model) for decay in followed)
-        if _runs_away(nearer, sizes):
-            break
-        followed = nearer
-    return WindowRows.stacked([decay.rows(model.terms) for decay in followed])
+    return rows_about(followed, model.terms, np.array(model.values), projection.rounds)
 
 
-def _sizes(followed: Sequence[FollowedDecay]) -> Array:
-    """Largest displacement of a coordinate in each window of all decays."""
-    return np.concatenate([decay.amplitude for decay in followed])
+def sizes_of(followed: Sequence[Followed]) -> Array:
+    """Largest displacement of a coordinate in each window of all records."""
+    return np.concatenate([record.amplitude for record in followed])
 
 
-def _runs_away(followed: Sequence[FollowedDecay], sizes: Array) -> bool:
+def _runs_away(followed: Sequence[Followed], sizes: Array) -> bool:
     """Whether a model has led the motion far from what was measured; also where it is nan."""
-    return not bool(_sizes(followed).max() < _AWAY * sizes.max())
+    return not bool(sizes_of(followed).max() < _AWAY * sizes.max())
 
 
 def _ringing(decays: Sequence[Decay], modes: int) -> Array:
@@ -214,11 +250,11 @@ def _refuse_far(known: Mapping[str, float], omega: Array) -> None:
 
 def _followed(
     records: Sequence[CoupledRecord], projection: WindowProjection, weighted: bool
-) -> tuple[FollowedDecay, ...]:
+) -> tuple[Followed, ...]:
     oscillators = Oscillators.of(records)
     scales = [[n.std if weighted else 1.0 for n in record.noise] for record in records]
     return tuple(
-        FollowedDecay.of(record, oscillators, np.array(scale), projection.cycles)
+        Followed.of(record, record.shapes, oscillators, np.array(scale), projection.cycles)
         for record, scale in zip(records, scales, strict=True)
     )
 

@@ -1,4 +1,4 @@
-"""From decays to coefficients: the estimator that users meet."""
+"""From records to coefficients: the estimator that users meet."""
 
 from __future__ import annotations
 
@@ -15,16 +15,23 @@ from sklearn.utils.validation import check_is_fitted
 
 from romsindy.fit.measured import require_unit, several_decays
 from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Filter
+from romsindy.record.forced import ForcedVibration
 from romsindy.regression.coupled_library import is_coupled
 from romsindy.regression.coupled_motion import WindowRows
 from romsindy.regression.coupled_projection import (
     WindowProjection,
     regressed,
     rows_of,
+)
+from romsindy.regression.forced_projection import (
+    as_forced,
+    regressed_forced,
+    rows_of_forced,
 )
 from romsindy.regression.known_coefficients import fixed_columns, refuse_absurd
 from romsindy.regression.library import ROMLibrary, library_terms
@@ -35,12 +42,13 @@ from romsindy.typing import Array
 
 @dataclass(eq=False, repr=False)
 class HarmonicSINDy(BaseEstimator):
-    """Identify a reduced model from free decays, in the harmonic domain.
+    """Identify a reduced model from free decays, in the harmonic domain, or from forced vibrations.
 
     Every cycle of the decays is projected on its first harmonics, and a scaled sparse regression
     of -q_ddot on the terms of the library finds the coefficients. With a library of several
     coordinates it is the windows of a `WindowProjection` that make the rows, for all equations at
-    once: decays have one channel or several, and the strongest vibrations become coordinates.
+    once: decays have one channel or several, and the strongest vibrations become coordinates. Under
+    inputs windows make the rows, too, and each input is one column more.
 
     Parameters
     ----------
@@ -50,7 +58,8 @@ class HarmonicSINDy(BaseEstimator):
         Any PySINDy optimizer or scikit-learn linear model; a threshold is a relative contribution
         (see `ScaledOptimizer`). `sklearn.linear_model.LinearRegression()` is least squares.
     projection : HarmonicProjection or WindowProjection, optional
-        Harmonics, weak or strong form, amplitude range; or windows for several coordinates.
+        Harmonics, weak or strong form, amplitude range; or windows for several coordinates, and
+        for forced vibrations.
     fixed : mapping of str to float, optional
         Known coefficients by name, such as ``{"omega^2": 1482.2}``, in SI units of q.
     differentiation : Filter, optional
@@ -66,7 +75,8 @@ class HarmonicSINDy(BaseEstimator):
     Attributes
     ----------
     model_, coef_ : ReducedModel, (n_terms,) array
-        The identified equation; its coefficients in the order of the library.
+        The identified equation; its coefficients in the order of the library, then gains of
+        inputs.
     rows_, optimizer_ : Rows, ScaledOptimizer
         The regression behind it.
 
@@ -88,31 +98,38 @@ class HarmonicSINDy(BaseEstimator):
     # t is the second argument of fit and score, where scikit-learn hands over y: so
     # GridSearchCV(HarmonicSINDy(), grid).fit(list_of_x, list_of_t) works without routing.
 
-    def fit(self, x: Any, t: Any = None) -> HarmonicSINDy:
+    def fit(self, x: Any, t: Any = None, u: Any = None) -> HarmonicSINDy:
         """Identify the model.
 
         Parameters
         ----------
-        x : Decay, array, or a list of either
+        x : Decay, ForcedVibration, array, or a list of one of them
             Decays that lack velocity or acceleration are cut to their free part, smoothed and
             differentiated; those with both are taken as they are. An array holds the columns q or
             [q, q_dot] or [q, q_dot, q_ddot], shape (n,) or (n, 1..3), in SI units. Several
             coordinates need decays; as they were measured, cut to their free part.
         t : array or list of arrays, optional
             Times (n,) in s that go with arrays. A gap splits a record in two.
+        u : array or list of arrays, optional
+            Forces (n,) or (n, k) at the same times, as in PySINDy. Of x the displacement is used:
+            its first column. For the acceleration of a base, a velocity that was measured, or units
+            give a `ForcedVibration` as x, without u.
 
         Raises
         ------
         ValueError
             For data that cannot be used, unknown names in ``fixed``, or known coefficients that
-            contradict the data; more modes than vibrations that ring; the message names the
-            argument, the value and the remedy.
+            contradict the data; more modes than vibrations that ring; u beside a `Decay`, or of
+            another length than t; the message names the argument, the value and the remedy.
         """
         terms = library_terms(self.library if self.library is not None else ROMLibrary())
         if not terms:
             raise ValueError("the library has no terms: ask for at least one stiffness term")
+        forced = as_forced(x, t, u)
         if is_coupled(terms):
             return self._fit_several(terms, x)
+        if forced:
+            return self._fit_forced(terms, forced, t is not None or forced[0].unit is not None)
         decays = as_decays(x, t)
         unit = _common_unit(decays)
         fixed = fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
@@ -147,13 +164,28 @@ class HarmonicSINDy(BaseEstimator):
         self.mode_shapes_ = found.mode_shapes
         return self
 
+    def _fit_forced(
+        self, terms: Sequence[Term], forced: Sequence[ForcedVibration], unit_known: bool
+    ) -> HarmonicSINDy:
+        known = dict(self.fixed or {})
+
+        def solve(every: Sequence[Term], rows: WindowRows) -> ScaledOptimizer:
+            fixed = fixed_columns(known, every, unit_known)
+            return ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
+
+        found = regressed_forced(terms, forced, self._windows(), solve, self.weighted)
+        refuse_absurd(found.optimizer.fixed, found.terms, found.rows)
+        self.optimizer_, self.coef_ = found.optimizer, found.optimizer.coef_[0]
+        self.model_, self.rows_ = found.model, found.rows
+        return self
+
     def _windows(self) -> WindowProjection:
         if self.projection is None:
             return WindowProjection()
         if not isinstance(self.projection, WindowProjection):
             raise ValueError(
-                f"projection = {self.projection!r} is for one coordinate: with a library of several"
-                " give WindowProjection(cycles=6)"
+                f"projection = {self.projection!r} is for one coordinate that decays: with a"
+                " library of several, or inputs, give WindowProjection(cycles=6)"
             )
         return self.projection
 
@@ -161,8 +193,8 @@ class HarmonicSINDy(BaseEstimator):
         projection = self.projection if self.projection is not None else HarmonicProjection()
         if not isinstance(projection, HarmonicProjection):
             raise ValueError(
-                f"projection = {projection!r} is for several coordinates: with a library of one"
-                " give HarmonicProjection()"
+                f"projection = {projection!r} is for several coordinates, or inputs: with a library"
+                " of one give HarmonicProjection()"
             )
         conditioned = [d.single().conditioned(self.differentiation) for d in decays]
         return Rows.stacked([projection.rows(terms, d) for d in conditioned])
@@ -183,9 +215,14 @@ class HarmonicSINDy(BaseEstimator):
         Raises
         ------
         ValueError
-            With several coordinates, which a sensor does not show one by one.
+            With several coordinates, which a sensor does not show one by one, and with inputs.
         """
         check_is_fitted(self)
+        if any(isinstance(term, Input) for term in self.model_.terms):
+            raise ValueError(
+                "the model has inputs: use model_.simulate(q0, q_dot0, t, u=u), or free_run after"
+                " refine(model_, records)"
+            )
         if isinstance(self.model_, CoupledModel):
             raise ValueError(
                 f"the model has {self.model_.n_coordinates} coordinates, which no channel shows"
@@ -202,7 +239,7 @@ class HarmonicSINDy(BaseEstimator):
             results.append(self.model_.acceleration(d.q, np.asarray(d.q_dot)))
         return results if several else results[0]
 
-    def score(self, x: Any, t: Any = None) -> float:
+    def score(self, x: Any, t: Any = None, u: Any = None) -> float:
         """Coefficient of determination R^2 of the projected -q_ddot, in the rows of the regression.
 
         The linear term alone explains most of it: differences between good models show in the
@@ -214,6 +251,10 @@ class HarmonicSINDy(BaseEstimator):
                 self.model_, _whole_decays(x), self._windows(), self.mode_shapes_, self.weighted
             )
             return float(r2_score(several.target, several.theta @ self.model_.values))
+        forced = as_forced(x, t, u)
+        if forced:
+            windows = rows_of_forced(self.model_, forced, self._windows(), self.weighted)
+            return float(r2_score(windows.target, windows.theta @ self.model_.values))
         rows = self._rows(self.model_.terms, as_decays(x, t))
         return float(r2_score(rows.target, rows.theta @ self.coef_))
 

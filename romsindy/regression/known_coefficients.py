@@ -8,6 +8,7 @@ import numpy as np
 
 from romsindy.physics.serial import term_from_key
 from romsindy.physics.term import Term
+from romsindy.regression.coupled_motion import WindowRows
 from romsindy.regression.projection import Rows
 from romsindy.regression.scaled_optimizer import rms
 
@@ -37,7 +38,9 @@ def fixed_columns(
     return columns
 
 
-def refuse_absurd(fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows) -> None:
+def refuse_absurd(
+    fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows | WindowRows
+) -> None:
     """Known coefficients in other units than the data stand out by orders of magnitude."""
     target = float(rms(rows.target[:, None])[0])
     for column, value in fixed.items():

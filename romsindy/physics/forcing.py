@@ -1,0 +1,111 @@
+"""The force of measured inputs on one coordinate, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from romsindy.physics.input import Input
+from romsindy.record.decay import checked_signal
+from romsindy.record.interpolation import Interpolation, interpolated
+from romsindy.record.sampling import uniform_times
+from romsindy.typing import Array
+
+Excitation = ArrayLike | Callable[[float], ArrayLike]
+Push = Callable[[float], float]
+
+# Within a step samples become a polynomial through so many places: up to the Nyquist frequency it
+# misses a sine by 2 (pi / 4)^12 / 12! = 2e-10 of it.
+_PLACES = np.cos(np.pi * (np.arange(12) + 0.5) / 12)
+_POLYNOMIAL = np.linalg.inv(np.vander(_PLACES)).T
+
+
+class Forcing:
+    """What inputs do to a model over uniform times.
+
+    Parameters
+    ----------
+    inputs : sequence of (Input, float)
+        The k inputs with their coefficients.
+    u : (n,) or (n, k) array, or callable
+        Samples at the times, or a function of time that gives a number, or k of them.
+    t : (n,) array
+
+    Raises
+    ------
+    ValueError
+        For no inputs, times that jitter, or samples that do not fit.
+    """
+
+    def __init__(self, inputs: Sequence[tuple[Input, float]], u: Excitation, t: Array) -> None:
+        if not inputs:
+            raise ValueError(
+                "u is given, and the model has no input: add one to its coefficients, such as"
+                " 'gain [force]', or leave u out"
+            )
+        self.inputs, self.function = inputs, u if callable(u) else None
+        self.t, jitter = uniform_times(t)
+        if jitter:
+            raise ValueError(f"{jitter.split(':')[0]}: under inputs it must be, as numpy.arange")
+        samples = [self._called(now) for now in self.t] if callable(u) else u
+        self.u = checked_signal("u", samples, len(t)).reshape(len(t), -1)
+        if self.u.shape[1] != len(inputs):
+            raise ValueError(
+                f"u has {self.u.shape[1]} columns, and the model the inputs"
+                f" {[term.source for term, _ in inputs]}: give one column for each"
+            )
+
+    def __call__(self, times: Array) -> Array:
+        """The force at times (m,); where it jumps, that after the jump."""
+        found = np.zeros(len(times))
+        for i, (term, value) in enumerate(self.inputs):
+            found += term.sign * value * self._sampled(i, times - term.delay)
+        return found
+
+    def steps(self) -> Iterator[tuple[float, Push]]:
+        """The end of each step, and the force in it; samples neither jump nor bend there."""
+        edges = self._edges()
+        if self.function is not None:
+            yield from ((end, lambda now: float(self(np.array([now]))[0])) for end in edges[1:])
+            return
+        middle, half = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+        places = middle[:, None] + half[:, None] * _PLACES
+        rows = self(places.ravel()).reshape(places.shape) @ _POLYNOMIAL
+        for end, m, h, row in zip(edges[1:], middle, half, rows.tolist(), strict=True):
+            yield end, _polynomial(m, h, row)
+
+    @property
+    def interpolation(self) -> Interpolation | None:
+        """Of all samples, where they have one."""
+        ways = {term.interpolation for term, _ in self.inputs}
+        return ways.pop() if len(ways) == 1 and self.function is None else None
+
+    def _edges(self) -> Array:
+        """Times of samples, and those at which samples act."""
+        acting = [self.t + term.delay for term, _ in self.inputs]
+        edges = np.unique(np.concatenate([self.t, *acting]).clip(self.t[0], self.t[-1]))
+        return edges[np.diff(edges, prepend=-np.inf) > 1e-9 * (self.t[1] - self.t[0])]
+
+    def _sampled(self, i: int, times: Array) -> Array:
+        if self.function is not None:
+            return np.array([self._called(now)[i] for now in times])
+        place = (times - self.t[0]) / (self.t[1] - self.t[0])
+        return interpolated(self.u[:, i], place, self.inputs[i][0].interpolation)
+
+    def _called(self, now: float) -> Array:
+        assert self.function is not None
+        return np.atleast_1d(np.asarray(self.function(float(now)), float))
+
+
+def _polynomial(middle: float, half: float, row: Sequence[float]) -> Push:
+    """Powers of the place in a step, from -1 to 1, the highest first."""
+
+    def push(now: float) -> float:
+        place, found = (now - middle) / half, 0.0
+        for c in row:
+            found = found * place + c
+        return found
+
+    return push
