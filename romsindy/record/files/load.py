@@ -15,8 +15,11 @@ import numpy as np
 from romsindy.record.decay import Decay
 from romsindy.record.files import choose, sep005
 from romsindy.record.files.columns import Column, Table
+from romsindy.record.files.inputs import input_columns, samples_of
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import Interpolation
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.units import parse_unit
 from romsindy.typing import Array
@@ -108,11 +111,8 @@ def load_decay(
         return table.between(start, end)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
-        names = [c.name for c in choice.columns]
-        if _names(column) is None and len(names) > 1:
-            raise ValueError(
-                f"{len(names)} columns could be the measured one, {names}: choose with column="
-            )
+        if _names(column) is None:
+            _require_one(choice)
         whole = _recording(choice, source, unit, quantity)
         part = whole.between(start, end)
         _refuse_missing(part, whole)
@@ -122,8 +122,86 @@ def load_decay(
     return replace(decay, notes=(*notes, *decay.notes)) if notes else decay
 
 
+def load_forced(
+    path: Source,
+    inputs: str | Sequence[str] = "force",
+    unit: str | None = None,
+    quantity: Quantity | None = None,
+    *,
+    input_column: str | Sequence[str] | None = None,
+    input_unit: str | Sequence[str] | None = None,
+    interpolation: Interpolation | None = None,
+    column: str | None = None,
+    time: str | None = None,
+    rate: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+) -> ForcedVibration:
+    """Read a vibration with its inputs; arguments of `load_recording` are those of the response.
+
+    Parameters
+    ----------
+    path : path, SEP005 dictionary or list of them
+    inputs : str or sequence of str
+        "force", "base", and of several of a kind "force 2", ...
+    input_column : str or sequence of str, optional
+        Names of their columns; by default those whose names or units say so, or those that are
+        left beside ``column``.
+    input_unit : str or sequence of str, optional
+        Their units in the file, or the one of all: "N", "kN", "V", "m/s^2", "g", ...; by default
+        that of the header.
+    interpolation : "band-limited", "linear" or "hold", optional
+        What they do between their samples, where it is known.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file cannot be understood, a column could be another one, samples are missing, or as
+        by `ForcedVibration`; the message names the remedy.
+    """
+    _refuse_no_numbers(rate=rate, start=start, end=end)
+    names = (inputs,) if isinstance(inputs, str) else tuple(inputs)
+    source, table = _columns(path)
+    with named(source):
+        table = replace(table, columns=choose.unique(table.columns))
+        driving = input_columns(table, names, _names(input_column), _names(column))
+        rest = [c for c in table.columns if c not in driving]
+        choice = _choice(replace(table, columns=rest), unit, quantity, column, time, rate)
+        _require_one(choice)
+        response = _recording(choice, source, unit, quantity)
+        u, units = samples_of(driving, names, _names(input_unit), choice.columns[0], choice.t)
+        pushes = Recording(choice.t, u, [c.name for c in driving])
+        part, pushed = response.between(start, end), pushes.between(start, end)
+        _refuse_missing(part, response)
+        _refuse_missing(pushed, pushes)
+        return ForcedVibration(
+            *(part.t, part.x[:, 0], pushed.x, part.unit, part.quantity, names, units),
+            interpolation=interpolation,
+            notes=part.notes,
+        )
+
+
+def _require_one(choice: _Choice) -> None:
+    names = [c.name for c in choice.columns]
+    if len(names) > 1:
+        raise ValueError(
+            f"{len(names)} columns could be the measured one, {names}: choose with column="
+        )
+
+
 def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]:
     """Name of the source and its columns; or the decay that `save_decay` wrote there."""
+    if all(s is None for s in settings) and isinstance(path, str | PathLike):
+        decay = saved(Path(path)) if Path(path).is_file() else None
+        if decay is not None:
+            return str(path), decay
+    return _columns(path)
+
+
+def _columns(path: Source) -> tuple[str, Table]:
+    """Name of the source and its columns."""
     if isinstance(path, Mapping | Sequence) and not isinstance(path, str | bytes):
         return "SEP005", sep005.read(path)
     if not isinstance(path, str | PathLike):
@@ -133,9 +211,7 @@ def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]
         raise ValueError(f"{path} is a directory: name a file in it")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
-    read = reader_of(path)
-    decay = saved(path) if all(s is None for s in settings) else None
-    return str(path), read(path) if decay is None else decay
+    return str(path), reader_of(path)(path)
 
 
 class _Choice(NamedTuple):

@@ -1,0 +1,121 @@
+"""Of the columns of a file: the inputs that drive the vibration."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from romsindy.record.files.choose import find, signals_of
+from romsindy.record.files.columns import Column, Table
+from romsindy.record.forced import ONE_CLOCK, is_base, require_input
+from romsindy.record.units import UNITS, force_unit, parse_input_unit
+from romsindy.typing import Array
+
+# In names of columns: of either kind, and of any input.
+_WORDS = {"force": r"force|kraft|hammer", "base": r"base|ground|table"}
+_ANY = r"input|excitation|drive|shaker"
+_LETTERS = {"u", "f"}  # these as words of their own
+
+
+def input_columns(
+    table: Table,
+    names: Sequence[str],
+    columns: Sequence[str] | None,
+    measured: Sequence[str] | None,
+) -> list[Column]:
+    """The column of each input: of these names, or else those that names or units say.
+
+    Raises
+    ------
+    ValueError
+        If there are no such columns, or it is not clear which are meant.
+    """
+    for name in names:
+        require_input(name)
+    if columns is not None:
+        if len(columns) != len(names):
+            raise ValueError(
+                f"input_column={list(columns)} are {len(columns)} columns for the {len(names)}"
+                f" inputs {list(names)}: name one for each, in their order"
+            )
+        return [find(table.columns, name, "input_column") for name in columns]
+    response = [find(table.columns, name, "column") for name in measured or ()]
+    left = [c for c in signals_of(table, None) if c not in response]
+    found: dict[str, list[Column]] = {}
+    for kind, count in Counter("base" if is_base(name) else "force" for name in names).items():
+        found[kind] = _of_kind(kind, count, left, bool(response))
+        left = [c for c in left if c not in found[kind]]
+    return [found["base" if is_base(name) else "force"].pop(0) for name in names]
+
+
+def _of_kind(kind: str, count: int, left: Sequence[Column], alone: bool) -> list[Column]:
+    """So many inputs of a kind; where the response is known, what is left ``alone``."""
+    rules: tuple[Callable[[Column], object], ...] = (
+        lambda c: re.search(_WORDS[kind], c.name.lower()),
+        lambda c: re.search(_ANY, c.name.lower()) or _LETTERS & {*_words(c)},
+        lambda c: kind == "force" and c.unit and force_unit(c.unit),
+        lambda c: alone,
+    )
+    for rule in rules:
+        columns = [c for c in left if rule(c)]
+        if len(columns) == count:
+            return columns
+    raise ValueError(
+        f"which {'column is' if count == 1 else f'{count} columns are'} the input {kind!r} is not"
+        f" clear among {[c.name for c in left]}: choose with input_column="
+    )
+
+
+def _words(column: Column) -> list[str]:
+    return re.findall(r"[^\W\d_]+", column.name.lower())
+
+
+def samples_of(
+    columns: Sequence[Column],
+    names: Sequence[str],
+    units: Sequence[str] | None,
+    response: Column,
+    t: Array,
+) -> tuple[Array, list[str | None]]:
+    """Inputs (n, n_inputs) in SI units, and these units.
+
+    Raises
+    ------
+    ValueError
+        For other times than those of the response, or a unit that is none of such an input.
+    """
+    given = [None] * len(names) if units is None else list(units) * (len(names) // len(units) or 1)
+    if len(given) != len(names):
+        raise ValueError(f"input_unit={given} must be one unit, or one for each of {list(names)}")
+    x, found = np.empty((len(t), len(names))), []
+    for k, (column, name, text) in enumerate(zip(columns, names, given, strict=True)):
+        _require_clock(column, response, t)
+        unit, factor = _unit(column, text, is_base(name))
+        x[:, k] = np.asarray(column.values, float) * factor
+        found.append(unit)
+    return np.where(np.isfinite(x), x, np.nan), found
+
+
+def _unit(column: Column, text: str | None, base: bool) -> tuple[str | None, float]:
+    """Unit and factor; of a header that says nothing known, none, and numbers as in the file."""
+    header = (
+        column.unit if column.unit and (column.unit in UNITS or force_unit(column.unit)) else None
+    )
+    text = text or header
+    return (None, 1.0) if text is None else parse_input_unit(text, base)
+
+
+def _require_clock(column: Column, response: Column, t: Array) -> None:
+    own = column.t is not None and response.t is not None
+    if len(column.values) != len(t):
+        raise ValueError(
+            f"the input column {column.name!r} has {len(column.values)} samples, and"
+            f" {response.name!r} {len(t)}: {ONE_CLOCK}"
+        )
+    if own and not np.array_equal(column.t, response.t):
+        raise ValueError(
+            f"the input column {column.name!r} has other times than {response.name!r}: {ONE_CLOCK}"
+        )
