@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 
 from romsindy.record.decay import checked_signal, checked_time
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity
+from romsindy.record.recording import QUANTITIES, Quantity, unit_of
 from romsindy.record.sampling import uniform_times
 from romsindy.typing import Array
 
@@ -154,6 +154,11 @@ class ForcedVibration:
         return self.y
 
     @property
+    def signal_unit(self) -> str:
+        """Unit of the samples of the response."""
+        return unit_of(self.measured, self.unit)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Of the inputs, in the order of the columns of u."""
         return tuple(self.inputs)
@@ -189,8 +194,7 @@ class ForcedVibration:
 
     def __repr__(self) -> str:
         size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
-        unit = (self.unit or "[q]") + ("", "/s", "/s^2")[self.derivative]
-        peak = f"max |{self.measured}| {np.abs(self.y).max():.4g} {unit}"
+        peak = f"max |{self.measured}| {np.abs(self.y).max():.4g} {self.signal_unit}"
         first = f"<ForcedVibration: {size}, {peak}, by {' and '.join(self.names)}>"
         return "\n".join([first, *(f"  - {note}" for note in self.notes)])
 

@@ -109,13 +109,13 @@ def _unit(column: Column, text: str | None, base: bool) -> tuple[str | None, flo
 
 
 def _require_clock(column: Column, response: Column, t: Array) -> None:
-    own = column.t is not None and response.t is not None
     if len(column.values) != len(t):
         raise ValueError(
             f"the input column {column.name!r} has {len(column.values)} samples, and"
             f" {response.name!r} {len(t)}: {ONE_CLOCK}"
         )
-    if own and not np.array_equal(column.t, response.t):
+    both = column.t is not None and response.t is not None
+    if both and not np.array_equal(np.array(column.t), np.array(response.t)):
         raise ValueError(
             f"the input column {column.name!r} has other times than {response.name!r}: {ONE_CLOCK}"
         )
