@@ -39,7 +39,8 @@ def draw_motion(
     label = with_unit(vibration.measured, vibration.signal_unit)
     response.set_ylabel(label)
     below.set(xlabel="time (s)", ylabel=f"residual\n{label.removeprefix(vibration.measured)}")
-    below.margins(x=0.01)
+    for ax in figure.axes:
+        ax.margins(x=0.01)
     figure.align_ylabels()
 
 

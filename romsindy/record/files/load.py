@@ -179,8 +179,14 @@ def load_forced(
         return ForcedVibration(
             *(part.t, part.x[:, 0], pushed.x, part.unit, part.quantity, names, units),
             interpolation=interpolation,
-            notes=part.notes,
+            notes=(_told(choice, names, driving), *part.notes),
         )
+
+
+def _told(choice: _Choice, names: Sequence[str], driving: Sequence[Column]) -> str:
+    """Which column is what."""
+    pairs = zip((choice.quantity, *names), (*choice.columns, *driving), strict=True)
+    return "columns: " + ", ".join(f"{what} {column.name!r}" for what, column in pairs)
 
 
 def _require_one(choice: _Choice) -> None:
