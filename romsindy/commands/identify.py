@@ -171,10 +171,10 @@ def identify(
     figure: Path | None,
     **options: Any,
 ) -> None:
-    """Identify equations of motion from the free decays in FILES, or with --input from any motion.
+    """Identify equations of motion from the free decays, or driven vibrations, in FILES.
 
-    Of each file the mode that moves most is isolated, in all releases in which it rings. Prints its
-    functions with 95 % bands, its coefficients beside those of plain regressions, and writes one
+    Of each file the mode that moves most is isolated, in all releases in which it rings; with
+    --input the whole record is fitted as it is. Prints its functions with 95 % bands, its coefficients beside those of plain regressions, and writes one
     HTML page; of many files a table, one page for all, and one for each. An interruption (Ctrl-C)
     keeps what is done.
     """

@@ -51,6 +51,16 @@ def input_columns(
     return [found["base" if is_base(name) else "force"].pop(0) for name in names]
 
 
+def driven_by(columns: Sequence[Column]) -> str:
+    """A note on those of columns that are forces, by name or unit; empty if none is."""
+    forces = [
+        c.name
+        for c in columns
+        if re.search(_WORDS["force"], c.name.lower()) or c.unit in ("N", "kN", "lbf")
+    ]
+    return f"forces: {', '.join(forces)}; inputs='force' takes them into account" if forces else ""
+
+
 def _of_kind(kind: str, count: int, left: Sequence[Column], alone: bool) -> list[Column]:
     """So many inputs of a kind; where the response is known, what is left ``alone``."""
     rules: tuple[Callable[[Column], object], ...] = (

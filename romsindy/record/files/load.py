@@ -15,7 +15,7 @@ import numpy as np
 from romsindy.record.decay import Decay
 from romsindy.record.files import choose, sep005
 from romsindy.record.files.columns import Column, Table
-from romsindy.record.files.inputs import input_columns, samples_of
+from romsindy.record.files.inputs import driven_by, input_columns, samples_of
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration
@@ -251,8 +251,9 @@ def _choice(
         raise ValueError(f"columns {lost} have other times than {names}: choose with column=")
     if not chosen:
         raise ValueError("no measured column beside the time")
-    left = [c.name for c in signals if c not in chosen]
-    notes = (*table.notes, note, f"left out: {', '.join(left)}" if left else "")
+    left = [c for c in signals if c not in chosen]
+    told = f"left out: {', '.join(c.name for c in left)}" if left else ""
+    notes = (*table.notes, note, told, driven_by(left))
     wanted = wanted or chosen[0].quantity or "displacement"
     return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt)
 
