@@ -13,10 +13,10 @@ from tqdm import tqdm
 # Arguments of Python that are options of commands, and the names of those that differ.
 _ARGUMENTS = (
     "start end unit quantity column channel time rate mode band release fixed amplitude name"
-    " inputs input_column input_unit"
+    " input_column input_unit"
 )
 _OPTIONS = {"channel": "column", "fixed": "fix"}
-_OPTIONS |= {"inputs": "input", "input_column": "input-column", "input_unit": "unit-input"}
+_OPTIONS |= {"input_column": "input-column", "input_unit": "unit-input"}
 _ARGUMENT = re.compile(
     rf"""(?<![\w.=-])({_ARGUMENTS.replace(" ", "|")})(?:=|[ ]=[ ](?='))"""
     r"""(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""

@@ -214,6 +214,8 @@ def test_several_files_and_one_that_is_refused(run, folder):
         ("two.csv", [], "not clear among ['q', 'force_left', 'force_right', 'base']"),
         ("two.csv", ["--input-column", "force_left", "--column", "q", "--column", "base"],
          "2 columns could be the measured one, ['q', 'base']: choose with --column"),
+        ("shaker.csv", ["--unit-input", "N", "--unit-input", "V"], "must be one unit, or one for"),
+        ("shaker.csv", ["--order", "0"], "shaker.csv: order = 0 must be 1 or more"),
         (
             "two.csv",
             ["--input-column", "force_left", "--input-column", "force_right"],
@@ -294,8 +296,16 @@ def test_columns_of_inputs(folder, pushed):
     left = rs.load_forced(folder / "plain.csv", "base", column="x", input_unit="V")
     assert left.units == ("V",) and "base 'y'" in left.notes[0]
     np.testing.assert_allclose(left.y, q, rtol=1e-8)
+    write(folder / "acc.csv", q__mm=1e3 * q, a__g=u)
+    table = rs.load_forced(folder / "acc.csv", "base")
+    assert table.units == ("m/s^2",) and table.measured == "displacement"
     named = rs.load_forced(folder / "plain.csv", input_column="x", interpolation="hold")
     assert named.interpolation == "hold" and "displacement 'y'" in named.notes[0]
+
+
+def test_inspect_names_a_force(run):
+    printed = run("inspect", "shaker.csv").stdout
+    assert "forces: force; romsindy identify --input force, or rs.load_forced" in printed
 
 
 def test_an_end_without_samples_is_cut_off(folder):

@@ -171,12 +171,13 @@ def identify(
     figure: Path | None,
     **options: Any,
 ) -> None:
-    """Identify equations of motion from the free decays, or driven vibrations, in FILES.
+    """Identify equations of motion from the free or driven vibrations in FILES.
 
-    Of each file the mode that moves most is isolated, in all releases in which it rings; with
-    --input the whole record is fitted as it is. Prints its functions with 95 % bands, its coefficients beside those of plain regressions, and writes one
-    HTML page; of many files a table, one page for all, and one for each. An interruption (Ctrl-C)
-    keeps what is done.
+    Of a free decay the mode that moves most is isolated, in all releases in which it rings, and its
+    functions are printed with 95 % bands, its coefficients beside those of plain regressions. With
+    --input the whole record is fitted, and the coefficients are printed with their errors. Writes
+    one HTML page; of many files a table, one page for all, and one for each. An interruption
+    (Ctrl-C) keeps what is done.
     """
     settings = Settings(**{f.name: options.pop(f.name) for f in fields(Settings)})
     driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})

@@ -58,7 +58,10 @@ def driven_by(columns: Sequence[Column]) -> str:
         for c in columns
         if re.search(_WORDS["force"], c.name.lower()) or c.unit in ("N", "kN", "lbf")
     ]
-    return f"forces: {', '.join(forces)}; inputs='force' takes them into account" if forces else ""
+    if not forces:
+        return ""
+    ways = "romsindy identify --input force, or rs.load_forced, takes them into account"
+    return f"forces: {', '.join(forces)}; {ways}"
 
 
 def _of_kind(kind: str, count: int, left: Sequence[Column], alone: bool) -> list[Column]:
@@ -66,7 +69,7 @@ def _of_kind(kind: str, count: int, left: Sequence[Column], alone: bool) -> list
     rules: tuple[Callable[[Column], object], ...] = (
         lambda c: re.search(_WORDS[kind], c.name.lower()),
         lambda c: re.search(_ANY, c.name.lower()) or _LETTERS & {*_words(c)},
-        lambda c: kind == "force" and c.unit and force_unit(c.unit),
+        lambda c: c.quantity == "acceleration" if kind == "base" else force_unit(c.unit or ""),
         lambda c: alone,
     )
     for rule in rules:
@@ -97,7 +100,8 @@ def samples_of(
     ValueError
         For other times than those of the response, or a unit that is none of such an input.
     """
-    given = [None] * len(names) if units is None else list(units) * (len(names) // len(units) or 1)
+    given: list[str | None] = [*(units or (None,))]
+    given = given * len(names) if len(given) == 1 else given
     if len(given) != len(names):
         raise ValueError(f"input_unit={given} must be one unit, or one for each of {list(names)}")
     x, found = np.empty((len(t), len(names))), []
@@ -111,10 +115,9 @@ def samples_of(
 
 def _unit(column: Column, text: str | None, base: bool) -> tuple[str | None, float]:
     """Unit and factor; of a header that says nothing known, none, and numbers as in the file."""
-    header = (
-        column.unit if column.unit and (column.unit in UNITS or force_unit(column.unit)) else None
-    )
-    text = text or header
+    header = column.unit or ""
+    known = header in UNITS or force_unit(header)
+    text = text or (header if known else None)
     return (None, 1.0) if text is None else parse_input_unit(text, base)
 
 

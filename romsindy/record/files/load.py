@@ -131,7 +131,7 @@ def load_forced(
     input_column: str | Sequence[str] | None = None,
     input_unit: str | Sequence[str] | None = None,
     interpolation: Interpolation | None = None,
-    column: str | None = None,
+    column: str | Sequence[str] | None = None,
     time: str | None = None,
     rate: float | None = None,
     start: float | None = None,
