@@ -221,6 +221,7 @@ def test_several_files_and_one_that_is_refused(run, folder):
             ["--input-column", "force_left", "--input-column", "force_right"],
             "are 2 columns for the 1 inputs ['force']: name one for each",
         ),
+        ("shaker.csv", ["--input-column", "force", "--column", "force"], "name each column once"),
         ("still.csv", [], "still.csv: the input 'force' is zero: it drives no vibration"),
         ("short.npz", [], "'force' has 1900 samples, and 'q' 2000: response and input need one"),
         ("nan.csv", [], "column 'force' has 101 values that are NaN or infinite, the first at"),

@@ -35,14 +35,20 @@ def input_columns(
     """
     for name in names:
         require_input(name)
+    response = [find(table.columns, name, "column") for name in measured or ()]
     if columns is not None:
         if len(columns) != len(names):
             raise ValueError(
                 f"input_column={list(columns)} are {len(columns)} columns for the {len(names)}"
                 f" inputs {list(names)}: name one for each, in their order"
             )
-        return [find(table.columns, name, "input_column") for name in columns]
-    response = [find(table.columns, name, "column") for name in measured or ()]
+        chosen = [find(table.columns, name, "input_column") for name in columns]
+        if len({*map(id, [*chosen, *response])}) < len(chosen) + len(response):
+            raise ValueError(
+                f"input_column={list(columns)} and the measured column are not all different: name"
+                " each column once"
+            )
+        return chosen
     left = [c for c in signals_of(table, None) if c not in response]
     found: dict[str, list[Column]] = {}
     for kind, count in Counter("base" if is_base(name) else "force" for name in names).items():

@@ -167,8 +167,7 @@ def load_forced(
     with named(source):
         table = replace(table, columns=choose.unique(table.columns))
         driving = input_columns(table, names, _names(input_column), _names(column))
-        rest = [c for c in table.columns if c not in driving]
-        choice = _choice(replace(table, columns=rest), unit, quantity, column, time, rate)
+        choice = _choice(table, unit, quantity, column, time, rate, beside=driving)
         _require_one(choice)
         response = _recording(choice, source, unit, quantity)
         u, units = samples_of(driving, names, _names(input_unit), choice.columns[0], choice.t)
@@ -237,13 +236,15 @@ def _choice(
     column: str | Sequence[str] | None,
     time: str | None,
     rate: float | None,
+    beside: Sequence[Column] = (),
 ) -> _Choice:
+    """What was measured, beside columns that are something else."""
     if quantity not in (None, *QUANTITIES):
         raise ValueError(f"quantity = {quantity!r} must be displacement, velocity or acceleration")
     wanted = quantity or (parse_unit(unit).quantity if unit else None)
     names = _names(column)
     table = replace(table, columns=choose.unique(table.columns))
-    signals = choose.signals_of(table, names)
+    signals = [c for c in choose.signals_of(table, names) if c not in beside]
     t, chosen, note = choose.times_of(table, signals, time, rate)
     if names is None:
         chosen = choose.measured(chosen, wanted)
