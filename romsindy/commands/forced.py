@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,11 +126,9 @@ class Driven:
 
     def load(self, file: Path, reading: Mapping[str, Any]) -> ForcedVibration:
         """The record in a file."""
-        counts: Counter[str] = Counter()
-        names = []
-        for kind in self.inputs:
-            counts[kind] += 1
-            names.append(kind if counts[kind] == 1 else f"{kind} {counts[kind]}")
+        counts = [self.inputs[: i + 1].count(kind) for i, kind in enumerate(self.inputs)]
+        pairs = zip(self.inputs, counts, strict=True)
+        names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
         return load_forced(
             file,
             names,

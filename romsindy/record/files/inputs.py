@@ -51,10 +51,11 @@ def input_columns(
         return chosen
     left = [c for c in signals_of(table, None) if c not in response]
     found: dict[str, list[Column]] = {}
-    for kind, count in Counter("base" if is_base(name) else "force" for name in names).items():
+    kinds = [name.split()[0] for name in names]  # of "force 2" it is a force
+    for kind, count in Counter(kinds).items():
         found[kind] = _of_kind(kind, count, left, bool(response))
         left = [c for c in left if c not in found[kind]]
-    return [found["base" if is_base(name) else "force"].pop(0) for name in names]
+    return [found[kind].pop(0) for kind in kinds]
 
 
 def driven_by(columns: Sequence[Column]) -> str:
