@@ -44,6 +44,7 @@ from romsindy.record.backbone import Backbone as Backbone
 from romsindy.record.backbone import extract_backbone as extract_backbone
 from romsindy.record.decay import Decay as Decay
 from romsindy.record.files import load_decay as load_decay
+from romsindy.record.files import load_forced as load_forced
 from romsindy.record.files import load_recording as load_recording
 from romsindy.record.files import save_decay as save_decay
 from romsindy.record.filters import Butterworth as Butterworth

@@ -13,10 +13,13 @@ from tqdm import tqdm
 # Arguments of Python that are options of commands, and the names of those that differ.
 _ARGUMENTS = (
     "start end unit quantity column channel time rate mode band release fixed amplitude name"
+    " input_column input_unit"
 )
 _OPTIONS = {"channel": "column", "fixed": "fix"}
+_OPTIONS |= {"input_column": "input-column", "input_unit": "unit-input"}
 _ARGUMENT = re.compile(
-    rf"""(?<![\w.=-])({_ARGUMENTS.replace(" ", "|")})=(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""
+    rf"""(?<![\w.=-])({_ARGUMENTS.replace(" ", "|")})(?:=|[ ]=[ ](?='))"""
+    r"""(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""
 )
 _FIXED = re.compile(r"\bfixed\['([^']+)'\] = ")  # as a message names a known coefficient
 _PREFIXES = {-1: "m", -2: "u", -3: "n", -4: "p"}

@@ -107,7 +107,7 @@ def test_an_inertia_that_no_structure_has_is_marked(run, tmp_path):
     [
         (["--plain", "--weighted"], "are two regressions: ask for one"),
         (["--plain", "--save", "found.json"], "--save needs the bands"),
-        (["--select"], "No such option"),
+        (["--select"], "--select is for records with inputs: say --input"),
     ],
 )
 def test_options_that_do_not_go_together(run, options, message):

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 import numpy as np
-from click.core import ParameterSource
 
+from romsindy.commands.options import refuse_beside
 from romsindy.commands.results import coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_identify import identify_coupled
@@ -64,13 +64,7 @@ def refuse_others() -> None:
     click.UsageError
         If one was given.
     """
-    context = click.get_current_context()
-    for name, instead in _ALONE.items():
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(
-                f"--{name} is for one coordinate: leave it out beside --coordinates ({instead}),"
-                " or leave out --coordinates"
-            )
+    refuse_beside("coordinates", "one coordinate", _ALONE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.effects import AirDrag
@@ -31,6 +32,9 @@ DRAG = 1.0  # 1/m, which the simulation lacks
 REAL = ReducedModel(
     (*SIMULATION.terms, AirDrag().term()), (*SIMULATION.values, DRAG), SIMULATION.unit
 )
+# On a shaker: linear damping, stiffness that grows, and kg of the mode that the force moves.
+SHAKEN = {"omega^2": 987.0, "c_linear": 0.8, "gamma_3": 2e4}
+MASS = 0.5
 DRAG_ALONG_BEAM = 0.018  # N s^2/m^3, which the beam of beam.toml lacks
 Writer = Callable[[Path], object]
 _T = np.arange(0, 12, 1 / 400)  # s
@@ -62,6 +66,27 @@ def _decay(model: ReducedModel, millimetres: float, seed: int | None) -> Writer:
     return write
 
 
+def _shaker(path: Path) -> None:
+    """A structure under a force of random phases, at rest at first."""
+    t, rng = np.arange(0, 30, 0.01), np.random.default_rng(6)
+    frequency, phase = rng.uniform(1, 12, 60), rng.uniform(0, 2 * np.pi, 60)
+
+    def force(time: Array) -> Array:
+        waves = np.cos(2 * np.pi * np.multiply.outer(time, frequency) + phase)
+        return 1.5 * waves.sum(axis=-1)
+
+    def rates(time: Array, state: Array) -> list[Array]:
+        q, v = state
+        k = SHAKEN
+        own = k["c_linear"] * v + k["omega^2"] * q + k["gamma_3"] * q**3
+        return [v, force(time) / MASS - own]
+
+    done = solve_ivp(rates, (0, 30), [0, 0], "DOP853", t, rtol=1e-9, atol=1e-12, max_step=0.01)
+    table = np.column_stack([t, with_noise(done.y[0], _SNR, 7), force(t)])
+    header = "time [s],displacement [m],force [N]"
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+
+
 def _beam_decay(path: Path) -> None:
     """The decay of the beam in beam.toml with drag, measured by its sensors."""
     beam, sensors, columns = load_beam(path.with_name("beam.toml"))
@@ -91,6 +116,7 @@ _FILES: tuple[tuple[str, str, Writer], ...] = (
     ("sim.csv", "the same simulation: its free decay", _decay(SIMULATION, 80, None)),
     ("test.csv", "that structure measured: the simulation lacks an effect", _decay(REAL, 80, 3)),
     ("held_out.csv", "measured once more, to judge by", _decay(REAL, 70, 4)),
+    ("shaker.csv", "another structure on a shaker: its displacement, and the force", _shaker),
     ("beam.toml", "simulation of a beam, and its three sensors", _text(_BEAM)),
     ("beam_test.csv", "that beam measured: the simulation lacks an effect", _beam_decay),
 )
@@ -98,6 +124,7 @@ _NEXT = (
     "romsindy inspect decay.csv",
     "romsindy identify decay.csv",
     "romsindy identify run1.csv run2.csv",
+    "romsindy identify shaker.csv --input force --select",
     "romsindy diagnose --measured test.csv --held-out held_out.csv --model model.json",
     "romsindy diagnose --measured beam_test.csv --beam beam.toml",
 )

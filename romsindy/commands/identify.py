@@ -19,6 +19,7 @@ from romsindy.commands.coupled import (
     identified_together,
     refuse_others,
 )
+from romsindy.commands.forced import Driven, ForcedResult, forced_options, identified_driven
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import (
     FILE,
@@ -83,6 +84,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     help="Seed of the draws behind the bands, and of the example's noise.",
 )
 @reading_options
+@forced_options
 @click.option("--mode", type=int, help="Number of the mode, see inspect.  [default: moves most]")
 @click.option("--band", nargs=2, type=float, help="Lowest and highest frequency of the mode, Hz.")
 @click.option(
@@ -96,7 +98,8 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     "--order",
     default=5,
     show_default=True,
-    help="Highest order of stiffness and inertia in regressions; the identification finds its own.",
+    help="Highest order of stiffness and inertia in regressions and with --input; the"
+    " identification of decays finds its own.",
 )
 @click.option(
     "--damping",
@@ -104,7 +107,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     default=("linear",),
     show_default=True,
     type=click.Choice(list(DAMPING)),
-    help="Kind of damping in regressions; may be repeated.",
+    help="Kind of damping in regressions and with --input; may be repeated.",
 )
 @click.option(
     "--fix",
@@ -168,14 +171,17 @@ def identify(
     figure: Path | None,
     **options: Any,
 ) -> None:
-    """Identify equations of motion from the free decays in FILES.
+    """Identify equations of motion from the free or driven vibrations in FILES.
 
-    Of each file the mode that moves most is isolated, in all releases in which it rings. Prints its
-    functions with 95 % bands, its coefficients beside those of plain regressions, and writes one
-    HTML page; of many files a table, one page for all, and one for each. An interruption (Ctrl-C)
-    keeps what is done.
+    Of a free decay the mode that moves most is isolated, in all releases in which it rings, and its
+    functions are printed with 95 % bands, its coefficients beside those of plain regressions. With
+    --input the whole record is fitted, and the coefficients are printed with their errors. Writes
+    one HTML page; of many files a table, one page for all, and one for each. An interruption
+    (Ctrl-C) keeps what is done.
     """
     settings = Settings(**{f.name: options.pop(f.name) for f in fields(Settings)})
+    driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})
+    driven.check()
     files = tuple(dict.fromkeys(files))
     many = len(files) > 1
     if example == bool(files):
@@ -191,6 +197,8 @@ def identify(
     one: Callable[..., AnyResult] = partial(_identified, choice=(mode, band, release))
     if coordinates is not None:
         one = partial(_together, coordinates=coordinates, release=release)
+    if driven.inputs:
+        one = partial(_driven, driven=driven)
     identified = partial(one, options=options, settings=settings, interactive=interactive)
     # With JSON on the standard output, words go to the other one.
     say = partial(click.echo, err=str(json_file) == "-")
@@ -258,6 +266,23 @@ def _together(
         return identified_together(names, found, coordinates, release, page, interactive)
     except ValueError as error:
         raise _of(file, error, found.warnings if release is None else ()) from error
+
+
+def _driven(
+    file: Path,
+    page: Path,
+    options: Mapping[str, Any],
+    driven: Driven,
+    settings: Settings,
+    interactive: bool,
+) -> ForcedResult:
+    """The same of a record with inputs."""
+    vibration = driven.load(file, options)
+    model = settings.order, settings.damping
+    try:
+        return identified_driven(file, vibration, driven, model, page, interactive)
+    except ValueError as error:
+        raise _of(file, error, ()) from error
 
 
 def _inspected(file: Path | None, options: Mapping[str, Any], seed: int) -> tuple[str, Inspection]:

@@ -17,7 +17,7 @@ _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured free decays.",
     "example": "Write the files that README and docs use to DIR.",
     "export": "Write the equation of motion in FILE for MATLAB, C or sympy.",
-    "identify": "Identify equations of motion from the free decays in FILES.",
+    "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
     "study": "Run the study of the method's paper on the default beam.",

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
@@ -72,6 +73,36 @@ def command_line(file: Path, reading: Mapping[str, Any]) -> str:
         if value is not None:
             words += [f"--{name}", f"{value:.12g}" if isinstance(value, float) else str(value)]
     return shlex.join(words)
+
+
+def refuse_beside(option: str, what: str, others: Mapping[str, str]) -> None:
+    """Refuse options that are for something else than one that was given.
+
+    Parameters
+    ----------
+    option : str
+        What was given.
+    what : str
+        What the others are for.
+    others : mapping of str to str
+        What to do without each, by its name.
+
+    Raises
+    ------
+    click.UsageError
+        If one was given.
+    """
+    for name in given(others):
+        raise click.UsageError(
+            f"--{name} is for {what}: leave it out beside --{option} ({others[name]}), or leave"
+            f" out --{option}"
+        )
+
+
+def given(names: Iterable[str]) -> list[str]:
+    """Those of several options that were written on the command line."""
+    source = click.get_current_context().get_parameter_source
+    return [n for n in names if source(n.replace("-", "_")) is ParameterSource.COMMANDLINE]
 
 
 class Output(click.Path):

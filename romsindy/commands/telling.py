@@ -8,12 +8,13 @@ from pathlib import Path
 import click
 
 from romsindy.commands.coupled import CoupledResult
+from romsindy.commands.forced import ForcedResult
 from romsindy.commands.options import write_text
 from romsindy.commands.results import HEADER, Refusal, Result
 from romsindy.show.overview import write_overview
 from romsindy.text import aligned
 
-AnyResult = Result | CoupledResult
+AnyResult = Result | CoupledResult | ForcedResult
 
 
 def tell_one(

@@ -14,10 +14,15 @@ from scipy.interpolate import make_interp_spline
 
 from romsindy.record.decay import checked_signal, checked_time
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity
+from romsindy.record.recording import QUANTITIES, Quantity, unit_of
 from romsindy.record.sampling import uniform_times
 from romsindy.typing import Array
 
+# What response and input must have, and the remedy.
+ONE_CLOCK = (
+    "response and input need one clock; resample one of them, or cut both to the times that they"
+    " share"
+)
 _INPUT = re.compile(r"(force|base)( \d+)?")
 # So many samples in a row at the largest, or at the least value, are an input that is clipped, if
 # they are this part of all; one that switches between a few levels is not.
@@ -57,8 +62,8 @@ class ForcedVibration:
         What y is.
     inputs : str or sequence of str
         What each column of u is: "force", "base", and of several of a kind "force 2", ...
-    input_unit : str, optional
-        Unit of u, such as "N" or "m/s^2".
+    input_unit : str or sequence of str, optional
+        Unit of u, such as "N" or "m/s^2"; of each column where they differ.
     interpolation : "band-limited", "linear" or "hold", optional
         What the inputs do between their samples, where it is known; else the data choose.
     notes : tuple of str
@@ -84,7 +89,7 @@ class ForcedVibration:
     unit: str | None = None
     measured: Quantity = "displacement"
     inputs: str | Sequence[str] = "force"
-    input_unit: str | None = None
+    input_unit: str | Sequence[str | None] | None = None
     interpolation: Interpolation | None = None
     notes: tuple[str, ...] = ()
 
@@ -108,6 +113,10 @@ class ForcedVibration:
         if len(set(names)) != u.shape[1]:
             raise ValueError(
                 f"inputs = {names} must name each of the {u.shape[1]} columns of u once"
+            )
+        if not isinstance(self.input_unit, str | None) and len(self.input_unit) != len(names):
+            raise ValueError(
+                f"input_unit = {self.input_unit!r} must be one unit, or one for each of {names}"
             )
         if not np.ptp(y) > 0:
             raise ValueError(f"y is constant ({y[0]:.6g}): nothing vibrates in this record")
@@ -145,9 +154,20 @@ class ForcedVibration:
         return self.y
 
     @property
+    def signal_unit(self) -> str:
+        """Unit of the samples of the response."""
+        return unit_of(self.measured, self.unit)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Of the inputs, in the order of the columns of u."""
         return tuple(self.inputs)
+
+    @property
+    def units(self) -> tuple[str | None, ...]:
+        """Of the inputs, in the order of the columns of u."""
+        unit = self.input_unit
+        return (unit,) * len(self.names) if isinstance(unit, str | None) else tuple(unit)
 
     def same_record(self, other: Any) -> bool:
         """Whether both hold the same samples of y."""
@@ -174,8 +194,7 @@ class ForcedVibration:
 
     def __repr__(self) -> str:
         size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
-        unit = (self.unit or "[q]") + ("", "/s", "/s^2")[self.derivative]
-        peak = f"max |{self.measured}| {np.abs(self.y).max():.4g} {unit}"
+        peak = f"max |{self.measured}| {np.abs(self.y).max():.4g} {self.signal_unit}"
         first = f"<ForcedVibration: {size}, {peak}, by {' and '.join(self.names)}>"
         return "\n".join([first, *(f"  - {note}" for note in self.notes)])
 
@@ -186,8 +205,7 @@ def _checked(name: str, x: ArrayLike, t: Array) -> Array:
     except ValueError as error:
         if np.ndim(x) and len(np.asarray(x)) != len(t):
             raise ValueError(
-                f"{name} has {len(np.asarray(x))} samples, and t {len(t)}: response and input need"
-                " one clock; resample one of them, or cut both to the times that they share"
+                f"{name} has {len(np.asarray(x))} samples, and t {len(t)}: {ONE_CLOCK}"
             ) from error
         raise
 

@@ -35,6 +35,12 @@ _SPELLINGS = (
     (r"[ .·*]?s\^?-1$", "/s"),
     (r"^gn$|^g's$", "g"),
 )
+# Of forces and torques; an input that was not calibrated is in volts, whatever it is.
+_FORCES = {
+    **{"N": ("N", 1.0), "kN": ("N", 1e3), "mN": ("N", 1e-3), "lbf": ("N", 4.4482216152605)},
+    **{"N m": ("N m", 1.0), "kN m": ("N m", 1e3)},
+}
+_VOLTS = {"V": ("V", 1.0), "mV": ("V", 1e-3)}
 
 
 @dataclass(frozen=True)
@@ -88,3 +94,32 @@ def parse_unit(text: str) -> Unit:
             " out unit= to keep the numbers as they are"
         )
     return UNITS[unit]
+
+
+def force_unit(text: str) -> tuple[str, float] | None:
+    """SI unit, and factor, of a unit of forces or volts; None for any other."""
+    return (_FORCES | _VOLTS).get(text.strip().strip("[]()"))
+
+
+def parse_input_unit(text: str, base: bool) -> tuple[str, float]:
+    """SI unit of an input, and the factor to it.
+
+    >>> parse_input_unit("kN", base=False), parse_input_unit("g", base=True)
+    (('N', 1000.0), ('m/s^2', 9.80665))
+
+    Raises
+    ------
+    ValueError
+        If it is no unit of a force, or, of a base that moves, none of an acceleration.
+    """
+    motion = UNITS.get(spelled(text))
+    known = force_unit(text)
+    if base and motion is not None and motion.quantity == "acceleration":
+        return f"{motion.base}/s^2", motion.factor
+    if known is not None and (not base or known[0] == "V"):
+        return known
+    wanted = "m/s^2, mm/s^2, g" if base else ", ".join(_FORCES)
+    raise ValueError(
+        f"input_unit={text!r} is no unit of {'the acceleration of a base' if base else 'a force'}:"
+        f" use {wanted} or V, or convert the samples"
+    )

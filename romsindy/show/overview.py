@@ -52,7 +52,7 @@ def write_overview(
     write_page(
         path,
         "report",
-        title=f"{len(body)} free decays",
+        title=f"{len(body)} records",
         sentence=sentence,
         tables=[TextTable("Files", [header, *linked])],
         pictures=pictures if backbones else [],

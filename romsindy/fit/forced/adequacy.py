@@ -94,5 +94,5 @@ def examine_forced(
         false_alarm=false_alarm,
         left=float(np.sqrt(power / n)),
         part=float(np.sqrt(power / heard)),
-        measured_unit=(unit or "[q]") + ("", "/s", "/s^2")[records[0].derivative],
+        measured_unit=records[0].decay.signal_unit,
     )

@@ -36,8 +36,8 @@ def inputs_in(
     """
     found: dict[str, Input] = {}
     for v in vibrations:
-        for name in v.names:
-            new = Input(name, interpolation, 0.0, v.input_unit)
+        for name, unit in zip(v.names, v.units, strict=True):
+            new = Input(name, interpolation, 0.0, unit)
             old = found.setdefault(name, new)
             if old.input_unit != new.input_unit:
                 raise ValueError(

@@ -15,8 +15,11 @@ import numpy as np
 from romsindy.record.decay import Decay
 from romsindy.record.files import choose, sep005
 from romsindy.record.files.columns import Column, Table
+from romsindy.record.files.inputs import driven_by, input_columns, samples_of
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import Interpolation
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.units import parse_unit
 from romsindy.typing import Array
@@ -108,11 +111,8 @@ def load_decay(
         return table.between(start, end)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
-        names = [c.name for c in choice.columns]
-        if _names(column) is None and len(names) > 1:
-            raise ValueError(
-                f"{len(names)} columns could be the measured one, {names}: choose with column="
-            )
+        if _names(column) is None:
+            _require_one(choice)
         whole = _recording(choice, source, unit, quantity)
         part = whole.between(start, end)
         _refuse_missing(part, whole)
@@ -122,8 +122,91 @@ def load_decay(
     return replace(decay, notes=(*notes, *decay.notes)) if notes else decay
 
 
+def load_forced(
+    path: Source,
+    inputs: str | Sequence[str] = "force",
+    unit: str | None = None,
+    quantity: Quantity | None = None,
+    *,
+    input_column: str | Sequence[str] | None = None,
+    input_unit: str | Sequence[str] | None = None,
+    interpolation: Interpolation | None = None,
+    column: str | Sequence[str] | None = None,
+    time: str | None = None,
+    rate: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+) -> ForcedVibration:
+    """Read a vibration with its inputs; arguments of `load_recording` are those of the response.
+
+    Parameters
+    ----------
+    path : path, SEP005 dictionary or list of them
+    inputs : str or sequence of str
+        "force", "base", and of several of a kind "force 2", ...
+    input_column : str or sequence of str, optional
+        Names of their columns; by default those whose names or units say so, or those that are
+        left beside ``column``.
+    input_unit : str or sequence of str, optional
+        Their units in the file, or the one of all: "N", "kN", "V", "m/s^2", "g", ...; by default
+        that of the header.
+    interpolation : "band-limited", "linear" or "hold", optional
+        What they do between their samples, where it is known.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file cannot be understood, a column could be another one, samples are missing, or as
+        by `ForcedVibration`; the message names the remedy.
+    """
+    _refuse_no_numbers(rate=rate, start=start, end=end)
+    names = (inputs,) if isinstance(inputs, str) else tuple(inputs)
+    source, table = _columns(path)
+    with named(source):
+        table = replace(table, columns=choose.unique(table.columns))
+        driving = input_columns(table, names, _names(input_column), _names(column))
+        choice = _choice(table, unit, quantity, column, time, rate, beside=driving)
+        _require_one(choice)
+        response = _recording(choice, source, unit, quantity)
+        u, units = samples_of(driving, names, _names(input_unit), choice.columns[0], choice.t)
+        pushes = Recording(choice.t, u, [c.name for c in driving])
+        part, pushed = response.between(start, end), pushes.between(start, end)
+        _refuse_missing(part, response)
+        _refuse_missing(pushed, pushes)
+        return ForcedVibration(
+            *(part.t, part.x[:, 0], pushed.x, part.unit, part.quantity, names, units),
+            interpolation=interpolation,
+            notes=(_told(choice, names, driving), *part.notes),
+        )
+
+
+def _told(choice: _Choice, names: Sequence[str], driving: Sequence[Column]) -> str:
+    """Which column is what."""
+    pairs = zip((choice.quantity, *names), (*choice.columns, *driving), strict=True)
+    return "columns: " + ", ".join(f"{what} {column.name!r}" for what, column in pairs)
+
+
+def _require_one(choice: _Choice) -> None:
+    names = [c.name for c in choice.columns]
+    if len(names) > 1:
+        raise ValueError(
+            f"{len(names)} columns could be the measured one, {names}: choose with column="
+        )
+
+
 def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]:
     """Name of the source and its columns; or the decay that `save_decay` wrote there."""
+    if all(s is None for s in settings) and isinstance(path, str | PathLike):
+        decay = saved(Path(path)) if Path(path).is_file() else None
+        if decay is not None:
+            return str(path), decay
+    return _columns(path)
+
+
+def _columns(path: Source) -> tuple[str, Table]:
+    """Name of the source and its columns."""
     if isinstance(path, Mapping | Sequence) and not isinstance(path, str | bytes):
         return "SEP005", sep005.read(path)
     if not isinstance(path, str | PathLike):
@@ -133,9 +216,7 @@ def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]
         raise ValueError(f"{path} is a directory: name a file in it")
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
-    read = reader_of(path)
-    decay = saved(path) if all(s is None for s in settings) else None
-    return str(path), read(path) if decay is None else decay
+    return str(path), reader_of(path)(path)
 
 
 class _Choice(NamedTuple):
@@ -155,13 +236,15 @@ def _choice(
     column: str | Sequence[str] | None,
     time: str | None,
     rate: float | None,
+    beside: Sequence[Column] = (),
 ) -> _Choice:
+    """What was measured, beside columns that are something else."""
     if quantity not in (None, *QUANTITIES):
         raise ValueError(f"quantity = {quantity!r} must be displacement, velocity or acceleration")
     wanted = quantity or (parse_unit(unit).quantity if unit else None)
     names = _names(column)
     table = replace(table, columns=choose.unique(table.columns))
-    signals = choose.signals_of(table, names)
+    signals = [c for c in choose.signals_of(table, names) if c not in beside]
     t, chosen, note = choose.times_of(table, signals, time, rate)
     if names is None:
         chosen = choose.measured(chosen, wanted)
@@ -169,8 +252,9 @@ def _choice(
         raise ValueError(f"columns {lost} have other times than {names}: choose with column=")
     if not chosen:
         raise ValueError("no measured column beside the time")
-    left = [c.name for c in signals if c not in chosen]
-    notes = (*table.notes, note, f"left out: {', '.join(left)}" if left else "")
+    left = [c for c in signals if c not in chosen]
+    told = f"left out: {', '.join(c.name for c in left)}" if left else ""
+    notes = (*table.notes, note, told, driven_by(left))
     wanted = wanted or chosen[0].quantity or "displacement"
     return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt)
 

@@ -1,0 +1,276 @@
+"""Records with measured inputs on the command line: ``romsindy identify --input``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from romsindy.commands.options import given, refuse_beside
+from romsindy.commands.results import coefficients
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.drives import inputs_of
+from romsindy.fit.forced.held_out import HeldOut, without_end
+from romsindy.fit.forced.identify import identify_forced
+from romsindy.physics.damping import DAMPING
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Term
+from romsindy.record.files import load_forced
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
+from romsindy.show.forced_page import ForcedReport, pictures, write_forced
+from romsindy.show.page import Picture
+from romsindy.text import as_text, bar, with_error
+
+_WHOLE = "the whole record is fitted; cut it with --start and --end"
+_REGRESSION = "no regression is made"
+# Options that are for free decays, and what to do without them.
+_FREE = {
+    "example": "name a file; `romsindy example` writes one",
+    "mode": _WHOLE,
+    "band": _WHOLE,
+    "coordinates": "one coordinate is modelled",
+    "release": _WHOLE,
+    "fix": "every coefficient is fitted; in Python, rs.refine keeps fixed ones",
+    "harmonics": _REGRESSION,
+    "amplitude": "cut the record with --start and --end",
+    "cutoff": _REGRESSION,
+    "plain": _REGRESSION,
+    "weighted": _REGRESSION,
+}
+_CHOSEN = {"damping": "kinds of damping are among what is chosen from"}
+_OPTIONS = (
+    click.option(
+        "--input",
+        "inputs",
+        multiple=True,
+        type=click.Choice(["force", "base"]),
+        help="The record is driven by a measured force, or by the acceleration of its base; may be"
+        " repeated.",
+    ),
+    click.option(
+        "--input-column",
+        multiple=True,
+        help="Name of the column of each input.  [default: as names and units of columns say]",
+    ),
+    click.option(
+        "--unit-input",
+        multiple=True,
+        help='Unit of each input, or of all: "N", "kN", "lbf", "m/s^2", "g", "V", ...',
+    ),
+    click.option(
+        "--interpolation",
+        type=click.Choice(["auto", *INTERPOLATIONS]),
+        default="auto",
+        callback=lambda _, __, value: None if value == "auto" else value,
+        show_default=True,
+        help="What inputs do between their samples; auto lets the record decide.",
+    ),
+    click.option(
+        "--select",
+        is_flag=True,
+        help="Terms are chosen by the data, up to --order; else the model has stiffness up to"
+        " --order, and --damping.",
+    ),
+    click.option(
+        "--held-out",
+        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        help="Share of a record with inputs, at its end, that is not fitted but predicted: 0.2.",
+    ),
+)
+_ALONE = ("input-column", "unit-input", "interpolation", "select", "held-out")
+
+
+def forced_options(command: Callable) -> Callable:
+    """The options of records with inputs."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What the command line says of inputs; see `romsindy identify --help`."""
+
+    inputs: tuple[str, ...]
+    input_column: tuple[str, ...]
+    unit_input: tuple[str, ...]
+    interpolation: Interpolation | None
+    select: bool
+    held_out: float | None
+
+    def check(self) -> None:
+        """Refuse options that make no sense together.
+
+        Raises
+        ------
+        click.UsageError
+            If there are such.
+        """
+        if self.inputs:
+            refuse_beside("input", "free decays", _FREE)
+            if self.select:
+                refuse_beside("select", "models whose terms are given", _CHOSEN)
+            return
+        for name in given(_ALONE):
+            raise click.UsageError(
+                f"--{name} is for records with inputs: say --input force or --input base, or leave"
+                f" out --{name}"
+            )
+
+    def load(self, file: Path, reading: Mapping[str, Any]) -> ForcedVibration:
+        """The record in a file."""
+        counts = [self.inputs[: i + 1].count(kind) for i, kind in enumerate(self.inputs)]
+        pairs = zip(self.inputs, counts, strict=True)
+        names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
+        return load_forced(
+            file,
+            names,
+            input_column=self.input_column or None,
+            input_unit=self.unit_input or None,
+            interpolation=self.interpolation,
+            **{**reading, "column": list(reading["column"]) or None},
+        )
+
+    def fit(self, vibration: ForcedVibration, order: int, damping: Sequence[str]) -> Fit:
+        """The equation of a record."""
+        terms: list[Term] | None = None
+        if not self.select:
+            terms = [*map(Stiffness, range(2, order + 1)), *(DAMPING[kind] for kind in damping)]
+            terms = [t for t in terms if t != DAMPING["linear"]]  # always there
+        with bar(None, "identifying") as steps:
+            return identify_forced(vibration, order, terms=terms, progress=steps.set_postfix_str)
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedResult:
+    """What was identified of a vibration with inputs from one file.
+
+    Attributes
+    ----------
+    file : str
+    report : ForcedReport
+    page : Path
+    """
+
+    file: str
+    report: ForcedReport
+    page: Path
+
+    @property
+    def found(self) -> Fit:
+        """All that was identified."""
+        return self.report.fit
+
+    @property
+    def model(self) -> ReducedModel:
+        """The equation that is printed."""
+        return self.found.single_model
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user wished to stop."""
+        return self.found.solution.interrupted
+
+    @property
+    def explained(self) -> bool:
+        """Whether the residual of the equation is noise."""
+        return self.found.verdict.explained
+
+    def pictures(self) -> list[Picture]:
+        """The figures of its page."""
+        return pictures(self.report)
+
+    def __str__(self) -> str:
+        report = self.report
+        held = [str(report.held_out)] if report.held_out else []
+        table = as_text(report.inputs())
+        return "\n\n".join([repr(report.vibration), str(self.found), table, *held]) + "\n"
+
+    def content(self) -> dict[str, Any]:
+        """All numbers by name, frequencies in Hz, the rest in SI units."""
+        fit, report, held = self.found, self.report, self.report.held_out
+        return {
+            "file": self.file,
+            "inputs": self._inputs(),
+            "unit": self.model.unit,
+            "explained": self.explained,
+            "verdict": str(fit.verdict),
+            "residual": float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2))),
+            "equation": self.model.equation(),
+            "coefficients": coefficients(self.model, fit.standard_errors),
+            "held_out": held and {"start": held.vibration.t[0], "error": held.error},
+            "notes": [*fit.notes, *report.measured()],
+            "report": str(self.page),
+        }
+
+    def _inputs(self) -> dict[str, dict[str, Any]]:
+        dt = self.report.vibration.dt
+        return {
+            term.source: {
+                "gain": self.model.coefficients[term.key],
+                "gain_std": self.found.standard_errors[term.key],
+                "delay": delay,
+                "delay_std": error,
+                "delay_in_samples": delay / dt,
+                "unit": term.input_unit,
+                "interpolation": term.interpolation,
+            }
+            for term in inputs_of(self.model)
+            for delay, error in [self.found.delays[term.source]]
+        }
+
+    def rows(self) -> list[list[str]]:
+        """Its row in the table: frequency and damping ratio at the lowest amplitude of the band."""
+        band, words = self.report.band, "yes" if self.explained else "no"
+        frequency = (band.frequency[0] / (2 * np.pi), band.frequency_std[0] / (2 * np.pi))
+        damping = (100 * band.damping_ratio[0], 100 * band.damping_ratio_std[0])
+        cells = [*with_error(*map(float, frequency)), *with_error(*map(float, damping))]
+        return [[self.file, "-", *cells, "driven", words, str(self.page)]]
+
+
+def identified_driven(
+    file: Path,
+    vibration: ForcedVibration,
+    driven: Driven,
+    model: tuple[int, Sequence[str]],
+    page: Path,
+    interactive: bool,
+) -> ForcedResult:
+    """Identify the equation of a record with inputs, and write its page.
+
+    Parameters
+    ----------
+    file : Path
+    vibration : ForcedVibration
+    driven : Driven
+    model : (int, sequence of str)
+        Order, and kinds of damping.
+    page : Path
+    interactive : bool
+
+    Raises
+    ------
+    ValueError
+        If what is held out is too short, or the model has no motion near the record.
+    """
+    rest = None
+    if driven.held_out is not None:
+        try:
+            vibration, rest = without_end(vibration, driven.held_out)
+        except ValueError as error:
+            raise ValueError(f"--held-out {error}") from error
+    try:
+        fit = driven.fit(vibration, *model)
+    except TrajectoryError as error:
+        raise ValueError(f"{error}; a lower --order, or --select, may help") from error
+    held_out = None if rest is None else HeldOut.of(fit, rest)
+    report = ForcedReport(f"Forced vibration {file.name}", fit, vibration, held_out)
+    write_forced(report, page, bar(pictures(report), "drawing"), interactive=interactive)
+    return ForcedResult(str(file), report, page)

@@ -1,0 +1,86 @@
+"""The end of a forced record, which takes no part in a fit: what the fit says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.run import forced_run
+from romsindy.record.forced import ForcedVibration
+from romsindy.text import quantity
+from romsindy.typing import Array
+
+_STATE = 50  # samples, from which the state is read at which a prediction starts
+_LEAST = 8  # samples that are predicted
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """The end of a record, and its prediction.
+
+    Attributes
+    ----------
+    vibration : ForcedVibration
+    predicted : (n,) array
+        In the measured quantity; nan where the model has no motion that long.
+    """
+
+    vibration: ForcedVibration
+    predicted: Array
+
+    @classmethod
+    def of(cls, fit: Fit, vibration: ForcedVibration) -> HeldOut:
+        """Predict it, from the state that its first samples show."""
+        try:
+            predicted = forced_run(fit, vibration, _STATE)
+        except TrajectoryError:
+            predicted = np.full(len(vibration.t), np.nan)
+        return cls(vibration, predicted)
+
+    @property
+    def missed(self) -> Array:
+        """Measured minus predicted."""
+        return self.vibration.y - self.predicted
+
+    @property
+    def error(self) -> float:
+        """Rms of what is missed after the samples that gave the state."""
+        return float(np.sqrt(np.mean(self.missed[_STATE:] ** 2)))
+
+    @property
+    def part(self) -> float:
+        """The same over the standard deviation of the response there."""
+        return self.error / float(np.std(self.vibration.y[_STATE:]))
+
+    def __str__(self) -> str:
+        v = self.vibration
+        what = f"The last {v.t[-1] - v.t[0]:.4g} s ({len(v.t)} samples) took no part in the fit: "
+        if not np.isfinite(self.error):
+            return f"{what}the model has no motion that long from their first {_STATE} samples."
+        return (
+            f"{what}predicted from their first {_STATE} samples with an error of"
+            f" {quantity(self.error, v.signal_unit)} rms, {100 * self.part:.2g} % of the response."
+        )
+
+
+def without_end(
+    vibration: ForcedVibration, share: float
+) -> tuple[ForcedVibration, ForcedVibration]:
+    """The record without its end, and this end: a share of all samples.
+
+    Raises
+    ------
+    ValueError
+        If too few samples are left on either side.
+    """
+    n = len(vibration.t)
+    first = n - round(share * n)
+    if min(first, n - first) < _STATE + _LEAST:
+        raise ValueError(
+            f"{share:.6g} of {n} samples are {n - first}, and {first} are left: both need"
+            f" {_STATE + _LEAST} or more; hold out another share, or give a longer record"
+        )
+    return vibration.between(end=vibration.t[first - 1]), vibration.between(vibration.t[first])
