@@ -14,10 +14,10 @@ from romsindy.commands.options import given, refuse_beside
 from romsindy.commands.results import coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.drives import inputs_of
 from romsindy.fit.forced.held_out import HeldOut, without_end
 from romsindy.fit.forced.identify import identify_forced
 from romsindy.physics.damping import DAMPING
+from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term

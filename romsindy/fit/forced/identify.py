@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
-from romsindy.fit.forced.drives import inputs_in, refuse_displacement, regressed
+from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
+from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.forced.refine import decided, driven, forced_among
+from romsindy.fit.forced.refine import decided
 from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
 from romsindy.fit.measured import listed_records, ready, require_unit
 from romsindy.fit.record import Record
@@ -123,4 +124,5 @@ def _fitted(
     values, gains = regressed(own, inputs, forced_among(records))
     refuse_displacement(inputs, gains.tolist())
     model = ReducedModel(own, tuple(values.tolist()), records[0].decay.unit)
-    return driven(model, tuple(model.coefficients), inputs, gains.tolist(), records)
+    drives = free_drives(inputs, gains.tolist(), forced_among(records))
+    return Driven(tuple(model.coefficients), records).fit(model, drives)

@@ -7,21 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.measured import free_names, free_offsets, ready, require_unit
-from romsindy.fit.record import Record
+from romsindy.fit.forced.pieces import Driven, forced_among
+from romsindy.fit.measured import free_names, ready, require_unit
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.driven import inputs_of, without_inputs
-from romsindy.physics.input import Input
-from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
-
-_CYCLES = 5.0  # in a piece of a record, at least
 
 
 def refined_forced(
@@ -58,64 +52,9 @@ def refined_forced(
         gains = [model.coefficients[term.key] for term in own]
         gains = gains or regressed(free_model.terms, inputs, forced)[1].tolist()
         refuse_displacement(inputs, gains)
-        fits.append(driven(free_model, names, inputs, gains, records, loss=loss, progress=progress))
+        problem = Driven(names, records, loss, progress)
+        fits.append(problem.fit(free_model, free_drives(inputs, gains, forced)))
     return decided(fits)
-
-
-def forced_among(records: Sequence[Record | ForcedRecord]) -> list[ForcedRecord]:
-    """Those with inputs."""
-    return [r for r in records if isinstance(r, ForcedRecord)]
-
-
-def driven(
-    model: ReducedModel,
-    names: tuple[str, ...],
-    inputs: Sequence[Input],
-    gains: Sequence[float],
-    records: Sequence[Record | ForcedRecord],
-    *,
-    loss: str = "linear",
-    progress: Callable[[str], None] | None = None,
-) -> Fit:
-    """Coefficients, gains and delays of inputs, and offsets, fitted from these values on.
-
-    Where no motion of the model follows a whole record from its initial state, as where it is
-    chaotic, the record is cut in pieces, which become shorter until it does.
-
-    Raises
-    ------
-    TrajectoryError
-        If it follows not even a few cycles.
-    """
-    drives, count, cycles = free_drives(inputs, gains, forced_among(records)), 1, np.inf
-    while True:
-        several = [p for r in records for p in _cut(r, count)]
-        try:
-            more = (*drives, free_offsets(several))
-            fit = refined(model, names, several, more, loss=loss, progress=progress)
-        except TrajectoryError:
-            if cycles < 2 * _CYCLES:
-                raise
-        else:
-            if fit.solution.converged or fit.solution.interrupted or cycles < 2 * _CYCLES:
-                return replace(fit, notes=(*fit.notes, *_notes(cycles))) if count > 1 else fit
-        longest = max(forced_among(records), key=lambda r: r.t[-1])
-        count *= 2
-        cycles = float(longest.t[-1]) * longest.rate / (2 * np.pi * count)
-
-
-def _cut(record: Record | ForcedRecord, count: int) -> list[Record | ForcedRecord]:
-    """Pieces of a forced record; a decay is whole."""
-    if isinstance(record, ForcedRecord) and count > 1:
-        return [*record.pieces(count)]
-    return [record]
-
-
-def _notes(cycles: float) -> list[str]:
-    return [
-        f"the model follows the motion over pieces of {cycles:.0f} cycles, each with an initial"
-        " state of its own; longer ones leave it: it is chaotic, or the equation is of another form"
-    ]
 
 
 def decided(fits: Sequence[Fit]) -> Fit:

@@ -1,0 +1,156 @@
+"""Fits of forced vibrations as a whole and, where that goes astray, in pieces: multiple shooting.
+
+Inputs keep the phase of a simulation, so that most records are fitted as a whole. Where the motion
+is sensitive, a small error of the start grows, and the misfit has many minima; over few cycles it
+has not (`romsindy.fit.pieces`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from romsindy.effects.drive import Drive
+from romsindy.fit.collocation import Trajectory, TrajectoryError
+from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.gauss_newton import linear_table
+from romsindy.fit.measured import free_offsets
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import TERM
+from romsindy.physics.driven import without_inputs
+from romsindy.physics.model import ReducedModel
+
+Records = Sequence[Record | ForcedRecord]
+_CYCLES = 20.0  # in the shortest pieces
+_CHANCE = 3.0  # standard deviations of what values too many take from the noise
+# A motion is sensitive where what its start does to it, at the end, is this part of the beginning.
+_SENSITIVE, _PARTS = 0.1, 10
+
+
+def forced_among(records: Records) -> list[ForcedRecord]:
+    """Those with inputs."""
+    return [r for r in records if isinstance(r, ForcedRecord)]
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What is fitted: coefficients with these names, inputs and offsets, to these records."""
+
+    names: tuple[str, ...]
+    records: Records
+    loss: str = "linear"
+    progress: Callable[[str], None] | None = None
+
+    def fit(self, model: ReducedModel, drives: Sequence[Part]) -> Fit:
+        """From the values of a model and of its inputs on.
+
+        Raises
+        ------
+        TrajectoryError
+            If no motion of the model follows even some cycles.
+        """
+        whole, failure = None, TrajectoryError("")
+        try:
+            whole = self._fit(model, drives, self.records)
+        except TrajectoryError as error:
+            failure = error
+        if whole is not None and (whole.solution.interrupted or not _astray(whole)):
+            return whole
+        forced = forced_among(self.records)
+        longest = max(float(r.t[-1]) * r.rate / (2 * np.pi) for r in forced)
+        count = round(longest / _CYCLES)
+        if count < 2:
+            return _or_raised(whole, failure)
+        try:
+            short = self._fit(model, drives, _cut(self.records, count))
+        except TrajectoryError:
+            return _or_raised(whole, failure)
+        stays = whole is not None and whole.solution.converged and _felt(whole) <= 1
+        if whole is not None and stays and _power(short) > (1 - TERM) * _power(whole):
+            return whole
+        return self._longer(short, count, longest)
+
+    def _longer(self, short: Fit, count: int, longest: float) -> Fit:
+        """In the longest pieces over which the model follows as well as over short ones."""
+        best = short
+        while count > 1:
+            model = without_inputs(best.single_model)
+            drives = [p for p in best.solution.parts if isinstance(p.effect, Drive)]
+            try:
+                fit = self._fit(model, drives, _cut(self._seen(best), count // 2))
+            except TrajectoryError:
+                break
+            more = short.solution.n_values - fit.solution.n_values
+            chance = _CHANCE * np.sqrt(2 * more) / sum(map(len, fit.residuals))
+            # Where the motion is chaotic, longer pieces seem to say more than they do.
+            if not fit.solution.converged or _felt(fit) > 1:
+                break
+            if _power(fit) > (1 + chance) * _power(short):
+                break
+            best, count = fit, count // 2
+        if count == 1:
+            return best
+        note = (
+            f"the model follows the motion over pieces of {longest / count:.0f} cycles, each with"
+            " an initial state of its own; in longer ones small errors grow, as they do in chaos or"
+            " where the equation is of another form"
+        )
+        return replace(best, notes=(*best.notes, note))
+
+    def _fit(self, model: ReducedModel, drives: Sequence[Part], records: Records) -> Fit:
+        more = (*drives, free_offsets(records))
+        return refined(model, self.names, records, more, loss=self.loss, progress=self.progress)
+
+    def _seen(self, fit: Fit) -> list[Record | ForcedRecord]:
+        """The records with the motions of a fit to pieces of them behind them."""
+        left, seen = list(fit.solution.motions), []
+        for record in self.records:
+            steps, own = 0, []
+            while steps < record.motion.grid.n_steps:
+                own.append(left.pop(0))
+                steps += own[-1].grid.n_steps
+            seen.append(replace(record, motion=Trajectory.joined(record.motion.grid, own)))
+        return seen
+
+
+def _cut(records: Records, count: int) -> list[Record | ForcedRecord]:
+    """Forced records in so many pieces; decays are whole."""
+    found: list[Record | ForcedRecord] = []
+    for record in records:
+        cut = isinstance(record, ForcedRecord) and count > 1
+        found += record.pieces(count) if cut else [record]  # type: ignore[union-attr]
+    return found
+
+
+def _astray(fit: Fit) -> bool:
+    """Whether a fit of whole records may be at the wrong one of several minima."""
+    return not fit.solution.converged or fit.verdict.structured or _felt(fit) > _SENSITIVE
+
+
+def _felt(fit: Fit) -> float:
+    """How much of what the start of a record does to its beginning is felt at its end."""
+    felt, s = 0.0, fit.solution
+    for i, (record, motion) in enumerate(zip(fit.records, s.motions, strict=True)):
+        if isinstance(record, ForcedRecord):
+            rows = linear_table(fit.start, s.parts, i, record, motion)[1]
+            by_start = np.sqrt(np.mean(rows[:, -3:-1] ** 2, axis=1))
+            first, *_, last = np.array_split(by_start, _PARTS)
+            felt = max(felt, float(last.max() / first.max()))
+    return felt
+
+
+def _power(fit: Fit) -> float:
+    """Of what is left of the forced records, for each value that could have been noise."""
+    pairs = zip(fit.records, fit.residuals, strict=True)
+    left = [e for r, e in pairs if isinstance(r, ForcedRecord)]
+    return sum(float(e @ e) for e in left) / (sum(map(len, left)) - fit.solution.n_values)
+
+
+def _or_raised(fit: Fit | None, failure: TrajectoryError) -> Fit:
+    if fit is None:
+        raise failure
+    return fit
