@@ -106,7 +106,7 @@ def test_the_equation_is_found_with_its_errors(identified):
     assert force["unit"] == "N" and force["interpolation"] == "band-limited"
     assert abs(force["delay"]) < 4 * force["delay_std"] < 1e-3 * DT * 40
     assert force["delay_in_samples"] == pytest.approx(force["delay"] / DT)
-    assert "m/(s^2 N)" in printed and "input is band-limited; not linear and held" in printed
+    assert "m/(s^2 N)" in printed and "input is band-limited, not linear or held" in printed
 
 
 def test_what_is_held_out_is_predicted_to_its_noise(identified, pushed):
