@@ -102,7 +102,10 @@ def choose(
         for g, (i, *_) in enumerate(groups)
         if i >= first and (low := _least(everything[i - first])) is not None
     }
-    kept, there = chosen([Gram.sum(some) for some in grams.values()], always, groups, least)
+    taken = {*now.model.terms, *present}
+    of = [*(p.effect for p in sensors), *everything]
+    already = [g for g, (i, *_) in enumerate(groups) if of[i] in taken]
+    kept, there = chosen([Gram.sum(some) for some in grams.values()], always, groups, least, already)
     value = dict(zip([*always, *(i for g in kept for i in groups[g])], there, strict=True))
     shapes = [
         replace(p, strengths=np.full((1, 1), value[i])) for i, p in enumerate(sensors) if i in value

@@ -141,8 +141,12 @@ def chosen(
     always: Sequence[int],
     groups: Sequence[Sequence[int]],
     least: Mapping[int, float],
+    present: Sequence[int] = (),
 ) -> tuple[list[int], Array]:
     """Groups of values that gain, and the values, those that always take part first.
+
+    They are looked for from none on, and from those that are present: about a wrong motion no term
+    alone may gain. The better choice is taken.
 
     Parameters
     ----------
@@ -154,8 +158,14 @@ def chosen(
         Places of values that take part together, or not at all.
     least : mapping of int to float
         What the value of a group of one must exceed.
+    present : sequence of int
+        Numbers of the groups that take part so far.
     """
-    return _Trials(parts, always, groups, least).choice()
+    trials = _Trials(parts, always, groups, least)
+    found = [trials.grown(start) for start in ([], list(present))]
+    least_left = min(left for _, left in found)
+    kept, _ = min(found, key=lambda x: x[1] + trials.cost(x[0], least_left))
+    return kept, _fitted(parts, trials.places(kept))
 
 
 @dataclass(frozen=True)
@@ -172,16 +182,15 @@ class _Trials:
         """Number of samples."""
         return sum(p.n for p in self.parts)
 
-    def choice(self) -> tuple[list[int], Array]:
-        """Numbers of the groups, in order of their gains, and the values."""
-        kept: list[int] = []
-        left = self._left_out(kept)
+    def grown(self, kept: list[int]) -> tuple[list[int], float]:
+        """Numbers of the groups from some on, in order of their gains, and the misfit."""
+        kept, left = self._without_idle(kept, self._left_out(kept))
         while True:
             others = [g for g in range(len(self.groups)) if g not in kept]
             trials = sorted((self._left_out([*kept, g]), g) for g in others)
             misfit, best = next((t for t in trials if self._can_be([*kept, t[1]])), (left, -1))
             if best < 0 or left - misfit < self._needed(left, best, len(others)):
-                return kept, _fitted(self.parts, self._places(kept))
+                return kept, left
             kept, left = self._exchanged([*kept, best], misfit)
             kept, left = self._without_idle(kept, left)
 
@@ -198,12 +207,16 @@ class _Trials:
 
     def _without_idle(self, kept: list[int], left: float) -> tuple[list[int], float]:
         """Without those that later ones have made superfluous."""
-        for g in kept[:-1]:
+        for g in kept:
             fewer = [k for k in kept if k != g]
             misfit = self._left_out(fewer)
             if misfit - left < self._needed(left, g, 1):
                 return self._without_idle(fewer, misfit)
         return kept, left
+
+    def cost(self, kept: Sequence[int], left: float) -> float:
+        """What so many values must gain, where ``left`` is left."""
+        return sum(self._needed(left, g, 1) for g in kept)
 
     def _needed(self, left: float, group: int, looks: int) -> float:
         return len(self.groups[group]) * needed(self.n, left, looks)
@@ -212,14 +225,15 @@ class _Trials:
         last = kept[-1]
         if last not in self.least:
             return True
-        return bool(_fitted(self.parts, self._places(kept))[-1] > self.least[last])
+        return bool(_fitted(self.parts, self.places(kept))[-1] > self.least[last])
 
-    def _places(self, kept: Sequence[int]) -> list[int]:
+    def places(self, kept: Sequence[int]) -> list[int]:
+        """Of the values that always take part, and those of the groups."""
         return [*self.always, *(i for g in kept for i in self.groups[g])]
 
     def _left_out(self, kept: Sequence[int]) -> float:
         """Misfit of all parts, each by values that were fitted to the others."""
-        where = self._places(kept)
+        where = self.places(kept)
         at, parts = np.array(where), self.parts
         return sum(p.misfit(at, _fitted([o for o in parts if o is not p], where)) for p in parts)
 
