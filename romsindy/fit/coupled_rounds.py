@@ -18,7 +18,7 @@ from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import Kind, candidates, needed
 from romsindy.fit.pieces import fit_pieces, lengths, moved
-from romsindy.fit.verdict import EXPLAINED, TERM
+from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import CoupledModel
 from romsindy.typing import Array
 
@@ -72,10 +72,6 @@ class Fitted:
         more = self.stage.n_values - before.stage.n_values
         least = min(now.sum(), then.sum())
         return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
-
-    def is_alike(self, before: Fitted, records: Sequence[CoupledRecord]) -> bool:
-        """Whether it leaves about as much as another, which a round more would do, too."""
-        return bool(self._squares(records).sum() > (1 - TERM) * before._squares(records).sum())
 
     def with_noise_of(self, records: Sequence[CoupledRecord]) -> Fitted:
         """With the noise of other records in the place of its own."""
@@ -204,15 +200,10 @@ def _settled(
         found = fitted(start, weighed, cycles)
         if found is None or (best and not found.is_better(best, weighed)):
             break
-        settled = best is not None and found.is_alike(best, weighed)
         # The noise is that of the records, not what they were weighed by.
         now, best = found.stage, found.with_noise_of(given).heard_again()
-        pairs = zip(best.records, given, strict=True)
-        settled = settled and all(r.noise is g.noise for r, g in pairs)
         progress.keep(best)
         given, weighed = best.records, best.weighed_alike()
-        if settled:
-            break
     return best
 
 
