@@ -53,11 +53,15 @@ class Stage:
 
 
 class Choice(NamedTuple):
-    """Terms that always take part, those that may, and what sensors may show of products."""
+    """Terms that always take part, those that may, and what sensors may show of products.
+
+    Parts of the data are ``left_out`` to judge them, as long as more than noise is left.
+    """
 
     always: tuple[Term, ...]
     candidates: tuple[Term, ...]
     curved: list[tuple[Part, ...]]
+    left_out: bool = True
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -88,9 +92,9 @@ def choose(
                 table = linear_table(model, parts, i, piece, piece.motion)[1]
             if not np.all(np.isfinite(table)):
                 return None
-            left_out = _parts(piece, record, i, len(records))
-            for part in np.unique(left_out):
-                grams.setdefault(int(part), []).append(Gram.of(table[left_out == part], start))
+            parts_of = _parts(piece, record, i, len(records)) * choice.left_out
+            for part in np.unique(parts_of):
+                grams.setdefault(int(part), []).append(Gram.of(table[parts_of == part], start))
     always = [*range(len(straight)), *range(first, first + len(choice.always))]
     ends = np.cumsum([len(straight), *(len(group) for group in choice.curved)])
     groups = [

@@ -151,6 +151,9 @@ def with_terms(
     best = _grown(best, choice, progress)
     choice = Choice(always, candidates(r, kind._replace(masses=True)), curved)
     best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+    if best.explained:
+        choice = choice._replace(left_out=False)
+        best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
     # The noise that was heard at first stands, unless less than it is left: that is a proof.
     best = best.with_noise_of(given)
     best = best.heard_again() if best.left < 1 else best

@@ -151,7 +151,8 @@ def chosen(
     Parameters
     ----------
     parts : sequence of Gram
-        Each is left out in turn.
+        Each is left out in turn; one alone is judged by its own misfit and the Bayesian
+        information criterion (G. Schwarz, Ann. Statist. 6, 1978).
     always : sequence of int
         Places of the values that always take part.
     groups : sequence of sequence of int
@@ -189,7 +190,8 @@ class _Trials:
             others = [g for g in range(len(self.groups)) if g not in kept]
             trials = sorted((self._left_out([*kept, g]), g) for g in others)
             misfit, best = next((t for t in trials if self._can_be([*kept, t[1]])), (left, -1))
-            if best < 0 or left - misfit < self._needed(left, best, len(others)):
+            looks = len(others) if len(self.parts) > 1 else 1
+            if best < 0 or left - misfit < self._needed(left, best, looks):
                 return kept, left
             kept, left = self._exchanged([*kept, best], misfit)
             kept, left = self._without_idle(kept, left)
@@ -232,10 +234,11 @@ class _Trials:
         return [*self.always, *(i for g in kept for i in self.groups[g])]
 
     def _left_out(self, kept: Sequence[int]) -> float:
-        """Misfit of all parts, each by values that were fitted to the others."""
+        """Misfit of all parts, each by values that were fitted to the others, if there are any."""
         where = self.places(kept)
         at, parts = np.array(where), self.parts
-        return sum(p.misfit(at, _fitted([o for o in parts if o is not p], where)) for p in parts)
+        others = [[o for o in parts if o is not p] or parts for p in parts]
+        return sum(p.misfit(at, _fitted(o, where)) for p, o in zip(parts, others, strict=True))
 
 
 def needed(n: int, left: float, looks: int) -> float:
