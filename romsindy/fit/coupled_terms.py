@@ -136,19 +136,11 @@ class Gram(NamedTuple):
         return float(self.power - 2 * values @ self.right[where] + values @ own @ values)
 
 
-def chosen(
-    parts: Sequence[Gram],
-    always: Sequence[int],
-    groups: Sequence[Sequence[int]],
-    least: Mapping[int, float],
-    present: Sequence[int] = (),
-) -> tuple[list[int], Array]:
-    """Groups of values that gain, and the values, those that always take part first.
+@dataclass(frozen=True)
+class Trials:
+    """Misfits of parts that are left out, by which groups of values take part.
 
-    They are looked for from none on, and from those that are present: about a wrong motion no term
-    alone may gain. The better choice is taken.
-
-    Parameters
+    Attributes
     ----------
     parts : sequence of Gram
         Each is left out in turn; one alone is judged by its own misfit and the Bayesian
@@ -159,19 +151,7 @@ def chosen(
         Places of values that take part together, or not at all.
     least : mapping of int to float
         What the value of a group of one must exceed.
-    present : sequence of int
-        Numbers of the groups that take part so far.
     """
-    trials = _Trials(parts, always, groups, least)
-    found = [trials.grown(start) for start in ([], list(present))]
-    least_left = min(left for _, left in found)
-    kept, _ = min(found, key=lambda x: x[1] + trials.cost(x[0], least_left))
-    return kept, _fitted(parts, trials.places(kept))
-
-
-@dataclass(frozen=True)
-class _Trials:
-    """Misfits of parts that are left out, by which groups of values are chosen: see `chosen`."""
 
     parts: Sequence[Gram]
     always: Sequence[int]
@@ -183,13 +163,23 @@ class _Trials:
         """Number of samples."""
         return sum(p.n for p in self.parts)
 
-    def grown(self, kept: list[int]) -> tuple[list[int], float]:
-        """Numbers of the groups from some on, in order of their gains, and the misfit."""
-        kept, left = self._without_idle(kept, self._left_out(kept))
+    def chosen(self, present: Sequence[int]) -> list[int]:
+        """Numbers of the groups that gain, in order of their gains.
+
+        They are looked for from none on, and from those that are present: about a wrong motion no
+        term alone may gain. The better choice is taken.
+        """
+        found = [self._grown(list(start)) for start in ((), present)]
+        least = min(left for _, left in found)
+        return min(found, key=lambda x: x[1] + self.cost(x[0], least))[0]
+
+    def _grown(self, kept: list[int]) -> tuple[list[int], float]:
+        """From some groups on, and the misfit."""
+        kept, left = self._without_idle(kept, self.left_out(kept))
         while True:
             others = [g for g in range(len(self.groups)) if g not in kept]
-            trials = sorted((self._left_out([*kept, g]), g) for g in others)
-            misfit, best = next((t for t in trials if self._can_be([*kept, t[1]])), (left, -1))
+            trials = sorted((self.left_out([*kept, g]), g) for g in others)
+            misfit, best = next((t for t in trials if self.can_be([*kept, t[1]])), (left, -1))
             looks = len(others) if len(self.parts) > 1 else 1
             if best < 0 or left - misfit < self._needed(left, best, looks):
                 return kept, left
@@ -201,7 +191,7 @@ class _Trials:
         for g in kept[:-1]:
             rest = [k for k in kept if k != g]
             others = [j for j in range(len(self.groups)) if j not in kept]
-            misfit, best = min(((self._left_out([*rest, j]), j) for j in others), default=(left, g))
+            misfit, best = min(((self.left_out([*rest, j]), j) for j in others), default=(left, g))
             more = len(self.groups[best]) - len(self.groups[g]) + 1
             if left - misfit > max(more, 1) * needed(self.n, left, 1):
                 return self._exchanged([*rest, best], misfit)
@@ -211,7 +201,7 @@ class _Trials:
         """Without those that later ones have made superfluous."""
         for g in kept:
             fewer = [k for k in kept if k != g]
-            misfit = self._left_out(fewer)
+            misfit = self.left_out(fewer)
             if misfit - left < self._needed(left, g, 1):
                 return self._without_idle(fewer, misfit)
         return kept, left
@@ -223,17 +213,24 @@ class _Trials:
     def _needed(self, left: float, group: int, looks: int) -> float:
         return len(self.groups[group]) * needed(self.n, left, looks)
 
-    def _can_be(self, kept: list[int]) -> bool:
-        last = kept[-1]
-        if last not in self.least:
+    def can_be(self, kept: Sequence[int]) -> bool:
+        """Whether the value of the last group is one that it may have."""
+        if not kept or kept[-1] not in self.least:
             return True
-        return bool(_fitted(self.parts, self.places(kept))[-1] > self.least[last])
+        return bool(_fitted(self.parts, self.places(kept))[-1] > self.least[kept[-1]])
 
     def places(self, kept: Sequence[int]) -> list[int]:
         """Of the values that always take part, and those of the groups."""
         return [*self.always, *(i for g in kept for i in self.groups[g])]
 
-    def _left_out(self, kept: Sequence[int]) -> float:
+    def values(self, kept: Sequence[int]) -> Array:
+        """Of all places, fitted to all parts; 0 of groups that take no part."""
+        where = self.places(kept)
+        found = np.zeros(len(self.parts[0].right))
+        found[where] = _fitted(self.parts, where)
+        return found
+
+    def left_out(self, kept: Sequence[int]) -> float:
         """Misfit of all parts, each by values that were fitted to the others, if there are any."""
         where = self.places(kept)
         at, parts = np.array(where), self.parts
