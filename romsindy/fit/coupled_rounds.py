@@ -141,16 +141,17 @@ def with_terms(
     """The start with the terms that the records need, fitted to the longest pieces it follows.
 
     None if it follows the motion over no piece. Masses come last: they show where what couples is
-    known well, not beside everything else.
+    known well, not beside everything else. Where the model is lost without, they come first.
     """
     always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
     choice = Choice(always, candidates(r, kind), curved)
-    best = _settled(start, given, choice, progress, lengths(given)[0])
+    best = _grown(start, given, choice, progress)
     if best is None:
         return None
-    best = _grown(best, choice, progress)
     choice = Choice(always, candidates(r, kind._replace(masses=True)), curved)
     best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+    if best.left > _LOST and (again := _grown(start, given, choice, progress)):
+        best = best_of([best, again]) or best
     if best.explained:
         choice = choice._replace(left_out=False)
         best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
@@ -161,8 +162,13 @@ def with_terms(
     return best
 
 
-def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
-    """Fitted to the longest pieces over which the model follows the motion."""
+def _grown(
+    start: Stage, given: Sequence[CoupledRecord], choice: Choice, progress: Progress
+) -> Fitted | None:
+    """Fitted to short pieces, and then to the longest over which the model follows the motion."""
+    best = _settled(start, given, choice, progress, lengths(given)[0])
+    if best is None:
+        return None
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
         return _settled(longer.stage, longer.records, choice, progress, np.inf, longer) or longer
