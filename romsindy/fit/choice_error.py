@@ -3,8 +3,8 @@
 The errors of a fit take its terms for the right ones. Where the data hardly tell another choice
 from it, that one counts as well: with a term more, a term less, or one in the place of another. The
 choices are weighed by the Bayesian information criterion, those of less than a twentieth of the
-weight are left out ("Occam's window" [1]), and what their values differ by is added to the
-covariance [2]. All is linear about the motions of the fit.
+weight are left out ("Occam's window" [1]). Each has a covariance, and values that differ from those
+of the fit: the errors are those of the mixture [2]. All is linear about the motions of the fit.
 
 [1] D. Madigan, A. Raftery, J. Am. Statist. Assoc. 89, 1994.
 [2] J. Hoeting, D. Madigan, A. Raftery, C. Volinsky, Statist. Sci. 14, 1999.
@@ -29,14 +29,14 @@ from romsindy.typing import Array
 class Alternative(NamedTuple):
     """Another choice of groups: without ``gone``, with ``added``, either may be None.
 
-    ``weight`` is the probability among all alternatives and the choice itself, ``shift`` (m,) what
-    the values of all places move by.
+    ``weight`` is its probability among all alternatives and the choice itself, ``squares`` (m, m)
+    the mean squares of its values about those of the choice, at all places.
     """
 
     gone: int | None
     added: int | None
     weight: float
-    shift: Array
+    squares: Array
 
 
 def with_choice_error(fit: Fit, stage: Stage, records: Sequence[CoupledRecord]) -> Fit:
@@ -51,7 +51,7 @@ def with_choice_error(fit: Fit, stage: Stage, records: Sequence[CoupledRecord]) 
     keys = [t.key for t in every.terms]
     places = [len(every.sensors) + keys.index(name) for name in fit.free]
     notes = [s for a in found if (s := _sentence(a, every, places, fit))]
-    covariance = fit.covariance + between(found, places)
+    covariance = mixed(fit.covariance, found, places)
     return replace(fit, covariance=covariance, notes=(*fit.notes, *notes))
 
 
@@ -69,7 +69,9 @@ def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
         if added is None or trials.can_be(others):
             cost = trials.cost(others, left) - trials.cost(kept, left)
             rise = trials.left_out(others) - left + cost
-            found.append(Alternative(gone, added, rise, trials.values(others) - values))
+            shift = trials.values(others) - values
+            squares = trials.covariance(others) + np.outer(shift, shift)
+            found.append(Alternative(gone, added, rise, squares))
     least = min([0.0, *(a.weight for a in found)])
     odds = [a._replace(weight=float(np.exp((least - a.weight) / 2))) for a in found]
     odds = [a for a in odds if a.weight > HARDLY_TOLD]
@@ -77,11 +79,11 @@ def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
     return [a._replace(weight=a.weight / total) for a in odds]
 
 
-def between(found: Sequence[Alternative], places: Sequence[int]) -> Array:
-    """Covariance of the values at some places, by what alternatives differ by."""
-    shifts = np.array([np.sqrt(a.weight) * a.shift[list(places)] for a in found])
-    shifts = shifts.reshape(len(found), len(places))
-    return shifts.T @ shifts
+def mixed(covariance: Array, found: Sequence[Alternative], places: Sequence[int]) -> Array:
+    """Covariance of the values at some places, with that of the alternatives."""
+    here = np.ix_(places, places)
+    own = 1 - sum(a.weight for a in found)
+    return own * covariance + sum(a.weight * a.squares[here] for a in found)
 
 
 def _changes(kept: Sequence[int], n: int) -> list[tuple[int | None, int | None]]:
@@ -103,7 +105,7 @@ def _linearised(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised | 
 
 def _sentence(a: Alternative, every: Linearised, places: Sequence[int], fit: Fit) -> str:
     """Which choices are hardly told apart, where an error grows by half by that; else none."""
-    added = np.sqrt(a.weight) * np.abs(a.shift[list(places)])
+    added = np.sqrt(a.weight * np.diag(a.squares)[list(places)])
     pairs = zip(fit.standard_errors.items(), added, strict=True)
     names = [name for (name, error), by in pairs if by > error]
     if not names:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.normal_equations import solved
+from romsindy.fit.normal_equations import inverse, solved
 from romsindy.fit.verdict import TERM
 from romsindy.physics.coupling import (
     Along,
@@ -228,6 +228,14 @@ class Trials:
         where = self.places(kept)
         found = np.zeros(len(self.parts[0].right))
         found[where] = _fitted(self.parts, where)
+        return found
+
+    def covariance(self, kept: Sequence[int]) -> Array:
+        """Of the values of all places, (m, m); 0 for groups that take no part."""
+        where = self.places(kept)
+        found = np.zeros_like(self.parts[0].matrix)
+        here = np.ix_(where, where)
+        found[here] = inverse(Gram.sum(self.parts).matrix[here])
         return found
 
     def left_out(self, kept: Sequence[int]) -> float:
