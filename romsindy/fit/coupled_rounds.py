@@ -18,7 +18,7 @@ from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import Kind, candidates, needed
 from romsindy.fit.pieces import fit_pieces, lengths, moved
-from romsindy.fit.verdict import EXPLAINED
+from romsindy.fit.verdict import EXPLAINED, TERM
 from romsindy.physics.coupled import CoupledModel
 from romsindy.typing import Array
 
@@ -72,6 +72,10 @@ class Fitted:
         more = self.stage.n_values - before.stage.n_values
         least = min(now.sum(), then.sum())
         return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
+
+    def is_alike(self, before: Fitted, records: Sequence[CoupledRecord]) -> bool:
+        """Whether it leaves about as much as another, which a round more would do, too."""
+        return bool(self._squares(records).sum() > (1 - TERM) * before._squares(records).sum())
 
     def with_noise_of(self, records: Sequence[CoupledRecord]) -> Fitted:
         """With the noise of other records in the place of its own."""
@@ -140,18 +144,17 @@ def with_terms(
 ) -> Fitted | None:
     """The start with the terms that the records need, fitted to the longest pieces it follows.
 
-    None if it follows the motion over no piece. Masses come last: they show where what couples is
-    known well, not beside everything else. Where the model is lost without, they come first.
+    None if it follows the motion over no piece. Masses come later: they show where what couples is
+    known well, not beside everything else.
     """
     always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
-    choice = Choice(always, candidates(r, kind), curved)
-    best = _grown(start, given, choice, progress)
+    choice, shortest = Choice(always, candidates(r, kind), curved), lengths(given)[0]
+    best = _settled(start, given, choice, progress, shortest)
     if best is None:
         return None
     choice = Choice(always, candidates(r, kind._replace(masses=True)), curved)
-    best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
-    if best.left > _LOST and (again := _grown(start, given, choice, progress)):
-        best = best_of([best, again]) or best
+    best = _settled(best.stage, best.records, choice, progress, shortest, best) or best
+    best = _grown(best, choice, progress)
     if best.explained:
         choice = choice._replace(left_out=False)
         best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
@@ -162,13 +165,8 @@ def with_terms(
     return best
 
 
-def _grown(
-    start: Stage, given: Sequence[CoupledRecord], choice: Choice, progress: Progress
-) -> Fitted | None:
-    """Fitted to short pieces, and then to the longest over which the model follows the motion."""
-    best = _settled(start, given, choice, progress, lengths(given)[0])
-    if best is None:
-        return None
+def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
+    """Fitted to the longest pieces over which the model follows the motion."""
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
         return _settled(longer.stage, longer.records, choice, progress, np.inf, longer) or longer
@@ -209,10 +207,15 @@ def _settled(
         found = fitted(start, weighed, cycles)
         if found is None or (best and not found.is_better(best, weighed)):
             break
+        alike = best is not None and choice.left_out and found.is_alike(best, weighed)
         # The noise is that of the records, not what they were weighed by.
         now, best = found.stage, found.with_noise_of(given).heard_again()
+        pairs = zip(best.records, given, strict=True)
+        settled = alike and all(r.noise is g.noise for r, g in pairs)
         progress.keep(best)
         given, weighed = best.records, best.weighed_alike()
+        if settled:
+            break
     return best
 
 
