@@ -143,8 +143,7 @@ class Trials:
     Attributes
     ----------
     parts : sequence of Gram
-        Each is left out in turn; one alone is judged by its own misfit and the Bayesian
-        information criterion (G. Schwarz, Ann. Statist. 6, 1978).
+        Each is left out in turn; one alone is judged by its own misfit.
     always : sequence of int
         Places of the values that always take part.
     groups : sequence of sequence of int
@@ -180,8 +179,7 @@ class Trials:
             others = [g for g in range(len(self.groups)) if g not in kept]
             trials = sorted((self.left_out([*kept, g]), g) for g in others)
             misfit, best = next((t for t in trials if self.can_be([*kept, t[1]])), (left, -1))
-            looks = len(others) if len(self.parts) > 1 else 1
-            if best < 0 or left - misfit < self._needed(left, best, looks):
+            if best < 0 or left - misfit < self._needed(left, best, len(others)):
                 return kept, left
             kept, left = self._exchanged([*kept, best], misfit)
             kept, left = self._without_idle(kept, left)
@@ -249,7 +247,8 @@ class Trials:
 def needed(n: int, left: float, looks: int) -> float:
     """What a term must gain of chi-square: more than chance, and a part of what is left.
 
-    There are ``n`` samples, ``left`` is chi-square, ``looks`` the number of terms to choose from.
+    There are ``n`` samples, ``left`` is chi-square, ``looks`` the number of terms to choose from:
+    the extended Bayesian information criterion (J. Chen, Z. Chen, Biometrika 95, 2008).
     """
     return float(np.log(n) + 2 * np.log(looks) + TERM * max(left - n, 0.0))
 
