@@ -11,7 +11,7 @@ import numpy as np
 
 from romsindy.fit.coefficient import free_coefficients
 from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.fit.coupled_terms import Gram, chosen
+from romsindy.fit.coupled_terms import Gram, Trials
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part
@@ -47,21 +47,57 @@ class Stage:
     def summary(self, n_always: int) -> str:
         """The terms beyond the first ones, and products that sensors show, in a line."""
         names = [t.key for t in self.model.terms[n_always:]]
-        curved = [p.effect.product for p in self.shapes if isinstance(p.effect, CurvedShape)]
-        shown = [f"sensors show {product}" for product in dict.fromkeys(curved)]
-        return f"terms: {', '.join([*names, *shown]) or 'no more than at the start'}"
+        shown = [_shown(p.effect) for p in self.shapes if isinstance(p.effect, CurvedShape)]
+        every = [*names, *dict.fromkeys(shown)]
+        return f"terms: {', '.join(every) or 'no more than at the start'}"
 
 
 class Choice(NamedTuple):
-    """Terms that always take part, those that may, and what sensors may show of products."""
+    """Terms that always take part, those that may, and what sensors may show of products.
+
+    Parts of the data are ``left_out`` to judge them, as long as more than noise is left.
+    """
 
     always: tuple[Term, ...]
     candidates: tuple[Term, ...]
     curved: list[tuple[Part, ...]]
+    left_out: bool = True
 
     @property
     def terms(self) -> tuple[Term, ...]:
         return (*self.always, *(t for t in self.candidates if t not in self.always))
+
+
+class Linearised(NamedTuple):
+    """All that may take part, linearised about the motions of the records.
+
+    ``sensors`` come first among the places of ``trials``, then ``terms``; ``present`` are the
+    numbers of the groups that take part so far.
+    """
+
+    trials: Trials
+    sensors: tuple[Part, ...]
+    terms: tuple[Term, ...]
+    present: list[int]
+
+    def name(self, group: int) -> str:
+        """Of a term, or of what sensors show."""
+        place = self.trials.groups[group][0]
+        if place >= len(self.sensors):
+            return self.terms[place - len(self.sensors)].key
+        effect = self.sensors[place].effect
+        return _shown(effect) if isinstance(effect, CurvedShape) else effect.variant
+
+    def stage(self, kept: Sequence[int], unit: str | None) -> Stage:
+        """What always takes part and some groups, with the values of the linearised equations."""
+        there, values = {*self.trials.places(kept)}, self.trials.values(kept)
+        shapes = [
+            replace(p, strengths=np.full((1, 1), values[i]))
+            for i, p in enumerate(self.sensors)
+            if i in there
+        ]
+        terms = {t: values[i] for i, t in enumerate(self.terms, len(self.sensors)) if i in there}
+        return Stage(CoupledModel(tuple(terms), tuple(terms.values()), unit), tuple(shapes))
 
 
 def choose(
@@ -72,15 +108,22 @@ def choose(
     Values are those of the linearised equations: where a fit is to start. None where the equations
     have no motions near these.
     """
+    found = linearised(now, records, cycles, choice)
+    return found and found.stage(found.trials.chosen(found.present), now.model.unit)
+
+
+def linearised(
+    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: Choice
+) -> Linearised | None:
+    """All of a choice about the motions of pieces; None where there are none near these."""
     everything, values = choice.terms, now.model.coefficients
     at = [values.get(t.key, 0.0) for t in everything]
     model = CoupledModel(everything, tuple(at), now.model.unit)
-    present = {p.effect: p for p in now.shapes}
+    shown = {p.effect: p for p in now.shapes}
     straight = [p for p in now.shapes if isinstance(p.effect, ModeShape)]
-    sensors = [*straight, *(present.get(p.effect, p) for group in choice.curved for p in group)]
+    sensors = (*straight, *(shown.get(p.effect, p) for group in choice.curved for p in group))
     parts = (*sensors, *free_coefficients(model, [t.key for t in everything]))
     start = np.array([*(p.values[0] for p in sensors), *at])
-    first = len(sensors)
     grams: dict[int, list[Gram]] = {}
     for i, record in enumerate(records):
         for piece in cut(record, cycles):
@@ -88,27 +131,26 @@ def choose(
                 table = linear_table(model, parts, i, piece, piece.motion)[1]
             if not np.all(np.isfinite(table)):
                 return None
-            left_out = _parts(piece, record, i, len(records))
-            for part in np.unique(left_out):
-                grams.setdefault(int(part), []).append(Gram.of(table[left_out == part], start))
+            numbers = _parts(piece, record, i, len(records)) * choice.left_out
+            for part in np.unique(numbers):
+                grams.setdefault(int(part), []).append(Gram.of(table[numbers == part], start))
+    first = len(sensors)
     always = [*range(len(straight)), *range(first, first + len(choice.always))]
     ends = np.cumsum([len(straight), *(len(group) for group in choice.curved)])
     groups = [
         *(list(range(a, b)) for a, b in itertools.pairwise(ends)),
         *([i] for i in range(always[-1] + 1, len(parts))),
     ]
-    least = {
-        g: low
-        for g, (i, *_) in enumerate(groups)
-        if i >= first and (low := _least(everything[i - first])) is not None
-    }
-    kept, there = chosen([Gram.sum(some) for some in grams.values()], always, groups, least)
-    value = dict(zip([*always, *(i for g in kept for i in groups[g])], there, strict=True))
-    shapes = [
-        replace(p, strengths=np.full((1, 1), value[i])) for i, p in enumerate(sensors) if i in value
-    ]
-    terms = {everything[i - first]: v for i, v in value.items() if i >= first}
-    return Stage(CoupledModel(tuple(terms), tuple(terms.values()), now.model.unit), tuple(shapes))
+    what = [*(p.effect for p in sensors), *everything]
+    taken = {*now.model.terms, *shown}
+    least = {g: low for g, (i, *_) in enumerate(groups) if (low := _least(what[i])) is not None}
+    present = [g for g, (i, *_) in enumerate(groups) if what[i] in taken]
+    trials = Trials([Gram.sum(some) for some in grams.values()], always, groups, least)
+    return Linearised(trials, sensors, everything, present)
+
+
+def _shown(effect: CurvedShape) -> str:
+    return f"sensors show {effect.product}"
 
 
 def _parts(piece: CoupledRecord, record: CoupledRecord, number: int, count: int) -> Indices:
@@ -123,7 +165,7 @@ def _parts(piece: CoupledRecord, record: CoupledRecord, number: int, count: int)
     return np.tile((place * _STRETCHES).astype(int) % _PARTS, len(record.noise))
 
 
-def _least(term: Term) -> float | None:
+def _least(term: object) -> float | None:
     """What its coefficient must exceed: squares and masses are positive."""
     if isinstance(term, SlavedInertia) and term.first == term.second:
         return 0.0

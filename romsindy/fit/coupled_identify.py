@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import coupled_records, free_shapes
@@ -21,7 +22,7 @@ from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_k
 from romsindy.fit.coupled_terms import KINDS, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.measured import NUMERICS, require_unit, several_decays
-from romsindy.fit.pieces import cut
+from romsindy.fit.pieces import cut, moved
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay
@@ -92,6 +93,9 @@ def identify_coupled(
     stage, names = best.stage, tuple(best.stage.model.coefficients)
     pieces = tuple(piece for record in best.records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
+    model = replace(stage.model, values=fit.model.values)
+    reached = Stage(model, fit.solution.parts[len(names) :])
+    fit = with_choice_error(fit, reached, moved(pieces, fit.solution.motions))
     solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
     notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted))
     return replace(fit, solution=solution, notes=notes)

@@ -144,17 +144,20 @@ def with_terms(
 ) -> Fitted | None:
     """The start with the terms that the records need, fitted to the longest pieces it follows.
 
-    None if it follows the motion over no piece. Masses come last: they show where what couples is
+    None if it follows the motion over no piece. Masses come later: they show where what couples is
     known well, not beside everything else.
     """
     always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
-    choice = Choice(always, candidates(r, kind), curved)
-    best = _settled(start, given, choice, progress, lengths(given)[0])
+    choice, shortest = Choice(always, candidates(r, kind), curved), lengths(given)[0]
+    best = _settled(start, given, choice, progress, shortest)
     if best is None:
         return None
-    best = _grown(best, choice, progress)
     choice = Choice(always, candidates(r, kind._replace(masses=True)), curved)
-    best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+    best = _settled(best.stage, best.records, choice, progress, shortest, best) or best
+    best = _grown(best, choice, progress)
+    if best.explained:
+        choice = choice._replace(left_out=False)
+        best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
     # The noise that was heard at first stands, unless less than it is left: that is a proof.
     best = best.with_noise_of(given)
     best = best.heard_again() if best.left < 1 else best
@@ -204,11 +207,11 @@ def _settled(
         found = fitted(start, weighed, cycles)
         if found is None or (best and not found.is_better(best, weighed)):
             break
-        settled = best is not None and found.is_alike(best, weighed)
+        alike = best is not None and choice.left_out and found.is_alike(best, weighed)
         # The noise is that of the records, not what they were weighed by.
         now, best = found.stage, found.with_noise_of(given).heard_again()
         pairs = zip(best.records, given, strict=True)
-        settled = settled and all(r.noise is g.noise for r, g in pairs)
+        settled = alike and all(r.noise is g.noise for r, g in pairs)
         progress.keep(best)
         given, weighed = best.records, best.weighed_alike()
         if settled:

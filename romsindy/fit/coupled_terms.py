@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.normal_equations import solved
+from romsindy.fit.normal_equations import inverse, solved
 from romsindy.fit.verdict import TERM
 from romsindy.physics.coupling import (
     Along,
@@ -136,18 +136,14 @@ class Gram(NamedTuple):
         return float(self.power - 2 * values @ self.right[where] + values @ own @ values)
 
 
-def chosen(
-    parts: Sequence[Gram],
-    always: Sequence[int],
-    groups: Sequence[Sequence[int]],
-    least: Mapping[int, float],
-) -> tuple[list[int], Array]:
-    """Groups of values that gain, and the values, those that always take part first.
+@dataclass(frozen=True)
+class Trials:
+    """Misfits of parts that are left out, by which groups of values take part.
 
-    Parameters
+    Attributes
     ----------
     parts : sequence of Gram
-        Each is left out in turn.
+        Each is left out in turn; one alone is judged by its own misfit.
     always : sequence of int
         Places of the values that always take part.
     groups : sequence of sequence of int
@@ -155,12 +151,6 @@ def chosen(
     least : mapping of int to float
         What the value of a group of one must exceed.
     """
-    return _Trials(parts, always, groups, least).choice()
-
-
-@dataclass(frozen=True)
-class _Trials:
-    """Misfits of parts that are left out, by which groups of values are chosen: see `chosen`."""
 
     parts: Sequence[Gram]
     always: Sequence[int]
@@ -172,16 +162,25 @@ class _Trials:
         """Number of samples."""
         return sum(p.n for p in self.parts)
 
-    def choice(self) -> tuple[list[int], Array]:
-        """Numbers of the groups, in order of their gains, and the values."""
-        kept: list[int] = []
-        left = self._left_out(kept)
+    def chosen(self, present: Sequence[int]) -> list[int]:
+        """Numbers of the groups that gain, in order of their gains.
+
+        They are looked for from none on, and from those that are present: about a wrong motion no
+        term alone may gain. The better choice is taken.
+        """
+        found = [self._grown(list(start)) for start in ((), present)]
+        least = min(left for _, left in found)
+        return min(found, key=lambda x: x[1] + self.cost(x[0], least))[0]
+
+    def _grown(self, kept: list[int]) -> tuple[list[int], float]:
+        """From some groups on, and the misfit."""
+        kept, left = self._without_idle(kept, self.left_out(kept))
         while True:
             others = [g for g in range(len(self.groups)) if g not in kept]
-            trials = sorted((self._left_out([*kept, g]), g) for g in others)
-            misfit, best = next((t for t in trials if self._can_be([*kept, t[1]])), (left, -1))
+            trials = sorted((self.left_out([*kept, g]), g) for g in others)
+            misfit, best = next((t for t in trials if self.can_be([*kept, t[1]])), (left, -1))
             if best < 0 or left - misfit < self._needed(left, best, len(others)):
-                return kept, _fitted(self.parts, self._places(kept))
+                return kept, left
             kept, left = self._exchanged([*kept, best], misfit)
             kept, left = self._without_idle(kept, left)
 
@@ -190,7 +189,7 @@ class _Trials:
         for g in kept[:-1]:
             rest = [k for k in kept if k != g]
             others = [j for j in range(len(self.groups)) if j not in kept]
-            misfit, best = min(((self._left_out([*rest, j]), j) for j in others), default=(left, g))
+            misfit, best = min(((self.left_out([*rest, j]), j) for j in others), default=(left, g))
             more = len(self.groups[best]) - len(self.groups[g]) + 1
             if left - misfit > max(more, 1) * needed(self.n, left, 1):
                 return self._exchanged([*rest, best], misfit)
@@ -198,36 +197,58 @@ class _Trials:
 
     def _without_idle(self, kept: list[int], left: float) -> tuple[list[int], float]:
         """Without those that later ones have made superfluous."""
-        for g in kept[:-1]:
+        for g in kept:
             fewer = [k for k in kept if k != g]
-            misfit = self._left_out(fewer)
+            misfit = self.left_out(fewer)
             if misfit - left < self._needed(left, g, 1):
                 return self._without_idle(fewer, misfit)
         return kept, left
 
+    def cost(self, kept: Sequence[int], left: float) -> float:
+        """What so many values must gain, where ``left`` is left."""
+        return sum(self._needed(left, g, 1) for g in kept)
+
     def _needed(self, left: float, group: int, looks: int) -> float:
         return len(self.groups[group]) * needed(self.n, left, looks)
 
-    def _can_be(self, kept: list[int]) -> bool:
-        last = kept[-1]
-        if last not in self.least:
+    def can_be(self, kept: Sequence[int]) -> bool:
+        """Whether the value of the last group is one that it may have."""
+        if not kept or kept[-1] not in self.least:
             return True
-        return bool(_fitted(self.parts, self._places(kept))[-1] > self.least[last])
+        return bool(_fitted(self.parts, self.places(kept))[-1] > self.least[kept[-1]])
 
-    def _places(self, kept: Sequence[int]) -> list[int]:
+    def places(self, kept: Sequence[int]) -> list[int]:
+        """Of the values that always take part, and those of the groups."""
         return [*self.always, *(i for g in kept for i in self.groups[g])]
 
-    def _left_out(self, kept: Sequence[int]) -> float:
-        """Misfit of all parts, each by values that were fitted to the others."""
-        where = self._places(kept)
+    def values(self, kept: Sequence[int]) -> Array:
+        """Of all places, fitted to all parts; 0 of groups that take no part."""
+        where = self.places(kept)
+        found = np.zeros(len(self.parts[0].right))
+        found[where] = _fitted(self.parts, where)
+        return found
+
+    def covariance(self, kept: Sequence[int]) -> Array:
+        """Of the values of all places, (m, m); 0 for groups that take no part."""
+        where = self.places(kept)
+        found = np.zeros_like(self.parts[0].matrix)
+        here = np.ix_(where, where)
+        found[here] = inverse(Gram.sum(self.parts).matrix[here])
+        return found
+
+    def left_out(self, kept: Sequence[int]) -> float:
+        """Misfit of all parts, each by values that were fitted to the others, if there are any."""
+        where = self.places(kept)
         at, parts = np.array(where), self.parts
-        return sum(p.misfit(at, _fitted([o for o in parts if o is not p], where)) for p in parts)
+        others = [[o for o in parts if o is not p] or parts for p in parts]
+        return sum(p.misfit(at, _fitted(o, where)) for p, o in zip(parts, others, strict=True))
 
 
 def needed(n: int, left: float, looks: int) -> float:
     """What a term must gain of chi-square: more than chance, and a part of what is left.
 
-    There are ``n`` samples, ``left`` is chi-square, ``looks`` the number of terms to choose from.
+    There are ``n`` samples, ``left`` is chi-square, ``looks`` the number of terms to choose from:
+    the extended Bayesian information criterion (J. Chen, Z. Chen, Biometrika 95, 2008).
     """
     return float(np.log(n) + 2 * np.log(looks) + TERM * max(left - n, 0.0))
 

@@ -116,15 +116,20 @@ class NormalEquations:
 
     def covariance(self) -> Array:
         """Inverse of the normal matrix: the curvature of the misfit."""
-        scale = _scale(self.matrix)
-        scaled = self.matrix * scale * scale[:, None]
-        return np.linalg.pinv(scaled, rcond=_RANK, hermitian=True) * scale * scale[:, None]
+        return inverse(self.matrix)
 
 
 def _scale(a: Array) -> Array:
     """What makes the diagonal of a normal matrix 1; 0 where nothing, or only rounding, is there."""
     power = np.diag(a)
     return np.where(power > 1e-300, 1 / np.sqrt(np.maximum(power, 1e-300)), 0.0)
+
+
+def inverse(a: Array) -> Array:
+    """Of a normal matrix, whatever its scales; 0 in directions that are not told apart."""
+    scale = _scale(a)
+    scaled = a * scale * scale[:, None]
+    return np.linalg.pinv(scaled, rcond=_RANK, hermitian=True) * scale * scale[:, None]
 
 
 def solved(a: Array, b: Array) -> Array:

@@ -34,6 +34,9 @@ NEAR_ZERO = 0.05
 # A term must bring down what is left beyond the noise by this part, 1 % in the rms, on data that
 # took no part: less is the form of other laws.
 TERM = 0.02
+# Another choice of terms counts in the errors where its odds against the chosen one are above this:
+# 1 to 20 (`romsindy.fit.choice_error`).
+HARDLY_TOLD = 0.05
 # A further coordinate must bring down the rms of what is left by this part.
 MODE = 0.1
 

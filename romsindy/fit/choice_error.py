@@ -1,0 +1,116 @@
+"""What the choice of terms adds to the errors of a fit.
+
+The errors of a fit take its terms for the right ones. Where the data hardly tell another choice
+from it, that one counts as well: with a term more, a term less, or one in the place of another. The
+choices are weighed by the Bayesian information criterion, those of less than a twentieth of the
+weight are left out ("Occam's window" [1]). Each has a covariance, and values that differ from those
+of the fit: the errors are those of the mixture [2]. All is linear about the motions of the fit.
+
+[1] D. Madigan, A. Raftery, J. Am. Statist. Assoc. 89, 1994.
+[2] J. Hoeting, D. Madigan, A. Raftery, C. Volinsky, Statist. Sci. 14, 1999.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.fit.coupled_choice import Choice, Linearised, Stage, linearised
+from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
+from romsindy.fit.coupled_terms import KINDS, Trials, candidates, linear_terms
+from romsindy.fit.refine import Fit
+from romsindy.fit.verdict import HARDLY_TOLD
+from romsindy.typing import Array
+
+
+class Alternative(NamedTuple):
+    """Another choice of groups: without ``gone``, with ``added``, either may be None.
+
+    ``weight`` is its probability among all alternatives and the choice itself, ``squares`` (m, m)
+    the mean squares of its values about those of the choice, at all places.
+    """
+
+    gone: int | None
+    added: int | None
+    weight: float
+    squares: Array
+
+
+def with_choice_error(fit: Fit, stage: Stage, records: Sequence[CoupledRecord]) -> Fit:
+    """A fit with the errors of the choice of its terms.
+
+    ``stage`` has the terms and sensors that were fitted, ``records`` the motions of the fit.
+    """
+    every = _linearised(stage, records)
+    if every is None:
+        return fit
+    found = alternatives(every.trials, every.present)
+    keys = [t.key for t in every.terms]
+    places = [len(every.sensors) + keys.index(name) for name in fit.free]
+    notes = [s for a in found if (s := _sentence(a, every, places, fit))]
+    covariance = mixed(fit.covariance, found, places)
+    return replace(fit, covariance=covariance, notes=(*fit.notes, *notes))
+
+
+def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
+    """Those that the data hardly tell from the groups that were chosen.
+
+    ``trials`` has one part: all data.
+    """
+    left, values = trials.left_out(kept), trials.values(kept)
+    found: list[Alternative] = []
+    for gone, added in _changes(kept, len(trials.groups)):
+        others = [k for k in kept if k != gone]
+        if added is not None:
+            others.append(added)
+        if added is None or trials.can_be(others):
+            cost = trials.cost(others, left) - trials.cost(kept, left)
+            rise = trials.left_out(others) - left + cost
+            shift = trials.values(others) - values
+            squares = trials.covariance(others) + np.outer(shift, shift)
+            found.append(Alternative(gone, added, rise, squares))
+    least = min([0.0, *(a.weight for a in found)])
+    odds = [a._replace(weight=float(np.exp((least - a.weight) / 2))) for a in found]
+    odds = [a for a in odds if a.weight > HARDLY_TOLD]
+    total = np.exp(least / 2) + sum(a.weight for a in odds)
+    return [a._replace(weight=a.weight / total) for a in odds]
+
+
+def mixed(covariance: Array, found: Sequence[Alternative], places: Sequence[int]) -> Array:
+    """Covariance of the values at some places, with that of the alternatives."""
+    here = np.ix_(places, places)
+    own = 1 - sum(a.weight for a in found)
+    return own * covariance + sum(a.weight * a.squares[here] for a in found)
+
+
+def _changes(kept: Sequence[int], n: int) -> list[tuple[int | None, int | None]]:
+    """What may go and what may come, of n groups: one, the other, or both."""
+    added = [None, *(g for g in range(n) if g not in kept)]
+    return [(a, b) for a in (None, *kept) for b in added if (a, b) != (None, None)]
+
+
+def _linearised(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised | None:
+    """All candidates of the plainest kind that has the terms, about the motions."""
+    r = stage.model.n_coordinates
+    kinds = [candidates(r, kind._replace(masses=True)) for kind in KINDS]
+    enough = (k for k in kinds if {*stage.model.terms} <= {*linear_terms(r), *k})
+    choice = Choice(
+        linear_terms(r), next(enough, kinds[-1]), curved_shapes(records[0]), left_out=False
+    )
+    return linearised(stage, records, np.inf, choice)
+
+
+def _sentence(a: Alternative, every: Linearised, places: Sequence[int], fit: Fit) -> str:
+    """Which choices are hardly told apart, where an error grows by half by that; else none."""
+    added = np.sqrt(a.weight * np.diag(a.squares)[list(places)])
+    pairs = zip(fit.standard_errors.items(), added, strict=True)
+    names = [name for (name, error), by in pairs if by > error]
+    if not names:
+        return ""
+    told = " or ".join(every.name(g) for g in (a.gone, a.added) if g is not None)
+    if a.gone is None or a.added is None:
+        told = f"with or without {told}"
+    return f"{told}: the data hardly tell; the errors of {', '.join(names)} count both"
