@@ -1,4 +1,4 @@
-"""A measured input as a part of the equation: its gain and its delay are fitted."""
+"""A measured input as a part of the equation, and what may be wrong in its chain."""
 
 from __future__ import annotations
 
@@ -46,3 +46,43 @@ class Drive(Effect):
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """It does not depend on the motion."""
         return 0.0, 0.0, 0.0
+
+
+@dataclass(frozen=True)
+class InputGain(Drive):
+    """A known input that is stronger, or weaker; the strength is the change of its gain."""
+
+    name = "input_gain"
+    label = "another gain of the input than assumed"
+    resembles = ("added_mass", "gain")
+    advice = "a force sensor where the force acts, calibrated"
+
+
+@dataclass(frozen=True)
+class InputInstead(Drive):
+    """An input that takes the place of a known one of that name; the strength is its gain."""
+
+
+@dataclass(frozen=True)
+class InputDelay(InputInstead):
+    """A known input that acts later, or sooner, than it was said to."""
+
+    name = "input_delay"
+    label = "another delay of the input than assumed"
+    resembles = ("input_between_samples",)
+    advice = "response and input through the same filters and converter"
+
+
+@dataclass(frozen=True)
+class InputBetweenSamples(InputInstead):
+    """A known input that does something else between its samples."""
+
+    name = "input_between_samples"
+    label = "an input that is not what was assumed between its samples"
+    resembles = ("input_delay",)
+    advice = "a record sampled faster"
+
+    @property
+    def variant(self) -> str:
+        """What it does."""
+        return self.of.interpolation

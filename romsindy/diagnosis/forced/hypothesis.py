@@ -1,0 +1,154 @@
+"""What explanations of forced vibrations are worth, all by the colour of the noise that is left.
+
+Where the noise starts in a forced record is not known beforehand: what the best explanation leaves
+stands for it. An autoregression makes that white, and the misfits of all others alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+from threadpoolctl import threadpool_limits
+
+from romsindy.diagnosis.evidence import Hypothesis, Worth, price_of, price_of_free
+from romsindy.effects.drive import InputInstead
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.gauss_newton import Solution, fit, linear_table
+from romsindy.fit.normal_equations import NormalEquations
+from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.physics.input import Input
+from romsindy.physics.model import ReducedModel
+from romsindy.record.noise import autoregression
+from romsindy.typing import Array, Indices
+
+_ITERATIONS = 40  # of a fit that others are held against
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A fit that is to be weighed.
+
+    The first ``n_judged`` parts are values that the simulation is unsure of; those up to ``n_free``
+    are fitted whatever the hypothesis. ``rows`` are derivatives of the reading of each record and
+    its misfit, over the noise, at the ``places`` of the values.
+    """
+
+    model: ReducedModel
+    solution: Solution
+    n_judged: int
+    n_free: int
+    places: tuple[Indices, ...] = ()
+    rows: tuple[Array, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        model: ReducedModel,
+        parts: Sequence[Part],
+        n_judged: int,
+        n_free: int,
+        records: Sequence[ForcedRecord],
+    ) -> Trial:
+        """Fit the parts to all records; those that stand instead of inputs take their place."""
+        given = driven_instead(model, parts)
+        with threadpool_limits(limits=1, user_api="blas"):
+            return cls(given, fit(given, parts, records), n_judged, n_free)._told(records)
+
+    def further(self, records: Sequence[ForcedRecord]) -> Trial:
+        """Go on with a fit that has not come to its end."""
+        s = self.solution
+        if s.converged or not s.finite:
+            return self
+        with threadpool_limits(limits=1, user_api="blas"):
+            more = fit(self.model, s.parts, records, s.motions, iterations=_ITERATIONS)
+            better = more.chi_squared < s.chi_squared
+            return replace(self, solution=more)._told(records) if better else self
+
+    def _told(self, records: Sequence[ForcedRecord]) -> Trial:
+        s = self.solution
+        if not s.finite:
+            return self
+        rows = tuple(
+            linear_table(self.model, s.parts, i, record, motion)[1]
+            for i, (record, motion) in enumerate(zip(records, s.motions, strict=True))
+        )
+        system = self._system(len(records))
+        places = tuple(
+            np.concatenate([columns_of(s.parts, i), system.states_of(i)])
+            for i in range(len(records))
+        )
+        return replace(self, rows=rows, places=places)
+
+    def _system(self, n_records: int) -> NormalEquations:
+        return NormalEquations(sum(p.size for p in self.solution.parts), n_records)
+
+    def weighed(self, colours: Sequence[Colour]) -> ForcedHypothesis:
+        """By noise of these colours."""
+        s, n = self.solution, sum(len(e) for e in self.solution.residuals)
+        if not self.rows:
+            nothing = Worth(np.inf, 0.0, (), s.parts, s.covariance)
+            return ForcedHypothesis(s, self.n_free, n, None, trial=self, worth=nothing)
+        system, misfit = self._system(len(colours)), prior_cost(s.parts)
+        for where, rows, colour in zip(self.places, self.rows, colours, strict=True):
+            white = colour.whitened(rows)
+            system.add(where, white)
+            misfit += float(white[:, -1] @ white[:, -1])
+        system.add_priors(s.parts)
+        covariance = system.covariance()[: system.n_values, : system.n_values]
+        rise, price, moved = price_of_free(system, s.parts, self.n_judged, n)
+        slices = s.slices()
+        for part, where in list(zip(s.parts, slices, strict=True))[self.n_free :]:
+            price += price_of(part, covariance[where, where], n)
+        worth = Worth(misfit + rise, price, moved, s.parts, covariance)
+        return ForcedHypothesis(s, self.n_free, n, None, trial=self, worth=worth)
+
+
+@dataclass(frozen=True)
+class Colour:
+    """Noise as an autoregression: its filter, and the standard deviation of what drives it."""
+
+    filter: Array
+    std: float
+
+    @classmethod
+    def of(cls, residual: Array) -> Colour:
+        """That of what is left of a record, (n,)."""
+        a = autoregression(residual - residual.mean())
+        driven = lfilter(a, [1.0], residual - residual.mean())[len(a) :]
+        return cls(a, float(np.std(driven)))
+
+    def whitened(self, rows: Array) -> Array:
+        """Rows (n, m), white and over the noise."""
+        return lfilter(self.filter, [1.0], rows, axis=0) / self.std
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForcedHypothesis(Hypothesis):
+    """A hypothesis on forced vibrations: its worth is that by the noise of the best."""
+
+    trial: Trial
+    worth: Worth
+
+    @property
+    def _worth(self) -> Worth:  # type: ignore[override]
+        return self.worth
+
+
+def weighed(trials: Sequence[Trial]) -> list[ForcedHypothesis]:
+    """All by what the one that fits best leaves of the records, the best first."""
+    nearest = min(trials, key=lambda t: t.solution.chi_squared)
+    if not nearest.solution.finite:
+        return [t.weighed(()) for t in trials]
+    colours = [Colour.of(rows[:, -1]) for rows in nearest.rows]
+    return sorted((t.weighed(colours) for t in trials), key=lambda h: h.score)
+
+
+def driven_instead(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
+    """The model without the inputs that parts stand instead of."""
+    instead = {p.effect.of.source for p in parts if isinstance(p.effect, InputInstead)}
+    pairs = zip(model.terms, model.values, strict=True)
+    kept = {t: v for t, v in pairs if not (isinstance(t, Input) and t.source in instead)}
+    return replace(model, terms=tuple(kept), values=tuple(kept.values()))

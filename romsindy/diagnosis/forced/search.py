@@ -1,0 +1,230 @@
+"""The search for what is missing in forced vibrations: effects one after another, then rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy.stats import chi2
+
+from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis, Trial, driven_instead, weighed
+from romsindy.diagnosis.screening import Screened, part_of, screened
+from romsindy.diagnosis.search import Options
+from romsindy.effects import look_alikes
+from romsindy.effects.base import Scales
+from romsindy.effects.drive import Drive, InputInstead
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.part import Part
+from romsindy.fit.tones import strongest_tones
+from romsindy.fit.verdict import EQUIVALENT
+from romsindy.physics.model import ReducedModel
+
+_SURVIVORS = 6  # of each screening are simulated
+_FURTHER = 3  # of the best go on where they have not come to their end
+_APART = 0.15  # of the frequency of the vibration: so far lines lie from each other
+
+
+@dataclass(frozen=True)
+class ForcedSearch:
+    """Looks for effects that a model lacks in records with inputs.
+
+    Attributes
+    ----------
+    model : ReducedModel
+        Its inputs are known.
+    records : sequence of ForcedRecord
+    scales : Scales
+    unsure : tuple of Part
+        Values that the simulation is unsure of.
+    nuisance : tuple of Part
+        What is fitted whatever the hypothesis: offsets, and inputs that the model does not know.
+    chain : tuple of Part
+        What may stand instead of the inputs of the model.
+    options : Options
+    trials : list of Trial
+        All that were fitted.
+    """
+
+    model: ReducedModel
+    records: Sequence[ForcedRecord]
+    scales: Scales
+    unsure: tuple[Part, ...]
+    nuisance: tuple[Part, ...]
+    chain: tuple[Part, ...]
+    options: Options
+    trials: list[Trial] = field(default_factory=list)
+
+    def run(self) -> list[ForcedHypothesis]:
+        """All hypotheses, by the noise that the best leaves; the first is the finding.
+
+        Raises
+        ------
+        ValueError
+            If the model has no motion near the measured one.
+        """
+        exact = self.fitted([()], ())[0]
+        if self.unsure:
+            self.fitted([()], self.unsure)
+        best = self._leader(0)
+        if not best.solution.finite:
+            raise ValueError(
+                "the model has no motion near that of the records: check the signs and the units of"
+                " its coefficients, and the gain of its input"
+            )
+        while len(best.effects) < self.options.max_effects:
+            self._look_beside(best)
+            better = self._leader(len(best.effects) + 1)
+            if better is None or not self._worth(self._again(best.trial), better):
+                break
+            best = better
+        best = self._pruned(self._instead(self._again(best.trial)))
+        plain = self._again(exact)
+        best = self.settled(best if self._worth(plain, best) else plain)
+        return [best, *(h for h in weighed(self.trials) if h.trial is not best.trial)]
+
+    def fitted(self, several: Sequence[Sequence[Part]], unsure: tuple[Part, ...]) -> list[Trial]:
+        """Fit sets of effects, with some of the unsure values free."""
+        for parts in several:
+            self.options.progress(" + ".join(p.effect.name for p in parts) or "nothing")
+        free = (*unsure, *self.nuisance)
+        judged = sum(p.tolerance is None for p in unsure)
+        tasks = (
+            delayed(Trial.of)(self.model, (*free, *parts), judged, len(free), self.records)
+            for parts in several
+        )
+        found = list(Parallel(self.options.n_jobs)(tasks))
+        self.trials.extend(found)
+        return found
+
+    def _leader(self, n_effects: int) -> ForcedHypothesis | None:
+        """The best with so many effects, the first few fitted to their end; None of none."""
+        several = [h.trial for h in weighed(self.trials) if len(h.effects) == n_effects]
+        for trial in several[:_FURTHER]:
+            further = trial.further(self.records)
+            if further is not trial:
+                self.trials.append(further)
+        return next((h for h in weighed(self.trials) if len(h.effects) == n_effects), None)
+
+    def _again(self, trial: Trial) -> ForcedHypothesis:
+        """By the noise as it is known now."""
+        return next(h for h in weighed(self.trials) if h.trial is trial)
+
+    def _instead(self, best: ForcedHypothesis) -> ForcedHypothesis:
+        """What says no more and fits better; distinctly better, instead of values that moved."""
+        margin = 0.0 if best.forced else EQUIVALENT
+        alike = (h for h in weighed(self.trials) if _said(h) <= _said(best))
+        other = next(alike)
+        return other if other.score + margin < best.score else best
+
+    def _worth(self, before: ForcedHypothesis, after: ForcedHypothesis) -> bool:
+        """Whether one says more than chance would, over all that was looked at."""
+        if not before.solution.finite:
+            return after.solution.finite
+        looks = 2 * np.log(max(len(self.options.catalogue), 1))
+        more = max(len(after.effects) - len(before.effects), 1)
+        gain, price = before.misfit - after.misfit, after.price - before.price
+        n_values = sum(p.size for p in after.effects) - sum(p.size for p in before.effects)
+        n_values += len(after.moved) - len(before.moved)
+        alarm = chi2.isf(self.options.false_alarm * np.exp(-looks / 2 * more), max(n_values, more))
+        return bool(gain > alarm and gain > price + more * looks)
+
+    def _look_beside(self, best: ForcedHypothesis) -> None:
+        """Fit what the screening leaves beside a hypothesis: unsure values as said, and free."""
+        effects = best.effects
+        several = ((), self.unsure) if self.unsure else ((),)
+        for unsure in several:
+            chosen = self._screened(self._start(effects, unsure))
+            if not unsure:
+                chosen += [part for part in self.chain if not _clash(part, effects)]
+            self.fitted([(*effects, part) for part in chosen], unsure)
+
+    def _start(self, effects: Sequence[Part], unsure: tuple[Part, ...]) -> Trial:
+        """The fit of what was accepted, with these values free."""
+        names, n = [p.effect.name for p in effects], len(unsure) + len(self.nuisance)
+        for trial in reversed(self.trials):
+            own = [p.effect.name for p in trial.solution.parts[trial.n_free :]]
+            if own == names and trial.n_free == n and trial.solution.finite:
+                return trial
+        return self.fitted([effects], unsure)[0]
+
+    def _screened(self, start: Trial) -> list[Part]:
+        """The best of all candidates beside a fit, and what resembles the first of them."""
+        parts = start.solution.parts
+        effects = parts[start.n_free :]
+        used = {p.effect.name for p in effects}
+        left = [
+            e
+            for e in self.options.catalogue
+            if e.name not in used and not (isinstance(e, Drive) and _replaced(e, effects))
+        ]
+        scales = self.scales._replace(tones=self._tones(start))
+        motions = [r.motion for r in self.records]
+        found = screened(
+            driven_instead(self.model, parts), parts, left, self.records, scales, motions
+        )
+        singles = found.singles()
+        needed = chi2.isf(self.options.false_alarm / max(len(left), 1), 1)
+        if not singles or found.base - singles[0].chi_squared < 0.5 * needed:
+            return []
+        leaders: dict[str, Screened] = {}
+        for s in singles:
+            leaders.setdefault(s.effect.name + s.effect.variant, s)
+        names = [s.effect.name for s in singles]
+        alike = look_alikes(names[0], self.options.catalogue)
+        chosen = [
+            s for i, s in enumerate(leaders.values()) if i < _SURVIVORS or s.effect.name in alike
+        ]
+        return [part_of(s, scales, len(self.records)) for s in chosen]
+
+    def _tones(self, start: Trial) -> tuple[float, ...]:
+        """The strongest lines of what a fit leaves, rad/s."""
+        if not start.solution.finite:
+            return ()
+        longest = int(np.argmax([r.t[-1] for r in self.records]))
+        record, left = self.records[longest], start.solution.residuals[longest]
+        apart = _APART * self.scales.omega
+        return tuple(strongest_tones(record.t, left * np.hanning(len(left)), 2, apart))
+
+    def _pruned(self, best: ForcedHypothesis) -> ForcedHypothesis:
+        """Without effects that are not needed beside the others."""
+        while len(best.effects) > 1:
+            unsure = best.parts[: best.n_free - len(self.nuisance)]
+            parts = best.effects
+            fewer = [(*parts[:i], *parts[i + 1 :]) for i in range(len(parts))]
+            made = self.fitted(fewer, unsure)
+            best = self._again(best.trial)
+            shortest = min(map(self._again, made), key=lambda h: h.score)
+            if self._worth(shortest, best):
+                break
+            best = shortest
+        return best
+
+    def settled(self, best: ForcedHypothesis) -> ForcedHypothesis:
+        """The finding with the values free that moved, and no others."""
+        unsure = best.parts[: best.n_free - len(self.nuisance)]
+        kept = tuple(p for p in unsure if p.tolerance is not None or p.effect.name in best.moved)
+        if len(kept) == len(unsure):
+            return best
+        again = self._again(self.fitted([best.effects], kept)[0])
+        return again if again.score < best.score + EQUIVALENT else best
+
+
+def _said(hypothesis: ForcedHypothesis) -> int:
+    """How many effects, and values that moved, it takes."""
+    return len(hypothesis.effects) + len(hypothesis.moved)
+
+
+def _clash(part: Part, effects: Sequence[Part]) -> bool:
+    """Whether an input is changed already."""
+    return any(
+        isinstance(p.effect, Drive) and p.effect.of.source == part.effect.of.source for p in effects
+    )
+
+
+def _replaced(effect: Drive, effects: Sequence[Part]) -> bool:
+    return any(
+        isinstance(p.effect, InputInstead) and p.effect.of.source == effect.of.source
+        for p in effects
+    )
