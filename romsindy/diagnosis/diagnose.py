@@ -149,17 +149,15 @@ def diagnose(
     )
     driven = forced_alone(measured)
     if driven:
-        given_too = {
-            "sensors": sensors,
-            "held_out": held_out,
-            "release": release,
-            "tolerance": tolerance,
-            "repeats": repeats,
-            "reference": reference,
-        }
-        refuse_with_inputs(simulation, given_too)
-        unsure = FREE if free is None else free
-        return diagnose_forced(simulation, driven, unsure, near, options)
+        refuse_with_inputs(
+            sensors=sensors,
+            held_out=held_out,
+            release=release,
+            tolerance=tolerance,
+            repeats=repeats,
+            reference=reference,
+        )
+        return diagnose_forced(simulation, driven, FREE if free is None else free, near, options)
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
     references = decays_of("reference", reference) if reference is not None else []

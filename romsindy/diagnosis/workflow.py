@@ -181,7 +181,7 @@ def unsure_parts(
 
 def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     """Round exponents back to those of the textbook where the data do not object."""
-    fixed = [_with_textbook_exponent(p) for p in best.effects]
+    fixed = [with_textbook_exponent(p) for p in best.effects]
     if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
         return best
     trial = search.unsure_as(best).hypothesis(fixed).at(best.form)
@@ -189,7 +189,8 @@ def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     return trial if trial.solution.converged and rise < ROUNDED else best
 
 
-def _with_textbook_exponent(part: Part) -> Part:
+def with_textbook_exponent(part: Part) -> Part:
+    """The same with its exponent held at that of the textbook."""
     known = [
         replace(p, low=p.starts[0], high=p.starts[0]) if p.name == "exponent" else p
         for p in part.parameters

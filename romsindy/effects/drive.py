@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from romsindy.effects.base import Effect, Parameter, Scales, State
 from romsindy.physics.input import Input
 from romsindy.typing import Array
@@ -59,13 +61,8 @@ class InputGain(Drive):
 
 
 @dataclass(frozen=True)
-class InputInstead(Drive):
-    """An input that takes the place of a known one of that name; the strength is its gain."""
-
-
-@dataclass(frozen=True)
-class InputDelay(InputInstead):
-    """A known input that acts later, or sooner, than it was said to."""
+class InputDelay(Drive):
+    """In the place of a known input, one that acts later or sooner; the strength is its gain."""
 
     name = "input_delay"
     label = "another delay of the input than assumed"
@@ -74,10 +71,10 @@ class InputDelay(InputInstead):
 
 
 @dataclass(frozen=True)
-class InputBetweenSamples(InputInstead):
-    """A known input that does something else between its samples."""
+class InputBetweenSamples(Drive):
+    """In the place of a known input, the same with something else between its samples."""
 
-    name = "input_between_samples"
+    name, n_strengths = "input_between_samples", 0
     label = "an input that is not what was assumed between its samples"
     resembles = ("input_delay",)
     advice = "a record sampled faster"
@@ -86,3 +83,10 @@ class InputBetweenSamples(InputInstead):
     def variant(self) -> str:
         """What it does."""
         return self.of.interpolation
+
+    def term(self) -> None:  # type: ignore[override]
+        """None: no law is added, the input of the model becomes another."""
+
+    def forces(self, state: State) -> Array:
+        """It adds nothing."""
+        return np.zeros((0, len(state.t)))

@@ -56,9 +56,15 @@ class ForcedGap:
         rms, shares = np.sqrt([old, new]), np.sqrt(np.array([old, new]) / heard)
         decay = records[0].decay
         return cls(
-            tuple(before), tuple(after), *map(float, rms), *map(float, shares), closed,
-            unit_of(decay.measured, decay.unit or "[q]"),
-        )  # fmt: skip
+            tuple(before),
+            tuple(after),
+            rms_before=float(rms[0]),
+            rms_after=float(rms[1]),
+            before=float(shares[0]),
+            after=float(shares[1]),
+            closed=closed,
+            unit=unit_of(decay.measured, decay.unit),
+        )
 
     @property
     def where(self) -> str:

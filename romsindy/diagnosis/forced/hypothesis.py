@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Worth, price_of, price_of_free
-from romsindy.effects.drive import InputInstead
+from romsindy.effects.drive import InputBetweenSamples, InputDelay
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.normal_equations import NormalEquations
@@ -99,9 +99,8 @@ class Trial:
         system.add_priors(s.parts)
         covariance = system.covariance()[: system.n_values, : system.n_values]
         rise, price, moved = price_of_free(system, s.parts, self.n_judged, n)
-        slices = s.slices()
-        for part, where in list(zip(s.parts, slices, strict=True))[self.n_free :]:
-            price += price_of(part, covariance[where, where], n)
+        for part, own in list(zip(s.parts, s.slices(), strict=True))[self.n_free :]:
+            price += price_of(part, covariance[own, own], n)
         worth = Worth(misfit + rise, price, moved, s.parts, covariance)
         return ForcedHypothesis(s, self.n_free, n, None, trial=self, worth=worth)
 
@@ -133,7 +132,7 @@ class ForcedHypothesis(Hypothesis):
     worth: Worth
 
     @property
-    def _worth(self) -> Worth:  # type: ignore[override]
+    def _worth(self) -> Worth:
         return self.worth
 
 
@@ -147,8 +146,17 @@ def weighed(trials: Sequence[Trial]) -> list[ForcedHypothesis]:
 
 
 def driven_instead(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
-    """The model without the inputs that parts stand instead of."""
-    instead = {p.effect.of.source for p in parts if isinstance(p.effect, InputInstead)}
+    """The model without the inputs that parts stand instead of, and with those that are others."""
+    changed = [p.effect for p in parts if isinstance(p.effect, (InputDelay, InputBetweenSamples))]
+    instead: dict[str, Input | None] = {
+        e.of.source: replace(e.of, delay=e.delay) if isinstance(e, InputBetweenSamples) else None
+        for e in changed
+    }
     pairs = zip(model.terms, model.values, strict=True)
-    kept = {t: v for t, v in pairs if not (isinstance(t, Input) and t.source in instead)}
+    inputs = {t: v for t, v in pairs if isinstance(t, Input) and t.source in instead}
+    kept = {t: v for t, v in zip(model.terms, model.values, strict=True) if t not in inputs}
+    for term, value in inputs.items():
+        other = instead[term.source]
+        if other is not None:
+            kept[other] = value
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))

@@ -10,18 +10,21 @@ from joblib import Parallel, delayed
 from scipy.stats import chi2
 
 from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis, Trial, driven_instead, weighed
-from romsindy.diagnosis.screening import Screened, part_of, screened
+from romsindy.diagnosis.screening import Screened, Screening, part_of, screened
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.workflow import with_textbook_exponent
 from romsindy.effects import look_alikes
-from romsindy.effects.base import Scales
-from romsindy.effects.drive import Drive, InputInstead
+from romsindy.effects.base import Effect, ReadingEffect, Scales
+from romsindy.effects.drive import Drive
+from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
 from romsindy.fit.tones import strongest_tones
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import EQUIVALENT, ROUNDED
 from romsindy.physics.model import ReducedModel
 
 _SURVIVORS = 6  # of each screening are simulated
+_SENSOR = 2  # of what may be wrong in the sensor
 _FURTHER = 3  # of the best go on where they have not come to their end
 _APART = 0.15  # of the frequency of the vibration: so far lines lie from each other
 
@@ -67,22 +70,30 @@ class ForcedSearch:
         exact = self.fitted([()], ())[0]
         if self.unsure:
             self.fitted([()], self.unsure)
-        best = self._leader(0)
+        best = self._leader(0) or self._again(exact)
         if not best.solution.finite:
             raise ValueError(
                 "the model has no motion near that of the records: check the signs and the units of"
                 " its coefficients, and the gain of its input"
             )
-        while len(best.effects) < self.options.max_effects:
+        while len(best.effects) < self.options.max_effects and not (
+            best.effects and self.remainder(best).explained
+        ):
             self._look_beside(best)
             better = self._leader(len(best.effects) + 1)
-            if better is None or not self._worth(self._again(best.trial), better):
+            best = self._again(best.trial)
+            if better is None or not self._worth(best, better):
                 break
             best = better
         best = self._pruned(self._instead(self._again(best.trial)))
         plain = self._again(exact)
         best = self.settled(best if self._worth(plain, best) else plain)
         return [best, *(h for h in weighed(self.trials) if h.trial is not best.trial)]
+
+    def remainder(self, hypothesis: ForcedHypothesis) -> ForcedAdequacy:
+        """What a hypothesis leaves."""
+        s = hypothesis.solution
+        return examine_forced(self.records, s.residuals, s.n_values, self.options.false_alarm)
 
     def fitted(self, several: Sequence[Sequence[Part]], unsure: tuple[Part, ...]) -> list[Trial]:
         """Fit sets of effects, with some of the unsure values free."""
@@ -137,7 +148,7 @@ class ForcedSearch:
         for unsure in several:
             chosen = self._screened(self._start(effects, unsure))
             if not unsure:
-                chosen += [part for part in self.chain if not _clash(part, effects)]
+                chosen += [part for part in self.chain if not _instead_of(part.effect, effects)]
             self.fitted([(*effects, part) for part in chosen], unsure)
 
     def _start(self, effects: Sequence[Part], unsure: tuple[Part, ...]) -> Trial:
@@ -155,28 +166,34 @@ class ForcedSearch:
         effects = parts[start.n_free :]
         used = {p.effect.name for p in effects}
         left = [
-            e
-            for e in self.options.catalogue
-            if e.name not in used and not (isinstance(e, Drive) and _replaced(e, effects))
+            e for e in self.options.catalogue if e.name not in used and not _instead_of(e, effects)
         ]
         scales = self.scales._replace(tones=self._tones(start))
-        motions = [r.motion for r in self.records]
-        found = screened(
-            driven_instead(self.model, parts), parts, left, self.records, scales, motions
-        )
+        model = driven_instead(self.model, parts)
+        # About the measured motion, where all forces have left their mark; what is wrong in the
+        # sensor left it in the measurement, and shows about the motion of the model.
+        sensor = [e for e in left if isinstance(e, ReadingEffect)]
+        measured = [r.motion for r in self.records]
+        chosen = []
+        for candidates, motions, most in (
+            (left, measured, _SURVIVORS),
+            (sensor, start.solution.motions, _SENSOR),
+        ):
+            found = screened(model, parts, candidates, self.records, scales, motions)
+            chosen += self._leaders(found, most)
+        return [part_of(s, scales, len(self.records)) for s in chosen]
+
+    def _leaders(self, found: Screening, most: int) -> list[Screened]:
+        """The best of every effect, and what resembles the first; none that gains nothing."""
         singles = found.singles()
-        needed = chi2.isf(self.options.false_alarm / max(len(left), 1), 1)
+        needed = chi2.isf(self.options.false_alarm / max(len(self.options.catalogue), 1), 1)
         if not singles or found.base - singles[0].chi_squared < 0.5 * needed:
             return []
         leaders: dict[str, Screened] = {}
         for s in singles:
             leaders.setdefault(s.effect.name + s.effect.variant, s)
-        names = [s.effect.name for s in singles]
-        alike = look_alikes(names[0], self.options.catalogue)
-        chosen = [
-            s for i, s in enumerate(leaders.values()) if i < _SURVIVORS or s.effect.name in alike
-        ]
-        return [part_of(s, scales, len(self.records)) for s in chosen]
+        alike = look_alikes(singles[0].effect.name, self.options.catalogue)
+        return [s for i, s in enumerate(leaders.values()) if i < most or s.effect.name in alike]
 
     def _tones(self, start: Trial) -> tuple[float, ...]:
         """The strongest lines of what a fit leaves, rad/s."""
@@ -202,13 +219,17 @@ class ForcedSearch:
         return best
 
     def settled(self, best: ForcedHypothesis) -> ForcedHypothesis:
-        """The finding with the values free that moved, and no others."""
+        """The finding with the values free that moved, and textbook exponents if they fit."""
         unsure = best.parts[: best.n_free - len(self.nuisance)]
         kept = tuple(p for p in unsure if p.tolerance is not None or p.effect.name in best.moved)
-        if len(kept) == len(unsure):
-            return best
-        again = self._again(self.fitted([best.effects], kept)[0])
-        return again if again.score < best.score + EQUIVALENT else best
+        plain = tuple(with_textbook_exponent(p) for p in best.effects)
+        for effects, rise in ((plain, ROUNDED), (best.effects, EQUIVALENT)):
+            if len(kept) == len(unsure) and effects == best.effects:
+                return best
+            again = self._again(self.fitted([effects], kept)[0])
+            if again.misfit < self._again(best.trial).misfit + rise:
+                return again
+        return best
 
 
 def _said(hypothesis: ForcedHypothesis) -> int:
@@ -216,15 +237,8 @@ def _said(hypothesis: ForcedHypothesis) -> int:
     return len(hypothesis.effects) + len(hypothesis.moved)
 
 
-def _clash(part: Part, effects: Sequence[Part]) -> bool:
+def _instead_of(effect: Effect, effects: Sequence[Part]) -> bool:
     """Whether an input is changed already."""
-    return any(
-        isinstance(p.effect, Drive) and p.effect.of.source == part.effect.of.source for p in effects
-    )
-
-
-def _replaced(effect: Drive, effects: Sequence[Part]) -> bool:
-    return any(
-        isinstance(p.effect, InputInstead) and p.effect.of.source == effect.of.source
-        for p in effects
+    return isinstance(effect, Drive) and any(
+        isinstance(p.effect, Drive) and p.effect.of.source == effect.of.source for p in effects
     )

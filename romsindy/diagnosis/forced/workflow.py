@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from romsindy.beam import Beam
 from romsindy.diagnosis.checks import check_request
 from romsindy.diagnosis.forced.gap import ForcedGap
 from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis
@@ -20,7 +21,6 @@ from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputGain
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Bias, SecondMode
 from romsindy.fit.coefficient import extended, in_place
-from romsindy.fit.forced.adequacy import examine_forced
 from romsindy.fit.forced.between_samples import plainest, ways
 from romsindy.fit.forced.drives import (
     free_drives,
@@ -38,6 +38,8 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 
+# Steps of a record, where more than the least in a cycle are not needed: many fits are compared.
+_AFFORDABLE = 3000
 # What follows a free vibration only: loops along slow changes of its amplitude, a mode that rings
 # down. The zero of the sensor is fitted always.
 _OF_DECAYS = (MemoryEffect, SecondMode, Bias)
@@ -61,26 +63,24 @@ def forced_alone(measured: object) -> list[ForcedVibration]:
     return driven
 
 
-def refuse_with_inputs(simulation: object, given: Mapping[str, object]) -> None:
-    """Refuse what belongs to decays, or to a beam.
+def refuse_with_inputs(**given: object) -> None:
+    """Refuse arguments that belong to decays, or to a beam.
 
     Raises
     ------
     ValueError
         By the name of the argument.
     """
-    if not isinstance(simulation, ReducedModel):
-        raise ValueError(
-            f"model is a {type(simulation).__name__}, and forced vibrations are compared with a"
-            " ReducedModel: reduce it first, beam.reduce(...)"
-        )
     strange = [name for name, value in given.items() if value is not None]
     if strange:
-        raise ValueError(f"{strange[0]} = ... belongs to decays: leave it out here")
+        raise ValueError(
+            f"{strange[0]} = ... does not go with forced vibrations: leave it out, or diagnose"
+            " decays"
+        )
 
 
 def diagnose_forced(
-    model: ReducedModel,
+    model: ReducedModel | Beam,
     measured: Sequence[ForcedVibration],
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
@@ -91,6 +91,11 @@ def diagnose_forced(
     Gain and delay of an input that the model has are known, and may turn out to be wrong. Of other
     inputs both are fitted whatever the hypothesis.
     """
+    if not isinstance(model, ReducedModel):
+        raise ValueError(
+            f"model is a {type(model).__name__}, and forced vibrations are compared with a"
+            " ReducedModel: reduce it first, beam.reduce(...)"
+        )
     check_request(model, measured, None, free, tolerances)
     _check_inputs(model, measured)
     records = _records(measured, options.floor)
@@ -113,9 +118,7 @@ def _report(
 ) -> ForcedReport:
     records, best = search.records, found[0]
     base = min((h for h in found if not (h.effects or h.moved)), key=lambda h: h.n_free)
-    left = examine_forced(
-        records, best.solution.residuals, best.solution.n_values, search.options.false_alarm
-    )
+    left = search.remainder(best)
     gap = ForcedGap.of(records, base.solution.residuals, best.solution.residuals)
     rivals = _rivals(best, found)
     verdict: Verdict
@@ -162,7 +165,7 @@ def _rivals(
 
 
 def _records(measured: Sequence[ForcedVibration], floor: float) -> list[ForcedRecord]:
-    records = [ForcedRecord.of(v, floor) for v in measured]
+    records = [ForcedRecord.of(v, floor, _AFFORDABLE) for v in measured]
     for i, record in enumerate(records):
         if np.std(record.signal) < ABOVE_NOISE * record.noise.std:
             raise ValueError(
@@ -227,13 +230,12 @@ def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, 
     parts = []
     for term in inputs_of(model):
         gain = model.coefficients[term.key]
-        (late,) = free_drives([term], [gain], records)
-        effect = InputDelay(late.effect.of, late.effect.delay, late.effect.most)
-        parts.append(replace(late, effect=effect))
+        (late,) = free_drives([term], [gain], records, InputDelay)
+        parts.append(late)
         for way in INTERPOLATIONS:
             if way != term.interpolation:
                 other = replace(term, interpolation=way, delay=0.0)
-                parts.append(Part(InputBetweenSamples(other, term.delay), (), late.strengths))
+                parts.append(Part(InputBetweenSamples(other, term.delay), (), np.zeros((1, 0))))
     return tuple(parts)
 
 
