@@ -25,6 +25,7 @@ from romsindy.record.noise import autoregression
 from romsindy.typing import Array, Indices
 
 _ITERATIONS = 40  # of a fit that others are held against
+_CHECKS = 8  # to see what values that did not settle leave
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,8 @@ class Trial:
 
     The first ``n_judged`` parts are values that the simulation is unsure of; those up to ``n_free``
     are fitted whatever the hypothesis. ``rows`` are derivatives of the reading of each record and
-    its misfit, over the noise, at the ``places`` of the values.
+    its misfit, over the noise, at the ``places`` of the values; none where no motion was found that
+    satisfies its equation. ``ended`` says whether the values came to their end.
     """
 
     model: ReducedModel
@@ -42,6 +44,7 @@ class Trial:
     n_free: int
     places: tuple[Indices, ...] = ()
     rows: tuple[Array, ...] = ()
+    ended: bool = False
 
     @classmethod
     def of(
@@ -60,27 +63,30 @@ class Trial:
     def further(self, records: Sequence[ForcedRecord]) -> Trial:
         """Go on with a fit that has not come to its end."""
         s = self.solution
-        if s.converged or not s.finite:
+        if self.ended or not s.finite:
             return self
         with threadpool_limits(limits=1, user_api="blas"):
             more = fit(self.model, s.parts, records, s.motions, iterations=_ITERATIONS)
-            better = more.chi_squared < s.chi_squared
-            return replace(self, solution=more)._told(records) if better else self
+            return replace(self, solution=more)._told(records)
 
     def _told(self, records: Sequence[ForcedRecord]) -> Trial:
-        s = self.solution
-        if not s.finite:
-            return self
-        rows = tuple(
-            linear_table(self.model, s.parts, i, record, motion)[1]
-            for i, (record, motion) in enumerate(zip(records, s.motions, strict=True))
-        )
+        s, ended = self.solution, self.solution.converged
+        if s.finite and not ended:
+            # A motion that does not yet satisfy its equation leaves too little.
+            s = fit(self.model, s.parts, records, s.motions, fixed=True, iterations=_CHECKS)
+        if not s.converged:
+            return replace(self, solution=s, ended=False, rows=())
+        rows = []
+        for i, (record, motion) in enumerate(zip(records, s.motions, strict=True)):
+            rows.append(linear_table(self.model, s.parts, i, record, motion)[1])
+            # A step further may lead astray where the motion is sensitive.
+            rows[i][:, -1] = record.whitened(s.residuals[i])
         system = self._system(len(records))
         places = tuple(
             np.concatenate([columns_of(s.parts, i), system.states_of(i)])
             for i in range(len(records))
         )
-        return replace(self, rows=rows, places=places)
+        return replace(self, solution=s, ended=ended, rows=tuple(rows), places=places)
 
     def _system(self, n_records: int) -> NormalEquations:
         return NormalEquations(sum(p.size for p in self.solution.parts), n_records)
@@ -138,9 +144,10 @@ class ForcedHypothesis(Hypothesis):
 
 def weighed(trials: Sequence[Trial]) -> list[ForcedHypothesis]:
     """All by what the one that fits best leaves of the records, the best first."""
-    nearest = min(trials, key=lambda t: t.solution.chi_squared)
-    if not nearest.solution.finite:
+    followed = [t for t in trials if t.rows]
+    if not followed:
         return [t.weighed(()) for t in trials]
+    nearest = min(followed, key=lambda t: t.solution.chi_squared)
     colours = [Colour.of(rows[:, -1]) for rows in nearest.rows]
     return sorted((t.weighed(colours) for t in trials), key=lambda h: h.score)
 

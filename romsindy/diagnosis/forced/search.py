@@ -111,8 +111,9 @@ class ForcedSearch:
 
     def _leader(self, n_effects: int) -> ForcedHypothesis | None:
         """The best with so many effects, the first few fitted to their end; None of none."""
-        several = [h.trial for h in weighed(self.trials) if len(h.effects) == n_effects]
-        for trial in several[:_FURTHER]:
+        alike = [t for t in self.trials if len(t.solution.parts) - t.n_free == n_effects]
+        nearest = sorted(alike, key=lambda t: t.solution.chi_squared)[:_FURTHER]
+        for trial in nearest:
             further = trial.further(self.records)
             if further is not trial:
                 self.trials.append(further)

@@ -32,7 +32,7 @@ from romsindy.fit.forced.drives import (
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
-from romsindy.fit.verdict import ABOVE_NOISE, CLOSED, EQUIVALENT
+from romsindy.fit.verdict import ABOVE_NOISE, CLOSED, EQUIVALENT, ROUNDED
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
@@ -157,6 +157,8 @@ def _rivals(
     kinds = {frozenset(best.names): best}
     for h in found:
         near = h.score - best.score < EQUIVALENT
+        # Values that moved do what one effect does, as those of a mass where a gain is fitted.
+        near |= not h.effects and h.misfit - best.misfit < ROUNDED
         more = {*h.names, *h.moved} > {*best.names, *best.moved}
         # One effect may stand for values that moved.
         if near and h.names and not more and len(h.effects) <= max(len(best.effects), 1):
