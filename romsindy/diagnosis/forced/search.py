@@ -186,9 +186,12 @@ class ForcedSearch:
 
     def _leaders(self, found: Screening, most: int) -> list[Screened]:
         """The best of every effect, and what resembles the first; none that gains nothing."""
-        singles = found.singles()
         needed = chi2.isf(self.options.false_alarm / max(len(self.options.catalogue), 1), 1)
-        if not singles or found.base - singles[0].chi_squared < 0.5 * needed:
+        # How loud the noise is, is not known before something fits: what is left stands for it.
+        loud = max(found.base / sum(len(r.signal) for r in self.records), 1.0)
+        most_left = found.base - 0.5 * needed * loud
+        singles = [s for s in found.singles() if s.chi_squared < most_left]
+        if not singles:
             return []
         leaders: dict[str, Screened] = {}
         for s in singles:
