@@ -69,12 +69,17 @@ class Trial:
     truth: dict
 
 
+def hidden_in(seed: int) -> str:
+    """Name of the effect of one trial: all come in turn."""
+    order = np.random.default_rng([11, seed // len(EFFECTS)]).permutation(len(EFFECTS))
+    return EFFECTS[order[seed % len(EFFECTS)]]
+
+
 def trial_of(seed: int, null: bool) -> Trial:
     """Draw one trial."""
     rng = np.random.default_rng([7, int(null), seed])
     nominal = Nominal.drawn(rng)
-    order = np.random.default_rng([11, seed // len(EFFECTS)]).permutation(len(EFFECTS))
-    name = "" if null else EFFECTS[order[seed % len(EFFECTS)]]
+    name = "" if null else hidden_in(seed)
     strength = str(rng.choice(["medium", "strong"]))
     known = name in _KNOWN or rng.random() < 0.5
     sweeps = _sweeps(nominal, rng)

@@ -134,8 +134,8 @@ class ForcedReport(DiagnosisReport):
 
         worst = int(np.argmax([np.std(e) for e in self.gap.residuals_after]))
         record, after = self.records[worst], self.gap.residuals_after[worst]
-        before = np.where(np.isfinite(self.gap.residuals_before[worst]), 1.0, np.nan)
-        before = before * np.nan_to_num(self.gap.residuals_before[worst])
+        before = self.gap.residuals_before[worst]
+        before = np.where(np.isfinite(before), before, np.nan)  # nan where there is no motion
         name, unit = record.decay.measured, self.gap.unit
         both = f"{words.percent(self.gap.before)} of the response before, "
         both += f"{words.percent(self.gap.after)} after"
