@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from romsindy.diagnosis import words
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.forced.gap import ForcedGap
 from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis
+from romsindy.diagnosis.forced.next_test import Level, most_apart
 from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Left
@@ -33,6 +34,7 @@ class ForcedReport(DiagnosisReport):
     """
 
     best: ForcedHypothesis
+    rivals: tuple[ForcedHypothesis, ...]
     gap: ForcedGap  # type: ignore[assignment]
     records: tuple[ForcedRecord, ...]  # type: ignore[assignment]
 
@@ -96,11 +98,30 @@ class ForcedReport(DiagnosisReport):
 
     @property
     def _next(self) -> list[str]:
-        """What the effects themselves advise, where they are not told apart."""
+        """What would tell apart the first two, where several are left."""
         if self.verdict != "ambiguous":
             return []
         advice = {e.advice: None for h in self.rivals for e in self._found(h)}
-        return [f"Next: what may tell them apart is {', or '.join(advice)}."]
+        beside = f"what may tell them apart is {', or '.join(advice)}."
+        level = self.level
+        if level is None:
+            return [f"Next: {beside}"]
+        low, high = level.band
+        where = f"record {level.record + 1} with inputs {level.level:g} times as large"
+        how_far = f"{level.apart:.2g} times the noise, most between {low:.3g} and {high:.3g} Hz"
+        if not level.enough:
+            return [
+                f"Next: at no level that was simulated they differ enough (at most {how_far},"
+                f" in {where}); {beside}"
+            ]
+        return [f"Next: in {where} the first two, as they were fitted, differ by {how_far}."]
+
+    @cached_property
+    def level(self) -> Level | None:
+        """At which the first two rivals differ most; None where there is but one."""
+        if len(self.rivals) < 2:
+            return None
+        return most_apart(self.rivals[0], self.rivals[1], self.records)
 
     # -- tables and files ------------------------------------------------------------------------
 
