@@ -48,6 +48,8 @@ class ForcedSearch:
     options : Options
     trials : list of Trial
         All that were fitted.
+    known : dict
+        The trials weighed, by their number.
     """
 
     model: ReducedModel
@@ -58,6 +60,7 @@ class ForcedSearch:
     chain: tuple[Part, ...]
     options: Options
     trials: list[Trial] = field(default_factory=list)
+    known: dict[int, list[ForcedHypothesis]] = field(default_factory=dict)
 
     def run(self) -> list[ForcedHypothesis]:
         """All hypotheses, by the noise that the best leaves; the first is the finding.
@@ -88,7 +91,15 @@ class ForcedSearch:
         best = self._pruned(self._instead(self._again(best.trial)))
         plain = self._again(exact)
         best = self.settled(best if self._worth(plain, best) else plain)
-        return [best, *(h for h in weighed(self.trials) if h.trial is not best.trial)]
+        return [best, *(h for h in self._weighed() if h.trial is not best.trial)]
+
+    def _weighed(self) -> list[ForcedHypothesis]:
+        """All that were fitted so far, the best first."""
+        n = len(self.trials)
+        if n not in self.known:
+            self.known.clear()
+            self.known[n] = weighed(self.trials)
+        return self.known[n]
 
     def remainder(self, hypothesis: ForcedHypothesis) -> ForcedAdequacy:
         """What a hypothesis leaves."""
@@ -117,16 +128,16 @@ class ForcedSearch:
             further = trial.further(self.records)
             if further is not trial:
                 self.trials.append(further)
-        return next((h for h in weighed(self.trials) if len(h.effects) == n_effects), None)
+        return next((h for h in self._weighed() if len(h.effects) == n_effects), None)
 
     def _again(self, trial: Trial) -> ForcedHypothesis:
         """By the noise as it is known now."""
-        return next(h for h in weighed(self.trials) if h.trial is trial)
+        return next(h for h in self._weighed() if h.trial is trial)
 
     def _instead(self, best: ForcedHypothesis) -> ForcedHypothesis:
         """What says no more and fits better; distinctly better, instead of values that moved."""
         margin = 0.0 if best.forced else EQUIVALENT
-        alike = (h for h in weighed(self.trials) if _said(h) <= _said(best))
+        alike = (h for h in self._weighed() if _said(h) <= _said(best))
         other = next(alike)
         return other if other.score + margin < best.score else best
 
@@ -228,7 +239,8 @@ class ForcedSearch:
         kept = tuple(p for p in unsure if p.tolerance is not None or p.effect.name in best.moved)
         plain = tuple(with_textbook_exponent(p) for p in best.effects)
         for effects, rise in ((plain, ROUNDED), (best.effects, EQUIVALENT)):
-            if len(kept) == len(unsure) and effects == best.effects:
+            same = all(p is q for p, q in zip(effects, best.effects, strict=True))
+            if len(kept) == len(unsure) and same:
                 return best
             again = self._again(self.fitted([effects], kept)[0])
             if again.misfit < self._again(best.trial).misfit + rise:

@@ -250,7 +250,9 @@ def _between_samples(
         return first, ()
     residuals = {first: best.solution.residuals}
     for way in others:
-        there = replace(search, nuisance=tuple(_with_way(p, way) for p in search.nuisance))
+        there = replace(
+            search, nuisance=tuple(_with_way(p, way) for p in search.nuisance), trials=[]
+        )
         unsure = best.parts[: best.n_free - len(search.nuisance)]
         residuals[way] = there.fitted([best.effects], unsure)[0].solution.residuals
     way, note = plainest(residuals)
