@@ -32,7 +32,7 @@ from romsindy.fit.forced.drives import (
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
-from romsindy.fit.verdict import ABOVE_NOISE, CLOSED, EQUIVALENT, ROUNDED
+from romsindy.fit.verdict import ABOVE_NOISE, CLOSED, EQUIVALENT, PREDICTED, ROUNDED
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
@@ -122,7 +122,8 @@ def _report(
     gap = ForcedGap.of(records, base.solution.residuals, best.solution.residuals)
     rivals = _rivals(best, found)
     verdict: Verdict
-    if not (left.explained or gap.closed >= CLOSED):
+    little = gap.closed >= CLOSED and left.ratio <= PREDICTED
+    if not (left.explained or little):
         verdict = "unknown"
     elif not best.names:
         verdict = "none"
