@@ -5,6 +5,7 @@ from romsindy.beam import Beam as Beam
 from romsindy.beam import PointForce as PointForce
 from romsindy.diagnosis import BeamReport as BeamReport
 from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
+from romsindy.diagnosis import ForcedReport as ForcedReport
 from romsindy.diagnosis import InteractionReport as InteractionReport
 from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.adequacy import Adequacy as Adequacy

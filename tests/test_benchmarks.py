@@ -240,6 +240,20 @@ def test_small_run_of_blind_trials(benchmark, tmp_path):
     assert "null_white" in benchmark.line("null_white", [first], "none")
 
 
+@benchmark_of("forced")
+def test_small_benchmark_of_forced_diagnosis(benchmark):
+    """The held force of a linear oscillator in closed form; a wrong gain is named, and no other."""
+    linear = benchmark.Nominal(0.02, (0.0,) * 4, (0.0,) * 3)
+    t = 0.3 * np.arange(200)
+    damped = np.sqrt(1 - 0.02**2)
+    exact = 1 - np.exp(-0.02 * t) * (np.cos(damped * t) + 0.02 / damped * np.sin(damped * t))
+    for made in (benchmark.held, lambda n, push, t: benchmark.driven(n, [], t, push)):
+        np.testing.assert_allclose(made(linear, lambda now: 1.0, t), exact, atol=1e-5)
+    seed = next(s for s in range(99) if "input_gain" in benchmark.hidden_in(s))
+    result = benchmark.one(seed, False)
+    assert result["right"] and "error" not in result
+
+
 @benchmark_of("exudyn_beam")
 def test_witness_of_the_beam_trials(benchmark):
     """Two codes that share no line agree: frequency, release, and 0.2 s of motion with a damper."""

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-# The same in the frequency, or the damping, of one mode: one for another counts where the report
-# says that they are not told apart.
-ALIKE = ({"linear_frequency", "added_mass"},)
+# The same in the frequency, or the damping, of one mode, or in the response of a linear one: one
+# for another counts where the report says that they are not told apart.
+ALIKE = ({"linear_frequency", "added_mass"}, {"gain", "input_gain"})
 # Effects that laws of the generator are cases of.
 ALSO_CALLED = {"jenkins": {"micro_slip"}, "iwan": {"micro_slip"}}
 

@@ -2,6 +2,7 @@
 
 from romsindy.diagnosis.diagnose import diagnose
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
+from romsindy.diagnosis.forced.report import ForcedReport
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.on_beam import BeamReport

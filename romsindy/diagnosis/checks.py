@@ -29,6 +29,7 @@ from romsindy.fit.verdict import (
 )
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.units import UNITS
 from romsindy.typing import Array
@@ -69,7 +70,7 @@ def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: in
 
 def check_request(
     model: ReducedModel,
-    measured: Sequence[Decay],
+    measured: Sequence[Decay] | Sequence[ForcedVibration],
     held_out: Decay | None,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
@@ -102,7 +103,8 @@ def check_request(
                 f"tolerances name {name!r}, which is 0 in the model: a relative tolerance of 0 is"
                 " none; give the coefficient its expected size, or leave it to the catalogue"
             )
-    everything = [*measured, *([held_out] if held_out is not None else [])]
+    everything: list[Decay | ForcedVibration] = [*measured]
+    everything += [held_out] if held_out is not None else []
     for i, decay in enumerate(everything):
         if decay.unit is not None and model.unit is not None and decay.unit != model.unit:
             known = UNITS.get(model.unit)
@@ -113,7 +115,7 @@ def check_request(
                 f"decay {i} is in {decay.unit}, the model in {model.unit}: {remedy} the model's"
                 f" coefficients for q in {decay.unit}"
             )
-        if any(decay.same_record(other) for other in everything[:i]):
+        if any(np.array_equal(decay.signal, other.signal) for other in everything[:i]):
             raise ValueError(
                 f"decay {i} is the same record as an earlier one: give it once, and hold out"
                 " another"

@@ -9,6 +9,8 @@ import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
 from romsindy.diagnosis.checks import FREE, check_numbers, decays_of
+from romsindy.diagnosis.forced.report import ForcedReport
+from romsindy.diagnosis.forced.workflow import diagnose_forced, forced_alone, refuse_with_inputs
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -32,11 +34,12 @@ from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 
 
 def diagnose(
     model: ReducedModel | Estimate | Beam,
-    measured: Decay | Sequence[Decay],
+    measured: Decay | ForcedVibration | Sequence[Decay] | Sequence[ForcedVibration],
     *,
     sensors: SensorArray | None = None,
     held_out: Decay | None = None,
@@ -52,16 +55,21 @@ def diagnose(
     floor: float = FLOOR,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
-) -> DiagnosisReport | BeamReport:
+) -> DiagnosisReport | BeamReport | ForcedReport:
     """Find, name and add what a simulation lacks.
+
+    Against forced vibrations an input of the model is taken as known, gain, delay and all, and may
+    turn out to be wrong; inputs that it does not have are fitted.
 
     Parameters
     ----------
     model : ReducedModel, Estimate or Beam
         The simulation. A `Fit`, an `Identification` or another `Estimate` stands for its model,
         and knows how far that may be off.
-    measured : Decay or sequence of Decay
-        For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
+    measured : Decay, ForcedVibration, or sequence of either
+        For a model: one channel each, in its unit. Forced vibrations take ``free``,
+        ``tolerances``, ``catalogue``, ``false_alarm``, ``max_effects``, ``floor``, ``n_jobs`` and
+        ``progress``, nothing else. For a beam: displacements from the equilibrium
         [m], one channel per sensor, or velocities or accelerations where a decay says so.
     sensors : SensorArray, optional
         Where the displacements of a beam were measured; needed for a beam, and for it alone.
@@ -109,7 +117,8 @@ def diagnose(
     Returns
     -------
     DiagnosisReport or BeamReport
-        For a ReducedModel or a Beam; an `InteractionReport` where a model lacks another mode.
+        For a ReducedModel or a Beam; an `InteractionReport` where a model lacks another mode, a
+        `ForcedReport` for forced vibrations.
 
     Raises
     ------
@@ -134,14 +143,25 @@ def diagnose(
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (ReducedModel, Beam)):
         raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
+    near = tolerances or {}
+    options = Options(
+        tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or (lambda _: None)
+    )
+    driven = forced_alone(measured)
+    if driven:
+        refuse_with_inputs(
+            sensors=sensors,
+            held_out=held_out,
+            release=release,
+            tolerance=tolerance,
+            repeats=repeats,
+            reference=reference,
+        )
+        return diagnose_forced(simulation, driven, FREE if free is None else free, near, options)
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
     references = decays_of("reference", reference) if reference is not None else []
     given = Tolerance(signal=floor) if tolerance is None else stated(tolerance)
-    options = Options(
-        tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or (lambda _: None)
-    )
-    near = tolerances or {}
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(

@@ -152,10 +152,10 @@ class Hypothesis:
         return tuple(n for n, s, x in known if s is not None and np.any(np.abs(x) > _FAR * s))
 
     @cached_property
-    def _worth(self) -> _Worth:
+    def _worth(self) -> Worth:
         solution, n = self.solution, len(self.solution.covariance)
         if self.weighed is None:
-            return _Worth(np.inf, 0.0, (), solution.parts, solution.covariance)
+            return Worth(np.inf, 0.0, (), solution.parts, solution.covariance)
         marginal, jump = self.weighed.marginal, self.form.jump
         system, step = marginal.solve(jump, self.excess)
         if jump:
@@ -164,17 +164,15 @@ class Hypothesis:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / self.excess + known
         covariance = system.covariance()[:n, :n]
-        rise, price, moved = _price_of_free(system, solution.parts, self.n_free, self.n_samples)
+        rise, price, moved = price_of_free(system, solution.parts, self.n_free, self.n_samples)
         for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
-            k, sets = part.strengths.size, len(part.strengths)
-            shared = int(np.sum(part.shared))
-            price += shared * np.log(self.n_samples)
-            price += (k - sets * shared) * np.log(self.n_samples / sets)
-            price += _price_of_shape(part, covariance[where, where][k:, k:])
-        return _Worth(misfit + rise, price, moved, parts, covariance)
+            price += price_of(part, covariance[where, where], self.n_samples)
+        return Worth(misfit + rise, price, moved, parts, covariance)
 
 
-class _Worth(NamedTuple):
+class Worth(NamedTuple):
+    """What the score of a hypothesis is made of."""
+
     misfit: float
     price: float
     moved: tuple[str, ...]
@@ -182,7 +180,7 @@ class _Worth(NamedTuple):
     covariance: Array
 
 
-def _price_of_free(
+def price_of_free(
     system: NormalEquations, parts: Sequence[Part], n_free: int, n_samples: float
 ) -> tuple[float, float, tuple[str, ...]]:
     """Cheapest choice of which unsure values to free.
@@ -205,6 +203,15 @@ def _price_of_free(
     least = min(misfit for misfit, _, _ in choices)
     misfit, price, moved = min(choices, key=lambda c: c[0] + c[1])
     return misfit - least, price, moved
+
+
+def price_of(part: Part, covariance: Array, n_samples: float) -> float:
+    """Of the values of an effect, with their covariance."""
+    k, sets = part.strengths.size, len(part.strengths)
+    shared = int(np.sum(part.shared))
+    price = shared * float(np.log(n_samples))
+    price += (k - sets * shared) * float(np.log(n_samples / sets))
+    return price + _price_of_shape(part, covariance[k:, k:])
 
 
 def _price_of_shape(part: Part, covariance: Array) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
@@ -109,9 +110,21 @@ def screen(
     motions, by default the smoothed measurement.
     """
     motions = motions or [r.motion for r in records]
+    scales = _with_tones(model, tuple(parts), records, scales, motions)
+    return screened(model, parts, effects, records, scales, motions)
+
+
+def screened(
+    model: ReducedModel,
+    parts: Sequence[Part],
+    effects: Sequence[Effect],
+    records: Sequence[Record | ForcedRecord],
+    scales: Scales,
+    motions: Sequence[Trajectory],
+) -> Screening:
+    """The same where the lines of the spectrum are known, or nothing is to be said of them."""
     parts = tuple(parts)
     n_parts, n_records = sum(p.size for p in parts), len(records)
-    scales = _with_tones(model, parts, records, scales, motions)
     trials = [
         Part.of(e, scales, n_records, start)
         for effect in effects
@@ -137,12 +150,13 @@ def _rows(
     parts: tuple[Part, ...],
     trials: Sequence[Part],
     candidates: Sequence[tuple],
-    record: Record,
+    record: Record | ForcedRecord,
     i: int,
     motion: Trajectory,
 ) -> tuple[list[Indices], Array]:
     """Places of the values that act in one record, and the columns of these, states and misfit."""
-    equation = ExtendedEquation(model, parts, i, motion.grid.step, record.clock)
+    step = motion.grid.step
+    equation = ExtendedEquation(model, parts, i, step, record.clock, inputs=record.inputs)
     at = nodes(motion)
     state = equation.state(*at)
     own = equation.by_parameter(*at)

@@ -43,13 +43,13 @@ def diagnose_model(
     records = sharing_drift(checked_records(model, everything, options.floor))
     tests = {} if held_out is None else {HELD_OUT: records.pop()}
     all_scales = scales(records)
-    model = _smooth_model(model, all_scales)
+    model = smooth_model(model, all_scales)
     judged = {name_of(i): record for i, record in enumerate(records)} | tests
     as_it_was = Gap(tuple(predict(model, (), r, n) for n, r in judged.items()), unseen=True)
     largest = max(record.amplitude for record in records)
     if not any(test.amplitude >= SHARED * largest for test in tests.values()):
         records, tests = _parted(records, tests)
-    parts = _unsure(model, free, tolerances, all_scales, len(records))
+    parts = unsure_parts(model, free, tolerances, all_scales, len(records))
     unsure = {p.effect.name for p in parts}
     catalogue = [e for e in options.catalogue if e.name not in unsure]
     known = [c for c in in_place(model, catalogue) if c.of.key not in tolerances]
@@ -153,20 +153,21 @@ def _sure(best: Hypothesis, plainer: Sequence[Hypothesis], tolerance: Tolerance)
     return bool(best.effects) and tolerance.source == DEFAULT and odds > 2 * UNJUDGED
 
 
-def _smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
+def smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
     """Dry friction that the model has already must not jump."""
     if all(term.smooth for term in model.terms):
         return model
     return model.regularised(0.01 * all_scales.amplitude * all_scales.omega)
 
 
-def _unsure(
+def unsure_parts(
     model: ReducedModel,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     all_scales: Scales,
     n_records: int,
 ) -> tuple[Part, ...]:
+    """Parts of the values that a simulation is unsure of, or knows to a tolerance."""
     known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
     unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
     parts = [Part.of(effect, all_scales, n_records) for effect in unsure]
@@ -180,7 +181,7 @@ def _unsure(
 
 def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     """Round exponents back to those of the textbook where the data do not object."""
-    fixed = [_with_textbook_exponent(p) for p in best.effects]
+    fixed = [with_textbook_exponent(p) for p in best.effects]
     if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
         return best
     trial = search.unsure_as(best).hypothesis(fixed).at(best.form)
@@ -188,7 +189,8 @@ def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
     return trial if trial.solution.converged and rise < ROUNDED else best
 
 
-def _with_textbook_exponent(part: Part) -> Part:
+def with_textbook_exponent(part: Part) -> Part:
+    """The same with its exponent held at that of the textbook."""
     known = [
         replace(p, low=p.starts[0], high=p.starts[0]) if p.name == "exponent" else p
         for p in part.parameters

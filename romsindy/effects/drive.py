@@ -1,9 +1,11 @@
-"""A measured input as a part of the equation: its gain and its delay are fitted."""
+"""A measured input as a part of the equation, and what may be wrong in its chain."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from romsindy.effects.base import Effect, Parameter, Scales, State
 from romsindy.physics.input import Input
@@ -46,3 +48,45 @@ class Drive(Effect):
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """It does not depend on the motion."""
         return 0.0, 0.0, 0.0
+
+
+@dataclass(frozen=True)
+class InputGain(Drive):
+    """A known input that is stronger, or weaker; the strength is the change of its gain."""
+
+    name = "input_gain"
+    label = "another gain of the input than assumed"
+    resembles = ("added_mass", "gain")
+    advice = "a force sensor where the force acts, calibrated"
+
+
+@dataclass(frozen=True)
+class InputDelay(Drive):
+    """In the place of a known input, one that acts later or sooner; the strength is its gain."""
+
+    name = "input_delay"
+    label = "another delay of the input than assumed"
+    resembles = ("input_between_samples",)
+    advice = "response and input through the same filters and converter"
+
+
+@dataclass(frozen=True)
+class InputBetweenSamples(Drive):
+    """In the place of a known input, the same with something else between its samples."""
+
+    name, n_strengths = "input_between_samples", 0
+    label = "an input that is not what was assumed between its samples"
+    resembles = ("input_delay",)
+    advice = "a record sampled faster"
+
+    @property
+    def variant(self) -> str:
+        """What it does."""
+        return self.of.interpolation
+
+    def term(self) -> None:  # type: ignore[override]
+        """None: no law is added, the input of the model becomes another."""
+
+    def forces(self, state: State) -> Array:
+        """It adds nothing."""
+        return np.zeros((0, len(state.t)))

@@ -21,7 +21,7 @@ import numpy as np
 from romsindy.fit.coupled_choice import Choice, Linearised, Stage, linearised
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import KINDS, Trials, candidates, linear_terms
-from romsindy.fit.refine import Fit
+from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import HARDLY_TOLD
 from romsindy.typing import Array
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from romsindy.effects.base import Effect, Parameter, SampledInput, Scales, State
 from romsindy.fit.linear_steps import Linearisation
+from romsindy.physics.input import Input
 from romsindy.physics.memory import Memory
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
@@ -131,7 +132,10 @@ def _shaped(
 
 @dataclass(frozen=True)
 class ExtendedEquation:
-    """The model with its parts, in one record: an equation of one coordinate (R = 1)."""
+    """The model with its parts, in one record: an equation of one coordinate (R = 1).
+
+    Inputs among the terms of the model drive it where they were measured.
+    """
 
     model: ReducedModel
     parts: tuple[Part, ...]
@@ -168,6 +172,7 @@ class ExtendedEquation:
         """Residual (n, 1) and its derivatives (n, 1, 1)."""
         state = self.state(t, q, q_dot, q_ddot)
         residual, *slopes = self.model.linearise(state.q, state.q_dot, state.q_ddot)
+        residual = residual - self._pushed(state.t)
         for part, state in zip(self.parts, self._states(t, q, q_dot, q_ddot), strict=True):
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
@@ -177,6 +182,15 @@ class ExtendedEquation:
                 slopes = [a + b for a, b in zip(slopes, added, strict=True)]
         wide = (np.broadcast_to(s, t.shape)[:, None, None] for s in slopes)
         return Linearisation(residual[:, None], *wide)
+
+    def _pushed(self, t: Array) -> Array | float:
+        """What inputs among the terms of the model add to the right side."""
+        pushed: Array | float = 0.0
+        for term, value in zip(self.model.terms, self.model.values, strict=True):
+            samples = (self.inputs or {}).get(getattr(term, "source", ""))
+            if isinstance(term, Input) and samples is not None:
+                pushed = pushed + value * term.sign * samples.at(t, term.delay, term.interpolation)
+        return pushed
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """Derivatives of the residual by the values that act in the record, (m, n, 1)."""

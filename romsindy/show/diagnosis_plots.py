@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.signal import welch
 
 from romsindy.record.backbone import Backbone
 from romsindy.show.axes import log_ratio, with_unit
@@ -134,3 +135,26 @@ def draw_errors(names: Sequence[str], before: Array, after: Array, figure: Figur
     log_ratio(ax)
     ax.set_ylim(bottom=min(0.5, 0.7 * float(np.nanmin(after))))
     ax.legend(frameon=False, fontsize="small", ncols=2, loc="lower right", bbox_to_anchor=(1, 1))
+
+
+def draw_error_spectra(
+    dt: float,
+    noise: float,
+    measured: Array,
+    before: Array,
+    after: Array,
+    quantity: str,
+    unit: str,
+    figure: Figure,
+) -> None:
+    """Spectra of a record and of what is missed of it, (n,), beside white noise of this rms."""
+    ax = figure.subplots()
+    looks = {"measured": "0.6", "error before": BEFORE, "error after": AFTER}
+    pieces = max(len(measured) // 8, 8)
+    for (name, color), x in zip(looks.items(), (measured, before, after), strict=True):
+        frequency, power = welch(x, 1 / dt, nperseg=pieces)
+        ax.loglog(frequency[1:], np.sqrt(power[1:]), color=color, lw=1.2, label=name)
+    level = noise * np.sqrt(2 * dt)
+    ax.axhline(level, color="k", lw=0.8, ls=":", label="noise")
+    ax.set(xlabel="frequency (Hz)", ylabel=f"{quantity} ({unit}/sqrt(Hz))")
+    ax.legend(frameon=False, fontsize="small")

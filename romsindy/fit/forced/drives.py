@@ -48,13 +48,16 @@ def inputs_in(
 
 
 def free_drives(
-    inputs: Sequence[Input], gains: Sequence[float], records: Sequence[ForcedRecord]
+    inputs: Sequence[Input],
+    gains: Sequence[float],
+    records: Sequence[ForcedRecord],
+    kind: type[Drive] = Drive,
 ) -> tuple[Part, ...]:
     """Parts of inputs with free gains and delays, from these gains on."""
     most = _LATE * max(r.decay.dt for r in records)
     parts = []
     for term, gain in zip(inputs, gains, strict=True):
-        effect = Drive(replace(term, delay=0.0), term.delay, most)
+        effect = kind(replace(term, delay=0.0), term.delay, most)
         parts.append(Part(effect, effect.parameters(), np.array([[gain]])))
     return tuple(parts)
 

@@ -49,14 +49,19 @@ class ForcedRecord(OfDecay):
     sampled: dict[str, Sampled]
 
     @classmethod
-    def of(cls, vibration: ForcedVibration, floor: float) -> ForcedRecord:
-        """Look at a record; ``floor`` is the least noise, as a part of the largest value."""
+    def of(
+        cls, vibration: ForcedVibration, floor: float, affordable: int = _AFFORDABLE
+    ) -> ForcedRecord:
+        """Look at a record; ``floor`` is the least noise, as a part of the largest value.
+
+        More than the least steps are taken as long as all are no more than is ``affordable``.
+        """
         t, y = vibration.t - vibration.t[0], vibration.y
         least = floor * float(np.abs(y - y.mean()).max())
         noise = Noise.white(float(np.hypot(quiet_std(y), least)), vibration.dt, least)
         mean, highest = _frequencies(y, vibration.dt, vibration.derivative)
         cycle = min(1 / mean, _STEPS / _LEAST_STEPS / highest)
-        steps = int(np.clip(_AFFORDABLE * cycle / t[-1], _STEPS, _MOST_STEPS))
+        steps = int(np.clip(affordable * cycle / t[-1], _STEPS, _MOST_STEPS))
         grid = Grid.over(t, cycle, steps)
         motion = smooth_motion(y - y.mean(), vibration.dt, vibration.derivative, grid)
         columns = zip(vibration.names, vibration.u.T, strict=True)

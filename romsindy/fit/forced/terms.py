@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from romsindy.fit.coefficient import Coefficient, free_coefficients
 from romsindy.fit.collocation import Trajectory
-from romsindy.fit.coupled_terms import Gram, chosen
+from romsindy.fit.coupled_terms import Gram, Trials
 from romsindy.fit.fitted import Fit
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.physics.damping import AmplitudeDamping, PowerDamping
@@ -72,7 +72,7 @@ def needed_terms(
         pieces = max(round(_STRETCHES * len(rows) / total), 2)
         grams += _stretches(rows / innovation(_left(rows)), at, pieces)
     always, places = range(n_linear), range(n_linear, len(terms))
-    found, _ = chosen(grams, always, [[p] for p in places], {})
+    found = Trials(grams, always, [[p] for p in places], {}).chosen([])
     names = list(terms)
     return tuple(terms[names[places[g]]] for g in sorted(found))
 

@@ -1,0 +1,1 @@
+"""What a simulation lacks, from vibrations that measured inputs drive."""

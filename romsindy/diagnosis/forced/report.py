@@ -1,0 +1,182 @@
+"""A diagnosis from forced vibrations, in words, tables and pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from romsindy.diagnosis import words
+from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
+from romsindy.diagnosis.forced.gap import ForcedGap
+from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis
+from romsindy.diagnosis.forced.next_test import Level, most_apart
+from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of
+from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.verdict import Left
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.text import quantity
+
+if TYPE_CHECKING:
+    from romsindy.show.page import Picture
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ForcedReport(DiagnosisReport):
+    """What a simulation lacks against forced vibrations.
+
+    ``gap`` is that of the records that were fitted, of which nothing was held out, ``remainder``
+    says whether what is left is white; ``differences`` and ``next_test`` are empty.
+    """
+
+    best: ForcedHypothesis
+    rivals: tuple[ForcedHypothesis, ...]
+    gap: ForcedGap  # type: ignore[assignment]
+    records: tuple[ForcedRecord, ...]  # type: ignore[assignment]
+
+    @property
+    def moved(self) -> tuple[FoundEffect, ...]:
+        """Values that the simulation was unsure of and that moved, beside the effects."""
+        return moved_of(self.best, self.rivals, 1.0, self.nominal.unit)
+
+    def _found(self, hypothesis: Any) -> tuple[FoundEffect, ...]:
+        # Their covariance is that by the noise that is left.
+        return effects_of(hypothesis, self.rivals, 1.0, self.nominal.unit)
+
+    @property
+    def left(self) -> Left:
+        """Noise, next to nothing of the gap, or a further effect."""
+        if self.remainder.explained:
+            return "noise"
+        return "effect" if self.verdict == "unknown" else "little"
+
+    def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:
+        """None: the tests are decays."""
+        return None
+
+    # -- words ---------------------------------------------------------------------------------
+
+    @property
+    def sentence(self) -> str:
+        """The finding, a line for each question: do they differ, what is missing, left, next?"""
+        lines = [
+            self._difference,
+            f"Missing: {self._missing}",
+            f"Left: {self._left}",
+            *(f"Note: {note}" for note in self.notes),
+            *self._next,
+        ]
+        return "\n".join(lines)
+
+    @property
+    def _difference(self) -> str:
+        if not np.isfinite(self.gap.rms_before):
+            return "They differ: the simulation has no motion that follows the records."
+        size = quantity(self.gap.rms_before, self.gap.unit)
+        share = words.percent(self.gap.before)
+        differ = "They agree" if self.verdict == "none" else "They differ"
+        return f"{differ}: the simulation leaves {size} rms, {share} of the response."
+
+    def _closing(self, closes: str) -> str:
+        share = words.percent(self.gap.closed)
+        if round(100 * self.gap.closed, 1) == 100:
+            share = "all"
+        return f"{closes} {share} of the squared gap on {self.gap.where}."
+
+    @property
+    def _left(self) -> str:
+        size = quantity(self.gap.rms_after, self.gap.unit)
+        share = f"{size} rms, {words.percent(self.gap.after)} of the response"
+        if self.remainder.explained:
+            return f"{share}, as noise."
+        predicted = words.percent(1 - 1 / self.remainder.structure)
+        return f"{share}; {predicted} of its power is no noise, for its past predicts it."
+
+    @property
+    def _next(self) -> list[str]:
+        """What would tell apart the first two, where several are left."""
+        if self.verdict != "ambiguous":
+            return []
+        advice = {e.advice: None for h in self.rivals for e in self._found(h)}
+        beside = f"what may tell them apart is {', or '.join(advice)}."
+        level = self.level
+        if level is None:
+            return [f"Next: {beside}"]
+        low, high = level.band
+        where = f"record {level.record + 1} with inputs {level.level:g} times as large"
+        how_far = f"{level.apart:.2g} times the noise, most between {low:.3g} and {high:.3g} Hz"
+        if not level.enough:
+            return [
+                f"Next: at no level that was simulated they differ enough (at most {how_far},"
+                f" in {where}); {beside}"
+            ]
+        return [f"Next: in {where} the first two, as they were fitted, differ by {how_far}."]
+
+    @cached_property
+    def level(self) -> Level | None:
+        """At which the first two rivals differ most; None where there is but one."""
+        if len(self.rivals) < 2:
+            return None
+        return most_apart(self.rivals[0], self.rivals[1], self.records)
+
+    # -- tables and files ------------------------------------------------------------------------
+
+    def _content(self) -> dict[str, Any]:
+        other, gap = self.next_best, self.gap
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "effects": [vars(e) for e in self.effects],
+            "moved": [vars(e) for e in self.moved],
+            "equivalent": [list(names) for names in self.equivalent],
+            "odds": {"against": list(other.names), "odds": self.odds} if other else None,
+            "structure": self.remainder.structure,
+            "gap": {
+                "on": gap.where,
+                "before": gap.before,
+                "after": gap.after,
+                "closed": gap.closed,
+                "rms_before": gap.rms_before,
+                "rms_after": gap.rms_after,
+            },
+            "left": self.left,
+            "notes": list(self.notes),
+            "model": json.loads(self.model.to_json()),
+        }
+
+    def pictures(self) -> dict[str, Picture]:
+        """Pictures by name: "time" and "spectrum", of the record of which most is left."""
+        from romsindy.show import diagnosis_plots as show  # draws: only where a picture is asked
+        from romsindy.show.page import Picture
+
+        worst = int(np.argmax([np.std(e) for e in self.gap.residuals_after]))
+        record, after = self.records[worst], self.gap.residuals_after[worst]
+        before = self.gap.residuals_before[worst]
+        before = np.where(np.isfinite(before), before, np.nan)  # nan where there is no motion
+        name, unit = record.decay.measured, self.gap.unit
+        both = f"{words.percent(self.gap.before)} of the response before, "
+        both += f"{words.percent(self.gap.after)} after"
+        of = f"Of record {worst + 1}"
+        given = (record.signal, before, after, name, unit)
+        spectra = (record.decay.dt, record.noise.std, *given)
+        return {
+            p.name: p
+            for p in (
+                Picture(
+                    "time",
+                    "The records and what is missed",
+                    f"{of}; of all records {both}.",
+                    partial(show.draw_errors_in_time, record.t, *given),
+                ),
+                Picture(
+                    "spectrum",
+                    "At which frequencies it is missed",
+                    f"{of}, and the noise where the spectrum is quietest.",
+                    partial(show.draw_error_spectra, *spectra),
+                ),
+            )
+        }
