@@ -21,18 +21,17 @@ from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputGain
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Bias, SecondMode
 from romsindy.fit.coefficient import extended, in_place
-from romsindy.fit.forced.between_samples import plainest, ways
+from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import (
     free_drives,
     inputs_in,
-    inputs_of,
     regressed,
-    without_inputs,
 )
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import ABOVE_NOISE, CLOSED, EQUIVALENT, PREDICTED, ROUNDED
+from romsindy.physics.driven import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
@@ -256,8 +255,8 @@ def _between_samples(
         )
         unsure = best.parts[: best.n_free - len(search.nuisance)]
         residuals[way] = there.fitted([best.effects], unsure)[0].solution.residuals
-    way, note = plainest(residuals)
-    return way, (note,)
+    rivals = rated(residuals)
+    return rivals.best, (str(rivals),)
 
 
 def _with_way(part: Part, way: Interpolation) -> Part:
