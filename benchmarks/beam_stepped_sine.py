@@ -19,6 +19,7 @@ from romsindy import Beam, Decay, HarmonicSINDy, ROMLibrary, forced_response, re
 
 STEP, DWELL, READ = 2e-3, 25.0, 2.0  # s: of time, at a frequency, and of it looked at
 FAR, FINE = (0.02, 0.008, 0.003), 5e-4  # from a fold, and between frequencies near it, relative
+NEAR = 0.02  # of the peak: a motion so near to a branch is on it
 FOLLOWS = np.arange(1, 6)  # powers of the mode in the displacement of the tip
 ORDER = 7
 
@@ -83,35 +84,58 @@ def foretold(beam, fit, shown, part):
 
 
 def compared(beam, fit, shown, part):
-    """Print one level; errors of the amplitudes over the peak, and of the folds, relative."""
+    """Print one level; errors of the amplitudes over the peak, and of the folds, relative.
+
+    Near a fold a motion lingers: what is near neither branch is on its way, and is not compared.
+    The fold lies near the last motion on its branch: between the ones before and after it.
+    """
     force, hertz, tip, folds = foretold(beam, fit, shown, part)
     top = int(np.argmax(tip))
     print(f"level {part:g} L: {1e3 * force:.4g} mN, foretold peak {1e3 * tip[top]:.3f} mm")
     upper, lower = folds or (top, top)
     branches = slice(0, upper + 1), slice(lower, None)
-    off, jumps = [], []
+    off, missed = [], []
     for sign, at in ((-1, upper), (1, lower)):
         near = FINE * np.arange(3.5, -4.0, -1)
         sweep = hertz[at] * (1 + sign * np.concatenate([FAR, near]))
+        values = np.array([_on(hertz[b], tip[b], sweep) for b in branches])
         measured = stepped(beam, force, sweep)
-        falls = np.abs(np.diff(np.log(measured)))
-        jump = int(np.argmax(falls)) if folds and falls.max() > 0.2 else len(sweep)
+        away = (values - measured) / tip[top]
+        nearest = np.nanargmin(np.abs(away), axis=0)
+        there = np.abs(away[nearest, np.arange(len(sweep))]) < NEAR
         for i, (f, a) in enumerate(zip(sweep, measured, strict=True)):
-            branch = branches[(sign > 0) == (i <= jump)] if folds else slice(None)
-            order = np.argsort(hertz[branch])
-            value = np.interp(f, hertz[branch][order], tip[branch][order])
-            off.append((value - a) / tip[top])
-            print(f"  {f:.5f} Hz  {1e3 * a:.3f} mm  foretold {1e3 * value:.3f}", end="")
-            print(f"  {100 * off[-1]:+.2f} % of the peak", flush=True)
-        if folds and jump < len(sweep):
-            middle = sweep[jump : jump + 2].mean()
-            jumps.append(hertz[at] / middle - 1)
-            print(f"  jumps near {middle:.5f} Hz, foretold {hertz[at]:.5f}")
-        elif folds:
-            print(f"  no jump near {hertz[at]:.5f} Hz, foretold there")
-    print(f"  amplitudes within {100 * np.abs(off).max():.2f} % of the peak;", end="")
-    print(f" jumps off by {', '.join(f'{100 * j:+.3f} %' for j in jumps) or 'none'}")
-    return off, jumps
+            told = f"  {f:.5f} Hz  {1e3 * a:.3f} mm  "
+            if there[i]:
+                off.append(away[nearest[i], i])
+                told += (
+                    f"foretold {1e3 * values[nearest[i], i]:.3f}  {100 * off[-1]:+.2f} % of peak"
+                )
+            print(told if there[i] else f"{told}on its way", flush=True)
+        if folds:
+            own = there & (nearest == (sign > 0))
+            last = int(np.flatnonzero(own)[-1])
+            ends = sweep[max(last - 1, 0)], sweep[min(last + 1, len(sweep) - 1)]
+            missed.append(_outside(hertz[at], *sorted(ends)))
+            print(
+                f"  leaves its branch between {ends[0]:.5f} and {ends[1]:.5f} Hz, foretold", end=""
+            )
+            print(f" {hertz[at]:.5f} Hz")
+    print(
+        f"  amplitudes within {100 * np.abs(off).max():.2f} % of the peak ({len(off)} of 22);",
+        end="",
+    )
+    print(f" folds outside their brackets by {[f'{100 * m:.3f} %' for m in missed]}")
+    return off, missed
+
+
+def _on(hertz, tip, frequency):
+    """Amplitudes on a branch; nan beyond its end."""
+    order = np.argsort(hertz)
+    return np.interp(frequency, hertz[order], tip[order], left=np.nan, right=np.nan)
+
+
+def _outside(value, low, high):
+    return max(low - value, value - high, 0.0) / value
 
 
 def main(arguments=None):

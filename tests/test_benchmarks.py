@@ -406,3 +406,34 @@ def test_error_of_a_trajectory(benchmark, measured):
     expected = size.mean() / 2 / size.max()
     assert benchmark.trajectory_error(x / 2, x) == pytest.approx(expected, rel=1e-9)
     assert len(several) == 9 and several[0].measured == "velocity"
+
+
+@benchmark_of("forced")
+def test_small_benchmark_of_forced_vibrations(benchmark):
+    """A sweep and a multisine, held and band-limited: no way between samples is named wrong."""
+    for seed in (1, 3):
+        s, off, note, exact, explained = benchmark.trial(seed, select=False)
+        assert exact and explained
+        assert max(map(abs, off.values())) < 4
+        said = "held" if s.way == "hold" else "band-limited"
+        assert said in note.replace("not ", "").split(",")[0] or "may be" in note
+
+
+@benchmark_of("silverbox")
+def test_small_benchmark_of_a_measured_oscillator(benchmark, measured):
+    """A tenth of what is learned: 0.26 mV is asked of all of it."""
+    learned, rest = benchmark.records(measured / "silverbox_train.npz", share=0.1)
+    fit = rs.identify_forced(learned)
+    assert len(fit.free) <= 10
+    assert benchmark.missed(fit, rest.between(end=rest.t[0] + 3.0)) < 0.35
+    assert "input is band-limited" in str(fit)
+
+
+@benchmark_of("beam_stepped_sine")
+def test_small_benchmark_of_a_stepped_sine(benchmark):
+    """The tip follows a circle: its first harmonic, and that of a cosine cubed, by hand."""
+    circle = np.array([0.0, 2.0, 0.0, 0.0])
+    linear, cubic = np.zeros((2, len(benchmark.FOLLOWS)))
+    linear[0] = cubic[2] = 1.0
+    assert benchmark.first_harmonic(circle, linear) == pytest.approx(2.0)
+    assert benchmark.first_harmonic(circle, cubic) == pytest.approx(0.75 * 8)
