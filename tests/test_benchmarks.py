@@ -408,7 +408,7 @@ def test_error_of_a_trajectory(benchmark, measured):
     assert len(several) == 9 and several[0].measured == "velocity"
 
 
-@benchmark_of("forced")
+@benchmark_of("forced_vibrations")
 def test_small_benchmark_of_forced_vibrations(benchmark):
     """A sweep and a multisine, held and band-limited: no way between samples is named wrong."""
     for seed in (1, 3):

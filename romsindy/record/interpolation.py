@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.special import i0
 
 from romsindy.typing import Array
 
@@ -22,6 +23,7 @@ INTERPOLATIONS: tuple[Interpolation, ...] = ("band-limited", "linear", "hold")
 # Samples to either side in the interpolation of a band-limited input, and the shape of its window
 # (J. Kaiser): 170 dB up to 0.4 of the sampling rate.
 _REACH, _KAISER = 32, 17.5
+_SHARED = 10  # places for one fraction of a sample, at least, for a filter over all samples
 
 
 def interpolated(u: Array, place: Array, interpolation: Interpolation) -> Array:
@@ -45,7 +47,7 @@ def _band_limited(u: Array, place: Array) -> Array:
     first = np.minimum(np.floor(place).astype(int), len(u) - 2)
     # Times on a grid share few fractions of a sample: one filter serves all that have the same.
     fractions, kind = np.unique(np.round(place - first, 9), return_inverse=True)
-    if len(fractions) > _REACH:
+    if len(fractions) > len(place) / _SHARED:
         windows = sliding_window_view(wide, 2 * _REACH)[first + 1]
         return np.einsum("ij,ij->i", windows, _kernel(place - first))
     out = np.empty(len(place))
@@ -58,7 +60,7 @@ def _band_limited(u: Array, place: Array) -> Array:
 def _kernel(fraction: Array) -> Array:
     """Weights of the samples about places between two of them, (n, 2 reach)."""
     x = fraction[:, None] - np.arange(1 - _REACH, _REACH + 1)
-    return np.sinc(x) * np.i0(_KAISER * np.sqrt(1 - (x / _REACH) ** 2)) / np.i0(_KAISER)
+    return np.sinc(x) * i0(_KAISER * np.sqrt(1 - (x / _REACH) ** 2)) / i0(_KAISER)
 
 
 def of_steps(

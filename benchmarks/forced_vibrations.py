@@ -1,8 +1,8 @@
 """Synthetic forced vibrations: do errors cover, and is what the input does between samples named?
 
-    python benchmarks/forced.py                        # 200 records
-    python benchmarks/forced.py --first 300 --count 20 # other seeds
-    python benchmarks/forced.py --select               # terms are chosen by the data
+    python benchmarks/forced_vibrations.py                        # 200 records
+    python benchmarks/forced_vibrations.py --first 300 --count 20 # other seeds
+    python benchmarks/forced_vibrations.py --select               # terms are chosen by the data
 
 Sweep, multisine or random force or base motion, held or band-limited; 30 to 50 dB. The motion is
 integrated here by Runge and Kutta's method in plain numbers, and shares nothing with the package.
