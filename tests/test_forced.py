@@ -10,12 +10,13 @@ from scipy.signal import StateSpace, cont2discrete, dlsim
 import romsindy as rs
 from romsindy import ForcedVibration, identify_forced, refine
 
-OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 2e4, 3.0
+OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 5e3, 3.0
 DT = 0.01
-T = DT * np.arange(4000)
+N = 2500
+T = DT * np.arange(N)
 
 
-def multisine(seed, n=4000, dt=DT, low=1.0, high=12.0, lines=60):
+def multisine(seed, n=N, dt=DT, low=1.0, high=12.0, lines=60):
     """A force of random phases, exact at any time, (n,) samples and the function."""
     rng = np.random.default_rng(seed)
     frequency = rng.uniform(low, high, lines)
@@ -27,12 +28,12 @@ def multisine(seed, n=4000, dt=DT, low=1.0, high=12.0, lines=60):
     return force(dt * np.arange(n)), force
 
 
-def duffing(force, t, start=(0.0, 0.0), sign=1.0):
+def duffing(force, t, start=(0.0, 0.0), sign=1.0, cubic=CUBIC):
     """The displacement under a force that is known at all times."""
 
     def rates(time, y):
         push = sign * GAIN * float(force(time))
-        return [y[1], push - DAMPING * y[1] - OMEGA**2 * y[0] - CUBIC * y[0] ** 3]
+        return [y[1], push - DAMPING * y[1] - OMEGA**2 * y[0] - cubic * y[0] ** 3]
 
     options = {"t_eval": t, "method": "DOP853", "rtol": 1e-10, "atol": 1e-13, "max_step": DT}
     return solve_ivp(rates, (t[0], t[-1]), start, **options).y
@@ -54,9 +55,9 @@ def model():
     return rs.ReducedModel.from_coefficients(names, unit="m")
 
 
-def misses(fit):
+def misses(fit, cubic=CUBIC):
     """Errors over standard errors."""
-    truth = {"omega^2": OMEGA**2, "c_linear": DAMPING, "gamma_3": CUBIC, "gain [force]": GAIN}
+    truth = {"omega^2": OMEGA**2, "c_linear": DAMPING, "gamma_3": cubic, "gain [force]": GAIN}
     found, error = fit.model.coefficients, fit.standard_errors
     return np.array([(found[k] - v) / error[k] for k, v in truth.items()])
 
@@ -177,8 +178,8 @@ def test_terms_are_chosen(smooth):
 def test_a_free_run_predicts_the_rest(smooth):
     u, q, _ = smooth
     y = 0.02 + noisy(q, 15, 1e-3)
-    first = ForcedVibration(T[:2500], y[:2500], u[:2500], unit="m")
-    rest = ForcedVibration(T[2500:], y[2500:], u[2500:], unit="m")
+    first = ForcedVibration(T[:1800], y[:1800], u[:1800], unit="m")
+    rest = ForcedVibration(T[1800:], y[1800:], u[1800:], unit="m")
     missed = rest.y - rs.free_run(refine(model(), first), rest, 50)
     assert np.std(missed[50:]) < 1.5e-3 * np.std(q)  # 1e-3 is noise; the state has an error too
     with pytest.raises(ValueError, match="driven by"):
@@ -192,8 +193,8 @@ def test_a_linear_oscillator_under_a_multisine_has_its_transfer_function():
     phase = rng.uniform(0, 2 * np.pi, len(lines))
     omega = 2 * np.pi * lines / (n * DT)
     h = GAIN / (OMEGA**2 - omega**2 + 1j * DAMPING * omega)
-    waves = np.exp(1j * (np.multiply.outer(DT * np.arange(3 * n), omega) + phase))
-    record = ForcedVibration(T[: 3 * n], (waves @ h).real, waves.sum(axis=1).real, unit="m")
+    waves = np.exp(1j * (np.multiply.outer(DT * np.arange(2 * n), omega) + phase))
+    record = ForcedVibration(T[: 2 * n], (waves @ h).real, waves.sum(axis=1).real, unit="m")
     fit = refine(
         rs.ReducedModel.from_coefficients({"omega^2": 900.0, "c_linear": 1.0}, "m"), record
     )
@@ -205,7 +206,7 @@ def test_a_linear_oscillator_under_a_multisine_has_its_transfer_function():
 
 def test_what_cannot_be_a_record_is_refused(smooth):
     u, q, _ = smooth
-    with pytest.raises(ValueError, match=r"u has 3999 samples, and t 4000: .* one clock"):
+    with pytest.raises(ValueError, match=rf"u has {N - 1} samples, and t {N}: .* one clock"):
         ForcedVibration(T, q, u[1:])
     with pytest.raises(ValueError, match="the input 'force' is zero"):
         ForcedVibration(T, q, 0 * u)
@@ -270,3 +271,14 @@ def test_the_response_to_a_harmonic_force_is_told_before_the_test(smooth):
     assert np.mean(inside) > 0.8  # of values that all hang on the same coefficients
     by_model = rs.forced_response(fit.model, 0.5, (0.9 * OMEGA, 1.2 * OMEGA))
     assert by_model.amplitude.max() == pytest.approx(peak, rel=0.01)
+
+
+def test_a_sensitive_motion_is_fitted_in_pieces():
+    """Four times the cubic force: whole records have many minima, one of them 62 errors off."""
+    t = DT * np.arange(4000)
+    u, force = multisine(3, 4000)
+    q = duffing(force, t, cubic=2e4)[0]
+    record = ForcedVibration(t, noisy(q, 3), u, unit="m", interpolation="band-limited")
+    fit = refine(model(), record)
+    assert np.abs(misses(fit, cubic=2e4)).max() < 3.5
+    assert len(fit.records) > 1 and any("small errors grow" in note for note in fit.notes)
