@@ -17,7 +17,7 @@ from romsindy.record.filters import Butterworth, Filter
 from romsindy.record.integration import displacement
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
-from romsindy.record.sampling import uniform_times
+from romsindy.record.sampling import part_between, uniform_times
 from romsindy.record.signals import downsample, fundamental_frequency, upsample
 from romsindy.typing import Array, Indices
 
@@ -226,16 +226,8 @@ class Decay:
         ValueError
             If fewer than eight samples are left.
         """
-        low = self.t[0] if start is None else start
-        high = self.t[-1] if end is None else end
-        slack = 1e-6 * self.dt
-        inside = (self.t >= low - slack) & (self.t <= high + slack)
-        if np.count_nonzero(inside) < 8:
-            raise ValueError(
-                f"start = {start}, end = {end} leave {np.count_nonzero(inside)} samples of the"
-                f" record, which runs from {self.t[0]:.6g} to {self.t[-1]:.6g} s"
-            )
-        return self._mapped(lambda x: x[inside], self.t[inside])
+        part = part_between(self.t, start, end)
+        return self._mapped(lambda x: x[part], self.t[part])
 
     def free(self, start: float | None = None, end: float | None = None) -> Decay:
         """The free decay alone: from the first large turning point to where noise takes over.

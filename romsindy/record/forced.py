@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 from romsindy.record.decay import checked_signal, checked_time
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 from romsindy.record.recording import QUANTITIES, Quantity, unit_of
-from romsindy.record.sampling import uniform_times
+from romsindy.record.sampling import part_between, uniform_times
 from romsindy.typing import Array
 
 # What response and input must have, and the remedy.
@@ -173,7 +173,7 @@ class ForcedVibration:
         """Whether both hold the same samples of y."""
         return isinstance(other, ForcedVibration) and np.array_equal(self.y, other.y)
 
-    def between(self, start: float | None = None, end: float | None = None) -> Any:
+    def between(self, start: float | None = None, end: float | None = None) -> ForcedVibration:
         """The part with start <= t <= end, in s; None leaves an end as it is.
 
         Raises
@@ -181,16 +181,8 @@ class ForcedVibration:
         ValueError
             If fewer than eight samples are left.
         """
-        low = self.t[0] if start is None else start
-        high = self.t[-1] if end is None else end
-        slack = 1e-6 * self.dt
-        inside = (self.t >= low - slack) & (self.t <= high + slack)
-        if np.count_nonzero(inside) < 8:
-            raise ValueError(
-                f"start = {start}, end = {end} leave {np.count_nonzero(inside)} samples of the"
-                f" record, which runs from {self.t[0]:.6g} to {self.t[-1]:.6g} s"
-            )
-        return replace(self, t=self.t[inside], y=self.y[inside], u=self.u[inside])
+        part = part_between(self.t, start, end)
+        return replace(self, t=self.t[part], y=self.y[part], u=self.u[part])
 
     def __repr__(self) -> str:
         size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from romsindy.record.sampling import part_between
 from romsindy.typing import Array
 
 Quantity = Literal["displacement", "velocity", "acceleration"]
@@ -136,16 +137,8 @@ class Recording:
         ValueError
             If fewer than eight samples are left.
         """
-        low = self.t[0] if start is None else start
-        high = self.t[-1] if end is None else end
-        slack = 1e-6 * self.dt
-        first, last = np.searchsorted(self.t, [low - slack, high + slack])
-        if last - first < 8:
-            raise ValueError(
-                f"start = {start}, end = {end} leave {max(last - first, 0)} samples of the record,"
-                f" which runs from {self.t[0]:.6g} to {self.t[-1]:.6g} s"
-            )
-        return replace(self, t=self.t[first:last], x=self.x[first:last])
+        part = part_between(self.t, start, end)
+        return replace(self, t=self.t[part], x=self.x[part])
 
     def __repr__(self) -> str:
         size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"
