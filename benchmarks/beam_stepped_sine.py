@@ -17,7 +17,7 @@ import numpy as np
 
 from romsindy import Beam, Decay, HarmonicSINDy, ROMLibrary, forced_response, refine
 
-STEP, DWELL, READ = 2e-3, 25.0, 2.0  # s: of time, at a frequency, and of it looked at
+STEP, DWELL, READ = 2e-3, 40.0, 2.0  # s: of time, at a frequency, and of it looked at
 FAR, FINE = (0.02, 0.008, 0.003), 5e-4  # from a fold, and between frequencies near it, relative
 NEAR = 0.02  # of the peak: a motion so near to a branch is on it
 FOLLOWS = np.arange(1, 6)  # powers of the mode in the displacement of the tip
