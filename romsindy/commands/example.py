@@ -73,7 +73,7 @@ def _shaker(path: Path) -> None:
 
     def force(time: Array) -> Array:
         waves = np.cos(2 * np.pi * np.multiply.outer(time, frequency) + phase)
-        return 1.5 * waves.sum(axis=-1)
+        return 0.8 * waves.sum(axis=-1)
 
     def rates(time: Array, state: Array) -> list[Array]:
         q, v = state
