@@ -95,7 +95,7 @@ def _changes(kept: Sequence[int], n: int) -> list[tuple[int | None, int | None]]
 def _linearised(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised | None:
     """All candidates of the plainest kind that has the terms, about the motions."""
     r = stage.model.n_coordinates
-    kinds = [candidates(r, kind._replace(masses=True)) for kind in KINDS]
+    kinds = [candidates(r, kind) for kind in KINDS if kind.masses]
     enough = (k for k in kinds if {*stage.model.terms} <= {*linear_terms(r), *k})
     choice = Choice(
         linear_terms(r), next(enough, kinds[-1]), curved_shapes(records[0]), left_out=False

@@ -78,14 +78,18 @@ class Grid:
     fraction: Array
 
     @classmethod
-    def over(cls, t: Array, period: float, steps_per_cycle: int = STEPS_PER_CYCLE) -> Grid:
+    def over(
+        cls, t: Array, period: float, steps_per_cycle: int = STEPS_PER_CYCLE, parts: int = 1
+    ) -> Grid:
         """Lay steps over uniform times t (s): a whole number of samples each, or a part of one.
 
-        ``period`` (s) is the shortest of the motion.
+        ``period`` (s) is the shortest of the motion. Steps of more than a sample may end at so
+        many ``parts`` of one.
         """
         dt = (t[-1] - t[0]) / (len(t) - 1)
         samples = period / (steps_per_cycle * dt)
-        step = dt * np.floor(samples) if samples >= 1 else dt / np.ceil(1 / samples)
+        length = np.floor(parts * samples) / parts if samples >= 1 else 1 / np.ceil(1 / samples)
+        step = dt * length
         place = np.arange(len(t)) * (dt / step)
         # A sample at the end of a step is read there; only the very first one lies at a start.
         index = np.clip(np.ceil(place - 1e-9).astype(int) - 1, 0, None)

@@ -112,19 +112,26 @@ class Progress(NamedTuple):
 
 
 def of_plainest_kind(
-    start: Stage, records: Sequence[CoupledRecord], kinds: Sequence[Kind], progress: Progress
+    start: Stage, given: Sequence[CoupledRecord], kinds: Sequence[Kind], progress: Progress
 ) -> Fitted | None:
-    """The start with terms of the first kind that explains the records, or else of the best."""
+    """The start with terms of the first kind that explains the records, or else of the best.
+
+    None if it follows the motion over no piece. Every kind goes on from the one before, with the
+    shortest pieces, until what is left there is noise; only then do pieces grow.
+    """
+    always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
+    shortest, best = lengths(given)[0], None
     found: list[Fitted] = []
     for kind in kinds:
-        fitted = with_terms(start, records, kind, progress)
-        if fitted is not None:
-            found.append(fitted)
-            if fitted.explained:
-                break
-            # With their noise as it was heard again.
-            pairs = zip(records, fitted.records, strict=True)
-            records = tuple(replace(record, noise=f.noise) for record, f in pairs)
+        choice = Choice(always, candidates(r, kind), curved)
+        now, records = (best.stage, best.records) if best else (start, given)
+        best = _settled(now, records, choice, progress, shortest, best) or best
+        last = kind is kinds[-1]
+        if best is None or not (last or (kind.masses and best.left <= EXPLAINED)):
+            continue
+        found.append(_whole(best, given, choice, progress))
+        if found[-1].explained:
+            break
     return best_of(found)
 
 
@@ -139,21 +146,10 @@ def best_of(found: Sequence[Fitted]) -> Fitted | None:
     return min(reversed(explained or longest), key=lambda f: f.left_over(quietest))
 
 
-def with_terms(
-    start: Stage, given: Sequence[CoupledRecord], kind: Kind, progress: Progress
-) -> Fitted | None:
-    """The start with the terms that the records need, fitted to the longest pieces it follows.
-
-    None if it follows the motion over no piece. Masses come later: they show where what couples is
-    known well, not beside everything else.
-    """
-    always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
-    choice, shortest = Choice(always, candidates(r, kind), curved), lengths(given)[0]
-    best = _settled(start, given, choice, progress, shortest)
-    if best is None:
-        return None
-    choice = Choice(always, candidates(r, kind._replace(masses=True)), curved)
-    best = _settled(best.stage, best.records, choice, progress, shortest, best) or best
+def _whole(
+    best: Fitted, given: Sequence[CoupledRecord], choice: Choice, progress: Progress
+) -> Fitted:
+    """Fitted to the longest pieces that it follows, with the noise of the given records."""
     best = _grown(best, choice, progress)
     if best.explained:
         choice = choice._replace(left_out=False)

@@ -54,8 +54,8 @@ class Kind(NamedTuple):
     coupled_damping: bool = True
 
 
-# From the plainest on.
-KINDS = (Kind(), Kind(kinked=True))
+# From the plainest on. Masses show where what couples is known well, not beside everything else.
+KINDS = (Kind(), Kind(masses=True), Kind(masses=True, kinked=True))
 
 
 def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 from scipy.signal import lfilter
 
 from romsindy.record.noise import autoregression, coloured_product
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from romsindy.fit.part import Part
 
 _RANK = 1e-13  # of scaled equations: directions below it are not told apart
+_FIRM = 1e-10  # reciprocal condition of scaled equations that are solved without looking for such
 _ACTIVE = 5  # rounds in which values may reach their limits
 
 
@@ -136,7 +138,11 @@ def solved(a: Array, b: Array) -> Array:
     """Least-squares solution of normal equations, (n,) or (n, m), whatever their scales."""
     scale = _scale(a)
     wide = scale if b.ndim == 1 else scale[:, None]
-    return np.linalg.lstsq(a * scale * scale[:, None], b * wide, rcond=_RANK)[0] * wide
+    scaled = a * scale * scale[:, None]
+    factor, failed = dpotrf(scaled)
+    if not failed and dpocon(factor, np.linalg.norm(scaled, 1))[0] > _FIRM:
+        return dpotrs(factor, b * wide)[0] * wide
+    return np.linalg.lstsq(scaled, b * wide, rcond=_RANK)[0] * wide
 
 
 def priors(parts: Sequence[Part]) -> list[tuple[int, float, float]]:

@@ -22,8 +22,8 @@ from romsindy.fit.shooting import simulated
 from romsindy.physics.coupled import CoupledModel
 
 # Cycles of the slowest coordinate in the first pieces, and at least so many beats of the two that
-# are nearest; by how much they grow.
-_CYCLES, _BEATS, _GROWTH = 10.0, 2.0, 2
+# are nearest; by about how much they grow.
+_CYCLES, _BEATS, _GROWTH = 10.0, 2.0, 2.0
 
 
 def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
@@ -37,8 +37,9 @@ def lengths(records: Sequence[CoupledRecord]) -> list[float]:
     apart = max(float(np.min(np.diff(f), initial=np.inf) / f[0]) for f in several)
     first = max(_CYCLES, _BEATS / apart) if apart > 0 else _CYCLES
     longest = max(_cycles(record) for record in records)
-    count = int(np.ceil(np.log(max(longest / first, 1.0)) / np.log(_GROWTH)))
-    return [*(first * _GROWTH**k for k in range(count)), np.inf]
+    more = max(longest / first, 1.0)
+    count = round(np.log(more) / np.log(_GROWTH))
+    return [*(first * more ** (k / count) for k in range(count)), np.inf]
 
 
 def fit_pieces(

@@ -9,6 +9,7 @@ coordinates on their last axis.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -411,11 +412,21 @@ def _is_coordinate(w: Array) -> bool:
     return bool(np.count_nonzero(w) == 1 and np.max(w) == 1.0)
 
 
-def _signal(q_dot: Array, q_ddot: Array) -> Array:
-    """1, velocities, accelerations and products of two velocities, (..., 1 + 2 R + R^2)."""
-    both = q_dot[..., :, None] * q_dot[..., None, :]
-    squared = both.reshape(*q_dot.shape[:-1], -1)
-    return np.concatenate([np.ones_like(q_dot[..., :1]), q_dot, q_ddot, squared], axis=-1)
+class _Column(NamedTuple):
+    """What multiplies some velocities, and perhaps an acceleration, in one equation.
+
+    ``values`` (n,) are coefficients of the products of powers.
+    """
+
+    equation: int
+    rates: tuple[int, ...]
+    second: int | None
+    values: Array
+
+    def signal(self, q_dot: Array, q_ddot: Array) -> Array | float:
+        """Velocities times acceleration, of (R, ...) states."""
+        last = 1.0 if self.second is None else q_ddot[self.second]
+        return math.prod((q_dot[j] for j in self.rates), start=last)
 
 
 class _Polynomials(NamedTuple):
@@ -499,28 +510,44 @@ class _Polynomials(NamedTuple):
         return np.tensordot(table, self.m, 1), table @ self.k + turning @ q_dot
 
     @property
-    def coefficients(self) -> Array:
-        """What the products multiply in each equation, as in `_signal`: (n, R, 1 + 2 R + R^2)."""
-        n, r = self.powers.shape
-        parts = (self.k, self.c, self.m, self.g)
-        return np.concatenate([x.reshape(n, r, r ** (x.ndim - 2)) for x in parts], axis=2)
+    def columns(self) -> list[_Column]:
+        """Those that are not zero, of which there are few."""
+        found = []
+        for part in (self.k, self.c, self.m, self.g):
+            for place in np.argwhere(np.any(part, axis=0)):
+                i, *others = place.tolist()
+                rates, second = ((), others[0]) if part is self.m else (tuple(others), None)
+                found.append(_Column(i, rates, second, part[(slice(None), *place)]))
+        return found
 
     def residual(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """As `CoupledModel.residual`."""
-        products = np.prod(self.factors(q, self.powers), axis=0)
-        value = np.tensordot(products, self.coefficients, (0, 0))
-        return np.einsum("...ia,...a->...i", value, _signal(q_dot, q_ddot))
+        residual, products = np.zeros(q.shape), np.prod(self.factors(q, self.powers), axis=0)
+        v, a = np.moveaxis(q_dot, -1, 0), np.moveaxis(q_ddot, -1, 0)
+        for column in self.columns:
+            value = np.tensordot(column.values, products, 1)
+            residual[..., column.equation] += value * column.signal(v, a)
+        return residual
 
     def linearise(self, q: Array, q_dot: Array, q_ddot: Array) -> tuple[Array, Array, Array, Array]:
         """As `CoupledModel.linearise`."""
-        r = q.shape[-1]
-        factors, coefficients = self.factors(q, self.powers), self.coefficients
-        value = np.tensordot(np.prod(factors, axis=0), coefficients, (0, 0))
-        slope = np.tensordot(self.slopes(q, factors), coefficients, (1, 0))
-        signal = _signal(q_dot, q_ddot)
-        c, m = value[..., 1 : 1 + r], value[..., 1 + r : 1 + 2 * r]
-        g = value[..., 1 + 2 * r :].reshape(*q.shape, r, r)
-        residual = np.einsum("...ia,...a->...i", value, signal)
-        by_q = np.einsum("l...ia,...a->...il", slope, signal)
-        by_q_dot = c + 2 * np.einsum("...ijk,...k->...ij", g, q_dot)
-        return residual, by_q, by_q_dot, m.copy()
+        shape, r = q.shape, q.shape[-1]
+        x, v, a = (y.reshape(-1, r).T.copy() for y in (q, q_dot, q_ddot))  # long loops, states last
+        columns, factors = self.columns, self.factors(x.T, self.powers)
+        coefficients = np.reshape([c.values for c in columns], (len(columns), len(self.powers)))
+        values = coefficients @ np.prod(factors, axis=0)
+        slopes = coefficients @ self.slopes(x.T, factors)
+        residual = np.zeros_like(x)
+        by_q, by_v, by_a = np.zeros((3, r, *x.shape))
+        for column, value, slope in zip(columns, values, slopes.swapaxes(0, 1), strict=True):
+            i, rates, second, _ = column
+            signal = column.signal(v, a)
+            residual[i] += value * signal
+            by_q[i] += slope * signal
+            for place, j in enumerate(rates):
+                others = (*rates[:place], *rates[place + 1 :])
+                by_v[i, j] += value * column._replace(rates=others).signal(v, a)
+            if second is not None:
+                by_a[i, second] += value
+        by_q, by_v, by_a = (y.transpose(2, 0, 1).reshape(*shape, r) for y in (by_q, by_v, by_a))
+        return residual.T.reshape(shape), by_q, by_v, by_a
