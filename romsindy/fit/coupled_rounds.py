@@ -24,8 +24,9 @@ from romsindy.typing import Array
 
 # Choices and fits with pieces of one length.
 _ROUNDS = 6
-# What is left may grow so much as pieces do, of a model that is not lost.
-_LOST = 3.0
+# What is left may grow so much as pieces do, of a model that is not lost; by more than the second
+# factor, and terms are missing.
+_LOST, _MISSED = 3.0, 1.5
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,10 @@ def _whole(
 
 
 def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
-    """Fitted to the longest pieces over which the model follows the motion."""
+    """Fitted to the longest pieces over which the model follows the motion.
+
+    Terms are chosen again where longer pieces show that some are missing, and at the end.
+    """
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
         return _settled(longer.stage, longer.records, choice, progress, np.inf, longer) or longer
@@ -170,7 +174,10 @@ def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
         longer = _longer(best, cycles)
         if longer is None:
             break
-        best = _settled(longer.stage, longer.records, choice, progress, cycles, longer) or longer
+        misses = cycles == np.inf or longer.left > _MISSED * best.left
+        best = longer
+        if misses:
+            best = _settled(best.stage, best.records, choice, progress, cycles, best) or best
     return best
 
 
