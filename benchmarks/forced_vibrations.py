@@ -30,6 +30,7 @@ class System(NamedTuple):
     decibels: float
     truth: dict
     record: ForcedVibration
+    noise: float
 
 
 def excitation(kind, rng, per_cycle):
@@ -105,9 +106,26 @@ def system(seed):
     q = motion(truth, push, dt)
     name = {"force": "gain [force]", "base": "Gamma [base]"}[source]
     truth[name] = gain if source == "force" else -gain
-    y = q + 10 ** (-decibels / 20) * q.std() * rng.standard_normal(N)
+    noise = 10 ** (-decibels / 20) * q.std()
+    y = q + noise * rng.standard_normal(N)
     record = ForcedVibration(dt * t, y, u, unit="m", inputs=source)
-    return System(seed, kind, source, way, decibels, truth, record)
+    return System(seed, kind, source, way, decibels, truth, record, noise)
+
+
+def told(s):
+    """Sigmas between held and band-limited, for the noise that was added and the right terms.
+
+    No method that has to find the noise and the terms can tell more.
+    """
+    power, laws = {}, {n: v for n, v in s.truth.items() if "[" not in n}
+    for way in ("band-limited", "hold"):
+        record = ForcedVibration(
+            s.record.t, s.record.y, s.record.u, unit="m", inputs=s.source, interpolation=way
+        )
+        fit = refine(ReducedModel.from_coefficients(laws, unit="m"), record)
+        power[way] = sum(np.sum(e**2) for e in fit.residuals) / s.noise**2
+    right = power.pop(s.way)
+    return np.sqrt(max(power.popitem()[1] - right, 0.0))
 
 
 def trial(seed, select):
@@ -136,7 +154,7 @@ def main(arguments=None):
     parser.add_argument("--list", action="store_true", help="one line for each")
     given = parser.parse_args(arguments)
     tasks = (delayed(trial)(given.first + i, given.select) for i in range(given.count))
-    covered, total, right, open_, wrong, explained, same = 0, 0, 0, 0, 0, 0, 0
+    covered, total, right, wrong, explained, same, open_ = 0, 0, 0, 0, 0, 0, []
     for s, off, note, exact, fine in Parallel(given.jobs, return_as="generator")(tasks):
         inside = sum(abs(x) < 2 for x in off.values())
         covered, total = covered + inside, total + len(off)
@@ -144,7 +162,8 @@ def main(arguments=None):
         named = "is " in note
         right += named and f"is {said}" in note
         wrong += named and f"is {said}" not in note
-        open_ += not named
+        if not named:
+            open_.append(told(s))
         explained, same = explained + fine, same + exact
         if given.list:
             worst = max(off, key=lambda n: abs(off[n]))
@@ -155,7 +174,9 @@ def main(arguments=None):
                 flush=True,
             )
     print(f"two standard errors cover {100 * covered / total:.1f} % of {total} coefficients")
-    print(f"between samples: named right {right}, cannot tell {open_}, named wrong {wrong}")
+    print(f"between samples: named right {right}, cannot tell {len(open_)}, named wrong {wrong}")
+    sigmas = ", ".join(f"{sum(x > at for x in open_)} by more than {at}" for at in (2, 3, 4, 5))
+    print(f"of those that cannot be told, with noise and terms known, in standard errors: {sigmas}")
     print(f"structure exact {same} of {given.count}, explained {explained}")
     return covered / total
 
