@@ -156,7 +156,7 @@ class ForcedResult:
     def _inputs(self) -> dict[str, dict[str, Any]]:
         dt = self.report.vibration.dt
         return {
-            term.source: {
+            term.signal: {
                 "gain": self.model.coefficients[term.key],
                 "gain_std": self.found.standard_errors[term.key],
                 "delay": delay,
@@ -166,7 +166,7 @@ class ForcedResult:
                 "interpolation": term.interpolation,
             }
             for term in inputs_of(self.model)
-            for delay, error in [self.found.delays[term.source]]
+            for delay, error in [self.found.delays[term.signal]]
         }
 
     def rows(self) -> list[list[str]]:

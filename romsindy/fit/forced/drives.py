@@ -72,7 +72,7 @@ def regressed(
         q, q_dot, q_ddot = (x[:, 0] for x in motion)
         columns = [term.strong(q, q_dot, q_ddot) for term in terms]
         columns += [
-            -term.sign * record.inputs[term.source].at(t, term.delay, term.interpolation)
+            -term.sign * record.inputs[term.source].at(t, term)
             if term.source in record.inputs
             else np.zeros_like(q)
             for term in inputs
@@ -88,7 +88,7 @@ def regressed(
 def refuse_displacement(inputs: Sequence[Input], gains: Sequence[float]) -> None:
     """Refuse a base motion that is no acceleration: its sign, and its size, are wrong."""
     for term, factor in zip(inputs, gains, strict=True):
-        if term.sign < 0 and factor < -_PARTICIPATION:
+        if term.sign < 0 and term.power == 1 and factor < -_PARTICIPATION:
             raise ValueError(
                 f"the input {term.source!r} acts with a participation factor of {factor:.3g}: it"
                 " looks like the displacement of the base, or has another unit; give its"
