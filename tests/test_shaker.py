@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.signal import StateSpace, lsim
 from test_forced import CUBIC, DAMPING, DT, GAIN, OMEGA, T, duffing, misses, multisine, noisy
 from test_forced_simulation import DUFFING, linear
@@ -84,6 +85,22 @@ def test_integrals_over_steps_feel_the_lag(way):
         found, input_ = (1.7 * v @ WEIGHTS for v in (values, plain))
         # What fades within a twentieth of a sample is integrated to 1e-5.
         np.testing.assert_allclose(found, input_ - lag * changes[0], atol=2e-5)
+
+
+@pytest.mark.parametrize("way", ["hold", "linear"])
+def test_a_motion_after_a_lag_is_exact(way):
+    """Against matrix exponentials of oscillator and lag together, as exact as without a lag."""
+    lag, u = 0.3 * DT, multisine(1)[0][:400]
+    a = np.zeros((5, 5))
+    a[0, 1], a[1, :3], a[3, 4] = 1.0, [-(OMEGA**2), -DAMPING, GAIN], 1.0
+    a[2, 2:4] = -1 / lag, 1 / lag
+    step, states = expm(a * DT), [np.array([0.01, -0.3, u[0]])]
+    slope = np.diff(u) / DT if way == "linear" else np.zeros(len(u) - 1)
+    for value, rate in zip(u[:-1], slope, strict=True):
+        states.append((step @ [*states[-1], value, rate])[:3])
+    q = np.array(states)[:, 0]
+    found = linear(Input("force", way, lag=lag)).simulate(0.01, -0.3, T[:400], u=u).y
+    assert np.abs(found - q).max() < 1e-8 * np.abs(q).max()
 
 
 def test_a_multisine_has_its_transfer_function_and_that_of_the_lag():

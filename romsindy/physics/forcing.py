@@ -17,7 +17,8 @@ Excitation = ArrayLike | Callable[[float], ArrayLike]
 Push = Callable[[float], float]
 
 # Within a step samples become a polynomial through so many places: up to the Nyquist frequency it
-# misses a sine by 2 (pi / 4)^12 / 12! = 2e-10 of it.
+# misses a sine by 2 (pi / 4)^12 / 12! = 2e-10 of it. What fades with a lag of a twentieth of a
+# sample moves an oscillator right to 1e-6, with one of a fiftieth to 1e-4.
 _PLACES = np.cos(np.pi * (np.arange(12) + 0.5) / 12)
 _POLYNOMIAL = np.linalg.inv(np.vander(_PLACES)).T
 
