@@ -214,7 +214,8 @@ def _catalogue(
     catalogue = [e for e in driven if e.name not in taken]
     known = [c for c in in_place(model, catalogue) if c.of.key not in tolerances]
     inputs = [(replace(t, delay=0.0), t.delay) for t in inputs_of(model)]
-    powers = [(replace(t, power=power), late) for t, late in inputs for power in _POWERS]
+    plain = [(t, late) for t, late in inputs if t.power == 1]
+    powers = [(replace(t, power=power), late) for t, late in plain for power in _POWERS]
     distorted = [InputDistortion(*p) for p in powers if p[0].key not in model.coefficients]
     gains = [InputGain(*given) for given in inputs]
     return (*catalogue, *known, *gains, *distorted)
@@ -242,11 +243,11 @@ def _search(
 def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, ...]:
     """What may stand instead of known inputs: late, after a lag, or another between samples."""
     parts: list[Part] = []
+    dt = max(r.decay.dt for r in records)  # a lag of none is felt by no sample that is held
     for term in inputs_of(model):
         gain = model.coefficients[term.key]
-        known, most = (replace(term, delay=0.0), term.delay), latest(records)
-        lag = term.lag or max(r.decay.dt for r in records)
-        parts += [freed(InputDelay(*known, most), gain), freed(InputLag(*known, most, lag), gain)]
+        known = replace(term, delay=0.0), term.delay, latest(records)
+        parts += [freed(InputDelay(*known), gain), freed(InputLag(*known, term.lag or dt), gain)]
         for way in INTERPOLATIONS:
             if way != term.interpolation:
                 other = replace(term, interpolation=way, delay=0.0)
