@@ -154,7 +154,7 @@ def diagnose(
     csv_file: Path | None,
     **reading: Any,
 ) -> None:
-    """Name what a simulation lacks, from measured free decays or driven vibrations.
+    """Name what a simulation lacks, from measured vibrations, free or driven.
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
     one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
