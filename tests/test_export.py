@@ -341,6 +341,8 @@ def test_one_input_goes_by_samples():
     model = ReducedModel((Stiffness(1), Input("force")), (36.0, 2.0), "m")
     said = re.sub(r"\n% ", " ", model.to_matlab())
     assert "ode45(@(t, y) rhs(t, y, @(s) interp1(tu, u, s, 'spline', 'extrap')), [t0 t1]" in said
+    lagging = ReducedModel((Stiffness(1), Input("force", "hold", lag=0.1)), (36.0, 2.0), "m")
+    assert "interp1(tu, u, s, 'linear', 'extrap')" in re.sub(r"\n% ", " ", lagging.to_matlab())
     for name in ("forces", "base", "force_2"):
         with pytest.raises(ValueError, match="is a word of C or MATLAB"):
             model.to_c(name)

@@ -192,15 +192,16 @@ def test_a_harmonic_force_is_that_of_the_input_itself():
 
 def test_a_lag_of_two_samples_is_named():
     u, force = multisine(7)
-    report = rs.diagnose(
-        KNOWN, record(lagging(force, 2 * DT), u[: len(PART)], 120001), catalogue=FEW
-    )
+    measured = record(lagging(force, 2 * DT), u[: len(PART)], 120001)
+    report = rs.diagnose(KNOWN, measured, catalogue=FEW)
     (found,) = report.effects
     assert report.verdict == "named" and found.name == "input_lag"
     assert found.values["lag"] == pytest.approx(2 * DT, abs=4 * found.standard_errors["lag"])
     assert found.values["strength"] == pytest.approx(GAIN, rel=0.01) and found.units["lag"] == "s"
     (term,) = (t for t in report.model.terms if isinstance(t, Input))
     assert term.lag == found.values["lag"]
+    fit = rs.refine(report.model, measured)  # which keeps the lag
+    assert fit.verdict.explained and np.abs(misses(fit)).max() < 3.5
 
 
 def test_a_lag_and_a_delay_that_the_record_does_not_tell_apart_are_ambiguous():

@@ -165,13 +165,18 @@ def _sum_name(pairs: Pairs) -> str:
     return "forces" if _inputs(pairs) else "force"
 
 
+def _method(term: Input) -> str:
+    """Of MATLAB's interp1: what was held does not jump after a lag."""
+    return _METHODS["linear" if term.lag and term.interpolation == "hold" else term.interpolation]
+
+
 def _handle(inputs: Sequence[Input], name: str) -> str:
     """MATLAB's handle of the function, with inputs interpolated."""
     if not inputs:
         return f"@{name}"
     columns = ["u"] if len(inputs) == 1 else [f"u(:, {i + 1})" for i in range(len(inputs))]
     functions = [
-        f"@(s) interp1(tu, {u}, s, '{_METHODS[term.interpolation]}', 'extrap')"
+        f"@(s) interp1(tu, {u}, s, '{_method(term)}', 'extrap')"
         for u, term in zip(columns, inputs, strict=True)
     ]
     return f"@(t, y) {name}(t, y, {', '.join(functions)})"
