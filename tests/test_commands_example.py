@@ -10,7 +10,8 @@ from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import load_beam
 
 FILES = ["decay.csv", "run1.csv", "run2.csv", "model.json", "sim.csv"]
-FILES += ["test.csv", "held_out.csv", "shaker.csv", "beam.toml", "beam_test.csv"]
+FILES += ["test.csv", "held_out.csv", "shaker.csv", "shaker.json"]
+FILES += ["beam.toml", "beam_test.csv"]
 
 
 @pytest.fixture(scope="module")

@@ -250,9 +250,14 @@ def test_without_sympy_the_error_says_what_to_install(monkeypatch):
 
 # -- inputs ---------------------------------------------------------------------------------------
 
-INPUTS = (Input("force", delay=1 / 300), Input("base", "hold", -0.25), Input("force 2", "linear"))
+INPUTS = (
+    Input("force", delay=1 / 300),
+    Input("base", "hold", -0.25),
+    Input("force 2", "linear", lag=0.125),
+    Input("force", delay=0.5, power=3),
+)
 DRIVEN = ReducedModel(
-    (*EXAMPLE_MODEL.terms, *INPUTS), (*EXAMPLE_MODEL.values, 1 / 7, 2.0, -0.3), "m"
+    (*EXAMPLE_MODEL.terms, *INPUTS), (*EXAMPLE_MODEL.values, 1 / 7, 2.0, -0.3, 0.4), "m"
 )
 NOW = 0.7
 
@@ -265,7 +270,7 @@ def pushes(t):
 def driven_acceleration():
     """By the laws, at states and NOW."""
     pushed = pushes(NOW - 1 / 300)["force"] / 7 - 2 * pushes(NOW + 0.25)["base"]
-    pushed -= 0.3 * pushes(NOW)["force_2"]
+    pushed += 0.4 * pushes(NOW - 0.5)["force"] ** 3 - 0.3 * pushes(NOW)["force_2"]
     return EXAMPLE_MODEL.acceleration(Q, Q_DOT) + pushed / EXAMPLE_MODEL.inertia(Q)
 
 
@@ -290,6 +295,7 @@ def test_matlab_accelerates_under_inputs():
     said = re.sub(r"\n% ", " ", text)
     assert "@(t, y) pushed(t, y, @(s) interp1(tu, u(:, 1), s, 'spline', 'extrap')" in said
     assert "@(s) interp1(tu, u(:, 2), s, 'previous', 'extrap')" in said
+    assert "In the place of force_2 stands x, 0.125 dx/dt + x = force_2: its samples are" in said
     body = re.sub(r" \.\.\.\n *", " ", text.split("\n", 1)[1].rsplit("\n", 1)[0])
     body = "\n".join(line for line in body.splitlines() if not line.startswith("%"))
     for matlab, python in ((".^", "**"), (".*", "*"), ("./", "/"), ("; -", ", -"), (";", "")):
@@ -302,11 +308,14 @@ def test_matlab_accelerates_under_inputs():
 @needs_compiler
 def test_compiled_c_accelerates_under_inputs(tmp_path):
     text = DRIVEN.to_c()
-    arguments = "double t, const double y[2], double force, double base, double force_2"
-    assert f"void rhs({arguments}, double dy[2])" in text
-    assert "The argument base is base(t + 0.25)." in text
+    arguments = "double t, const double y[2], double force, double base, double force_2,"
+    said = re.sub(r"\n(// |\s*)", " ", text)
+    assert f"void rhs({arguments} double force_power_3, double dy[2])" in said
+    assert "The argument force_power_3 is force(t - 0.5)^3." in said
+    assert "The argument base is base(t + 0.25)." in said
     rates = exports.compiled(DRIVEN, tmp_path)
-    values = pushes(NOW - 1 / 300)["force"], pushes(NOW + 0.25)["base"], pushes(NOW)["force_2"]
+    values = [pushes(NOW - 1 / 300)["force"], pushes(NOW + 0.25)["base"]]
+    values += [pushes(NOW)["force_2"], pushes(NOW - 0.5)["force"] ** 3]
     found = np.array([rates(NOW, y, *values) for y in np.stack([Q, Q_DOT], axis=1)])
     np.testing.assert_allclose(found[:, 1], driven_acceleration(), atol=1e-13)
 
@@ -332,6 +341,8 @@ def test_one_input_goes_by_samples():
     model = ReducedModel((Stiffness(1), Input("force")), (36.0, 2.0), "m")
     said = re.sub(r"\n% ", " ", model.to_matlab())
     assert "ode45(@(t, y) rhs(t, y, @(s) interp1(tu, u, s, 'spline', 'extrap')), [t0 t1]" in said
+    lagging = ReducedModel((Stiffness(1), Input("force", "hold", lag=0.1)), (36.0, 2.0), "m")
+    assert "interp1(tu, u, s, 'linear', 'extrap')" in re.sub(r"\n% ", " ", lagging.to_matlab())
     for name in ("forces", "base", "force_2"):
         with pytest.raises(ValueError, match="is a word of C or MATLAB"):
             model.to_c(name)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
+from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
 from romsindy.commands.options import Output, interactive_option, reading_options, text_of
@@ -18,8 +21,8 @@ from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.fit.estimate import Estimate
+from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
-from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
@@ -29,6 +32,17 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _OPTIONS = {"n_jobs": "jobs", "held_out": "held-out"}
 _ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
 _ARGUMENT = re.compile(rf"^(?:the )?({_ARGUMENTS})(?: ==?)?(?= )")
+# Options that are for free decays, and what to do without them.
+_NOISE = "what matters is what stands out of the noise; --floor raises it"
+_DECAYS = {
+    "simulated": "a series has no input: give the equation, --model",
+    "beam": "in Python, beam.reduce(...) makes a model: give that, --model",
+    "held-out": "records are judged as a whole; give it as a further --measured",
+    "whole": "the whole record is taken",
+    "tolerance": _NOISE,
+    "repeats": _NOISE,
+    "reference": _NOISE,
+}
 
 
 def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -> dict[str, float]:
@@ -52,7 +66,12 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
 
 @click.command()
 @click.option(
-    "--measured", "measured", multiple=True, required=True, type=_FILE, help="Decay; repeatable."
+    "--measured",
+    "measured",
+    multiple=True,
+    required=True,
+    type=_FILE,
+    help="Decay, or with --input a vibration that it drives; repeatable.",
 )
 @click.option("--simulated", type=_FILE, help="The simulation as a decay in a file.")
 @click.option(
@@ -64,6 +83,7 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
 @click.option("--beam", "beam_file", type=_FILE, help="The simulation as a beam (TOML).")
 @click.option("--held-out", type=_FILE, help="Decay to judge by, which takes no part otherwise.")
 @reading_options
+@input_options
 @click.option("--mode", type=int, help="Isolate this mode, by its number, see inspect.")
 @click.option("--band", nargs=2, type=float, help="Isolate the mode in these limits, Hz.")
 @click.option("--release", type=int, help="Number of the release, see inspect.  [default: all]")
@@ -134,14 +154,17 @@ def diagnose(
     csv_file: Path | None,
     **reading: Any,
 ) -> None:
-    """Name what a simulation lacks, from measured free decays.
+    """Name what a simulation lacks, from measured vibrations, free or driven.
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
     one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
     and the damping in proportion to mass. Measured files are taken as they are, one decay of every
-    release; a mode is isolated where several ring, or where --mode or --band asks for it. An
-    interruption (Ctrl-C) keeps what was compared.
+    release; a mode is isolated where several ring, or where --mode or --band asks for it. With
+    --input the records of a model are vibrations that measured inputs drive. An interruption
+    (Ctrl-C) keeps what was compared.
     """
+    driven = Inputs(**{f.name: reading.pop(f.name) for f in fields(Inputs)})
+    driven.check(_DECAYS)
     if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
         raise click.UsageError("name one of --simulated, --model and --beam")
     page = report or Output.of(f"{measured[0].stem}_diagnosis.html")
@@ -158,7 +181,9 @@ def diagnose(
             simulation = model_of_simulation(decay)._asdict()
     else:
         simulation = {"model": _model(model_file)}  # type: ignore[arg-type]
-    load = partial(decays_in, reading=reading, choice=choice, say=click.echo)
+        if not driven.inputs:
+            _note_inputs(simulation["model"])
+    load = partial(_records_in, driven=driven, reading=reading, choice=choice)
     learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
     tests = _loaded(load, [held_out] if held_out is not None else [])
     if len(tests) > 1:
@@ -187,6 +212,7 @@ def diagnose(
         except ValueError as error:
             names = {
                 "decay": [name for name, _ in (*learnt, *tests)],
+                "record": [name for name, _ in learnt],
                 "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
             }
             raise ValueError(_on_command_line(str(error), names)) from error
@@ -208,13 +234,34 @@ def _model(path: Path) -> ReducedModel | Estimate:
         return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
 
 
-def _loaded(load: Callable[[Path], list[Decay]], files: Sequence[Path]) -> list[tuple[str, Decay]]:
-    """Decays with the names of their files, numbered where one holds several."""
+def _note_inputs(simulation: ReducedModel | Estimate) -> None:
+    """Say that inputs of a model stand still in records that are taken for free decays."""
+    model = simulation.model if isinstance(simulation, Estimate) else simulation
+    for term in inputs_of(model):
+        kind = term.source.split()[0]
+        warnings.warn(
+            f"the model has {term.key!r}, and records are taken for free decays, which nothing"
+            f" drives: if something does, say --input {kind}",
+            stacklevel=2,
+        )
+
+
+def _records_in(
+    file: Path, driven: Inputs, reading: Mapping[str, Any], choice: Choice
+) -> Sequence[Any]:
+    """The decays of a file, or the vibration in it that inputs drive."""
+    if driven.inputs:
+        return [driven.load(file, reading)]
+    return decays_in(file, reading, choice, click.echo)
+
+
+def _loaded(load: Callable[[Path], Sequence[Any]], files: Sequence[Path]) -> list[tuple[str, Any]]:
+    """Records with the names of their files, numbered where one holds several."""
     found = []
     for file in files:
-        decays = load(file)
-        for i, decay in enumerate(decays, 1):
-            found.append((f"{file}" if len(decays) == 1 else f"{file}, release {i}", decay))
+        records = load(file)
+        for i, record in enumerate(records, 1):
+            found.append((f"{file}" if len(records) == 1 else f"{file}, release {i}", record))
     return found
 
 

@@ -32,9 +32,16 @@ DRAG = 1.0  # 1/m, which the simulation lacks
 REAL = ReducedModel(
     (*SIMULATION.terms, AirDrag().term()), (*SIMULATION.values, DRAG), SIMULATION.unit
 )
-# On a shaker: linear damping, stiffness that grows, and kg of the mode that the force moves.
+# On a shaker: linear damping, stiffness that grows, which its simulation lacks, and kg of the mode
+# that the force moves.
 SHAKEN = {"omega^2": 987.0, "c_linear": 0.8, "gamma_3": 2e4}
 MASS = 0.5
+_SHAKER_MODEL = """\
+{
+  "coefficients": {"omega^2": 987.0, "c_linear": 0.8, "gain [force]": 2.0},
+  "unit": "m"
+}
+"""
 DRAG_ALONG_BEAM = 0.018  # N s^2/m^3, which the beam of beam.toml lacks
 Writer = Callable[[Path], object]
 _T = np.arange(0, 12, 1 / 400)  # s
@@ -117,6 +124,7 @@ _FILES: tuple[tuple[str, str, Writer], ...] = (
     ("test.csv", "that structure measured: the simulation lacks an effect", _decay(REAL, 80, 3)),
     ("held_out.csv", "measured once more, to judge by", _decay(REAL, 70, 4)),
     ("shaker.csv", "another structure on a shaker: its displacement, and the force", _shaker),
+    ("shaker.json", "simulation of it: an equation that lacks an effect", _text(_SHAKER_MODEL)),
     ("beam.toml", "simulation of a beam, and its three sensors", _text(_BEAM)),
     ("beam_test.csv", "that beam measured: the simulation lacks an effect", _beam_decay),
 )
@@ -127,6 +135,7 @@ _NEXT = (
     "romsindy identify shaker.csv --input force --select",
     "romsindy diagnose --measured test.csv --held-out held_out.csv --model model.json",
     "romsindy diagnose --measured beam_test.csv --beam beam.toml",
+    "romsindy diagnose --measured shaker.csv --input force --model shaker.json",
 )
 
 
@@ -137,7 +146,7 @@ def example(folder: Path, force: bool) -> None:
     """Write the files that README and docs use to DIR.
 
     Records are simulated on the spot and have 40 dB of noise: they show how romsindy is used, not
-    how good it is. What the two simulations lack is drag in air. Prints which file is what, and
+    how good it is. What two of the simulations lack is drag in air. Prints which file is what, and
     which commands come next.
     """
     there = [name for name, *_ in _FILES if (folder / name).exists()]

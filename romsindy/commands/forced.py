@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from typing import Any
 import click
 import numpy as np
 
-from romsindy.commands.options import given, refuse_beside
+from romsindy.commands.inputs import Inputs, input_options
+from romsindy.commands.options import refuse_beside
 from romsindy.commands.results import coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
@@ -21,22 +22,16 @@ from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
-from romsindy.record.files import load_forced
 from romsindy.record.forced import ForcedVibration
-from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.show.page import Picture
 from romsindy.text import as_text, bar, with_error
 
-_WHOLE = "the whole record is fitted; cut it with --start and --end"
 _REGRESSION = "no regression is made"
 # Options that are for free decays, and what to do without them.
 _FREE = {
     "example": "name a file; `romsindy example` writes one",
-    "mode": _WHOLE,
-    "band": _WHOLE,
     "coordinates": "one coordinate is modelled",
-    "release": _WHOLE,
     "fix": "every coefficient is fitted; in Python, rs.refine keeps fixed ones",
     "harmonics": _REGRESSION,
     "amplitude": "cut the record with --start and --end",
@@ -46,32 +41,6 @@ _FREE = {
 }
 _CHOSEN = {"damping": "kinds of damping are among what is chosen from"}
 _OPTIONS = (
-    click.option(
-        "--input",
-        "inputs",
-        multiple=True,
-        type=click.Choice(["force", "base"]),
-        help="The record is driven by a measured force, or by the acceleration of its base; may be"
-        " repeated.",
-    ),
-    click.option(
-        "--input-column",
-        multiple=True,
-        help="Name of the column of each input.  [default: as names and units of columns say]",
-    ),
-    click.option(
-        "--unit-input",
-        multiple=True,
-        help='Unit of each input, or of all: "N", "kN", "lbf", "m/s^2", "g", "V", ...',
-    ),
-    click.option(
-        "--interpolation",
-        type=click.Choice(["auto", *INTERPOLATIONS]),
-        default="auto",
-        callback=lambda _, __, value: None if value == "auto" else value,
-        show_default=True,
-        help="What inputs do between their samples; auto lets the record decide.",
-    ),
     click.option(
         "--select",
         is_flag=True,
@@ -84,28 +53,23 @@ _OPTIONS = (
         help="Share of a record with inputs, at its end, that is not fitted but predicted: 0.2.",
     ),
 )
-_ALONE = ("input-column", "unit-input", "interpolation", "select", "held-out")
 
 
 def forced_options(command: Callable) -> Callable:
     """The options of records with inputs."""
     for option in reversed(_OPTIONS):
         command = option(command)
-    return command
+    return input_options(command)
 
 
 @dataclass(frozen=True)
-class Driven:
-    """What the command line says of inputs; see `romsindy identify --help`."""
+class Driven(Inputs):
+    """What the command line says of records with inputs, and of their fit."""
 
-    inputs: tuple[str, ...]
-    input_column: tuple[str, ...]
-    unit_input: tuple[str, ...]
-    interpolation: Interpolation | None
     select: bool
     held_out: float | None
 
-    def check(self) -> None:
+    def refuse(self) -> None:
         """Refuse options that make no sense together.
 
         Raises
@@ -113,30 +77,9 @@ class Driven:
         click.UsageError
             If there are such.
         """
-        if self.inputs:
-            refuse_beside("input", "free decays", _FREE)
-            if self.select:
-                refuse_beside("select", "models whose terms are given", _CHOSEN)
-            return
-        for name in given(_ALONE):
-            raise click.UsageError(
-                f"--{name} is for records with inputs: say --input force or --input base, or leave"
-                f" out --{name}"
-            )
-
-    def load(self, file: Path, reading: Mapping[str, Any]) -> ForcedVibration:
-        """The record in a file."""
-        counts = [self.inputs[: i + 1].count(kind) for i, kind in enumerate(self.inputs)]
-        pairs = zip(self.inputs, counts, strict=True)
-        names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
-        return load_forced(
-            file,
-            names,
-            input_column=self.input_column or None,
-            input_unit=self.unit_input or None,
-            interpolation=self.interpolation,
-            **{**reading, "column": list(reading["column"]) or None},
-        )
+        self.check(_FREE, ("select", "held-out"))
+        if self.select:
+            refuse_beside("select", "models whose terms are given", _CHOSEN)
 
     def fit(self, vibration: ForcedVibration, order: int, damping: Sequence[str]) -> Fit:
         """The equation of a record."""
@@ -213,7 +156,7 @@ class ForcedResult:
     def _inputs(self) -> dict[str, dict[str, Any]]:
         dt = self.report.vibration.dt
         return {
-            term.source: {
+            term.signal: {
                 "gain": self.model.coefficients[term.key],
                 "gain_std": self.found.standard_errors[term.key],
                 "delay": delay,
@@ -223,7 +166,7 @@ class ForcedResult:
                 "interpolation": term.interpolation,
             }
             for term in inputs_of(self.model)
-            for delay, error in [self.found.delays[term.source]]
+            for delay, error in [self.found.delays[term.signal]]
         }
 
     def rows(self) -> list[list[str]]:

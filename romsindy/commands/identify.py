@@ -181,7 +181,7 @@ def identify(
     """
     settings = Settings(**{f.name: options.pop(f.name) for f in fields(Settings)})
     driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})
-    driven.check()
+    driven.refuse()
     files = tuple(dict.fromkeys(files))
     many = len(files) > 1
     if example == bool(files):

@@ -14,7 +14,7 @@ from romsindy import __version__
 from romsindy.text import as_options, listed
 
 _COMMANDS = {
-    "diagnose": "Name what a simulation lacks, from measured free decays.",
+    "diagnose": "Name what a simulation lacks, from measured vibrations, free or driven.",
     "example": "Write the files that README and docs use to DIR.",
     "export": "Write the equation of motion in FILE for MATLAB, C or sympy.",
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",

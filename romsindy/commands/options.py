@@ -101,8 +101,10 @@ def refuse_beside(option: str, what: str, others: Mapping[str, str]) -> None:
 
 def given(names: Iterable[str]) -> list[str]:
     """Those of several options that were written on the command line."""
-    source = click.get_current_context().get_parameter_source
-    return [n for n in names if source(n.replace("-", "_")) is ParameterSource.COMMANDLINE]
+    context = click.get_current_context()
+    parameters = {o: p.name or "" for p in context.command.params for o in p.opts}
+    sources = {n: context.get_parameter_source(parameters[f"--{n}"]) for n in names}
+    return [n for n, source in sources.items() if source is ParameterSource.COMMANDLINE]
 
 
 class Output(click.Path):

@@ -29,18 +29,18 @@ import numpy as np
 from romsindy.effects.load import Load, PointMass
 from romsindy.effects.mounting import AlongBeam, Mounting, Point
 from romsindy.physics.damping import FrictionLaw
+from romsindy.physics.input import Input
 from romsindy.physics.memory import Memory
 from romsindy.physics.stiffness import side_name
 from romsindy.physics.term import Term, unit_text
-from romsindy.record.interpolation import Interpolation
 from romsindy.typing import Array
 
 
 class SampledInput(Protocol):
     """A measured input."""
 
-    def at(self, t: Array, delay: float, interpolation: Interpolation) -> Array:
-        """Its values so much (s) before times from the start of the record, (n,)."""
+    def at(self, t: Array, term: Input) -> Array:
+        """What acts of it, as a term says, at times from the start of the record, (n,)."""
 
 
 class State(NamedTuple):

@@ -43,7 +43,7 @@ class Drive(Effect):
         samples = (state.inputs or {}).get(self.of.source)
         if samples is None:
             return None
-        return -self.of.sign * samples.at(state.t, self.delay, self.of.interpolation)[None]
+        return -self.of.sign * samples.at(state.t, self.term())[None]
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """It does not depend on the motion."""
@@ -56,7 +56,7 @@ class InputGain(Drive):
 
     name = "input_gain"
     label = "another gain of the input than assumed"
-    resembles = ("added_mass", "gain")
+    resembles = ("added_mass", "gain", "input_distortion")
     advice = "a force sensor where the force acts, calibrated"
 
 
@@ -66,8 +66,42 @@ class InputDelay(Drive):
 
     name = "input_delay"
     label = "another delay of the input than assumed"
-    resembles = ("input_between_samples",)
+    resembles = ("input_lag", "input_between_samples")
     advice = "response and input through the same filters and converter"
+
+
+@dataclass(frozen=True)
+class InputLag(Drive):
+    """In the place of a known input, what is left of it after a first-order lag.
+
+    The current in a coil follows the voltage so, and an amplifier with a low corner its input. The
+    strength is the gain, ``lag`` (s) the time constant.
+    """
+
+    lag: float = 0.0
+
+    name = "input_lag"
+    label = "a lag between the input and the force (coil, amplifier)"
+    resembles = ("input_delay", "input_between_samples")
+    advice = "a force sensor where the force acts, or an input with higher frequencies"
+
+    def parameters(self, scales: Scales | None = None) -> tuple[Parameter, ...]:
+        """The time constant."""
+        return (Parameter("lag", (self.lag,), 0.0, self.most, unit="s"),)
+
+    def term(self) -> Input:
+        """The law, with the lag."""
+        return replace(super().term(), lag=self.lag)
+
+
+@dataclass(frozen=True)
+class InputDistortion(Drive):
+    """Beside a known input, a power of it: the strength is what multiplies u^2, or u^3."""
+
+    name = "input_distortion"
+    label = "a force that is not proportional to the input (amplifier, magnet)"
+    resembles = ("input_gain",)
+    advice = "a force sensor where the force acts, or other levels of the input"
 
 
 @dataclass(frozen=True)
@@ -76,7 +110,7 @@ class InputBetweenSamples(Drive):
 
     name, n_strengths = "input_between_samples", 0
     label = "an input that is not what was assumed between its samples"
-    resembles = ("input_delay",)
+    resembles = ("input_delay", "input_lag")
     advice = "a record sampled faster"
 
     @property

@@ -118,10 +118,13 @@ class Fit(Estimate):
 
     @property
     def delays(self) -> dict[str, tuple[float, float]]:
-        """By how much each input acts later than it was measured, and the standard error, s."""
+        """By how much each input acts later than it was measured, and the standard error, s.
+
+        By `Input.signal`: powers of an input, such as "force^3", have delays of their own.
+        """
         std = np.sqrt(np.diag(self.solution.covariance))
         return {
-            part.effect.of.source: (part.effect.delay, float(std[at.stop - 1]))
+            part.effect.of.signal: (part.effect.delay, float(std[at.stop - 1]))
             for part, at in zip(self.solution.parts, self.solution.slices(), strict=True)
             if isinstance(part.effect, Drive)
         }

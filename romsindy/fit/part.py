@@ -189,7 +189,7 @@ class ExtendedEquation:
         for term, value in zip(self.model.terms, self.model.values, strict=True):
             samples = (self.inputs or {}).get(getattr(term, "source", ""))
             if isinstance(term, Input) and samples is not None:
-                pushed = pushed + value * term.sign * samples.at(t, term.delay, term.interpolation)
+                pushed = pushed + value * term.sign * samples.at(t, term)
         return pushed
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:

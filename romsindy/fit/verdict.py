@@ -81,6 +81,9 @@ ROUNDED = 4.0
 # By which two good predictions of data that took no part may differ, each by its errors of form,
 # and how much surer an effect must be than values that moved where nothing took no part.
 AS_GOOD, UNJUDGED = 2 * EQUIVALENT, 2 * EQUIVALENT
+# Price of a force that goes with a power of the input, beside that of its strength: at one level of
+# a sine it is another gain but for harmonics above the resonance, and so it is called.
+RARER = 2 * EQUIVALENT
 # Where the gap stays open, another effect must bring the misfit down by this factor to count.
 WORTH = 2.0
 # By how much an effect must bring chi-square down on data that took no part. Values that were

@@ -29,10 +29,16 @@ def gain_of(model: TermSum) -> float:
     Raises
     ------
     ValueError
-        If the model has several inputs.
+        If the model has several inputs, or one that lags or acts with a power.
     """
     inputs = inputs_of(model)
     if len(inputs) > 1:
-        names = [term.source for term in inputs]
+        names = [term.signal for term in inputs]
         raise ValueError(f"the model has the inputs {names}, and one can be harmonic: drop others")
+    changed = [term for term in inputs if term.lag or term.power > 1]
+    if changed:
+        raise ValueError(
+            f"the model is driven by {changed[0].expression()}, which is not as large as"
+            f" {changed[0].source!r} itself: drop the input, and give the force per unit mass"
+        )
     return model.coefficients[inputs[0].key] if inputs else 1.0

@@ -18,6 +18,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
+from romsindy.physics.term import exact as exact_text
 from romsindy.record.interpolation import Interpolation
 
 Pairs = Sequence[tuple[Term, float]]
@@ -28,7 +29,7 @@ _WORDS = {
     *("persistent", "spmd", "try", "main", "t", "y", "dy", "q", "q_dot", "inertia", "force"),
     *("forces", "base"),
 }
-_NUMBERED = re.compile(r"q\d+(_dot)?|(force|base)_\d+")
+_NUMBERED = re.compile(r"q\d+(_dot)?|(force|base)(_\d+)?(_power)?_\d+")
 # Of MATLAB's interp1, for what inputs do between their samples.
 _METHODS: dict[Interpolation, str] = {
     "band-limited": "spline",
@@ -72,7 +73,7 @@ def acceleration(pairs: Pairs) -> Any:
     sympy = sympy_module()
     t = sympy.Symbol("t", real=True)
     inertia, force = inertia_and_force(
-        pairs, lambda term: sympy.Function(term.name)(t - whole(term.delay))
+        pairs, lambda term: sympy.Function(term.name)(t - whole(term.delay)) ** term.power
     )
     return -force / inertia
 
@@ -80,7 +81,7 @@ def acceleration(pairs: Pairs) -> Any:
 def python_script(pairs: Pairs, title: str) -> str:
     """Python that makes the sympy expression ``q_ddot``, every number to its last digit."""
     sympy = sympy_module()
-    q_ddot, names = acceleration(pairs), [term.name for term in _inputs(pairs)]
+    q_ddot, names = acceleration(pairs), list(_sources(pairs))
     functions = {f.func.__name__ for f in q_ddot.atoms(sympy.Function, sympy.Max, sympy.Min)}
     imports = {"symbols", *functions, *(["Function"] if names else [])} - {*names}
     inputs = ['t = symbols("t", real=True)\n'] if names else []
@@ -97,14 +98,16 @@ def python_script(pairs: Pairs, title: str) -> str:
 
 def matlab_function(pairs: Pairs, title: str, name: str) -> str:
     """Text of a function for ``ode45``, for a file ``name``.m; inputs are functions of time."""
-    sympy, inputs, sum_name = sympy_module(), _inputs(pairs), _sum_name(pairs)
-    both = inertia_and_force(pairs, lambda term: sympy.Symbol(term.called(term.delay)))
+    sympy, inputs, sum_name = sympy_module(), _sources(pairs), _sum_name(pairs)
+    both = inertia_and_force(
+        pairs, lambda term: sympy.Symbol(term.called(term.delay)) ** term.power
+    )
     inertia, force = (sympy.octave_code(exact(x)) for x in both)
-    call = f"[t, y] = ode45({_handle(inputs, named(name))}, [t0 t1], [q0; q_dot0]"
+    call = f"[t, y] = ode45({_handle([*inputs.values()], named(name))}, [t0 t1], [q0; q_dot0]"
     use = f"dy/dt of y = [q; q_dot]: {call}, odeset('RelTol', 1e-9));"
     samples = ["tu and u are the times and the samples of the input."] if inputs else []
     return (
-        f"function dy = {name}({', '.join(['t', 'y', *(term.name for term in inputs)])})\n"
+        f"function dy = {name}({', '.join(['t', 'y', *inputs])})\n"
         f"{comment('%', pairs, title, use, *samples)}\n"
         "q = y(1);\n"
         "q_dot = y(2);\n"
@@ -118,10 +121,13 @@ def matlab_function(pairs: Pairs, title: str, name: str) -> str:
 def c_function(pairs: Pairs, title: str, name: str) -> str:
     """Text of a C99 function; inputs are values."""
     sympy, inputs, sum_name = sympy_module(), _inputs(pairs), _sum_name(pairs)
-    both = inertia_and_force(pairs, lambda term: sympy.Symbol(term.name))
+    both = inertia_and_force(pairs, lambda term: sympy.Symbol(_value(term)))
     inertia, force = map(sympy.ccode, both)
-    values = [f"The argument {term.name} is {term.called(term.delay)}." for term in inputs]
-    arguments = ["const double y[2]", *(f"double {term.name}" for term in inputs), "double dy[2]"]
+    values = [
+        f"The argument {_value(term)} is {term.raised(term.called(term.delay))}." for term in inputs
+    ]
+    arguments = ["const double y[2]", *(f"double {_value(term)}" for term in inputs)]
+    arguments.append("double dy[2]")
     return (
         f"{comment('//', pairs, title, 'dy/dt of y = {q, q_dot}; link with -lm.', *values)}\n"
         "#include <math.h>\n\n"
@@ -141,9 +147,27 @@ def _inputs(pairs: Pairs) -> list[Input]:
     return [term for term, _ in pairs if isinstance(term, Input)]
 
 
+def _sources(pairs: Pairs) -> dict[str, Input]:
+    """The inputs by name, each once: powers of one have its name."""
+    found: dict[str, Input] = {}
+    for term in _inputs(pairs):
+        found.setdefault(term.name, term)
+    return found
+
+
+def _value(term: Input) -> str:
+    """Name of the value of an input, or of its power, which may come at another time."""
+    return term.name if term.power == 1 else f"{term.name}_power_{term.power}"
+
+
 def _sum_name(pairs: Pairs) -> str:
     """Name of the sum of all forces: an input may have the name "force"."""
     return "forces" if _inputs(pairs) else "force"
+
+
+def _method(term: Input) -> str:
+    """Of MATLAB's interp1: what was held does not jump after a lag."""
+    return _METHODS["linear" if term.lag and term.interpolation == "hold" else term.interpolation]
 
 
 def _handle(inputs: Sequence[Input], name: str) -> str:
@@ -152,7 +176,7 @@ def _handle(inputs: Sequence[Input], name: str) -> str:
         return f"@{name}"
     columns = ["u"] if len(inputs) == 1 else [f"u(:, {i + 1})" for i in range(len(inputs))]
     functions = [
-        f"@(s) interp1(tu, {u}, s, '{_METHODS[term.interpolation]}', 'extrap')"
+        f"@(s) interp1(tu, {u}, s, '{_method(term)}', 'extrap')"
         for u, term in zip(columns, inputs, strict=True)
     ]
     return f"@(t, y) {name}(t, y, {', '.join(functions)})"
@@ -170,7 +194,13 @@ def exact(expression: Any) -> Any:
 def comment(sign: str, pairs: Pairs, title: str, *use: str) -> str:
     """Lines of a comment: what the model says, how the code is used, and what jumps in it."""
     jumps = any(not term.smooth for term, _ in pairs)
-    lines = [*title.splitlines(), *use, _JUMP if jumps else ""]
+    lags = [
+        f"In the place of {term.name} stands x, {exact_text(term.lag)} dx/dt + x = {term.name}: its"
+        " samples are to go through this lag first."
+        for term in _inputs(pairs)
+        if term.lag
+    ]
+    lines = [*title.splitlines(), *use, *lags, _JUMP if jumps else ""]
     return "\n".join(f"{sign} {part}" for line in lines for part in _split(line))
 
 

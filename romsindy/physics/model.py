@@ -243,9 +243,10 @@ class ReducedModel(TermSum):
         rtol : float
             Local relative tolerance of the integration; the error of 200 cycles is about 1e3 rtol.
         u : (n,) or (n, k) array, or callable, optional
-            The inputs at the times t, a column for each `Input` of the model, in its order.
-            Between samples they go on as the Input says, and they act late by its delay; before the
-            first sample they are as there. Or a function of time that gives a number, or k of them.
+            The inputs at the times t, a column for each source of the model, in its order.
+            Between samples they go on as the `Input` says, and they act late by its delay, and
+            after its lag; before the first sample they are as there. Or, without a lag, a function
+            of time that gives a number, or k of them.
         measured : "displacement", "velocity" or "acceleration"
             What the y of a motion under inputs is, as a sensor of that kind shows it.
 
@@ -310,7 +311,7 @@ class ReducedModel(TermSum):
             forcing.u,
             unit=self.unit,
             measured=measured,
-            inputs=[term.source for term, _ in forcing.inputs],
+            inputs=forcing.sources,
             input_unit=forcing.inputs[0][0].input_unit,
             interpolation=forcing.interpolation,
         )

@@ -9,10 +9,13 @@ the input drives a motion, the difference is seen (J. Schoukens, R. Pintelon, H.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.fft import next_fast_len
+from scipy.signal import lfilter
 from scipy.special import i0
 
 from romsindy.typing import Array
@@ -23,20 +26,55 @@ INTERPOLATIONS: tuple[Interpolation, ...] = ("band-limited", "linear", "hold")
 # Samples to either side in the interpolation of a band-limited input, and the shape of its window
 # (J. Kaiser): 170 dB up to 0.4 of the sampling rate.
 _REACH, _KAISER = 32, 17.5
+# Gauss points of a piece between two samples, and their weights: parabolas times lines to the 13th,
+# and what fades with a lag of a twentieth of a sample to 1e-5 of a sample.
+_GAUSS = np.polynomial.legendre.leggauss(8)
+_PIECE = ((_GAUSS[0] + 1) / 2, _GAUSS[1] / 2)
 _SHARED = 10  # places for one fraction of a sample, at least, for a filter over all samples
 
 
-def interpolated(u: Array, place: Array, interpolation: Interpolation) -> Array:
+def interpolated(u: Array, place: Array, interpolation: Interpolation, lag: float = 0.0) -> Array:
     """Values at places, counted in samples, of an input (n,); beyond its ends as there.
 
     Nothing beyond the ends is looked at: where a band-limited input would need it, value and slope
-    go on (odd reflection).
+    go on (odd reflection). With a ``lag``, counted in samples, those of x, lag x' + x = u, which is
+    u at the first sample.
     """
+    if lag and interpolation == "band-limited":
+        return interpolated(_through_spectrum(u, lag), place, interpolation)
+    if lag:
+        return _after_lag(u, place, lag, held=interpolation == "hold")
     if interpolation == "hold":
         return u[np.clip(np.floor(place + 1e-9).astype(int), 0, len(u) - 1)]
     if interpolation == "linear":
         return np.interp(place, np.arange(len(u)), u)
     return _band_limited(u, np.clip(place, 0, len(u) - 1))
+
+
+def _after_lag(u: Array, place: Array, lag: float, held: bool) -> Array:
+    """What is left after a lag of an input that is held, or goes straight: exact everywhere.
+
+    From each sample on it fades towards the input, less the lag times its slope.
+    """
+    slope = np.zeros(len(u)) if held else np.diff(u, append=u[-1])
+    goal, fade = u - lag * slope, np.exp(-1 / lag)
+    drive = slope + (1 - fade) * goal
+    later = lfilter([1.0], [1.0, -fade], drive[:-1], zi=[fade * u[0]])[0]
+    off = np.concatenate([u[:1], later]) - goal
+    first = np.clip(np.floor(place + 1e-9).astype(int), 0, len(u) - 1)
+    since = np.maximum(place - first, 0.0)
+    return goal[first] + slope[first] * since + off[first] * np.exp(-since / lag)
+
+
+def _through_spectrum(u: Array, lag: float) -> Array:
+    """Samples of what is left after a lag of a band-limited input, which is band-limited as well.
+
+    Beyond the end it falls to its first value, so that its period begins at rest.
+    """
+    rest = np.pad(u - u[0], (0, len(u)), "linear_ramp")
+    size = next_fast_len(2 * len(rest), real=True)
+    response = 1 / (1 + 2j * np.pi * lag * np.fft.rfftfreq(size))
+    return u[0] + np.fft.irfft(np.fft.rfft(rest, size) * response, size)[: len(u)]
 
 
 def _band_limited(u: Array, place: Array) -> Array:
@@ -64,7 +102,7 @@ def _kernel(fraction: Array) -> Array:
 
 
 def of_steps(
-    u: Array, start: Array, length: float, nodes: Array, interpolation: Interpolation
+    values: Callable[[Array], Array], start: Array, length: float, nodes: Array, smooth: bool
 ) -> Array:
     """What stands for an input at the Gauss points of steps of time, (n_steps, 3).
 
@@ -73,19 +111,19 @@ def of_steps(
 
     Parameters
     ----------
-    u : (n,) array
+    values : callable
+        Of the input, at places counted in samples, (n,).
     start : (n_steps,) array
         Where steps start, in samples.
     length : float
         Of a step, in samples.
     nodes : (3,) array
         Gauss points of a step of length one.
-    interpolation : "band-limited", "linear" or "hold"
+    smooth : bool
+        Whether it neither jumps nor bends at its samples: then its values are as good.
     """
-    if interpolation == "band-limited":  # smooth: its values are as good
-        return interpolated(u, (start[:, None] + length * nodes).ravel(), interpolation).reshape(
-            -1, 3
-        )
+    if smooth:
+        return values((start[:, None] + length * nodes).ravel()).reshape(-1, 3)
     ends = np.floor(start + 1e-9)[:, None] + np.arange(1, int(np.ceil(length - 1e-9)) + 1)
     edges = np.clip(ends, start[:, None], start[:, None] + length)
     edges = np.concatenate([start[:, None], edges, start[:, None] + length], axis=1)
@@ -94,10 +132,10 @@ def of_steps(
     lagrange = np.linalg.inv(np.vander(nodes, 3, increasing=True))
     found = np.zeros((len(start), 3))
     for left, width in zip(edges[:, :-1].T, widths.T, strict=True):
-        for node, weight in zip(nodes, weights, strict=True):
+        for node, weight in zip(*_PIECE, strict=True):
             place = left + width * node
             parabolas = np.vander((place - start) / length, 3, increasing=True) @ lagrange
-            value = interpolated(u, _inside(place, left, width), interpolation)
+            value = values(_inside(place, left, width))
             found += parabolas * (weight * width / length * value)[:, None]
     return found / weights
 

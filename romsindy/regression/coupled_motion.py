@@ -22,7 +22,6 @@ from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
-from romsindy.record.interpolation import interpolated
 from romsindy.record.ridges import Ridge
 from romsindy.typing import Array
 
@@ -214,7 +213,7 @@ class Followed:
         u = vibration.u[:, vibration.names.index(term.source)]
         place = np.arange(self.motion.shape[1]) / self.factor - term.delay / vibration.dt
         # Where a held input jumps, the mean of both sides.
-        before, after = (interpolated(u, place + x, term.interpolation) for x in (-1e-6, 1e-6))
+        before, after = (term.at(u, place + x, vibration.dt) for x in (-1e-6, 1e-6))
         return -term.sign * (before + after)[:, None] / 2
 
     @property

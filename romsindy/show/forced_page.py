@@ -57,10 +57,10 @@ class ForcedReport:
         model, errors, dt = self.fit.model, self.fit.standard_errors, self.vibration.dt
         rows = []
         for term in inputs_of(model):
-            delay, late = self.fit.delays[term.source]
+            delay, late = self.fit.delays[term.signal]
             rows.append(
                 [
-                    term.source,
+                    term.signal,
                     *with_error(model.coefficients[term.key], errors[term.key]),
                     term.unit(model.unit),
                     *(f"{delay:.4g}", f"{late:.2g}", f"{delay / dt:.4g}", f"{late / dt:.2g}"),

@@ -14,11 +14,12 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis, Worth, price_of, price_of_free
-from romsindy.effects.drive import InputBetweenSamples, InputDelay
+from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputDistortion, InputLag
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.fit.verdict import RARER
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.noise import autoregression
@@ -107,6 +108,7 @@ class Trial:
         rise, price, moved = price_of_free(system, s.parts, self.n_judged, n)
         for part, own in list(zip(s.parts, s.slices(), strict=True))[self.n_free :]:
             price += price_of(part, covariance[own, own], n)
+            price += RARER * isinstance(part.effect, InputDistortion)
         worth = Worth(misfit + rise, price, moved, s.parts, covariance)
         return ForcedHypothesis(s, self.n_free, n, None, trial=self, worth=worth)
 
@@ -154,16 +156,17 @@ def weighed(trials: Sequence[Trial]) -> list[ForcedHypothesis]:
 
 def driven_instead(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
     """The model without the inputs that parts stand instead of, and with those that are others."""
-    changed = [p.effect for p in parts if isinstance(p.effect, (InputDelay, InputBetweenSamples))]
+    others = (InputDelay, InputLag, InputBetweenSamples)
+    changed = [p.effect for p in parts if isinstance(p.effect, others)]
     instead: dict[str, Input | None] = {
-        e.of.source: replace(e.of, delay=e.delay) if isinstance(e, InputBetweenSamples) else None
+        e.of.key: replace(e.of, delay=e.delay) if isinstance(e, InputBetweenSamples) else None
         for e in changed
     }
     pairs = zip(model.terms, model.values, strict=True)
-    inputs = {t: v for t, v in pairs if isinstance(t, Input) and t.source in instead}
+    inputs = {t: v for t, v in pairs if t.key in instead}
     kept = {t: v for t, v in zip(model.terms, model.values, strict=True) if t not in inputs}
     for term, value in inputs.items():
-        other = instead[term.source]
+        other = instead[term.key]
         if other is not None:
             kept[other] = value
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))

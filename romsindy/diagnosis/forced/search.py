@@ -165,9 +165,9 @@ class ForcedSearch:
 
     def _start(self, effects: Sequence[Part], unsure: tuple[Part, ...]) -> Trial:
         """The fit of what was accepted, with these values free."""
-        names, n = [p.effect.name for p in effects], len(unsure) + len(self.nuisance)
+        names, n = _named(effects), len(unsure) + len(self.nuisance)
         for trial in reversed(self.trials):
-            own = [p.effect.name for p in trial.solution.parts[trial.n_free :]]
+            own = _named(trial.solution.parts[trial.n_free :])
             if own == names and trial.n_free == n and trial.solution.finite:
                 return trial
         return self.fitted([effects], unsure)[0]
@@ -253,8 +253,12 @@ def _said(hypothesis: ForcedHypothesis) -> int:
     return len(hypothesis.effects) + len(hypothesis.moved)
 
 
+def _named(effects: Sequence[Part]) -> list[tuple[str, str]]:
+    return [(p.effect.name, p.effect.variant) for p in effects]
+
+
 def _instead_of(effect: Effect, effects: Sequence[Part]) -> bool:
     """Whether an input is changed already."""
     return isinstance(effect, Drive) and any(
-        isinstance(p.effect, Drive) and p.effect.of.source == effect.of.source for p in effects
+        isinstance(p.effect, Drive) and p.effect.of.key == effect.of.key for p in effects
     )

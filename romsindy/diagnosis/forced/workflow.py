@@ -17,14 +17,22 @@ from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.workflow import smooth_model, unsure_parts
 from romsindy.effects.base import Effect, Scales
-from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputGain
+from romsindy.effects.drive import (
+    InputBetweenSamples,
+    InputDelay,
+    InputDistortion,
+    InputGain,
+    InputLag,
+)
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Bias, SecondMode
 from romsindy.fit.coefficient import extended, in_place
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import (
     free_drives,
+    freed,
     inputs_in,
+    latest,
     regressed,
 )
 from romsindy.fit.forced.record import ForcedRecord
@@ -42,6 +50,7 @@ _AFFORDABLE = 3000
 # What follows a free vibration only: loops along slow changes of its amplitude, a mode that rings
 # down. The zero of the sensor is fitted always.
 _OF_DECAYS = (MemoryEffect, SecondMode, Bias)
+_POWERS = 2, 3  # of an input that is distorted
 
 
 def forced_alone(measured: object) -> list[ForcedVibration]:
@@ -204,8 +213,12 @@ def _catalogue(
     driven = [e for e in options.catalogue if not isinstance(e, _OF_DECAYS)]
     catalogue = [e for e in driven if e.name not in taken]
     known = [c for c in in_place(model, catalogue) if c.of.key not in tolerances]
-    gains = [InputGain(replace(t, delay=0.0), t.delay) for t in inputs_of(model)]
-    return (*catalogue, *known, *gains)
+    inputs = [(replace(t, delay=0.0), t.delay) for t in inputs_of(model)]
+    plain = [(t, late) for t, late in inputs if t.power == 1]
+    powers = [(replace(t, power=power), late) for t, late in plain for power in _POWERS]
+    distorted = [InputDistortion(*p) for p in powers if p[0].key not in model.coefficients]
+    gains = [InputGain(*given) for given in inputs]
+    return (*catalogue, *known, *gains, *distorted)
 
 
 def _search(
@@ -228,12 +241,13 @@ def _search(
 
 
 def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, ...]:
-    """What may stand instead of the inputs that a model knows: late, or another between samples."""
-    parts = []
+    """What may stand instead of known inputs: late, after a lag, or another between samples."""
+    parts: list[Part] = []
+    dt = max(r.decay.dt for r in records)  # a lag of none is felt by no sample that is held
     for term in inputs_of(model):
         gain = model.coefficients[term.key]
-        (late,) = free_drives([term], [gain], records, InputDelay)
-        parts.append(late)
+        known = replace(term, delay=0.0), term.delay, latest(records)
+        parts += [freed(InputDelay(*known), gain), freed(InputLag(*known, term.lag or dt), gain)]
         for way in INTERPOLATIONS:
             if way != term.interpolation:
                 other = replace(term, interpolation=way, delay=0.0)

@@ -48,18 +48,22 @@ def inputs_in(
 
 
 def free_drives(
-    inputs: Sequence[Input],
-    gains: Sequence[float],
-    records: Sequence[ForcedRecord],
-    kind: type[Drive] = Drive,
+    inputs: Sequence[Input], gains: Sequence[float], records: Sequence[ForcedRecord]
 ) -> tuple[Part, ...]:
     """Parts of inputs with free gains and delays, from these gains on."""
-    most = _LATE * max(r.decay.dt for r in records)
-    parts = []
-    for term, gain in zip(inputs, gains, strict=True):
-        effect = kind(replace(term, delay=0.0), term.delay, most)
-        parts.append(Part(effect, effect.parameters(), np.array([[gain]])))
-    return tuple(parts)
+    most = latest(records)
+    drives = (Drive(replace(term, delay=0.0), term.delay, most) for term in inputs)
+    return tuple(freed(drive, gain) for drive, gain in zip(drives, gains, strict=True))
+
+
+def freed(drive: Drive, gain: float) -> Part:
+    """An input with its parameters free, and its gain, from this one on."""
+    return Part(drive, drive.parameters(), np.array([[gain]]))
+
+
+def latest(records: Sequence[ForcedRecord]) -> float:
+    """By how much an input may act later, or sooner, than it was measured, s."""
+    return _LATE * max(r.decay.dt for r in records)
 
 
 def regressed(
@@ -72,7 +76,7 @@ def regressed(
         q, q_dot, q_ddot = (x[:, 0] for x in motion)
         columns = [term.strong(q, q_dot, q_ddot) for term in terms]
         columns += [
-            -term.sign * record.inputs[term.source].at(t, term.delay, term.interpolation)
+            -term.sign * record.inputs[term.source].at(t, term)
             if term.source in record.inputs
             else np.zeros_like(q)
             for term in inputs
@@ -88,7 +92,7 @@ def regressed(
 def refuse_displacement(inputs: Sequence[Input], gains: Sequence[float]) -> None:
     """Refuse a base motion that is no acceleration: its sign, and its size, are wrong."""
     for term, factor in zip(inputs, gains, strict=True):
-        if term.sign < 0 and factor < -_PARTICIPATION:
+        if term.sign < 0 and term.power == 1 and factor < -_PARTICIPATION:
             raise ValueError(
                 f"the input {term.source!r} acts with a participation factor of {factor:.3g}: it"
                 " looks like the displacement of the base, or has another unit; give its"

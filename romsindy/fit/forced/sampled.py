@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from romsindy.fit.collocation import Grid
 from romsindy.fit.linear_steps import NODES
-from romsindy.record.interpolation import Interpolation, interpolated, of_steps
+from romsindy.physics.input import Input
+from romsindy.record.interpolation import of_steps
 from romsindy.typing import Array
 
 _PLACES = np.array([0.0, *NODES, 1.0])  # where a simulation asks for it, in a step
-_KEPT = 4  # tables: a fit asks for the same delay again and again
+_KEPT = 4  # tables: a fit asks for the same one again and again
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,28 +24,27 @@ class Sampled:
     u: Array
     dt: float
     grid: Grid
-    tables: dict[tuple[float, str], Array] = field(default_factory=dict, repr=False)
+    tables: dict[Input, Array] = field(default_factory=dict, repr=False)
 
-    def at(self, t: Array, delay: float, interpolation: Interpolation) -> Array:
-        """Its values so much (s) before times of the simulation, (n,).
+    def at(self, t: Array, term: Input) -> Array:
+        """What acts of it at times of the simulation, (n,).
 
-        At Gauss points, those that stand for their step, see `of_steps`.
+        At Gauss points, those values that stand for their step, see `of_steps`.
         """
-        table = self._table(delay, interpolation)
+        table = self._table(term)
         place = (t - self.grid.start) / self.grid.step
         step = np.floor(place + 1e-6).astype(int)
         column = np.argmin(np.abs((place - step)[:, None] - _PLACES), axis=1)
         return table[step + column // 4, column % 4]
 
-    def _table(self, delay: float, interpolation: Interpolation) -> Array:
+    def _table(self, term: Input) -> Array:
         """At the start and the Gauss points of each step, (n_steps + 1, 4)."""
-        key = (delay, interpolation)
-        if key not in self.tables:
+        if term not in self.tables:
             grid, length = self.grid, self.grid.step / self.dt
-            starts = (grid.start - delay) / self.dt + length * np.arange(grid.n_steps + 1)
-            ends = interpolated(self.u, starts, interpolation)
-            inside = of_steps(self.u, starts, length, NODES, interpolation)
+            starts = (grid.start - term.delay) / self.dt + length * np.arange(grid.n_steps + 1)
+            values = partial(term.at, self.u, dt=self.dt)
+            inside = of_steps(values, starts, length, NODES, term.interpolation == "band-limited")
             while len(self.tables) >= _KEPT:
                 self.tables.pop(next(iter(self.tables)))
-            self.tables[key] = np.column_stack([ends, inside])
-        return self.tables[key]
+            self.tables[term] = np.column_stack([values(starts), inside])
+        return self.tables[term]
