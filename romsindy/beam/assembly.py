@@ -148,7 +148,7 @@ class Assembly:
         return Point(self.s, self.s + x[:, 0], x[:, 1], x[:, 2], v[:, 0], v[:, 1], v[:, 2])
 
     def _add_loads(self, X: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
-        """Subtract the force of every load in several states, (n_states, n_nodes, 3), from `out`."""
+        """Subtract the force of every load in several states from `out`, (n_states, n_nodes, 3)."""
         for place, loads in self._point_loads:
             place.subtract([_force_of(loads, point) for point in place.points(X, V)], out)
         for line in self._line_loads:
