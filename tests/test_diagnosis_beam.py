@@ -442,9 +442,7 @@ def test_command_line_reads_a_beam(heavier, tmp_path):
     np.savetxt(tmp_path / "test.csv", table, delimiter=",", header=header, comments="")
     file = tmp_path / "beam.toml"
     columns = f"columns = {[f'y{i}' for i in range(5)]}\n"
-    file.write_text(
-        f"[beam]\nelements = 24\n[sensors]\npositions = {list(PLACES)}\n{columns}"
-    )
+    file.write_text(f"[beam]\nelements = 24\n[sensors]\npositions = {list(PLACES)}\n{columns}")
     arguments = ["diagnose", "--measured", str(tmp_path / "test.csv"), "--beam", str(file)]
     done = CliRunner().invoke(main, [*arguments, "--report", str(tmp_path / "page.html")])
     assert done.exit_code == 0, done.output
