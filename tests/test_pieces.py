@@ -86,7 +86,7 @@ def test_a_report_of_pieces_says_so(record):
     """Tones and decays are told once; a simulation starts with each piece, and is told as one."""
     model = CoupledModel.from_coefficients(TRUTH, unit="m")
     whole, pieces = (
-        refined(model, tuple(TRUTH), records, free_shapes([record]), settled=True)
+        refined(model, ("c_linear [q1]",), records, free_shapes([record]), settled=True)
         for records in ([record], record.pieces(3))
     )
     assert len(pieces.records) == 3

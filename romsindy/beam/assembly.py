@@ -6,6 +6,7 @@ Nodal fields are (n_nodes, 3) with (u, w, theta) per node, matrices are kept per
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,16 +39,33 @@ class Place:
             return field[..., self._node, :]
         return self.weights @ field[..., self.nodes, :]
 
-    def point(self, x: np.ndarray, v: np.ndarray) -> Point:
-        u, w, theta = self.of(x).tolist()
-        return Point(self.s, self.s + u, w, theta, *self.of(v).tolist())
+    def points(self, X: np.ndarray, V: np.ndarray) -> list[Point]:
+        """Return where the point is and how it moves in several states, (n_states, n_nodes, 3)."""
+        # Plain floats: laws take one point at a time several times as fast as short arrays.
+        return [
+            Point(self.s, self.s + u, w, theta, *rates)
+            for (u, w, theta), rates in zip(self.of(X).tolist(), self.of(V).tolist(), strict=True)
+        ]
 
-    def subtract(self, force: Vector, out: np.ndarray) -> None:
-        """Subtract a force at the point from a nodal field."""
+    def point(self, x: np.ndarray, v: np.ndarray) -> Point:
+        """Return the same in one state, (n_nodes, 3)."""
+        return self.points(x[None], v[None])[0]
+
+    def subtract(self, forces: Sequence[Vector], out: np.ndarray) -> None:
+        """Subtract forces at the point, one for each state, from nodal fields."""
         if self._node is not None:
-            out[self._node] -= force
+            out[:, self._node] -= forces
         else:
-            out[self.nodes] -= np.multiply.outer(self.weights, force)
+            out[:, self.nodes] -= self.weights[:, None] * np.array(forces)[:, None]
+
+
+def _force_of(loads: Sequence[MountedLaw], point: Point) -> Vector:
+    """Return the force of several loads at one point."""
+    fx, fy, moment = loads[0].force(point)
+    for load in loads[1:]:
+        more = load.force(point)
+        fx, fy, moment = fx + more[0], fy + more[1], moment + more[2]
+    return fx, fy, moment
 
 
 class Assembly:
@@ -80,6 +98,7 @@ class Assembly:
         self.mass = self._mass_matrices()
         self._alpha_mass = structure.alpha * self.mass
         self.fixed, self._ground = self._supports()
+        self._free = np.where(self.fixed, 0.0, 1.0)  # a product is faster than a mask
         self.weight = self.mass_times(np.broadcast_to([*structure.gravity, 0.0], self._rest.shape))
 
     def place(self, at: float | None) -> Place:
@@ -128,18 +147,14 @@ class Assembly:
     def _points(self, x: np.ndarray, v: np.ndarray) -> Point:
         return Point(self.s, self.s + x[:, 0], x[:, 1], x[:, 2], v[:, 0], v[:, 1], v[:, 2])
 
-    def _add_loads(self, x: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
-        """Subtract the force of every load from `out`."""
+    def _add_loads(self, X: np.ndarray, V: np.ndarray, out: np.ndarray) -> None:
+        """Subtract the force of every load in several states from `out`, (n_states, n_nodes, 3)."""
         for place, loads in self._point_loads:
-            point = place.point(x, v)
-            fx, fy, moment = loads[0].force(point)
-            for load in loads[1:]:
-                more = load.force(point)
-                fx, fy, moment = fx + more[0], fy + more[1], moment + more[2]
-            place.subtract((fx, fy, moment), out)
+            place.subtract([_force_of(loads, point) for point in place.points(X, V)], out)
         for line in self._line_loads:
-            for i, density in enumerate(line.force(self._points(x, v))):
-                out[:, i] -= self.tributary * density
+            for x, v, field in zip(X, V, out, strict=True):
+                for i, density in enumerate(line.force(self._points(x, v))):
+                    field[:, i] -= self.tributary * density
 
     def _load_power(self, x: np.ndarray, v: np.ndarray) -> float:
         """Return what the loads dissipate [W]."""
@@ -165,7 +180,7 @@ class Assembly:
             power += float(np.vdot(drag, v))
         out[0, 2] += self._ground[0] * x[0, 2]
         out[-1, 2] += self._ground[1] * x[-1, 2]
-        self._add_loads(x, rate, out)
+        self._add_loads(x[None], rate[None], out[None])
         power += self._load_power(x, rate) if self._dissipates else 0.0
         out[self.fixed] = 0.0
         return out, power
@@ -177,9 +192,8 @@ class Assembly:
         )
         R[:, 0, 2] += self._ground[0] * X[:, 0, 2]
         R[:, -1, 2] += self._ground[1] * X[:, -1, 2]
-        for x, v, out in zip(X, V, R, strict=True):
-            self._add_loads(x, v, out)
-        R[:, self.fixed] = 0.0
+        self._add_loads(X, V, R)
+        R *= self._free
         return R
 
     def rounding(self, X: np.ndarray) -> float:

@@ -189,7 +189,7 @@ class Excitation:
     def load(self, t: np.ndarray) -> np.ndarray:
         """Return the nodal load at the times t, (n, n_nodes, 3), N and N m."""
         values = np.array([given.values(t) for given in self._inputs]).reshape(-1, len(t))
-        return np.tensordot(values.T, self._loads, axes=1)
+        return np.einsum("kt,knc->tnc", values, self._loads)
 
     def force(self, t: np.ndarray) -> np.ndarray | None:
         """Return the force at the times t, N: (n,) of one, (n, n_forces) of several, else None."""

@@ -327,4 +327,4 @@ def curves_near(model: AnyModel, amplitudes: Array, mode: int) -> Callable[[Any]
     require_mode(mode, model)
     if isinstance(model, CoupledModel):
         return mode_orbits(model, amplitudes, mode).curves
-    return lambda near: np.array([near.backbone(amplitudes), near.damping_ratio(amplitudes)])
+    return lambda near: near.frequency_and_damping(amplitudes)

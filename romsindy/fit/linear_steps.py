@@ -55,6 +55,7 @@ class RememberingEquation(Protocol):
 
 
 NODES = (np.polynomial.legendre.leggauss(3)[0] + 1) / 2
+_LAGRANGE = np.linalg.inv(np.vander(NODES, 3, increasing=True))  # powers to nodes
 
 
 def quadrature(theta: Array, derivative: int) -> Array:
@@ -64,8 +65,7 @@ def quadrature(theta: Array, derivative: int) -> Array:
     """
     powers, fold = np.arange(3), 2 - derivative
     factor = np.prod([powers + i + 1.0 for i in range(fold)], axis=0)
-    lagrange = np.linalg.inv(np.vander(NODES, 3, increasing=True))  # powers to nodes
-    return np.asarray(theta)[:, None] ** (powers + fold) / factor @ lagrange
+    return np.asarray(theta)[:, None] ** (powers + fold) / factor @ _LAGRANGE
 
 
 _TWICE, _ONCE = quadrature(NODES, 0), quadrature(NODES, 1)

@@ -28,10 +28,11 @@ from romsindy.record.recording import Quantity
 from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
-_N_GAUSS = 80
+_GAUSS = np.polynomial.legendre.leggauss(80)
 # The centre of an orbit is sought so far from 0, in amplitudes, one after the other: far outside of
 # its data a polynomial of high order is not to be trusted.
 _NEAR = (0.02, 0.1, 0.5)
+_NEWTON, _SETTLED = 5, 1e-13  # steps within the nearest; the last of them, in amplitudes
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
 _SINGULAR = 1e-3
 # Parts of the equation that are functions of q alone.
@@ -408,7 +409,7 @@ class ReducedModel(TermSum):
         ValueError
             If an amplitude is not positive.
         """
-        return np.pi / np.sum(self._orbit(amplitudes).dt, axis=-1)
+        return self._orbit(amplitudes).frequency
 
     def damping_ratio(self, amplitudes: ArrayLike) -> Array:
         """Damping ratio against amplitude, from the work of the damping over one undamped cycle.
@@ -425,14 +426,21 @@ class ReducedModel(TermSum):
         (n,) array
             Dimensionless; nan where `backbone` is nan.
         """
+        return self._damping_ratio(self._orbit(amplitudes))
+
+    def frequency_and_damping(self, amplitudes: ArrayLike) -> Array:
+        """`backbone` and `damping_ratio`, (2, n): both from the same orbits."""
         orbit = self._orbit(amplitudes)
+        return np.stack([orbit.frequency, self._damping_ratio(orbit)])
+
+    def _damping_ratio(self, orbit: _Orbit) -> Array:
         force = self.damping(orbit.q, orbit.q_dot) - self.damping(orbit.q, -orbit.q_dot)
         weight = orbit.factor / self.inertia(orbit.q) * orbit.q_dot * orbit.dt
         loss = np.sum(weight * force, axis=-1)
         # dE/da from the two turning points, which must stay at equal potential.
         slope = [orbit.force(c) for c in (orbit.upper, orbit.lower)]
         growth = 2 / (1 / slope[0] - 1 / slope[1])
-        return loss / (2 * np.pi * np.asarray(amplitudes, float) * growth)
+        return loss / (2 * np.pi * orbit.amplitude * growth)
 
     def relative_magnitude(self, amplitudes: ArrayLike) -> dict[str, Array]:
         """Rms of every term over an undamped cycle, relative to the rms of q_ddot ([1], fig. 11).
@@ -492,26 +500,24 @@ class ReducedModel(TermSum):
         def imbalance(c: Array, a: Array) -> Array:
             return potential(c + a) - potential(c - a)
 
-        c = np.full_like(a, np.nan)
+        def force(at: Array) -> Array:
+            return factor(at) * self.stiffness(at) / self.inertia(at)
+
+        c = _near_zero(imbalance, lambda c, a: force(c + a) - force(c - a), a)
         for part in _NEAR:
             left = np.isnan(c)
             if np.any(left):
                 bracket = (-part * a[left], part * a[left])
                 found = elementwise.find_root(imbalance, bracket, args=(a[left],))
                 c[left] = np.where(found.success, found.x, np.nan)
-        x, w = np.polynomial.legendre.leggauss(_N_GAUSS)
-        theta, w = x * np.pi / 2, w * np.pi / 2
+        theta, w = (x * np.pi / 2 for x in _GAUSS)
         q = c[:, None] + a[:, None] * np.sin(theta)
         mu = factor(q)
         left = potential(c + a)[:, None] - potential(q)  # what is left for the kinetic energy
         closed = np.all((left > 0) & (mu > 0) & (self.inertia(q) > 0), axis=1, keepdims=True)
         q_dot = np.sqrt(np.where(closed, 2 * left / mu, np.nan))
         dt = w * a[:, None] * np.cos(theta) / q_dot
-
-        def force(at: Array) -> Array:
-            return factor(at) * self.stiffness(at) / self.inertia(at)
-
-        return _Orbit(q, q_dot, dt, mu, c + a, c - a, force)
+        return _Orbit(a, q, q_dot, dt, mu, c + a, c - a, force)
 
     # -- text ---------------------------------------------------------------------------------
 
@@ -615,6 +621,7 @@ class _Orbit:
     Arrays of shape (n_amplitudes, n_gauss); ``dt`` holds the quadrature weights in time.
     """
 
+    amplitude: Array
     q: Array
     q_dot: Array
     dt: Array
@@ -622,3 +629,21 @@ class _Orbit:
     upper: Array
     lower: Array
     force: Callable[[Array], Array]
+
+    @property
+    def frequency(self) -> Array:
+        """rad/s, (n_amplitudes,)."""
+        return np.pi / np.sum(self.dt, axis=-1)
+
+
+def _near_zero(
+    f: Callable[[Array, Array], Array], slope: Callable[[Array, Array], Array], a: Array
+) -> Array:
+    """Roots of f(c, a) by Newton's method from c = 0; nan where it does not settle near there."""
+    c = step = np.zeros_like(a)
+    with np.errstate(all="ignore"):
+        for _ in range(_NEWTON):
+            step = f(c, a) / slope(c, a)
+            c = c - step
+    settled = (np.abs(step) <= _SETTLED * a) & (np.abs(c) < _NEAR[0] * a)
+    return np.where(settled, c, np.nan)

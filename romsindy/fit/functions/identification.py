@@ -143,7 +143,7 @@ class Identification(Estimate):
         require_mode(mode, self.model)
         a = np.atleast_1d(np.asarray(amplitudes, float))
         some = self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
-        curves = np.array([[m.backbone(a), m.damping_ratio(a)] for m in some])
+        curves = np.array([m.frequency_and_damping(a) for m in some])
         # Where hardly a draw has no orbit, the others tell.
         few = np.mean(np.isnan(curves), axis=0) < _FEW
         (omega, zeta), (omega_std, zeta_std) = (
