@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -88,16 +88,14 @@ class Linearised(NamedTuple):
         effect = self.sensors[place].effect
         return _shown(effect) if isinstance(effect, CurvedShape) else effect.variant
 
-    def stage(self, kept: Sequence[int], unit: str | None) -> Stage:
-        """What always takes part and some groups, with the values of the linearised equations."""
-        there, values = {*self.trials.places(kept)}, self.trials.values(kept)
-        shapes = [
-            replace(p, strengths=np.full((1, 1), values[i]))
-            for i, p in enumerate(self.sensors)
-            if i in there
-        ]
-        terms = {t: values[i] for i, t in enumerate(self.terms, len(self.sensors)) if i in there}
-        return Stage(CoupledModel(tuple(terms), tuple(terms.values()), unit), tuple(shapes))
+    def stage(self, kept: Sequence[int], now: Stage) -> Stage:
+        """What always takes part and some groups, with the values that they have now, or else 0."""
+        there = {*self.trials.places(kept)}
+        shapes = tuple(p for i, p in enumerate(self.sensors) if i in there)
+        terms = [t for i, t in enumerate(self.terms, len(self.sensors)) if i in there]
+        values = now.model.coefficients
+        at = tuple(values.get(t.key, 0.0) for t in terms)
+        return Stage(CoupledModel(tuple(terms), at, now.model.unit), shapes)
 
 
 def choose(
@@ -105,11 +103,11 @@ def choose(
 ) -> Stage | None:
     """What always takes part, and terms that gain on data that took no part, about the motions.
 
-    Values are those of the linearised equations: where a fit is to start. None where the equations
-    have no motions near these.
+    Values stay: a fit starts where these motions are, for those of the linearised equations may
+    have none that is near. None where the equations with all terms have no motions near these.
     """
     found = linearised(now, records, cycles, choice)
-    return found and found.stage(found.trials.chosen(found.present), now.model.unit)
+    return found and found.stage(found.trials.chosen(found.present), now)
 
 
 def linearised(

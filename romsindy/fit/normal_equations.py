@@ -136,6 +136,8 @@ def inverse(a: Array) -> Array:
 
 def solved(a: Array, b: Array) -> Array:
     """Least-squares solution of normal equations, (n,) or (n, m), whatever their scales."""
+    if not a.size:
+        return np.zeros_like(b)
     scale = _scale(a)
     wide = scale if b.ndim == 1 else scale[:, None]
     scaled = a * scale * scale[:, None]
