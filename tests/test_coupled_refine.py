@@ -127,6 +127,10 @@ def test_what_cannot_be_fitted(two_sensors):
     with pytest.raises(ValueError, match=r"a mode of 50.33 Hz, but nothing near it rings .*10.*Hz"):
         refine(far, decay)
     model = CoupledModel.from_coefficients(START, unit="m")
+    noise = np.random.default_rng(1).standard_normal(decay.signal.shape)
+    quiet = Decay(decay.t, noise, unit="m", stage="free")
+    with pytest.raises(ValueError, match="nothing rings in a decay: leave it out"):
+        refine(model, [decay, quiet])
     with pytest.raises(ValueError, match="offset = True is for models of one coordinate"):
         refine(model, decay, offset=True)
     with pytest.raises(ValueError, match="decay 1 is the same record"):
@@ -170,6 +174,14 @@ def test_one_sensor_of_masses_that_differ():
     assert found["V q1^2 q2"] == pytest.approx(500 / 0.6, abs=4 * error["V q1^2 q2"])
     omega = fit.model.linear_modes[0] / (2 * np.pi)
     np.testing.assert_allclose(omega, [10.0, 20.7], rtol=1e-4)
+
+
+def test_a_decay_in_which_one_mode_is_silent():
+    """The second was released in its second mode: nothing rings near 10 Hz."""
+    fit = identify_coupled(decays(23, SHAPES, starts=((0.8, 0.4), (0.0, 0.6))), coordinates=2)
+    assert np.abs(misses(fit)).max() < 4
+    np.testing.assert_allclose(fit.states[1, :2], [0.0, 0.6], atol=0.01)
+    assert fit.verdict.explained
 
 
 def linear_decay(frequencies, zeta, shapes, duration=6.0, seed=3):

@@ -92,10 +92,12 @@ class CoupledRecord(OfDecay):
         Raises
         ------
         ValueError
-            If no vibration near a frequency stands out of the noise.
+            If no vibration stands out of the noise.
         """
         t, signals = decay.t - decay.t[0], decay.signal.reshape(len(decay.t), -1)
         found = [tones_of(x, decay.dt, decay.derivative) for x in signals.T]
+        if not any(found):
+            raise ValueError("nothing rings in a decay: leave it out, or give a longer part of it")
         everywhere = list(range(len(found)))
         wanted = [[channel] for channel in main] or [everywhere] * len(frequencies)
         main, own = zip(*_told_apart(found, frequencies, wanted), strict=True)
@@ -245,18 +247,38 @@ def coupled_records(
 ) -> tuple[CoupledRecord, ...]:
     """Free decays of one structure, with the mode shapes that they have in the mean.
 
-    Arguments and errors as those of `CoupledRecord.of`.
+    Arguments and errors as those of `CoupledRecord.of`; an error as well where no decay shows a
+    vibration of its own near every frequency.
     """
     alone = (CoupledRecord.of(d, frequencies, floor) for d in decays)
     first = next((r for r in alone if not np.any(np.isnan(r.shapes))), None)
     if first is None:
-        raise ValueError(
-            f"vibrations at {', '.join(f'{f:.4g} Hz' for f in frequencies)} ring as one in every"
-            " decay: model fewer coordinates, or give longer decays"
-        )
+        raise ValueError(_not_told_apart(decays, frequencies))
     records = [CoupledRecord.of(d, frequencies, floor, first.main) for d in decays]
     shapes = np.nanmean([r.shapes for r in records], axis=0)
     return tuple(replace(r, shapes=shapes) for r in records)
+
+
+def _not_told_apart(decays: Sequence[Decay], frequencies: Array) -> str:
+    """Why no decay shows a vibration of its own near every frequency."""
+    heard = [
+        v
+        for d in decays
+        for x in d.signal.reshape(len(d.t), -1).T
+        for v in tones_of(x, d.dt, d.derivative)
+    ]
+    for frequency in frequencies:
+        if not _near(heard, frequency):
+            holds = ", ".join(sorted({f"{v.mean_frequency:.4g} Hz" for v in heard}))
+            return (
+                f"the model has a mode of {frequency:.4g} Hz, but nothing near it rings in the"
+                f" record, which holds {holds or 'no vibration'}: start from a model whose omega^2"
+                " are those of the vibrations, or leave the coordinate out"
+            )
+    return (
+        f"vibrations at {', '.join(f'{f:.4g} Hz' for f in frequencies)} ring as one, or not all, in"
+        " every decay: model fewer coordinates, or give longer decays"
+    )
 
 
 def free_shapes(records: Sequence[CoupledRecord]) -> tuple[Part, ...]:
@@ -294,7 +316,8 @@ def _told_apart(
 ) -> list[tuple[int, Vibration]]:
     """The channel of each coordinate and the vibration there; no two are the same vibration.
 
-    Where two coordinates ring as one, the further one is silent: its motion starts from rest.
+    Where two coordinates ring as one, the further one is silent, as is one that does not ring: its
+    motion starts from rest.
     """
     mains = [_main(found, f, some) for f, some in zip(frequencies, wanted, strict=True)]
     off = [abs(np.log(v.small_frequency / f)) for (_, v), f in zip(mains, frequencies, strict=True)]
@@ -323,22 +346,13 @@ def _near(several: Sequence[Vibration], frequency: float) -> list[Vibration]:
 def _main(
     found: Sequence[Sequence[Vibration]], frequency: float, channels: Sequence[int]
 ) -> tuple[int, Vibration]:
-    """The channel in which a vibration near a frequency moves most, and the vibration there."""
-    near = [
-        (v.energy, channel, v) for channel in channels for v in _near(found[channel], frequency)
-    ]
-    if not near:
-        heard = sorted({f"{v.mean_frequency:.4g} Hz" for several in found for v in several})
-        raise ValueError(
-            f"the model has a mode of {frequency:.4g} Hz, but nothing near it rings in the record,"
-            f" which holds {', '.join(heard) or 'no vibration'}: start from a model whose"
-            " omega^2 are those of the vibrations, or leave the coordinate out"
-        )
-    # Of two that are near, the nearest: modes may be closer than that.
-    close = min(abs(np.log(v.small_frequency / frequency)) for _, _, v in near)
-    same = [n for n in near if abs(np.log(n[2].small_frequency / frequency)) < close + _SAME]
-    _, channel, vibration = max(same, key=lambda x: x[0])
-    return channel, vibration
+    """The channel in which the vibration nearest to a frequency moves most, and that vibration."""
+    several = [(channel, v) for channel in channels for v in found[channel]]
+    if not several:  # of other channels, to be silent
+        several = [(channels[0], v) for others in found for v in others]
+    off = [abs(np.log(v.small_frequency / frequency)) for _, v in several]
+    same = [cv for cv, x in zip(several, off, strict=True) if x < min(off) + _SAME]
+    return max(same, key=lambda cv: cv[1].energy)
 
 
 def _displaced(tone: Ridge, t: Array, times: int) -> Array:
