@@ -123,6 +123,11 @@ class CoupledRecord(OfDecay):
         return float(np.abs(self.motion.q).max())
 
     @property
+    def cycles(self) -> float:
+        """Of the slowest coordinate, in all."""
+        return float(self.t[-1]) * min(float(np.median(tone.frequency)) for tone in self.tones)
+
+    @property
     def main(self) -> list[int]:
         """The channel of each coordinate whose reading says how large it is."""
         return [int(np.argmin(np.abs(column - 1))) for column in self.shapes.T]

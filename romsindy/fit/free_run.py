@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -14,12 +15,15 @@ from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.run import forced_run
 from romsindy.fit.measured import NUMERICS, small_frequencies
 from romsindy.fit.mode_shape import CurvedShape
-from romsindy.fit.part import in_orders
+from romsindy.fit.part import Part, in_orders
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.typing import Array
+
+# Of the slowest coordinate, and for each of them: they give a first state; by what they grow.
+_CYCLES, _SAMPLES, _GROWTH = 2.0, 4, 2.0
 
 
 def free_run(fit: Fit, decay: Decay | ForcedVibration, samples: int) -> Array:
@@ -48,7 +52,7 @@ def free_run(fit: Fit, decay: Decay | ForcedVibration, samples: int) -> Array:
         If the model has no motion that long from there.
     """
     model = fit.model
-    least, n = 4 * model.n_coordinates, len(decay.t)
+    least, n = _SAMPLES * model.n_coordinates, len(decay.t)
     if not least <= samples <= n:
         raise ValueError(f"samples = {samples!r} must be from {least} to the {n} of the record")
     if isinstance(decay, ForcedVibration):
@@ -66,11 +70,25 @@ def free_run(fit: Fit, decay: Decay | ForcedVibration, samples: int) -> Array:
     found = CoupledRecord.of(decay, small_frequencies(model), NUMERICS, main)
     record = replace(found, shapes=fit.mode_shapes)
     curved = tuple(p for p in fit.solution.parts if isinstance(p.effect, CurvedShape))
-    first = record.until(samples)
-    start = shoot(model, curved, [first], [first.motion], fixed=True)[0].motions[0]
+    start = _start(model, curved, record, samples)
     grid = record.motion.grid
     equation = equation_of(model, (), 0, record)
-    motion = integrate(equation, start.start, grid, record.motion)
+    motion = integrate(equation, start, grid, record.motion)
     x = in_orders(record.orders(curved), partial(motion.samples, equation))
     shown = record.read(curved, 0, x).shown
     return shown.reshape(decay.n_channels, -1).T.reshape(decay.signal.shape)
+
+
+def _start(
+    model: CoupledModel, curved: Sequence[Part], record: CoupledRecord, samples: int
+) -> Array:
+    """State that the first samples show, (2 R,): of few cycles, and then of more and more.
+
+    From a state that is far off, a fit over many cycles would not find its way.
+    """
+    few = max(_CYCLES * len(record.t) / record.cycles, _SAMPLES * model.n_coordinates)
+    grown = few * _GROWTH ** np.arange(np.log(max(samples / few, 1.0)) / np.log(_GROWTH))
+    motions = [record.motion]
+    for n in (*grown.astype(int), samples):
+        motions = list(shoot(model, curved, [record.until(n)], motions, fixed=True)[0].motions)
+    return motions[0].start

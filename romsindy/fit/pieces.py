@@ -28,7 +28,7 @@ _CYCLES, _BEATS, _GROWTH = 10.0, 2.0, 2.0
 
 def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
     """A record in pieces about so many cycles of its slowest coordinate long."""
-    return record.pieces(max(1, round(_cycles(record) / cycles)))
+    return record.pieces(max(1, round(record.cycles / cycles)))
 
 
 def lengths(records: Sequence[CoupledRecord]) -> list[float]:
@@ -36,7 +36,7 @@ def lengths(records: Sequence[CoupledRecord]) -> list[float]:
     several = [np.sort([np.median(tone.frequency) for tone in r.tones]) for r in records]
     apart = max(float(np.min(np.diff(f), initial=np.inf) / f[0]) for f in several)
     first = max(_CYCLES, _BEATS / apart) if apart > 0 else _CYCLES
-    longest = max(_cycles(record) for record in records)
+    longest = max(record.cycles for record in records)
     more = max(longest / first, 1.0)
     count = round(np.log(more) / np.log(_GROWTH))
     return [*(first * more ** (k / count) for k in range(count)), np.inf]
@@ -75,8 +75,3 @@ def moved(
 ) -> tuple[CoupledRecord, ...]:
     """Records with other motions behind them."""
     return tuple(replace(r, motion=m) for r, m in zip(records, motions, strict=True))
-
-
-def _cycles(record: CoupledRecord) -> float:
-    """Of the slowest coordinate, in all."""
-    return float(record.t[-1]) * min(float(np.median(tone.frequency)) for tone in record.tones)
