@@ -17,11 +17,11 @@ from threadpoolctl import threadpool_limits
 from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage
-from romsindy.fit.coupled_record import coupled_records, free_shapes
+from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, linear_terms
 from romsindy.fit.fitted import Fit, refined
-from romsindy.fit.measured import NUMERICS, require_unit, several_decays
+from romsindy.fit.measured import NUMERICS, require_unit, several_decays, small_frequencies
 from romsindy.fit.pieces import cut, moved
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
@@ -91,7 +91,8 @@ def identify_coupled(
             " amplitude"
         )
     stage, names = best.stage, tuple(best.stage.model.coefficients)
-    pieces = tuple(piece for record in best.records for piece in cut(record, best.cycles))
+    records = _with_tones_of(stage.model, best.records, free)
+    pieces = tuple(piece for record in records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
     model = replace(stage.model, values=fit.model.values)
     reached = Stage(model, fit.solution.parts[len(names) :])
@@ -99,6 +100,16 @@ def identify_coupled(
     solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
     notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted))
     return replace(fit, solution=solution, notes=notes)
+
+
+def _with_tones_of(
+    model: CoupledModel, records: Sequence[CoupledRecord], decays: Sequence[Decay]
+) -> list[CoupledRecord]:
+    """With the vibrations nearest to those of the model, which is more than the first look told."""
+    frequencies = small_frequencies(model)
+    pairs = zip(records, decays, strict=True)
+    heard = ((r, CoupledRecord.of(d, frequencies, NUMERICS, r.main)) for r, d in pairs)
+    return [replace(r, tones=h.tones) for r, h in heard]
 
 
 def _needed(found: Fitted, before: Fitted) -> bool:
