@@ -1,7 +1,7 @@
 """The model of a beam's decay against its stepped sine: amplitudes, and the frequencies of jumps.
 
     python benchmarks/beam_stepped_sine.py                 # tip amplitudes of 0.05, 0.1 and 0.2 L
-    python benchmarks/beam_stepped_sine.py --levels 0.1
+    python benchmarks/beam_stepped_sine.py --levels 0.1 --dwell 100 --fine 2.5e-4
 
 The default beam is let go in its first mode, and the decay of that mode gives the equation. The
 tip follows the mode by a polynomial, found from the same decay; a harmonic force at the tip does
@@ -11,14 +11,13 @@ of every step.
 """
 
 import argparse
-import itertools
 
 import numpy as np
 
 from romsindy import Beam, Decay, HarmonicSINDy, ROMLibrary, forced_response, refine
 
-STEP, DWELL, READ = 2e-3, 40.0, 2.0  # s: of time, at a frequency, and of it looked at
-FAR, FINE = (0.02, 0.008, 0.003), 5e-4  # from a fold, and between frequencies near it, relative
+STEP, READ = 2e-3, 2.0  # s: of time, and at the end of each frequency looked at
+FAR = 0.02, 0.008, 0.003  # from a fold, relative
 NEAR = 0.02  # of the peak: a motion so near to a branch is on it
 FOLLOWS = np.arange(1, 6)  # powers of the mode in the displacement of the tip
 ORDER = 7
@@ -49,10 +48,10 @@ def first_harmonic(coefficients, shown):
     return 2 * abs(np.mean(q[:, None] ** FOLLOWS @ shown * np.exp(-1j * phase)))
 
 
-def stepped(beam, force, frequency):
+def stepped(beam, force, frequency, dwell):
     """First harmonics of the tip, m, at the end of each step of a stepped sine, frequency in Hz."""
     frequency = np.asarray(frequency)
-    ends = DWELL * np.arange(2, len(frequency) + 2)  # the first lasts twice as long
+    ends = dwell * np.arange(2, len(frequency) + 2)  # the first lasts twice as long
     lengths = np.diff(ends, prepend=0.0)
     turns = np.cumsum(frequency * lengths) - frequency * lengths
 
@@ -83,7 +82,7 @@ def foretold(beam, fit, shown, part):
     return force, response.frequency / (2 * np.pi), tip, folds
 
 
-def compared(beam, fit, shown, part):
+def compared(beam, fit, shown, part, dwell, fine):
     """Print one level; errors of the amplitudes over the peak, and of the folds, relative.
 
     Near a fold a motion lingers: what is near neither branch is on its way, and is not compared.
@@ -96,10 +95,10 @@ def compared(beam, fit, shown, part):
     branches = slice(0, upper + 1), slice(lower, None)
     off, missed = [], []
     for sign, at in ((-1, upper), (1, lower)):
-        near = FINE * np.arange(3.5, -4.0, -1)
+        near = fine * np.arange(3.5, -4.0, -1)
         sweep = hertz[at] * (1 + sign * np.concatenate([FAR, near]))
         values = np.array([_on(hertz[b], tip[b], sweep) for b in branches])
-        measured = stepped(beam, force, sweep)
+        measured = stepped(beam, force, sweep, dwell)
         away = (values - measured) / tip[top]
         nearest = np.nanargmin(np.abs(away), axis=0)
         there = np.abs(away[nearest, np.arange(len(sweep))]) < NEAR
@@ -141,12 +140,15 @@ def _outside(value, low, high):
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--levels", type=float, nargs="+", default=[0.05, 0.1, 0.2])
+    parser.add_argument("--dwell", type=float, default=40.0, help="s at each frequency")
+    parser.add_argument("--fine", type=float, default=5e-4, help="steps near a fold, relative")
     given = parser.parse_args(arguments)
     beam = Beam.cantilever()
     decay, shown = released(beam)
     fit = identified(decay)
     print(fit)
-    return list(itertools.starmap(compared, ((beam, fit, shown, p) for p in given.levels)))
+    how = given.dwell, given.fine
+    return [compared(beam, fit, shown, part, *how) for part in given.levels]
 
 
 if __name__ == "__main__":
