@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from test_diagnosis import MODEL, OMEGA, decay
+from test_diagnosis import LONG, MODEL, OMEGA, decay
 
 import romsindy as rs
 from romsindy.commands.main import main
@@ -33,7 +33,8 @@ def no_search(monkeypatch):
 
 
 def test_a_difference_within_the_stated_tolerance_is_none(no_search):
-    found = diagnose(MODEL, decay(1.0, changed=OTHER), tolerance={"damping": 0.2})
+    run = decay(1.0, changed=OTHER, duration=LONG)
+    found = diagnose(MODEL, run, tolerance={"damping": 0.2})
     assert found.verdict == "none" and found.gap.before > 3
     assert "nothing that matters" in found.sentence and "tolerance: " in found.sentence
 

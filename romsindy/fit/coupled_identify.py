@@ -105,11 +105,15 @@ def identify_coupled(
 def _with_tones_of(
     model: CoupledModel, records: Sequence[CoupledRecord], decays: Sequence[Decay]
 ) -> list[CoupledRecord]:
-    """With the vibrations nearest to those of the model, which is more than the first look told."""
+    """With tones near the small vibrations of the model, which the first look may have missed."""
     frequencies = small_frequencies(model)
-    pairs = zip(records, decays, strict=True)
-    heard = ((r, CoupledRecord.of(d, frequencies, NUMERICS, r.main)) for r, d in pairs)
-    return [replace(r, tones=h.tones) for r, h in heard]
+    found = []
+    for record, decay in zip(records, decays, strict=True):
+        heard = CoupledRecord.of(decay, frequencies, NUMERICS, record.main).tones
+        pairs = zip(record.tones, heard, strict=True)
+        tones = tuple(near if np.any(near.amplitude) else first for first, near in pairs)
+        found.append(replace(record, tones=tones))
+    return found
 
 
 def _needed(found: Fitted, before: Fitted) -> bool:

@@ -106,7 +106,8 @@ class CoupledRecord(OfDecay):
         shapes = np.linalg.lstsq(waves, signals, rcond=None)[0].T
         size = shapes[list(main), range(len(main))]
         shapes = shapes / np.where(size != 0, size, np.nan)  # nothing is known of what is silent
-        loudest = [v.tone for v in sorted(own, key=lambda v: -v.energy)]
+        heard = [v for v in own if v.energy] or [v for several in found for v in several]
+        loudest = [v.tone for v in sorted(heard, key=lambda v: -v.energy)]
         noise = tuple(
             _noise(x - sum(v(t) for v in several), loudest, decay.dt, floor * np.abs(x).max())
             for x, several in zip(signals.T, found, strict=True)
