@@ -26,6 +26,7 @@ from romsindy.fit.pieces import cut, moved
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay
+from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import names_of, ringing_in
 from romsindy.record.vibrations import Vibration
 
@@ -105,15 +106,20 @@ def identify_coupled(
 def _with_tones_of(
     model: CoupledModel, records: Sequence[CoupledRecord], decays: Sequence[Decay]
 ) -> list[CoupledRecord]:
-    """With tones near the small vibrations of the model, which the first look may have missed."""
+    """With tones near the small vibrations of the model, where the first look saw shorter ones."""
     frequencies = small_frequencies(model)
     found = []
     for record, decay in zip(records, decays, strict=True):
         heard = CoupledRecord.of(decay, frequencies, NUMERICS, record.main).tones
         pairs = zip(record.tones, heard, strict=True)
-        tones = tuple(near if np.any(near.amplitude) else first for first, near in pairs)
+        tones = tuple(max(pair, key=_lasts) for pair in pairs)
         found.append(replace(record, tones=tones))
     return found
+
+
+def _lasts(tone: Ridge) -> float:
+    """Seconds."""
+    return tone.end - tone.start if np.any(tone.amplitude) else 0.0
 
 
 def _needed(found: Fitted, before: Fitted) -> bool:
