@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +43,17 @@ class Stage:
         """Whether it has the terms of another, and sensors of its kind."""
         mine, others = ({*s.model.terms, *(p.effect for p in s.shapes)} for s in (self, other))
         return mine == others
+
+    def with_values_of(self, other: Stage) -> Stage:
+        """With the values of another; 0 where it has none."""
+        values = other.model.coefficients
+        at = tuple(values.get(term.key, 0.0) for term in self.model.terms)
+        shown = {p.effect: p for p in other.shapes}
+        shapes = (
+            shown.get(p.effect, replace(p, strengths=np.zeros_like(p.strengths)))
+            for p in self.shapes
+        )
+        return Stage(replace(self.model, values=at), tuple(shapes))
 
     def summary(self, n_always: int) -> str:
         """The terms beyond the first ones, and products that sensors show, in a line."""
@@ -88,14 +99,16 @@ class Linearised(NamedTuple):
         effect = self.sensors[place].effect
         return _shown(effect) if isinstance(effect, CurvedShape) else effect.variant
 
-    def stage(self, kept: Sequence[int], now: Stage) -> Stage:
-        """What always takes part and some groups, with the values that they have now, or else 0."""
-        there = {*self.trials.places(kept)}
-        shapes = tuple(p for i, p in enumerate(self.sensors) if i in there)
-        terms = [t for i, t in enumerate(self.terms, len(self.sensors)) if i in there]
-        values = now.model.coefficients
-        at = tuple(values.get(t.key, 0.0) for t in terms)
-        return Stage(CoupledModel(tuple(terms), at, now.model.unit), shapes)
+    def stage(self, kept: Sequence[int], unit: str | None) -> Stage:
+        """What always takes part and some groups, with the values of the linearised equations."""
+        there, values = {*self.trials.places(kept)}, self.trials.values(kept)
+        shapes = [
+            replace(p, strengths=np.full((1, 1), values[i]))
+            for i, p in enumerate(self.sensors)
+            if i in there
+        ]
+        terms = {t: values[i] for i, t in enumerate(self.terms, len(self.sensors)) if i in there}
+        return Stage(CoupledModel(tuple(terms), tuple(terms.values()), unit), tuple(shapes))
 
 
 def choose(
@@ -103,11 +116,11 @@ def choose(
 ) -> Stage | None:
     """What always takes part, and terms that gain on data that took no part, about the motions.
 
-    Values stay: a fit starts where these motions are, for those of the linearised equations may
-    have none that is near. None where the equations with all terms have no motions near these.
+    Values are those of the linearised equations: where a fit is to start. None where the equations
+    have no motions near these.
     """
     found = linearised(now, records, cycles, choice)
-    return found and found.stage(found.trials.chosen(found.present), now)
+    return found and found.stage(found.trials.chosen(found.present), now.model.unit)
 
 
 def linearised(

@@ -207,8 +207,8 @@ def _settled(
         if start is None or (best and start.is_like(best.stage)):
             break
         progress.say(start.summary(len(choice.always)))
-        found = fitted(start, weighed, cycles)
-        if found is None or (best and not found.is_better(best, weighed)):
+        found = _better(start, now, weighed, cycles, best)
+        if found is None:
             break
         alike = best is not None and choice.left_out and found.is_alike(best, weighed)
         # The noise is that of the records, not what they were weighed by.
@@ -220,6 +220,20 @@ def _settled(
         if settled:
             break
     return best
+
+
+def _better(
+    start: Stage, now: Stage, records: Sequence[CoupledRecord], cycles: float, best: Fitted | None
+) -> Fitted | None:
+    """A fit that is better than the best, from the values of a start, or else from those of now.
+
+    The linearised equations may have no motion near the present one; from that on, there is one.
+    """
+    for stage in (start, start.with_values_of(now)):
+        found = fitted(stage, records, cycles)
+        if found and (best is None or found.is_better(best, records)):
+            return found
+    return None
 
 
 def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
