@@ -21,14 +21,18 @@ from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_sha
 from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, linear_terms
 from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.followed_back import followed_back
 from romsindy.fit.measured import NUMERICS, require_unit, several_decays, small_frequencies
 from romsindy.fit.pieces import cut, moved
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay
 from romsindy.record.ridges import Ridge
-from romsindy.record.ringing import names_of, ringing_in
+from romsindy.record.ringing import NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
+
+# Of decays in which vibrations beat, so much is left out at their start.
+_LOUD = (0.25, 0.4)
 
 
 def identify_coupled(
@@ -74,7 +78,10 @@ def identify_coupled(
         try:
             for count in range(fewest, len(ringing) + 1):
                 kept.clear()
-                found = _identified(ringing[:count], free, Progress(say, kept.append))
+                told = Progress(say, kept.append)
+                found = _identified(ringing[:count], free, told)
+                if found is None or not found.explained:
+                    found = _from_quieter(free, count, told) or found
                 # A further coordinate must be needed: harmonics and combinations look like one.
                 if best is not None and not (found and _needed(found, best)):
                     break
@@ -101,6 +108,26 @@ def identify_coupled(
     solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
     notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted))
     return replace(fit, solution=solution, notes=notes)
+
+
+def _from_quieter(decays: Sequence[Decay], count: int, progress: Progress) -> Fitted | None:
+    """Where vibrations beat: the model of the quieter parts, followed back to the start."""
+    for part in _LOUD:
+        quieter = [d.between(d.t[0] + part * (d.t[-1] - d.t[0])) for d in decays]
+        strongest = ringing_in(quieter)[:count]
+        if len(strongest) < count or not _beat(strongest):
+            continue
+        progress.say(f"from {100 * part:.0f} per cent of the decays on")
+        quiet = _identified(strongest, quieter, progress._replace(keep=lambda _: None))
+        if quiet and quiet.explained:
+            return followed_back(quiet, decays, progress)
+    return None
+
+
+def _beat(several: Sequence[Vibration]) -> bool:
+    """Whether two are so near in frequency that one may be taken for the other."""
+    found = np.sort([v.small_frequency for v in several])
+    return bool(np.any(found[1:] < NEAR * found[:-1]))
 
 
 def _with_tones_of(

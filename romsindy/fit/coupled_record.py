@@ -174,6 +174,10 @@ class CoupledRecord(OfDecay):
         """The first n samples of every channel, with the noise of all of it."""
         return self._between(0, self.motion.grid.until(float(self.t[n - 1])).n_steps)
 
+    def since_step(self, first: int) -> CoupledRecord:
+        """The samples from a step on, with the noise of all of it."""
+        return self._between(first, self.motion.grid.n_steps)
+
     def pieces(self, n: int) -> list[CoupledRecord]:
         """The record in n parts, each with its own initial state."""
         ends = np.linspace(0, self.motion.grid.n_steps, n + 1).round().astype(int)

@@ -126,7 +126,7 @@ def of_plainest_kind(
     for kind in kinds:
         choice = Choice(always, candidates(r, kind), curved)
         now, records = (best.stage, best.records) if best else (start, given)
-        best = _settled(now, records, choice, progress, shortest, best) or best
+        best = settled(now, records, choice, progress, shortest, best) or best
         last = kind is kinds[-1]
         if best is None or not (last or (kind.masses and best.left <= EXPLAINED)):
             continue
@@ -154,7 +154,7 @@ def _whole(
     best = _grown(best, choice, progress)
     if best.explained:
         choice = choice._replace(left_out=False)
-        best = _settled(best.stage, best.records, choice, progress, best.cycles, best) or best
+        best = settled(best.stage, best.records, choice, progress, best.cycles, best) or best
     # The noise that was heard at first stands, unless less than it is left: that is a proof.
     best = best.with_noise_of(given)
     best = best.heard_again() if best.left < 1 else best
@@ -169,7 +169,7 @@ def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
     """
     # What is explained over few cycles may be so over all; else pieces grow by and by.
     if best.left <= EXPLAINED and (longer := _longer(best, np.inf)):
-        return _settled(longer.stage, longer.records, choice, progress, np.inf, longer) or longer
+        return settled(longer.stage, longer.records, choice, progress, np.inf, longer) or longer
     for cycles in lengths(best.records)[1:]:
         longer = _longer(best, cycles)
         if longer is None:
@@ -177,7 +177,7 @@ def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
         misses = cycles == np.inf or longer.left > _MISSED * best.left
         best = longer
         if misses:
-            best = _settled(best.stage, best.records, choice, progress, cycles, best) or best
+            best = settled(best.stage, best.records, choice, progress, cycles, best) or best
     return best
 
 
@@ -192,7 +192,7 @@ def _longer(now: Fitted, cycles: float) -> Fitted | None:
     return found
 
 
-def _settled(
+def settled(
     now: Stage,
     records: Sequence[CoupledRecord],
     choice: Choice,

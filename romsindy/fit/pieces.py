@@ -20,6 +20,7 @@ from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
 from romsindy.fit.shooting import simulated
 from romsindy.physics.coupled import CoupledModel
+from romsindy.typing import Array
 
 # Cycles of the slowest coordinate in the first pieces, and at least so many beats of the two that
 # are nearest; by about how much they grow.
@@ -33,13 +34,18 @@ def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
 
 def lengths(records: Sequence[CoupledRecord]) -> list[float]:
     """Of pieces, in cycles, until no record is cut; infinite at the end."""
-    several = [np.sort([np.median(tone.frequency) for tone in r.tones]) for r in records]
-    apart = max(float(np.min(np.diff(f), initial=np.inf) / f[0]) for f in several)
-    first = max(_CYCLES, _BEATS / apart) if apart > 0 else _CYCLES
+    several = [np.array([np.median(tone.frequency) for tone in r.tones]) for r in records]
+    first = shortest(*several)
     longest = max(record.cycles for record in records)
     more = max(longest / first, 1.0)
     count = round(np.log(more) / np.log(_GROWTH))
     return [*(first * more ** (k / count) for k in range(count)), np.inf]
+
+
+def shortest(*several: Array) -> float:
+    """Cycles of the slowest frequency in which all are told apart, in that of several records."""
+    apart = max(float(np.min(np.diff(np.sort(f)), initial=np.inf) / f.min()) for f in several)
+    return max(_CYCLES, _BEATS / apart) if apart > 0 else _CYCLES
 
 
 def fit_pieces(
