@@ -30,6 +30,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
+from romsindy.typing import Array
 
 # Of decays in which vibrations beat, so much is left out at their start.
 _LOUD = (0.25, 0.4)
@@ -87,6 +88,7 @@ def identify_coupled(
                     break
                 best = found
                 if best is not None and best.explained:
+                    best = _in_order(best, told)
                     break
         except KeyboardInterrupt:
             best, interrupted = best or best_of(kept), True
@@ -190,14 +192,11 @@ def _ringing(decays: Sequence[Decay], coordinates: int | str) -> tuple[list[Vibr
     return found[:coordinates], coordinates
 
 
-def _linear(ringing: Sequence[Vibration], unit: str | None) -> CoupledModel:
-    """Frequencies and damping of small vibrations, as the quietest third of each shows them."""
-    values: list[float] = []
-    for v in ringing:
-        omega = 2 * np.pi * v.small_frequency
-        zeta = v.damping_ratio[1]
-        values += [omega**2, 2 * zeta * omega if zeta > 0 else 0.0]
-    return CoupledModel(linear_terms(len(ringing)), tuple(values), unit)
+def _linear(omega: Array, zeta: Array, unit: str | None) -> CoupledModel:
+    """Small vibrations, which do not grow."""
+    pairs = zip(omega, zeta, strict=True)
+    values = [float(v) for w, z in pairs for v in (w**2, 2 * max(z, 0.0) * w)]
+    return CoupledModel(linear_terms(len(omega)), tuple(values), unit)
 
 
 def _identified(
@@ -208,5 +207,22 @@ def _identified(
     frequency = np.array([v.small_frequency for v in ringing])
     progress.say(f"coordinates at {names_of(ringing)}")
     records = coupled_records(decays, frequency, NUMERICS)
-    start = Stage(_linear(ringing, decays[0].unit), free_shapes(records))
+    # As the quietest third of each shows them.
+    zeta = np.nan_to_num([v.damping_ratio[1] for v in ringing])
+    model = _linear(2 * np.pi * frequency, zeta, decays[0].unit)
+    start = Stage(model, free_shapes(records))
     return of_plainest_kind(start, records, KINDS, progress)
+
+
+def _in_order(found: Fitted, progress: Progress) -> Fitted:
+    """The same with its coordinates by frequency: close vibrations may have been mistaken."""
+    model = found.stage.model
+    order = np.argsort(small_frequencies(model))
+    if np.all(np.diff(order) > 0):
+        return found
+    progress.say("coordinates by frequency")
+    records = tuple(record.with_coordinates(order) for record in found.records)
+    linear = _linear(model.linear_modes[0], model.linear_damping_ratios, model.unit)
+    start = Stage(linear, free_shapes(records))
+    again = of_plainest_kind(start, records, KINDS, progress)
+    return again if again and again.explained else found

@@ -23,7 +23,7 @@ from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, tones_of
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.record.vibrations import Vibration
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 # Steps of the integration in a cycle of the fastest coordinate: its error, of order six, stays
 # below a hundredth of a noise of 40 dB.
@@ -169,6 +169,13 @@ class CoupledRecord(OfDecay):
                 shown[:, effect.channel] += value * row[effect.channel]
                 slope[effect.channel] += value * effect.shown_slopes(x)
         return CoupledReading(shown.T.ravel(), slope, by_value)
+
+    def with_coordinates(self, order: Indices) -> CoupledRecord:
+        """The same with its coordinates in another order."""
+        m = self.motion
+        motion = Trajectory(m.grid, m.q[:, order], m.q_dot[:, order], m.q_ddot[..., order])
+        tones = tuple(self.tones[i] for i in order)
+        return replace(self, shapes=self.shapes[:, order], motion=motion, tones=tones)
 
     def until(self, n: int) -> CoupledRecord:
         """The first n samples of every channel, with the noise of all of it."""
