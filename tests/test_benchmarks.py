@@ -11,6 +11,7 @@ import pytest
 
 import romsindy as rs
 from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.measured import small_frequencies
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.regression.projection import Rows
 
@@ -371,6 +372,17 @@ def test_small_run_of_systems_of_two_coordinates(benchmark, capsys):
     row = benchmark.trial(7)
     # Noise of 1 % of the rms of a decay, over its largest sample; terms as they were drawn.
     assert row["error"] < 0.01 and not row["wrong"]
+
+
+@benchmark_of("coupled")
+def test_close_vibrations_are_followed_back_from_where_they_are_quiet(benchmark):
+    """One sensor, frequencies 6 % apart: where they are loud one is taken for the other."""
+    _, values, _, fitted, _ = benchmark.decays_of(9156)
+    said = []
+    fit = rs.identify_coupled(fitted, progress=said.append)
+    assert "from 25 per cent of the decays on" in said and "coordinates by frequency" in said
+    assert {*fit.model.coefficients} == {name for name, value in values.items() if value}
+    assert fit.verdict.explained and np.all(np.diff(small_frequencies(fit.model)) > 0)
 
 
 @benchmark_of("coupled")

@@ -67,17 +67,18 @@ def _earlier(
     first = max(int(np.ceil((time - stride) / grid.step)), 0)
     since = first * grid.step
     record = whole.since_step(first)
-    before = _before(model, state, time - since)
+    before = state_before(model, state, time - since)
     equation = equation_of(model, (), 0, record)
     motion = integrate(equation, before, record.motion.grid)
     return replace(record, motion=motion), since
 
 
-def _before(model: CoupledModel, state: Array, seconds: float) -> Array:
+def state_before(model: CoupledModel, state: Array, seconds: float) -> Array:
     """The state so long before: damping drives a motion whose time runs backwards."""
     if seconds <= 0:
         return state
-    values = [-v if t.has("damping") else v for t, v in zip(model.terms, model.values, strict=True)]
+    pairs = zip(model.terms, model.values, strict=True)
+    values = (v if term.undamped() == term else -v for term, v in pairs)
     backwards = replace(model, values=tuple(values))
     q, q_dot = np.split(state, 2)
     past = backwards.simulate(q, -q_dot, np.linspace(0, seconds, _TIMES))
