@@ -228,12 +228,18 @@ def _better(
     """A fit that is better than the best, from the values of a start, or else from those of now.
 
     The linearised equations may have no motion near the present one; from that on, there is one.
+    Over long pieces a fit may lose it: then it starts from that of short ones.
     """
     for stage in (start, start.with_values_of(now)):
         found = fitted(stage, records, cycles)
         if found and (best is None or found.is_better(best, records)):
             return found
-    return None
+    shortest = lengths(records)[0]
+    if best is None or cycles == shortest:
+        return None
+    short = fitted(start, records, shortest)
+    found = short and fitted(short.stage, short.records, cycles)
+    return found if found and found.is_better(best, records) else None
 
 
 def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
