@@ -234,6 +234,8 @@ def _better(
         found = fitted(stage, records, cycles)
         if found and (best is None or found.is_better(best, records)):
             return found
+        if found and best and found.left < _LOST * best.left_over(records):
+            return None  # it has its motion, which is no better
     shortest = lengths(records)[0]
     if best is None or cycles == shortest:
         return None
