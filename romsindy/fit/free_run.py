@@ -7,12 +7,14 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.linalg import expm
 
-from romsindy.fit.collocation import integrate
+from romsindy.fit.collocation import TrajectoryError, integrate
 from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.run import forced_run
+from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.measured import NUMERICS, small_frequencies
 from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.part import Part, in_orders
@@ -22,8 +24,8 @@ from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.typing import Array
 
-# Of the slowest coordinate, and for each of them: they give a first state; by what they grow.
-_CYCLES, _SAMPLES, _GROWTH = 2.0, 4, 2.0
+# Samples for each coordinate and cycles of the slowest that give a first state; how they grow.
+_SAMPLES, _CYCLES, _GROWTH = 4, (0.5, 1.0, 2.0, 4.0), 2.0
 
 
 def free_run(fit: Fit, decay: Decay | ForcedVibration, samples: int) -> Array:
@@ -84,11 +86,41 @@ def _start(
 ) -> Array:
     """State that the first samples show, (2 R,): of few cycles, and then of more and more.
 
-    From a state that is far off, a fit over many cycles would not find its way.
+    From a state that is far off, a fit over many cycles would not find its way. Vibrations that
+    beat have several states that show few cycles well: the best of some is taken.
     """
-    few = max(_CYCLES * len(record.t) / record.cycles, _SAMPLES * model.n_coordinates)
-    grown = few * _GROWTH ** np.arange(np.log(max(samples / few, 1.0)) / np.log(_GROWTH))
-    motions = [record.motion]
-    for n in (*grown.astype(int), samples):
+    cycle = len(record.t) / record.cycles
+    fewest = _SAMPLES * model.n_coordinates
+    firsts = sorted({min(max(int(c * cycle), fewest), samples) for c in _CYCLES})
+    found: list[Solution] = []
+    for first in firsts:
+        try:
+            found.append(_grown(model, curved, record, first, samples))
+        except TrajectoryError as trouble:
+            if first == firsts[-1] and not found:
+                raise trouble from None
+    return min(found, key=lambda solution: solution.chi_squared).motions[0].start
+
+
+def _grown(
+    model: CoupledModel, curved: Sequence[Part], record: CoupledRecord, first: int, samples: int
+) -> Solution:
+    """The initial state of all samples, from that of the first ones."""
+    few, equation = record.until(first), equation_of(model, (), 0, record)
+    motions = [integrate(equation, _linear_state(model, few), few.motion.grid)]
+    counts = first * _GROWTH ** np.arange(np.log(samples / first) / np.log(_GROWTH))
+    for n in counts.astype(int):
         motions = list(shoot(model, curved, [record.until(n)], motions, fixed=True)[0].motions)
-    return motions[0].start
+    return shoot(model, curved, [record.until(samples)], motions, fixed=True)[0]
+
+
+def _linear_state(model: CoupledModel, record: CoupledRecord) -> Array:
+    """The state from which small vibrations of the model would show the record best, (2 R,)."""
+    r, rest = model.n_coordinates, np.zeros((1, model.n_coordinates))
+    _, by_q, by_q_dot, by_q_ddot = model.linearise(rest, rest, rest)
+    rates = -np.linalg.solve(by_q_ddot[0], np.concatenate([by_q[0], by_q_dot[0]], axis=1))
+    a = np.block([[np.zeros((r, r)), np.eye(r)], [rates]])
+    shown = record.shapes @ np.linalg.matrix_power(a, record.derivative)[:r]
+    later = expm(a * (record.decay.t - record.decay.t[0])[:, None, None])
+    table = np.einsum("cs,nsk->cnk", shown, later).reshape(-1, 2 * r)
+    return np.linalg.lstsq(table, record.signal, rcond=None)[0]
