@@ -225,17 +225,16 @@ def settled(
 def _better(
     start: Stage, now: Stage, records: Sequence[CoupledRecord], cycles: float, best: Fitted | None
 ) -> Fitted | None:
-    """A fit that is better than the best, from the values of a start, or else from those of now.
+    """A fit that is better than the best, or None.
 
-    The linearised equations may have no motion near the present one; from that on, there is one.
-    Over long pieces a fit may lose it: then it starts from that of short ones.
+    From the values of a start: those of the linearised equations may have no motion at all, then
+    from those of now. Over long pieces a fit may lose the motion: then from that of short ones.
     """
-    for stage in (start, start.with_values_of(now)):
-        found = fitted(stage, records, cycles)
-        if found and (best is None or found.is_better(best, records)):
-            return found
-        if found and best and found.left < _LOST * best.left_over(records):
-            return None  # it has its motion, which is no better
+    found = fitted(start, records, cycles) or fitted(start.with_values_of(now), records, cycles)
+    if found and (best is None or found.is_better(best, records)):
+        return found
+    if found and best and found.left < _LOST * best.left_over(records):
+        return None  # it has its motion, which is no better
     shortest = lengths(records)[0]
     if best is None or cycles == shortest:
         return None
