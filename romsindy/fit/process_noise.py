@@ -95,7 +95,7 @@ class Windows:
         equation = ExtendedEquation(model, parts, i, m.grid.step, record.clock)
         with np.errstate(all="ignore"):
             response = respond(equation, m, equation.by_parameter(*nodes(m)))
-        distance = np.abs(response.q[:, 0, [0, -2]] / [record.amplitude, 1.0]).max()
+            distance = np.abs(response.q[:, 0, [0, -2]] / [record.amplitude, 1.0]).max()
         steps = window_steps(record)
         starts = steps[:-1]
         states = np.stack([response.q[starts, 0, -2:], response.q_dot[starts, 0, -2:]], axis=1)
