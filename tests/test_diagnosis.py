@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -579,12 +578,12 @@ def test_clamped_beam_has_another_linear_frequency(measured):
         runs.append(record.free().between(start, start + 1.8))
     library = rs.ROMLibrary(inertia=(), stiffness=(1, 3, 5), damping=("linear", "quadratic"))
     model = refine(rs.HarmonicSINDy(library).fit(runs[1]).model_, runs[1]).model
-    # Both runs hold more than one mode: no effect of one coordinate closes the gap, and what the
-    # model lacks beside its linear frequency is mode 3, which has 368 to 376 Hz in its own record.
+    # Both runs hold more than one mode: the gap stays open, and nothing is named. (With the whole
+    # catalogue a magnet may come nearer; which one does changes with a few samples.)
     effects = [e for e in CATALOGUE if e.name in ("linear_frequency", "viscous")]
     result = diagnose(model, runs[0], floor=0.01, max_effects=1, catalogue=effects)
-    assert result.verdict == "named" and re.search(r"a mode at 37\d\.?\d* Hz", result.sentence)
-    assert result.interaction.after < result.interaction.before / np.sqrt(2)
+    # Coupling to mode 3 seemed to, until the model without it started from where coupling led.
+    assert result.verdict == "unknown"
     assert "linear_frequency" in result.best.names
     shift = result.base.solution.parts[0].strengths[0, 0]
     omega2 = model.coefficients["omega^2"]

@@ -8,7 +8,7 @@ may have further terms of its own: only coupling tells the two apart.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_rounds import Fitted, Progress, fitted, of_plainest_kind
+from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, fitted, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.pieces import cut
@@ -126,9 +126,13 @@ def interaction_of(
         alone = of_plainest_kind(start, records, _ALONE, progress)
         if alone is None:
             return None
-        longest = alone if alone.explained else _together(start, records, alone, progress)
-        if longest is None:
-            return None
+        longest = alone
+        if not alone.explained:
+            together = _together(start, records, alone, progress)
+            if together is None:
+                return None
+            alone = _alone_again(start, records, alone, together, progress)
+            longest = alone if alone.explained else together
         cycles = min(alone.cycles, longest.cycles)
         pair = [_over(f, longest.records, cycles) for f in (alone, longest)]
     if pair[0] is None or pair[1] is None:
@@ -144,6 +148,24 @@ def _together(
     """With coupling; where that has no motion from the start, from what was found without it."""
     found = of_plainest_kind(start, records, _TOGETHER, progress)
     return found or of_plainest_kind(alone.stage, alone.records, _TOGETHER, progress)
+
+
+def _alone_again(
+    start: Stage,
+    records: Sequence[CoupledRecord],
+    alone: Fitted,
+    together: Fitted,
+    progress: Progress,
+) -> Fitted:
+    """Without coupling, also from where coupling led: what was not found at first is no proof."""
+    own = {*start.model.terms, *(t for kind in _ALONE for t in candidates(2, kind))}
+    terms = zip(together.stage.model.terms, together.stage.model.values, strict=True)
+    values = {term: value for term, value in terms if term in own}
+    model = CoupledModel(tuple(values), tuple(values.values()), start.model.unit)
+    pairs = zip(together.records, records, strict=True)
+    moved = [replace(found, noise=given.noise) for found, given in pairs]
+    again = of_plainest_kind(replace(together.stage, model=model), moved, _ALONE, progress)
+    return again if again and best_of([alone, again]) is again else alone
 
 
 def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
