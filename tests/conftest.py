@@ -1,4 +1,4 @@
-"""Records that several tests share."""
+"""Records that several tests share, and the line that says which tests were left out."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import romsindy as rs
 
 matplotlib.use("Agg")
 
+_LEFT_OUT = pytest.StashKey[int]()
 _MEASURED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
@@ -26,3 +27,32 @@ def measured() -> Path:
     if not _MEASURED.is_dir():
         pytest.skip(f"measured decays are not at {_MEASURED.name}/ beside the project")
     return _MEASURED
+
+
+def pytest_deselected(items: list[pytest.Item]) -> None:
+    """Count the slow tests that the default run leaves out."""
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    for item in slow[:1]:
+        item.config.stash[_LEFT_OUT] = item.config.stash.get(_LEFT_OUT, 0) + len(slow)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Tell the count of a worker process to the one that prints; every worker counts alike."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["left_out"] = session.config.stash.get(_LEFT_OUT, 0)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node, error) -> None:
+    """Take the count of a worker process."""
+    del error
+    node.config.stash[_LEFT_OUT] = getattr(node, "workeroutput", {}).get("left_out", 0)
+
+
+def pytest_terminal_summary(terminalreporter, config: pytest.Config) -> None:
+    """Say how many tests were left out, and how they are run."""
+    left_out = config.stash.get(_LEFT_OUT, 0)
+    if left_out:
+        command = "python -m pytest -m slow"
+        terminalreporter.line(f"{left_out} slow tests were left out; {command} runs them")

@@ -374,15 +374,35 @@ def test_small_run_of_systems_of_two_coordinates(benchmark, capsys):
     assert row["error"] < 0.01 and not row["wrong"]
 
 
+WAY_BACK = "from 25 per cent of the decays on"
+
+
 @benchmark_of("coupled")
 def test_close_vibrations_are_followed_back_from_where_they_are_quiet(benchmark):
     """One sensor, frequencies 6 % apart: where they are loud one is taken for the other."""
     _, values, _, fitted, _ = benchmark.decays_of(9156)
     said = []
     fit = rs.identify_coupled(fitted, progress=said.append)
-    assert "from 25 per cent of the decays on" in said and "coordinates by frequency" in said
+    assert WAY_BACK in said and "coordinates by frequency" in said
     assert {*fit.model.coefficients} == {name for name, value in values.items() if value}
     assert fit.verdict.explained and np.all(np.diff(small_frequencies(fit.model)) > 0)
+
+
+@benchmark_of("coupled")
+def test_an_interrupt_on_the_way_back_keeps_a_fit_of_whole_decays(benchmark):
+    """Parts of decays that were fitted on the way are not to be compared with whole ones."""
+    _, _, _, fitted, _ = benchmark.decays_of(9156)
+    said = []
+
+    def stop(line):
+        said.append(line)
+        way = said[said.index(WAY_BACK) :] if WAY_BACK in said else []
+        if line.startswith("terms: ") and sum(x.startswith("terms: ") for x in way) == 5:
+            raise KeyboardInterrupt
+
+    fit = rs.identify_coupled(fitted, progress=stop)
+    assert WAY_BACK in said and fit.solution.interrupted
+    assert sum(map(len, fit.residuals)) == sum(d.signal.size for d in fitted)
 
 
 @benchmark_of("coupled")

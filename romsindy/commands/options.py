@@ -47,6 +47,10 @@ interactive_option = click.option(
     help="Figures of pages zoom and show what is under the pointer (pip install plotly).",
 )
 
+full_option = click.option(
+    "--full", is_flag=True, help="Print all tables; without it they are on the page alone."
+)
+
 
 def reading_options(command: Callable) -> Callable:
     """The options with which `read` reads a file."""
