@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from romsindy.commands.options import Output, text_of, write_text
+from romsindy.commands.options import text_of
+from romsindy.commands.outputs import Output, WritingCommand, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.physics import coupled_export
 from romsindy.physics import export as single_export
@@ -18,9 +19,11 @@ from romsindy.record.files.load import named
 from romsindy.text import listed
 
 _STDOUT = Path("-")
+_MARK = "romsindy export"
+_COMMENT = {"matlab": "%", "c": "//", "sympy": "#"}
 
 
-@click.command()
+@click.command(cls=WritingCommand)
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
     "--to",
@@ -32,7 +35,7 @@ _STDOUT = Path("-")
 @click.option(
     "--output",
     "-o",
-    type=Output(allow_dash=True),
+    type=Output(_MARK, allow_dash=True),
     default=_STDOUT,
     help="File to write.  [default: print it]",
 )
@@ -49,7 +52,9 @@ def export(file: Path, language: str, output: Path, name: str | None) -> None:
         model = _model(text)
     name = name or ("rhs" if output == _STDOUT else output.stem)
     with named(f"{file}"):
-        write_text(output, _code(model, language, name))
+        code = _code(model, language, name)
+    mark = "" if output == _STDOUT else f"\n{_COMMENT[language]} {_MARK}"
+    write_text(output, code + mark)
 
 
 def _code(model: AnyModel, language: str, name: str) -> str:

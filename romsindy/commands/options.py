@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -111,38 +110,6 @@ def given(names: Iterable[str]) -> list[str]:
     return [n for n, source in sources.items() if source is ParameterSource.COMMANDLINE]
 
 
-class Output(click.Path):
-    """A file to be written: a place where none can be is refused before the work.
-
-    ``-`` is the standard output where that is allowed; ``kinds`` are the endings that a name may
-    have, where not all may.
-    """
-
-    def __init__(self, allow_dash: bool = False, kinds: Sequence[str] = ()) -> None:
-        super().__init__(path_type=Path, allow_dash=allow_dash)
-        self.kinds = kinds
-
-    @classmethod
-    def of(cls, name: str) -> Path:
-        """A file of this name, where it can be written."""
-        return cls().convert(name, None, None)
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Path:
-        path = Path(value)
-        if self.allow_dash and str(value) == "-":
-            return path
-        if self.kinds and path.suffix.lower() not in self.kinds:
-            self.fail(f"{path}: its name must end in {' or '.join(self.kinds)}", param, ctx)
-        folder = path.parent
-        if not folder.is_dir():
-            self.fail(f"{path}: there is no folder {folder}", param, ctx)
-        if path.is_dir():
-            self.fail(f"{path} is a folder: name a file", param, ctx)
-        if not os.access(path if path.exists() else folder, os.W_OK):
-            self.fail(f"{path} cannot be written: choose another place", param, ctx)
-        return path
-
-
 def text_of(path: Path) -> str:
     """The text of a file.
 
@@ -155,11 +122,3 @@ def text_of(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no text in UTF-8: name another file, or save it so") from error
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write to a file, or to the standard output for ``-``."""
-    if str(path) == "-":
-        click.echo(text)
-    else:
-        path.write_text(text + "\n", encoding="utf-8")
