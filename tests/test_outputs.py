@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 from romsindy import ReducedModel, save_decay
-from romsindy.commands import diagnose as diagnose_module
 from romsindy.commands import identify as identify_module
 from romsindy.commands.main import _COMMANDS, main
 from romsindy.commands.outputs import Output, WritingCommand
 from romsindy.record.files.whole import whole, write_whole
+from romsindy.show.page import Picture
 
 COMMANDS = {name: getattr(import_module(f"romsindy.commands.{name}"), name) for name in _COMMANDS}
 # Inputs of each command beside the one in question, so that parsing ends.
@@ -161,28 +161,42 @@ def test_a_file_is_replaced_by_what_made_it_or_with_force(run, tmp_path):
 
 
 def test_every_kind_of_output_knows_itself(run, tmp_path):
-    """A second run replaces what the first one wrote; other options of the same command do not."""
+    """What a command wrote it may write again; another option of it may not."""
     model = ReducedModel.from_coefficients({"omega^2": 1480.0, "c_linear": 0.5}, unit="m")
-    t = np.arange(0, 8, 0.01)
-    save_decay(model.simulate(0.05, 0.0, t), tmp_path / "decay.csv")
-    (tmp_path / "m.json").write_text(model.to_json())
-    commands = [
-        ["simulate", "b.csv", "--elements", 2, "--duration", 0.01, "--quiet"],
-        ["simulate", "b.npz", "--elements", 2, "--duration", 0.01, "--quiet"],
-        ["inspect", "decay.csv", "--json", "i.json"],
-        ["identify", "decay.csv", "--plain", "--json", "r.json", "--model", "f.json",
-         "--figure", "f.png"],
-        ["identify", "decay.csv", "--plain", "--figure", "f.pdf"],
-        ["identify", "decay.csv", "--plain", "--figure", "f.svg"],
-    ]  # fmt: skip
-    for command in commands:
-        for _ in range(2):
-            result = run(*command)
-            assert result.exit_code == 0, result.output
+    save_decay(model.simulate(0.05, 0.0, np.arange(0, 8, 0.01)), tmp_path / "decay.csv")
+    written = [
+        "--json",
+        "r.json",
+        "--model",
+        "f.json",
+        "--figure",
+        "f.png",
+        "--report",
+        "page.html",
+    ]
+    result = run("identify", "decay.csv", "--plain", *written)
+    assert result.exit_code == 0, result.output
     assert ReducedModel.from_json((tmp_path / "f.json").read_text()).coefficients["omega^2"]
-    for taken in ("r.json", "f.png", "decay_inspection.html", "i.json"):
-        result = run("identify", "decay.csv", "--plain", "--save", taken)
+    for ending in ("pdf", "svg"):
+        Picture("backbone", "", "", lambda figure: figure.subplots()).write(
+            tmp_path / f"f.{ending}"
+        )
+    for known in (written, ["--figure", "f.pdf"], ["--figure", "f.svg"]):
+        result = run("identify", "missing.csv", *known)
+        assert "missing.csv: no such file" in result.stderr
+    for taken in ("r.json", "f.png", "page.html"):
+        result = run("identify", "decay.csv", "--save", taken)
         assert result.exit_code == 2 and "did not write it there before" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["beam.csv", "beam.npz"])
+def test_a_simulation_is_written_again(run, tmp_path, name):
+    for _ in range(2):
+        result = run("simulate", name, "--elements", 2, "--duration", 0.01, "--quiet")
+        assert result.exit_code == 0, result.output
+    (tmp_path / name).write_text("t,q")
+    result = run("simulate", name, "--elements", 2, "--duration", 0.01, "--quiet")
+    assert result.exit_code == 2 and "did not write it there before" in result.stderr
 
 
 def test_the_study_takes_no_folder_of_others(run, tmp_path):

@@ -119,8 +119,8 @@ def claim_folder(folder: Path, page: str) -> None:
         return
     if not (folder / page).is_file() or not _holds(folder / page, PAGE, ctx):
         raise click.UsageError(
-            f"the folder {folder} holds files that romsindy {ctx.info_name} did not write: name another"
-            " folder, or let files of the same name be overwritten with --force",
+            f"the folder {folder} holds files that romsindy {ctx.info_name} did not write: name"
+            " another folder, or let files of the same name be overwritten with --force",
             ctx,
         )
 
