@@ -86,8 +86,11 @@ def part_between(t: Array, start: float | None, end: float | None) -> slice:
     Raises
     ------
     ValueError
-        If they are fewer than eight.
+        If they are fewer than eight, or a time is no finite number.
     """
+    for name, value in (("start", start), ("end", end)):
+        if value is not None and not np.isfinite(value):
+            raise ValueError(f"{name}={value} is no time: give seconds, or leave it out")
     low, high = t[0] if start is None else start, t[-1] if end is None else end
     slack = 1e-6 * float(t[1] - t[0])
     first, last = np.searchsorted(t, [low - slack, high + slack]).tolist()
