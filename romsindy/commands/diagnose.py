@@ -15,7 +15,7 @@ import click
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import interactive_option, reading_options, text_of
+from romsindy.commands.options import interactive_option, model_of, reading_options, text_of
 from romsindy.commands.outputs import (
     JSON,
     PAGE,
@@ -244,7 +244,10 @@ def _model(path: Path) -> ReducedModel | Estimate:
     """A model, with what is known of it if the file says so."""
     text = text_of(path)
     with named(f"{path}"):
-        return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
+        model = model_of(text)
+        if not isinstance(model, ReducedModel):
+            raise ValueError("a model of several coordinates is not diagnosed: isolate one mode")
+        return Estimate.from_json(text) if '"covariance"' in text else model
 
 
 def _note_inputs(simulation: ReducedModel | Estimate) -> None:

@@ -8,19 +8,19 @@ from typing import Any
 
 import click
 
-from romsindy.commands.options import text_of
+from romsindy.commands.options import model_of, text_of
 from romsindy.commands.outputs import Output, WritingCommand, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.physics import coupled_export
 from romsindy.physics import export as single_export
-from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.serial import read_json
 from romsindy.record.files.load import named
 from romsindy.text import listed
 
 _STDOUT = Path("-")
 _MARK = "romsindy export"
-_COMMENT = {"matlab": "%", "c": "//", "sympy": "#"}
+_COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
 
 
 @click.command(cls=WritingCommand)
@@ -28,9 +28,9 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#"}
 @click.option(
     "--to",
     "language",
-    type=click.Choice(["matlab", "c", "sympy"]),
+    type=click.Choice(["matlab", "c", "sympy", "text"]),
     required=True,
-    help="A function for ode45, a C99 function, or Python with sympy.",
+    help="A function for ode45, a C99 function, Python with sympy, or the equation to be read.",
 )
 @click.option(
     "--output",
@@ -41,7 +41,7 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#"}
 )
 @click.option("--name", help="Name of the function.  [default: that of the output, or rhs]")
 def export(file: Path, language: str, output: Path, name: str | None) -> None:
-    """Write the equation of motion in FILE for MATLAB, C or sympy.
+    """Write the equation of motion in FILE for MATLAB, C or sympy, or as text.
 
     FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
 
@@ -58,6 +58,8 @@ def export(file: Path, language: str, output: Path, name: str | None) -> None:
 
 
 def _code(model: AnyModel, language: str, name: str) -> str:
+    if language == "text":
+        return str(model)
     if language == "sympy":
         pairs = list(zip(model.terms, model.values, strict=True))
         if isinstance(model, CoupledModel):
@@ -76,7 +78,7 @@ def _model(text: str) -> AnyModel:
     """
     content = read_json(text)
     if not (isinstance(content, dict) and {"model", "effects"} <= {*content}):
-        return model_from_json(text)
+        return model_of(text)
     outside = _outside(content["effects"])
     if outside:
         raise ValueError(
@@ -84,7 +86,7 @@ def _model(text: str) -> AnyModel:
             " no term of the equation of motion; to export the equation without it, put the entry"
             ' "model" into a file of its own'
         )
-    return model_from_json(json.dumps(content["model"]))
+    return model_of(json.dumps(content["model"]))
 
 
 def _outside(effects: list[dict[str, Any]]) -> list[str]:

@@ -16,7 +16,7 @@ from romsindy.text import as_options, listed
 _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured vibrations, free or driven.",
     "example": "Write the files that README and docs use to DIR.",
-    "export": "Write the equation of motion in FILE for MATLAB, C or sympy.",
+    "export": "Write the equation of motion in FILE for MATLAB, C or sympy, or as text.",
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",

@@ -10,6 +10,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from romsindy.physics.coupled import AnyModel, model_from_json
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
 
@@ -108,6 +109,26 @@ def given(names: Iterable[str]) -> list[str]:
     parameters = {o: p.name or "" for p in context.command.params for o in p.opts}
     sources = {n: context.get_parameter_source(parameters[f"--{n}"]) for n in names}
     return [n for n, source in sources.items() if source is ParameterSource.COMMANDLINE]
+
+
+def model_of(text: str) -> AnyModel:
+    """The model in a JSON text, as commands take it: one that vibrates about its rest.
+
+    Raises
+    ------
+    ValueError
+        If it is none, or pushed away from its rest.
+    """
+    model = model_from_json(text)
+    for name, value in model.coefficients.items():
+        if name.startswith("omega^2") and value <= 0:
+            raise ValueError(
+                f"{name} = {value:g} must be positive: the square of the angular frequency of small"
+                " vibrations, 1/s^2"
+            )
+    if not any(term.has("stiffness") for term in model.terms):
+        raise ValueError("the model has no stiffness: give omega^2 at least")
+    return model
 
 
 def text_of(path: Path) -> str:
