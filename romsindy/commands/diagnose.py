@@ -195,8 +195,9 @@ def diagnose(
         if not driven.inputs:
             _note_inputs(simulation["model"])
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
-    learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
-    tests = _loaded(load, [held_out] if held_out is not None else [])
+    with bar(None, "reading the records"):
+        learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
+        tests = _loaded(load, [held_out] if held_out is not None else [])
     if len(tests) > 1:
         raise click.UsageError(f"--held-out {held_out} holds {len(tests)} decays: choose --release")
     # What was not given stays as the simulation has it; 0 and nothing are given values.
@@ -207,7 +208,7 @@ def diagnose(
     asked["held_out"] = tests[0][1] if tests else None
     own = [simulation["reference"]] if "reference" in simulation else []
     asked["reference"] = [*own, *(d for _, d in known)] or None
-    with bar(None, "candidates") as steps:
+    with bar(None, _read(learnt)) as steps:
 
         def progress(candidate: str) -> None:
             steps.set_postfix_str(candidate)
@@ -279,6 +280,12 @@ def _loaded(load: Callable[[Path], Sequence[Any]], files: Sequence[Path]) -> lis
         for i, record in enumerate(records, 1):
             found.append((f"{file}" if len(records) == 1 else f"{file}, release {i}", record))
     return found
+
+
+def _read(learnt: Sequence[tuple[str, Any]]) -> str:
+    """What the comparison has before its first candidate."""
+    count = f"{len(learnt)} measured record{'s' * (len(learnt) > 1)}"
+    return f"comparing candidates with {count}"
 
 
 def _on_command_line(message: str, names: Mapping[str, Sequence[str]]) -> str:

@@ -255,6 +255,9 @@ def _identified(
         report = analysed(title, decays, settings, picked(found, mode, releases))
     except ValueError as error:
         raise _of(file, error, found.warnings) from error
+    except KeyboardInterrupt as error:
+        reached = picked(found, mode, releases).rstrip(".")
+        raise KeyboardInterrupt(f"{error}, after the inspection. {reached}") from None
     figures = pictures(report)
     if len(found.modes) > 1 or len(found.releases) > 1:
         figures.append(picture(found))
@@ -332,7 +335,8 @@ def _all_of(jobs: Mapping[str, Callable[[], AnyResult]]) -> tuple[list[AnyResult
             result = job()
         except (ValueError, OSError, RuntimeError) as error:
             results.append(Refusal(file, as_options(str(error))))
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
+            results.append(Refusal(file, f"{file}: interrupted {error}"))
             return results, True
         else:
             results.append(result)

@@ -47,7 +47,8 @@ def _refusals() -> Iterator[None]:
         raise _Refusal(_one_line(what)) from error
     except (ValueError, RuntimeError) as error:
         raise _Refusal(_one_line(str(error))) from error
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:  # with what was reached, where a command says it
+        click.echo(_one_line(f"Interrupted {error}".strip()) + ".", err=True)
         raise click.exceptions.Exit(INTERRUPTED) from None
 
 
@@ -64,7 +65,10 @@ def _elsewhere(error: click.UsageError) -> str:
 
 
 def _command(name: str) -> click.Command:
-    command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+    try:
+        command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("before any file was read") from None
     return command
 
 

@@ -109,7 +109,7 @@ def simulate(
     if failure is not None:
         raise failure
     if motion.stop_reason != "completed":
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(f"after {motion.t[-1]:.4g} s of {duration:.4g} s")
 
 
 def write_motion(
