@@ -82,6 +82,8 @@ def analysed(
         recipe.set_params(projection__harmonics=settings.harmonics)
     choices = (settings.order, settings.damping, settings.fix, recipe)
     four, broken = _regressions(conditioned, backbone, choices)
+    if broken is not None and (settings.harmonics or settings.cutoff):  # what was asked for
+        raise broken
     found, trouble, interrupted = None, "", False
     columns: list[Judged] = list(four.values())
     if not (settings.plain or settings.weighted):
