@@ -69,6 +69,7 @@ _TEXTS: dict[str, Writer] = {
     "name_unit.csv": _text("time_s,a_m/s^2", rows=_rows()),
     "trailing.csv": _text(_HEAD, rows=_rows(end=",")),
     "trailing_header.csv": _text(_HEAD + ",", rows=_rows(end=",")),
+    "trailing_names.csv": _text(_HEAD + ",,", rows=_rows()),
     "quoted.csv": _text(
         '"time [s]","acc [m/s^2]"', rows=[f'"{r}"' for r in _rows('","')]
     ),
@@ -194,6 +195,14 @@ def _lvm_part(part: np.ndarray, columns: str) -> list[str]:
     return lines + [f"{t}\t{X[i]:.9f}" for t, i in zip(times, part, strict=True)]
 
 
+def _abaqus(path: Path) -> None:
+    """An XY report, with the row at the end of a step twice, and a name on two lines."""
+    rows = [f"{a:>24.7E}{b:>24.7E}" for a, b in zip(T, X, strict=True)]
+    rows.insert(300, rows[300])
+    head = [f"{'X':>24}{'A:A2 PI: BEA':>24}", f"{'M-1 N: 21':>48}", ""]
+    path.write_text("\n".join(["", *head, *rows, "", f"{'Minimum':>24}{X.min():>24.7E}", ""]))
+
+
 def _xlsx(start: datetime.datetime | None = None) -> Writer:
     def write(path: Path) -> None:
         book = openpyxl.Workbook()
@@ -233,6 +242,7 @@ def _mat73(path: Path) -> None:
 _RECORDS = np.rec.fromarrays([T, X], names="time, acc")
 _WAV = {"unit": "m/s^2", "scale": 16.0}
 _UNIT = {"unit": "m/s^2"}
+_SIMULINK = {"time": T, "signals": {"values": X, "dimensions": 1, "label": "acc"}}
 # Name of the file: writer, arguments that its reader needs, largest error relative to the largest
 # sample (text of nine decimals, single precision, 16 bits).
 DRESSES: dict[str, tuple[Writer, dict[str, Any], float]] = {
@@ -247,6 +257,9 @@ DRESSES: dict[str, tuple[Writer, dict[str, Any], float]] = {
     "column.mat": (_mat(t=T[:, None], acc=X[:, None], unit="m/s^2"), {}, 0.0),
     "struct.mat": (_mat(s={"data": {"acc": X, "time": T}, "info": "x"}), _UNIT, 0.0),
     "cell.mat": (_mat(runs=_cell(), Fs=RATE), _UNIT, 0.0),
+    "tout.mat": (_mat(tout=T[:, None], yout=X[:, None]), _UNIT, 0.0),
+    "simulink.mat": (_mat(yout=_SIMULINK), _UNIT, 0.0),
+    "timeseries.mat": (_mat(ts={"Name": "acc", "Time": T, "Data": X}), _UNIT, 0.0),
     "v73.mat": (_mat73, {}, 0.0),
     "group.h5": (_h5, {}, 0.0),
     "int16.wav": (_wav("i2"), _WAV, 5e-5),
@@ -257,6 +270,7 @@ DRESSES: dict[str, tuple[Writer, dict[str, Any], float]] = {
     "binary.uff": (_uff(1), {}, 0.0),
     "transient.unv": (_uff_55, _UNIT, 1e-5),
     "waveform.tdms": (_tdms, {}, 0.0),
+    "report.rpt": (_abaqus, _UNIT, 5e-8),
     "one.lvm": (_lvm(), {}, 2e-10),
     "no_x.lvm": (_lvm("No"), {}, 2e-10),
     "comma.lvm": (_lvm(comma=True), {}, 2e-10),

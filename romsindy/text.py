@@ -109,9 +109,29 @@ def on_terminal() -> bool:
     return sys.stderr.isatty()
 
 
+class _Bar(tqdm):
+    """A progress bar that tells an interruption where it came, whether or not it is shown."""
+
+    def __init__(self, steps: Any, what: str, **settings: Any) -> None:
+        super().__init__(steps, desc=what, leave=False, disable=not on_terminal(), **settings)
+        self.what, self.stage = what, ""
+
+    def set_postfix_str(self, s: str = "", refresh: bool = True) -> None:
+        self.stage = s
+        super().set_postfix_str(s, refresh)
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, KeyboardInterrupt) and not error.args:
+            error.args = (f"while {self.what}" + (f" ({self.stage})" if self.stage else ""),)
+        super().__exit__(kind, error, trace)
+
+
 def bar(steps: Any, what: str, total: int | None = None, *, unit: str = "it") -> Any:
-    """A progress bar on the error stream; none where that is no terminal."""
-    return tqdm(steps, desc=what, total=total, unit=unit, leave=False, disable=not on_terminal())
+    """A progress bar on the error stream; none where that is no terminal.
+
+    As a context it tells a KeyboardInterrupt that comes within it what was done: "while `what`".
+    """
+    return _Bar(steps, what, total=total, unit=unit)
 
 
 def as_options(sentence: str) -> str:

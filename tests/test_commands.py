@@ -1,4 +1,5 @@
 import base64
+import json
 import platform
 import re
 import subprocess
@@ -428,3 +429,60 @@ def test_python_m_romsindy_prints_versions_for_a_bug_report():
 def test_version_and_help(run):
     assert run("--version").output == f"romsindy, version {__version__}\n"
     assert "--example" in run("identify", "--help").output
+
+
+def test_where_the_fit_breaks_down_the_quieter_part_is_identified(run, monkeypatch):
+    """Whatever the linear algebra says, in words, beside what stands."""
+    reaches = []
+
+    def fit(decays, **settings):
+        reaches.append(max(float(np.abs(d.q).max()) for d in decays))
+        if len(reaches) == 1:
+            raise np.linalg.LinAlgError("Eigenvalues did not converge")
+        return real(decays, **settings)
+
+    real = analysis_module.fit
+    monkeypatch.setattr(analysis_module, "fit", fit)
+    result = run("identify", "--example", "--json", "-")
+    assert result.exit_code == 0, result.output
+    assert reaches[1] <= 0.51 * reaches[0]
+    content = json.loads(result.stdout)[0]
+    assert content["structure"] is not None
+    assert "part below 50 % of its largest amplitude" in result.stderr
+    assert "no equation of one coordinate follows the motion (Eigenvalues" in result.stderr
+
+
+def test_a_regression_that_cannot_be_made_leaves_the_identification(run, monkeypatch):
+    def refuse(*_):
+        raise ValueError("too few samples a cycle")
+
+    monkeypatch.setattr(analysis_module, "compare_models", refuse)
+    result = run("identify", "--example", "--save", "found.json")
+    assert result.exit_code == 0 and "no regression beside the identification" in result.output
+    assert Identification.load("found.json").structures
+    monkeypatch.setattr(analysis_module, "fit", refuse)
+    result = run("identify", "--example", "--plain")
+    assert result.exit_code == 2 and "too few samples a cycle" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "words"),
+    [
+        (identify_module, "inspect", "Interrupted while inspecting"),
+        (analysis_module, "extract_backbone", "Interrupted while reading the cycles, after the"),
+        (analysis_module, "compare_models", "Interrupted while making the regressions, after the"),
+    ],
+)
+def test_an_early_interrupt_says_what_was_reached(run, tmp_path, monkeypatch, module, name, words):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, name, stop)
+    result = run("identify", "--example")
+    assert result.exit_code == 130 and words in result.stderr
+    assert ("Used: mode 1 at" in result.stderr) == (name != "inspect")
+    assert not [*tmp_path.iterdir()]
+    save_decay(example_decay(), tmp_path / "a.npz")
+    save_decay(example_decay(), tmp_path / "b.npz")
+    result = run("identify", "a.npz", "b.npz")
+    assert result.exit_code == 130 and "a.npz: interrupted while" in result.stdout

@@ -76,7 +76,8 @@ def test_json_alone_on_the_standard_output(run, record, tmp_path):
     assert len(content["releases"]) == 2 and len(content["modes"]) == 2
     assert not (tmp_path / "test_inspection.html").exists()
     run("inspect", "test.csv", "--json", "numbers.json", "--report", "page.html")
-    assert json.loads((tmp_path / "numbers.json").read_text()) == content
+    made = {"made_by": "romsindy inspect --json"}
+    assert json.loads((tmp_path / "numbers.json").read_text()) == made | content
     assert (tmp_path / "page.html").is_file()
 
 

@@ -373,7 +373,9 @@ def test_command_writes_what_the_methods_give(run, tmp_path):
     printed = run("model.json", "--to", "c")
     assert printed.exit_code == 0 and printed.output == EXAMPLE_MODEL.to_c() + "\n"
     assert run("model.json", "--to", "matlab", "-o", "roll.m").output == ""
-    assert (tmp_path / "roll.m").read_text() == EXAMPLE_MODEL.to_matlab("roll") + "\n"
+    assert (tmp_path / "roll.m").read_text() == (
+        EXAMPLE_MODEL.to_matlab("roll") + "\n% romsindy export\n"
+    )
     refused = run("model.json", "--to", "c", "-o", "my-model.c")
     assert refused.exit_code == 2 and "--name my-model names no function" in refused.stderr
     assert run("model.json", "--to", "c", "-o", "my-model.c", "--name", "rhs").exit_code == 0

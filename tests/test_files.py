@@ -166,6 +166,8 @@ def corrupted(line, text):
         (table(), {"rate": -1.0}, r"rate = -1.0 must be a positive number"),
         (table(), {"unit": "furlong"}, r"unit 'furlong' is not known: use m, cm, mm"),
         (table(), {"unit": "mm", "quantity": "velocity"}, r"unit 'mm' is one of displacement, but"),
+        (table(), {"end": np.nan}, "end=nan is no time: give seconds, or leave it out"),
+        (table(), {"start": -np.inf}, "start=-inf is no time"),
         (table(), {"start": 99.0}, r"start = 99.0, end = None leave 0 samples"),
     ],
 )
@@ -196,3 +198,60 @@ def test_units_convert_to_si():
     assert parse_unit("deg").factor == pytest.approx(np.pi / 180)
     assert parse_unit("g").factor == 9.80665
     assert {u.quantity for u in UNITS.values()} == {"displacement", "velocity", "acceleration"}
+
+
+def test_an_empty_cell_refuses_only_the_column_that_it_is_in(tmp_path):
+    """In a column beside the measured one nothing is lost, in time or signal a sample is."""
+    rows = [f"{t:.6f},{q:.9f},{20 + i % 7:.3f}" for i, (t, q) in enumerate(zip(T, Q, strict=True))]
+    for at in (3, 640, len(rows) - 1):  # above and below the lines that show the layout
+        holed = [*rows[:at], rows[at].rsplit(",", 1)[0] + ",", *rows[at + 1 :]]
+        path = write(tmp_path / f"beside{at}.csv", "\n".join(["t,x [m],temp [C]", *holed]) + "\n")
+        np.testing.assert_allclose(load_decay(path, column="x").q, Q, atol=1e-9)
+        assert load_recording(path).names == ("x",)
+    most = [r if i % 5 else r.rsplit(",", 1)[0] + "," for i, r in enumerate(rows)]  # a slow channel
+    path = write(tmp_path / "slow.csv", "\n".join(["t,x [m],temp [C]", *most]))
+    np.testing.assert_allclose(load_decay(path, column="x").q, Q, atol=1e-9)
+    cells = rows[20].split(",")
+    holed = [*rows[:20], f"{cells[0]},,{cells[2]}", *rows[21:]]
+    path = write(tmp_path / "own.csv", "\n".join(["t,x [m],temp [C]", *holed]))
+    with pytest.raises(ValueError, match="line 22, column 'x': the cell is empty; mend"):
+        load_decay(path, column="x")
+    recording = load_recording(path, column="x")  # may have gaps, and says which
+    assert np.flatnonzero(np.isnan(recording.x)).tolist() == [20]
+    assert any("line 22, column 'x'" in note for note in recording.notes)
+    assert len(load_decay(path, column="x", start=1.0).t)
+    holed = [*rows[:20], f",{cells[1]},{cells[2]}", *rows[21:]]
+    path = write(tmp_path / "clock.csv", "\n".join(["t,x [m],temp [C]", *holed]))
+    with pytest.raises(ValueError, match=r"the time has 1 values .* row 21"):
+        load_decay(path, column="x")
+    np.testing.assert_allclose(load_decay(path, column="x", rate=1 / T[1]).q, Q, atol=1e-9)
+
+
+def test_signals_of_simulink_have_their_labels(tmp_path):
+    signals = np.zeros(2, dtype=[("values", "O"), ("label", "O")])
+    signals[0], signals[1] = (Q[:, None], "tip"), (2 * Q[:, None], "")
+    savemat(tmp_path / "out.mat", {"yout": {"time": T[:, None], "signals": signals}})
+    np.testing.assert_array_equal(load_decay(tmp_path / "out.mat", "m", column="tip").q, Q)
+    other = load_decay(tmp_path / "out.mat", "m", column="yout.signals[1].values")
+    np.testing.assert_array_equal(other.q, 2 * Q)
+    # Without times of its own ("structure" instead of "structure with time").
+    without = {"tout": T, "yout": {"time": np.zeros((0, 0)), "signals": {"values": Q}}}
+    savemat(tmp_path / "bare.mat", without)
+    np.testing.assert_array_equal(load_decay(tmp_path / "bare.mat", "m").t, T)
+
+
+def test_reports_of_abaqus(tmp_path):
+    """Several tables, each with its own times; no value at a time is a missing sample."""
+    one = [f"{t:>20.7E}{q:>20.7E}" for t, q in zip(T, Q, strict=True)]
+    one[5] = one[5][:20] + f"{'NoValue':>20}"
+    two = [f"{2 * t:>20.7E}{q:>20.7E}{3 * q:>20.7E}" for t, q in zip(T, Q, strict=True)]
+    head = [f"{'X':>20}{'U2':>20}", ""], [f"{'X':>20}{'V2':>20}{'W2':>20}", ""]
+    text = "\n".join(["", *head[0], *one, "", "", *head[1], *two, ""])
+    path = write(tmp_path / "two.rpt", text)
+    first, second = (load_recording(path, "m", column=name) for name in ("U2", "W2"))
+    assert np.flatnonzero(np.isnan(first.x)).tolist() == [5]
+    np.testing.assert_allclose(first.t, T, rtol=1e-7)
+    np.testing.assert_allclose(second.t, 2 * T, rtol=1e-7)
+    np.testing.assert_allclose(second.x[:, 0], 3 * Q, rtol=1e-6)
+    other = write(tmp_path / "other.rpt", table(",", "t,q"))  # of another program
+    np.testing.assert_allclose(load_decay(other).q, Q, atol=1e-8)

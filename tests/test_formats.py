@@ -179,8 +179,8 @@ def test_sep005():
     [
         ({"fs": 0.0}, "fs = 0.0: give samples per second"),
         ({"fs": None}, "fs = None: give samples per second"),
-        ({"data": ["a"] * 9}, "data: must be numbers"),
-        ({"data": X * 1j}, r"data: must be numbers \(they are complex\)"),
+        ({"data": ["a"] * 9}, "data must be an array of real numbers"),
+        ({"data": X * 1j}, "data must be an array of real numbers: it is complex"),
         ({"time": [1.0]}, r"600 samples, but time has shape \(1,\)"),
     ],
 )

@@ -20,7 +20,7 @@ def draw(figure):
 
 def page_of(tmp_path, **content):
     path = tmp_path / "page.html"
-    write_page(path, "report", title="A page", sentence="One.\nTwo.", **content)
+    write_page(path, "report", "inspect", title="A page", sentence="One.\nTwo.", **content)
     return path.read_text(encoding="utf-8")
 
 

@@ -11,6 +11,8 @@ from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.effects.mounting import TowardsAnchor
 from romsindy.physics.validation import require_finite, require_position, require_positive
 
+_MOST = 10_000  # elements: the finest mesh that is solved within hours
+
 
 @dataclass(frozen=True)
 class Support:
@@ -91,8 +93,11 @@ class Structure:
         require_positive("alpha", self.alpha, zero_allowed=True)
         require_positive("eta", self.eta, zero_allowed=True)
         require_finite("gravity", *self.gravity)
-        if not isinstance(self.elements, int | np.integer) or self.elements < 1:
-            raise ValueError(f"elements must be a positive whole number, got {self.elements!r}")
+        whole = isinstance(self.elements, int | np.integer) and not isinstance(self.elements, bool)
+        if not whole or not 1 <= self.elements <= _MOST:
+            raise ValueError(
+                f"elements must be a whole number from 1 to {_MOST}, got {self.elements!r:.60}"
+            )
         for effect in self.effects:
             at = self.length if effect.at is None else effect.at
             require_position(f"at of {type(effect).__name__}", at, self.length)

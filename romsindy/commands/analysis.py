@@ -26,6 +26,10 @@ from romsindy.regression.comparison import (
 from romsindy.show.identification_page import IdentificationReport
 from romsindy.text import bar
 
+# Parts of the largest amplitude below which a decay is identified, one after the other, where the
+# fit of more of it breaks down.
+_QUIETER = (1.0, 0.5, 0.25)
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -63,7 +67,8 @@ def analysed(
     ValueError
         If the decays cannot be used, or the settings contradict them.
     """
-    free, backbones = _used(decays, settings.amplitude)
+    with bar(None, "reading the cycles"):
+        free, backbones = _used(decays, settings.amplitude)
     backbone = joined(backbones)
     fastest = float(backbone.frequency.max()) / (2 * np.pi)
     if settings.cutoff is not None and 0 < settings.cutoff < fastest:
@@ -76,38 +81,98 @@ def analysed(
     if settings.harmonics is not None:
         recipe.set_params(projection__harmonics=settings.harmonics)
     choices = (settings.order, settings.damping, settings.fix, recipe)
-    four = {c.name: c for c in compare_models(conditioned, backbone, *choices)}
+    four, broken = _regressions(conditioned, backbone, choices)
+    if broken is not None and (settings.harmonics or settings.cutoff):  # what was asked for
+        raise broken
     found, trouble, interrupted = None, "", False
-    main: Judged = four["IC-ROM"]
     columns: list[Judged] = list(four.values())
     if not (settings.plain or settings.weighted):
         found, trouble, interrupted = _functions(free, settings)
-        if found is not None:
-            fixed = settings.fix
-            main = judge("identified", found.single_model, backbone, fixed, found.standard_errors)
-            columns = [main, *_beside(four, "omega^2" in fixed)]
+    if found is not None:
+        fixed = settings.fix
+        main: Judged = judge(
+            "identified", found.single_model, backbone, fixed, found.standard_errors
+        )
+        columns = [main, *_beside(four, "omega^2" in fixed)]
+        if broken is not None:
+            note = f"there is no regression beside the identification: {broken}"
+            found = replace(found, notes=(*found.notes, note))
+    elif broken is not None:
+        raise ValueError("; ".join(filter(None, [str(broken), trouble.rstrip(".")]))) from broken
+    else:
+        main = four["IC-ROM"]
     return IdentificationReport(
         title, conditioned, backbones, columns, main, found, trouble, picked, interrupted
     )
 
 
+def _regressions(
+    decays: Sequence[Decay], backbone: Backbone, choices: tuple
+) -> tuple[dict[str, Candidate], Exception | None]:
+    """The four regressions by name; or none, and why."""
+    with bar(None, "making the regressions"):
+        try:
+            return {c.name: c for c in compare_models(decays, backbone, *choices)}, None
+        except (ValueError, ArithmeticError) as error:
+            return {}, error
+
+
 def _functions(
     free: Sequence[Decay], settings: Settings
 ) -> tuple[Identification | None, str, bool]:
-    """The identification, or why there is none, and whether by an interrupt."""
-    only = "Regressions alone, without functions and bands"
-    with bar(None, "identifying") as steps:
+    """The identification, or why there is none, and whether by an interrupt.
+
+    Where the fit breaks down, the quieter part of the decays is identified, and that is noted.
+    """
+    only, trouble = "Regressions alone, without functions and bands", ""
+    # What overflows on the way is no news: a fit that ends in such numbers is told.
+    with bar(None, "identifying") as steps, np.errstate(all="ignore"):
         say: Callable[[str], None] = steps.set_postfix_str
-        try:
-            return fit(list(free), fixed=settings.fix, seed=settings.seed, progress=say), "", False
-        except TrajectoryError as error:
-            return None, f"{only}: {error}.", False
-        except KeyboardInterrupt:
-            return None, f"{only}: interrupted.", True
+        for share in _QUIETER:
+            decays = [d for d in (_below(f, share) for f in free) if d is not None]
+            if not decays:
+                break
+            try:
+                found = fit(decays, fixed=settings.fix, seed=settings.seed, progress=say)
+            except (TrajectoryError, ArithmeticError, np.linalg.LinAlgError) as error:
+                trouble = trouble or _in_words(error)
+            except KeyboardInterrupt:
+                return None, f"{only}: interrupted.", True
+            else:
+                if not trouble:
+                    return found, "", False
+                note = (
+                    f"of the whole decay there is no fit ({trouble}); identified is the part below"
+                    f" {100 * share:.0f} % of its largest amplitude"
+                )
+                return replace(found, notes=(note, *found.notes)), "", False
+    return None, f"{only}: {trouble}.", False
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, TrajectoryError):
+        return str(error)
+    return (
+        "numbers of the fit grew beyond all bounds, as no equation of one coordinate follows the"
+        f" motion ({error})"
+    )
+
+
+def _below(decay: Decay, share: float) -> Decay | None:
+    """The decay from where its amplitude has fallen to a share; None where few cycles are left."""
+    if share == 1:
+        return decay
+    backbone = extract_backbone(decay)
+    left = np.flatnonzero(backbone.amplitude <= share * backbone.amplitude.max())
+    if len(left) < LEAST_CYCLES:
+        return None
+    return decay.between(start=float(backbone.t[left[0]]))
 
 
 def _beside(four: Mapping[str, Candidate], fixed: bool) -> list[Candidate]:
-    """Regressions to be held against an identification."""
+    """Regressions to be held against an identification, where there are any."""
+    if not four:
+        return []
     suffix = ", omega fixed" if fixed else ""
     names = ("IC-ROM", "stiffness")
     return [replace(four[name + suffix], name=f"plain {name}") for name in names]

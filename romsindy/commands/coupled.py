@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from romsindy.commands.options import refuse_beside
+from romsindy.commands.outputs import writing
 from romsindy.commands.results import coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_identify import identify_coupled
@@ -199,7 +200,8 @@ def identified_together(
     picked = picked_together(found, releases)
     report = CoupledReport(title, fit, seen, decays, found.together, picked)
     figures = [*pictures(report), picture(found)]
-    write_coupled(report, page, bar(figures, "drawing"), interactive=interactive)
+    with writing(page):
+        write_coupled(report, page, bar(figures, "drawing"), interactive=interactive)
     return CoupledResult(file, report, found, tuple(i + 1 for i in releases), page)
 
 

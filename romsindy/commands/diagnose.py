@@ -15,7 +15,17 @@ import click
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import Output, interactive_option, reading_options, text_of
+from romsindy.commands.options import interactive_option, model_of, reading_options, text_of
+from romsindy.commands.outputs import (
+    JSON,
+    PAGE,
+    Output,
+    WritingCommand,
+    default_page,
+    told,
+    write_json,
+    writing,
+)
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
@@ -28,6 +38,7 @@ from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+_TABLE = "explanation,variant,value,"  # how a CSV begins
 # Arguments of Python at the start of a message, and the options that stand for them.
 _OPTIONS = {"n_jobs": "jobs", "held_out": "held-out"}
 _ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
@@ -64,7 +75,7 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     return sizes
 
 
-@click.command()
+@click.command(cls=WritingCommand)
 @click.option(
     "--measured",
     "measured",
@@ -127,10 +138,10 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
 )
 @click.option("--floor", type=float, help="Disagreement that does not matter, per amplitude.")
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
-@click.option("--report", type=Output(), help="Name of the HTML report.")
+@click.option("--report", type=Output(PAGE), help="Name of the HTML report.")
 @interactive_option
-@click.option("--json", "json_file", type=Output(), help="Write the result.")
-@click.option("--csv", "csv_file", type=Output(), help="Write the table.")
+@click.option("--json", "json_file", type=Output(JSON), help="Write the result.")
+@click.option("--csv", "csv_file", type=Output(_TABLE), help="Write the table.")
 def diagnose(
     measured: tuple[Path, ...],
     simulated: Path | None,
@@ -167,7 +178,7 @@ def diagnose(
     driven.check(_DECAYS)
     if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
         raise click.UsageError("name one of --simulated, --model and --beam")
-    page = report or Output.of(f"{measured[0].stem}_diagnosis.html")
+    page = report or default_page(f"{measured[0].stem}_diagnosis.html")
     choice = Choice(mode, band, release, whole)
     if beam_file is not None:
         if choice != Choice(None, None, None, False):
@@ -184,8 +195,9 @@ def diagnose(
         if not driven.inputs:
             _note_inputs(simulation["model"])
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
-    learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
-    tests = _loaded(load, [held_out] if held_out is not None else [])
+    with bar(None, "reading the records"):
+        learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
+        tests = _loaded(load, [held_out] if held_out is not None else [])
     if len(tests) > 1:
         raise click.UsageError(f"--held-out {held_out} holds {len(tests)} decays: choose --release")
     # What was not given stays as the simulation has it; 0 and nothing are given values.
@@ -196,7 +208,7 @@ def diagnose(
     asked["held_out"] = tests[0][1] if tests else None
     own = [simulation["reference"]] if "reference" in simulation else []
     asked["reference"] = [*own, *(d for _, d in known)] or None
-    with bar(None, "candidates") as steps:
+    with bar(None, _read(learnt)) as steps:
 
         def progress(candidate: str) -> None:
             steps.set_postfix_str(candidate)
@@ -216,13 +228,15 @@ def diagnose(
                 "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
             }
             raise ValueError(_on_command_line(str(error), names)) from error
-    result.to_html(page, interactive=interactive)  # files come first: who reads a pipe may stop
+    with writing(page):  # files come first: who reads a pipe may stop
+        result.to_html(page, interactive=interactive)
     if json_file is not None:
-        json_file.write_text(result.to_json() + "\n", encoding="utf-8")
+        write_json(json_file, result.to_json())
     if csv_file is not None:
-        result.to_csv(csv_file)
+        with writing(csv_file):
+            result.to_csv(csv_file)
     _tell(result)
-    click.echo(f"Report: {page}")
+    click.echo(told("Report", page))
     if result.interrupted:
         raise click.exceptions.Exit(INTERRUPTED)
 
@@ -231,7 +245,10 @@ def _model(path: Path) -> ReducedModel | Estimate:
     """A model, with what is known of it if the file says so."""
     text = text_of(path)
     with named(f"{path}"):
-        return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
+        model = model_of(text)
+        if not isinstance(model, ReducedModel):
+            raise ValueError("a model of several coordinates is not diagnosed: isolate one mode")
+        return Estimate.from_json(text) if '"covariance"' in text else model
 
 
 def _note_inputs(simulation: ReducedModel | Estimate) -> None:
@@ -263,6 +280,12 @@ def _loaded(load: Callable[[Path], Sequence[Any]], files: Sequence[Path]) -> lis
         for i, record in enumerate(records, 1):
             found.append((f"{file}" if len(records) == 1 else f"{file}, release {i}", record))
     return found
+
+
+def _read(learnt: Sequence[tuple[str, Any]]) -> str:
+    """What the comparison has before its first candidate."""
+    count = f"{len(learnt)} measured record{'s' * (len(learnt) > 1)}"
+    return f"comparing candidates with {count}"
 
 
 def _on_command_line(message: str, names: Mapping[str, Sequence[str]]) -> str:

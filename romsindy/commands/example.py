@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.effects import AirDrag
 from romsindy.physics.model import ReducedModel
+from romsindy.record.files.whole import whole
 from romsindy.record.signals import with_noise
 from romsindy.typing import Array
 
@@ -157,7 +158,8 @@ def example(folder: Path, force: bool) -> None:
         )
     folder.mkdir(parents=True, exist_ok=True)
     for name, what, write in _FILES:
-        write(folder / name)
+        with whole(folder / name) as new:
+            write(new)
         click.echo(f"{name:<14} {what}")
     inside = shlex.quote(str(folder))
     click.echo("\n".join(["\nNext:", f"  cd {inside}", *(f"  {line}" for line in _NEXT)]))

@@ -8,37 +8,40 @@ from typing import Any
 
 import click
 
-from romsindy.commands.options import Output, text_of, write_text
+from romsindy.commands.options import model_of, text_of
+from romsindy.commands.outputs import Output, WritingCommand, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.physics import coupled_export
 from romsindy.physics import export as single_export
-from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.serial import read_json
 from romsindy.record.files.load import named
 from romsindy.text import listed
 
 _STDOUT = Path("-")
+_MARK = "romsindy export"
+_COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
 
 
-@click.command()
+@click.command(cls=WritingCommand)
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
     "--to",
     "language",
-    type=click.Choice(["matlab", "c", "sympy"]),
+    type=click.Choice(["matlab", "c", "sympy", "text"]),
     required=True,
-    help="A function for ode45, a C99 function, or Python with sympy.",
+    help="A function for ode45, a C99 function, Python with sympy, or the equation to be read.",
 )
 @click.option(
     "--output",
     "-o",
-    type=Output(allow_dash=True),
+    type=Output(_MARK, allow_dash=True),
     default=_STDOUT,
     help="File to write.  [default: print it]",
 )
 @click.option("--name", help="Name of the function.  [default: that of the output, or rhs]")
 def export(file: Path, language: str, output: Path, name: str | None) -> None:
-    """Write the equation of motion in FILE for MATLAB, C or sympy.
+    """Write the equation of motion in FILE for MATLAB, C or sympy, or as text.
 
     FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
 
@@ -49,10 +52,14 @@ def export(file: Path, language: str, output: Path, name: str | None) -> None:
         model = _model(text)
     name = name or ("rhs" if output == _STDOUT else output.stem)
     with named(f"{file}"):
-        write_text(output, _code(model, language, name))
+        code = _code(model, language, name)
+    mark = "" if output == _STDOUT else f"\n{_COMMENT[language]} {_MARK}"
+    write_text(output, code + mark)
 
 
 def _code(model: AnyModel, language: str, name: str) -> str:
+    if language == "text":
+        return str(model)
     if language == "sympy":
         pairs = list(zip(model.terms, model.values, strict=True))
         if isinstance(model, CoupledModel):
@@ -71,7 +78,7 @@ def _model(text: str) -> AnyModel:
     """
     content = read_json(text)
     if not (isinstance(content, dict) and {"model", "effects"} <= {*content}):
-        return model_from_json(text)
+        return model_of(text)
     outside = _outside(content["effects"])
     if outside:
         raise ValueError(
@@ -79,7 +86,7 @@ def _model(text: str) -> AnyModel:
             " no term of the equation of motion; to export the equation without it, put the entry"
             ' "model" into a file of its own'
         )
-    return model_from_json(json.dumps(content["model"]))
+    return model_of(json.dumps(content["model"]))
 
 
 def _outside(effects: list[dict[str, Any]]) -> list[str]:

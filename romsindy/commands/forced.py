@@ -12,6 +12,7 @@ import numpy as np
 
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.options import refuse_beside
+from romsindy.commands.outputs import writing
 from romsindy.commands.results import coefficients
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
@@ -215,5 +216,6 @@ def identified_driven(
         raise ValueError(f"{error}; a lower --order, or --select, may help") from error
     held_out = None if rest is None else HeldOut.of(fit, rest)
     report = ForcedReport(f"Forced vibration {file.name}", fit, vibration, held_out)
-    write_forced(report, page, bar(pictures(report), "drawing"), interactive=interactive)
+    with writing(page):
+        write_forced(report, page, bar(pictures(report), "drawing"), interactive=interactive)
     return ForcedResult(str(file), report, page)

@@ -23,11 +23,19 @@ from romsindy.commands.forced import Driven, ForcedResult, forced_options, ident
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import (
     FILE,
-    Output,
     interactive_option,
     read,
     reading_options,
-    write_text,
+)
+from romsindy.commands.outputs import (
+    JSON,
+    PAGE,
+    Output,
+    WritingCommand,
+    default_page,
+    stopped,
+    write_json,
+    writing,
 )
 from romsindy.commands.results import Refusal, Result
 from romsindy.commands.telling import AnyResult, tell_all, tell_one
@@ -41,6 +49,9 @@ from romsindy.physics.serial import json_text
 from romsindy.record.recording import Recording
 from romsindy.show.identification_page import pictures, write_identification
 from romsindy.text import as_options, bar
+
+_FIGURE = "romsindy backbone"  # what the file says of itself
+_ALONE = "identify this file by itself, with a --report of its own"
 
 
 def _coefficients(
@@ -74,7 +85,7 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     return harmonics
 
 
-@click.command()
+@click.command(cls=WritingCommand)
 @click.argument("files", nargs=-1, type=FILE, metavar="FILES...")
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
 @click.option(
@@ -144,16 +155,18 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     is_flag=True,
     help="As --plain, with rows weighted by the noise expected in them.",
 )
-@click.option("--report", type=Output(), help="Name of the HTML report, or of the overview.")
+@click.option("--report", type=Output(PAGE), help="Name of the HTML report, or of the overview.")
 @interactive_option
-@click.option("--json", "json_file", type=Output(allow_dash=True), help="Write a list of results.")
-@click.option("--model", type=Output(), help="Write the equation as JSON.")
 @click.option(
-    "--save", type=Output(), help="Write all that was identified, bands included, as JSON."
+    "--json", "json_file", type=Output(JSON, allow_dash=True), help="Write a list of results."
+)
+@click.option("--model", type=Output(JSON), help="Write the equation as JSON.")
+@click.option(
+    "--save", type=Output(JSON), help="Write all that was identified, bands included, as JSON."
 )
 @click.option(
     "--figure",
-    type=Output(kinds=(".png", ".svg", ".pdf")),
+    type=Output(_FIGURE, kinds=(".png", ".svg", ".pdf")),
     help="Write the backbone figure to this PNG, SVG or PDF file.",
 )
 def identify(
@@ -203,19 +216,19 @@ def identify(
     # With JSON on the standard output, words go to the other one.
     say = partial(click.echo, err=str(json_file) == "-")
     if many:
-        overview = report or Output.of("identify_overview.html")
-        pages = [Output.of(name) for name in _page_names(files)]
+        overview = report or default_page("identify_overview.html")
+        pages = [default_page(name, _ALONE) for name in _page_names(files)]
         jobs = {str(f): partial(identified, f, page) for f, page in zip(files, pages, strict=True)}
         results, interrupted = _all_of(jobs)
         tell = partial(tell_all, results, overview, interactive, say)
     else:
         file = files[0] if files else None
-        page = report or Output.of(f"{file.stem if file else 'example'}_report.html")
+        page = report or default_page(f"{file.stem if file else 'example'}_report.html")
         result = identified(file, page)
         results, interrupted = [result], result.interrupted
         tell = partial(tell_one, result, say, model, save, figure)
     if json_file is not None:
-        write_text(json_file, json_text([r.content() for r in results]))
+        write_json(json_file, json_text([r.content() for r in results]))
     tell()
     if interrupted or any(isinstance(r, Refusal) for r in results):
         raise click.exceptions.Exit(INTERRUPTED if interrupted else REFUSED)
@@ -242,10 +255,14 @@ def _identified(
         report = analysed(title, decays, settings, picked(found, mode, releases))
     except ValueError as error:
         raise _of(file, error, found.warnings) from error
+    except KeyboardInterrupt as error:
+        reached = picked(found, mode, releases).rstrip(".")
+        raise KeyboardInterrupt(f"{error}, after the inspection. {reached}") from None
     figures = pictures(report)
     if len(found.modes) > 1 or len(found.releases) > 1:
         figures.append(picture(found))
-    write_identification(report, page, bar(figures, "drawing"), interactive=interactive)
+    with writing(page):
+        write_identification(report, page, bar(figures, "drawing"), interactive=interactive)
     numbers = tuple(i + 1 for i in releases)
     return Result(str(file or "example"), report, found, mode, numbers, page)
 
@@ -318,11 +335,12 @@ def _all_of(jobs: Mapping[str, Callable[[], AnyResult]]) -> tuple[list[AnyResult
             result = job()
         except (ValueError, OSError, RuntimeError) as error:
             results.append(Refusal(file, as_options(str(error))))
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
+            results.append(Refusal(file, f"{file}: interrupted {error}"))
             return results, True
         else:
             results.append(result)
-            if result.interrupted:
+            if result.interrupted or stopped():
                 return results, True
     return results, False
 

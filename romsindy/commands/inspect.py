@@ -9,27 +9,35 @@ import click
 
 from romsindy.commands.options import (
     FILE,
-    Output,
     command_line,
     interactive_option,
     read,
     reading_options,
-    write_text,
+)
+from romsindy.commands.outputs import (
+    JSON,
+    PAGE,
+    Output,
+    WritingCommand,
+    default_page,
+    told,
+    write_json,
+    writing,
 )
 from romsindy.inspection.inspect import inspect as look
 from romsindy.inspection.tables import report as text_of
 from romsindy.text import bar
 
 
-@click.command()
+@click.command(cls=WritingCommand)
 @click.argument("file", type=FILE)
 @reading_options
-@click.option("--report", type=Output(), help="Name of the HTML page.")
+@click.option("--report", type=Output(PAGE), help="Name of the HTML page.")
 @interactive_option
 @click.option(
     "--json",
     "json_file",
-    type=Output(allow_dash=True),
+    type=Output(JSON, allow_dash=True),
     help="Write the numbers to this file; - prints them and nothing else.",
 )
 def inspect(
@@ -42,16 +50,17 @@ def inspect(
     """
     alone = str(json_file) == "-"
     if report is None and not alone:
-        report = Output.of(f"{file.stem}_inspection.html")
+        report = default_page(f"{file.stem}_inspection.html")
     with bar(None, "inspecting") as progress:
         found = look(read(file, reading), progress=progress.set_postfix_str)
     command = command_line(file, reading)
     # Files come first: who reads a pipe may stop.
     if report is not None:
-        found.to_html(report, command, interactive=interactive)
+        with writing(report):
+            found.to_html(report, command, interactive=interactive)
     if json_file is not None:
-        write_text(json_file, found.to_json())
+        write_json(json_file, found.to_json())
     if not alone:
         click.echo(text_of(found, command))
     if report is not None:
-        click.echo(f"\nReport: {report}", err=alone)
+        click.echo("\n" + told("Report", report), err=alone)

@@ -16,7 +16,7 @@ from romsindy.text import as_options, listed
 _COMMANDS = {
     "diagnose": "Name what a simulation lacks, from measured vibrations, free or driven.",
     "example": "Write the files that README and docs use to DIR.",
-    "export": "Write the equation of motion in FILE for MATLAB, C or sympy.",
+    "export": "Write the equation of motion in FILE for MATLAB, C or sympy, or as text.",
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
@@ -47,7 +47,8 @@ def _refusals() -> Iterator[None]:
         raise _Refusal(_one_line(what)) from error
     except (ValueError, RuntimeError) as error:
         raise _Refusal(_one_line(str(error))) from error
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:  # with what was reached, where a command says it
+        click.echo(_one_line(f"Interrupted {error}".strip()) + ".", err=True)
         raise click.exceptions.Exit(INTERRUPTED) from None
 
 
@@ -64,7 +65,10 @@ def _elsewhere(error: click.UsageError) -> str:
 
 
 def _command(name: str) -> click.Command:
-    command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+    try:
+        command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("before any file was read") from None
     return command
 
 

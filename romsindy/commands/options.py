@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import shlex
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 from click.core import ParameterSource
 
+from romsindy.physics.coupled import AnyModel, model_from_json
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
 
@@ -111,36 +111,24 @@ def given(names: Iterable[str]) -> list[str]:
     return [n for n, source in sources.items() if source is ParameterSource.COMMANDLINE]
 
 
-class Output(click.Path):
-    """A file to be written: a place where none can be is refused before the work.
+def model_of(text: str) -> AnyModel:
+    """The model in a JSON text, as commands take it: one that vibrates about its rest.
 
-    ``-`` is the standard output where that is allowed; ``kinds`` are the endings that a name may
-    have, where not all may.
+    Raises
+    ------
+    ValueError
+        If it is none, or pushed away from its rest.
     """
-
-    def __init__(self, allow_dash: bool = False, kinds: Sequence[str] = ()) -> None:
-        super().__init__(path_type=Path, allow_dash=allow_dash)
-        self.kinds = kinds
-
-    @classmethod
-    def of(cls, name: str) -> Path:
-        """A file of this name, where it can be written."""
-        return cls().convert(name, None, None)
-
-    def convert(self, value: Any, param: Any, ctx: Any) -> Path:
-        path = Path(value)
-        if self.allow_dash and str(value) == "-":
-            return path
-        if self.kinds and path.suffix.lower() not in self.kinds:
-            self.fail(f"{path}: its name must end in {' or '.join(self.kinds)}", param, ctx)
-        folder = path.parent
-        if not folder.is_dir():
-            self.fail(f"{path}: there is no folder {folder}", param, ctx)
-        if path.is_dir():
-            self.fail(f"{path} is a folder: name a file", param, ctx)
-        if not os.access(path if path.exists() else folder, os.W_OK):
-            self.fail(f"{path} cannot be written: choose another place", param, ctx)
-        return path
+    model = model_from_json(text)
+    for name, value in model.coefficients.items():
+        if name.startswith("omega^2") and value <= 0:
+            raise ValueError(
+                f"{name} = {value:g} must be positive: the square of the angular frequency of small"
+                " vibrations, 1/s^2"
+            )
+    if not any(term.has("stiffness") for term in model.terms):
+        raise ValueError("the model has no stiffness: give omega^2 at least")
+    return model
 
 
 def text_of(path: Path) -> str:
@@ -155,11 +143,3 @@ def text_of(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no text in UTF-8: name another file, or save it so") from error
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write to a file, or to the standard output for ``-``."""
-    if str(path) == "-":
-        click.echo(text)
-    else:
-        path.write_text(text + "\n", encoding="utf-8")

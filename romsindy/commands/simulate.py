@@ -8,13 +8,15 @@ import click
 import numpy as np
 
 from romsindy.beam import Beam, Motion, SensorArray, StepTooLongError
-from romsindy.commands.options import Output
+from romsindy.commands.outputs import Output, WritingCommand, told, writing
+from romsindy.record.files.whole import whole
 
 _UNIT = "kg^0.5 m"
+_MARK = f"t [s],q [{_UNIT}],"  # how a CSV begins; an NPZ holds it too
 
 
-@click.command()
-@click.argument("output", type=Output())
+@click.command(cls=WritingCommand)
+@click.argument("output", type=Output(_MARK))
 @click.option("--duration", default=25.0, show_default=True, help="Time to follow, s.")
 @click.option("--step", default=1e-3, show_default=True, help="Sampling interval, s.")
 @click.option(
@@ -100,13 +102,14 @@ def simulate(
         )
     except StepTooLongError as error:
         failure, motion = error, error.motion
-    write_motion(motion, output, mode, array, snr, seed, full=full)
+    with writing(output):
+        write_motion(motion, output, mode, array, snr, seed, full=full)
     if not quiet:
-        click.echo(f"{motion!r}\nwritten to {output}")
+        click.echo(f"{motion!r}\n" + told("Written", output))
     if failure is not None:
         raise failure
     if motion.stop_reason != "completed":
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(f"after {motion.t[-1]:.4g} s of {duration:.4g} s")
 
 
 def write_motion(
@@ -133,15 +136,18 @@ def write_motion(
     )
     labels = [] if sensors is None else sensors.labels
     if path.suffix == ".npz":
-        extra: dict[str, object] = {"unit": _UNIT, "stop_reason": motion.stop_reason}
+        extra: dict[str, object] = {"made_by": np.bytes_(_MARK), "unit": _UNIT}
+        extra["stop_reason"] = motion.stop_reason
         if labels:
             extra |= {"sensors": readings, "sensor_labels": np.array(labels, dtype=str)}
         if full:
             extra |= {"modal": h.displacement, "energy": motion.energy.total}
-        np.savez(path, t=motion.t, **table, **extra)  # type: ignore[arg-type]
+        with whole(path) as new:
+            np.savez(new, **extra, t=motion.t, **table)  # type: ignore[arg-type]
         return
     units = {"q": _UNIT, "q_dot": f"{_UNIT}/s", "q_ddot": f"{_UNIT}/s^2"}
     header = ["t [s]", *(f"{name} [{units[name]}]" for name in table)]
     header += [f"{label} [m]" for label in labels]
     values = np.column_stack([motion.t, *table.values(), readings])
-    np.savetxt(path, values, delimiter=",", header=",".join(header), comments="", fmt="%.12g")
+    with whole(path) as new:
+        np.savetxt(new, values, delimiter=",", header=",".join(header), comments="", fmt="%.12g")

@@ -10,6 +10,7 @@ import click
 from joblib import parallel_config
 
 from romsindy.commands.options import interactive_option
+from romsindy.commands.outputs import WritingCommand, claim_folder, told, writing
 from romsindy.study.content import Check
 from romsindy.study.pages import Written, checks_table, write_chapter, write_story
 from romsindy.study.story import tell
@@ -19,7 +20,7 @@ QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "orbits": 3, "both_re
 _QUICK_SEEDS, _SEEDS = 10, 100
 
 
-@click.command()
+@click.command(cls=WritingCommand)
 @click.option(
     "--out",
     default="study",
@@ -44,6 +45,7 @@ def study(
     is finished.
     """
     started = time.perf_counter()
+    claim_folder(out, "report.html")
     out.mkdir(parents=True, exist_ok=True)
     size = QUICK if quick else {}
     seeds = seeds or (_QUICK_SEEDS if quick else _SEEDS)
@@ -60,9 +62,11 @@ def study(
                 _say(chapter.title, started)
         ending = f"{time.perf_counter() - started:.0f} s"
     finally:  # what is finished is not lost
-        write_story(written, checks, out, f"{settings}; {ending}", interactive)
+        page = out / "report.html"
+        with writing(page):
+            write_story(written, checks, out, f"{settings}; {ending}", interactive)
         _print(checks)
-        click.echo(f"Report: {out / 'report.html'}")
+        click.echo(told("Report", page))
 
 
 def _print(checks: list[Check]) -> None:

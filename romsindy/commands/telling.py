@@ -9,7 +9,7 @@ import click
 
 from romsindy.commands.coupled import CoupledResult
 from romsindy.commands.forced import ForcedResult
-from romsindy.commands.options import write_text
+from romsindy.commands.outputs import told, write_json, writing
 from romsindy.commands.results import HEADER, Refusal, Result
 from romsindy.show.overview import write_overview
 from romsindy.text import aligned
@@ -21,17 +21,18 @@ def tell_one(
     result: AnyResult, say: Callable, model: Path | None, save: Path | None, figure: Path | None
 ) -> None:
     """Print a result, and write what was asked for beside its page."""
-    written = [f"Report: {result.page}"]
+    written = [told("Report", result.page)]
     # Files come first: who reads a pipe may stop.
     if model is not None:
-        write_text(model, result.model.to_json())
-        written.append(f"Model: {model}")
+        write_json(model, result.model.to_json())
+        written.append(told("Model", model))
     if save is not None and result.found is not None:
-        result.found.save(save)
-        written.append(f"Saved: {save}")
+        write_json(save, result.found.to_json())
+        written.append(told("Saved", save))
     if figure is not None:
-        next(p for p in result.pictures() if p.name == "backbone").write(figure)
-        written.append(f"Figure: {figure}")
+        with writing(figure):
+            next(p for p in result.pictures() if p.name == "backbone").write(figure)
+        written.append(told("Figure", figure))
     say(f"{result}\n" + "\n".join(written))
     if save is not None and result.found is None:
         raise click.ClickException(result.report.trouble)
@@ -47,5 +48,6 @@ def tell_all(
     sentence = f"Identified: {len(done)} files, {explained} of them explained to the noise."
     rows = [HEADER, *(row for r in results for row in r.rows())]
     backbones = {r.file: r.report.backbone for r in done if isinstance(r, Result)}
-    write_overview(overview, sentence, rows, backbones, refused, interactive=interactive)
-    say("\n".join([aligned(rows), "", *refused, sentence, f"Overview: {overview}"]))
+    with writing(overview):
+        write_overview(overview, sentence, rows, backbones, refused, interactive=interactive)
+    say("\n".join([aligned(rows), "", *refused, sentence, told("Overview", overview)]))

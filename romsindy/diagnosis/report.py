@@ -29,6 +29,7 @@ from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
+from romsindy.record.files.whole import whole
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
@@ -260,7 +261,7 @@ class DiagnosisReport:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table of explanations."""
-        with open(path, "w", newline="", encoding="utf-8") as file:
+        with whole(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(self.table())
 
     def to_html(self, path: str | Path, *, interactive: bool = False) -> None:
@@ -276,7 +277,9 @@ class DiagnosisReport:
         from romsindy.show.page import write_page  # draws: only where a page is asked for
 
         pictures = self.pictures().values()
-        write_page(path, "report", pictures=pictures, interactive=interactive, **self.page())
+        write_page(
+            path, "report", "diagnose", pictures=pictures, interactive=interactive, **self.page()
+        )
 
     def pictures(self) -> dict[str, Picture]:
         """Pictures by name; ``draw(figure)`` draws one, its caption is what its numbers say.

@@ -23,6 +23,7 @@ from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.driven import gain_of, inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
+from romsindy.record.files.whole import write_whole
 from romsindy.text import with_error
 from romsindy.typing import Array
 
@@ -262,7 +263,7 @@ class Estimate:
 
     def save(self, path: str | Path) -> None:
         """Write the JSON text to a file, see `to_json`."""
-        Path(path).write_text(self.to_json() + "\n", encoding="utf-8")
+        write_whole(path, self.to_json() + "\n")
 
     @classmethod
     def load(cls, path: str | Path) -> Estimate:

@@ -36,6 +36,7 @@ def write(
     write_page(
         path,
         "report",
+        "inspect",
         title=f"What is in {found.recording.source or 'the record'}",
         sentence=say(tables.summary(found)),
         equation_title="What comes next",

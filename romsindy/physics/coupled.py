@@ -32,7 +32,7 @@ from romsindy.physics.integration import integrate_smooth
 from romsindy.physics.model import ReducedModel, SingularInertiaError
 from romsindy.physics.serial import read_json
 from romsindy.physics.term import Term, law_called, type_name
-from romsindy.physics.term_sum import TermSum, signed_text
+from romsindy.physics.term_sum import TermSum, refuse_many, signed_text
 from romsindy.physics.validation import require_finite
 from romsindy.record.decay import Decay, checked_time
 from romsindy.typing import Array
@@ -388,9 +388,10 @@ def model_from_json(text: str) -> AnyModel:
     found = content if isinstance(content, dict) else {}
     terms, names = found.get("terms"), found.get("coefficients")
     listed = terms if isinstance(terms, list) else ()  # what is neither is refused below
-    types = {term.get("type") for term in listed if isinstance(term, dict)}
+    types = {str(term.get("type")) for term in listed if isinstance(term, dict)}
     coupled = {type_name(kind) for kind in Term.kinds.values() if issubclass(kind, CoupledTerm)}
     named = names if isinstance(names, dict) else ()
+    refuse_many(named)
     several = types & coupled or any(isinstance(law_called(n), CoupledTerm) for n in named)
     return (CoupledModel if several else ReducedModel).from_json(text)
 

@@ -20,7 +20,13 @@ import numpy as np
 # The laws must be there before they are looked up by name.
 from romsindy.physics import combination, coupling, inertia, input  # noqa: F401
 from romsindy.physics.damping import DAMPING
-from romsindy.physics.term import Term, law_called, type_name
+from romsindy.physics.term import (
+    MOST_COORDINATES,
+    MOST_ORDER,
+    Term,
+    law_called,
+    type_name,
+)
 
 _NAMES = (*(law.key for law in DAMPING.values()), "omega^2", "beta_1", "beta_2")
 _NOT_FINITE = {"Infinity": math.inf, "-Infinity": -math.inf, "NaN": math.nan}
@@ -36,7 +42,7 @@ def term_from_key(key: str) -> Term:
     """
     term = law_called(key)
     if term is not None:
-        return term
+        return _small(term)
     near = difflib.get_close_matches(key, [*_NAMES, "gamma_2", "gamma_3", "Upsilon_3"], n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     raise ValueError(
@@ -57,12 +63,36 @@ def read_json(text: str) -> Any:
     Raises
     ------
     ValueError
-        If it is none.
+        If it is none, or gives a name twice in one place.
     """
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_once)
+    except RecursionError as error:
+        raise ValueError("the text nests brackets deeper than any model") from error
     except json.JSONDecodeError as error:
         raise ValueError(f"the text is no JSON, or only the beginning of one ({error})") from error
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in found if names.count(name) > 1)
+        raise ValueError(f"the JSON text gives {twice!r:.60} twice in one place: keep one of them")
+    return found
+
+
+def _small(term: Term) -> Term:
+    """The term, unless no model has an order, or so many coordinates, as this one."""
+    order, coordinates = term.dimension[0], getattr(term, "n_coordinates", 1)
+    if not abs(order) <= MOST_ORDER:
+        raise ValueError(f"{term.key!r:.60} is of order {order:.6g}, beyond {MOST_ORDER}")
+    if coordinates > MOST_COORDINATES:
+        raise ValueError(
+            f"a term is of {coordinates} coordinates, and {MOST_COORDINATES} are the most that a"
+            " model may have"
+        )
+    return term
 
 
 def content_of(term: Term) -> dict[str, Any]:
@@ -101,7 +131,7 @@ def term_of(content: Mapping[str, Any]) -> Term:
             f" defines it first; known are {sorted(Term.kinds)}"
         )
     try:
-        return kind(**values)
+        return _small(kind(**values))
     except TypeError as error:
         names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
         if {*values} == {*names}:

@@ -17,6 +17,7 @@ Notation as in [1], eqs. (8), (14)-(17).
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -24,6 +25,9 @@ from inspect import isabstract
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+
+# A model may have so much: beyond it a file is damaged, and arrays of powers fill the memory.
+MOST_TERMS, MOST_ORDER, MOST_COORDINATES = 1000, 100, 20
 
 Scalars = Any  # float or array: every method of a term takes both
 
@@ -176,7 +180,16 @@ class Term(ABC):
 
 
 def law_called(key: str) -> Term | None:
-    """The law whose coefficient has this name, or None if there is none."""
+    """The law whose coefficient has this name, or None if there is none.
+
+    Raises
+    ------
+    ValueError
+        If it is of more coordinates than a model may have.
+    """
+    numbers = re.findall(r"q(\d+)", key)
+    if any(len(n) > 4 or int(n) > MOST_COORDINATES for n in numbers):
+        raise ValueError(f"{key!r:.60} is beyond q{MOST_COORDINATES}, the last of a model")
     found = (kind.from_key(key) for kind in list(Term.kinds.values()))
     return next((term for term in found if term is not None), None)
 

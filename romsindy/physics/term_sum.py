@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
-from romsindy.physics.term import Term
+from romsindy.physics.term import MOST_TERMS, Term
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -38,11 +38,13 @@ class TermSum:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(self.terms))
-        try:
-            values = tuple(float(v) for v in self.values)
-        except ValueError:
+        refuse_many(self.terms)
+        if not isinstance(self.unit, str | None):
+            raise ValueError(f"unit = {self.unit!r:.60} must be a text such as 'm', or none")
+        if any(isinstance(v, str | bytes | bool | np.bool_) for v in self.values):
             given = dict(zip((t.key for t in self.terms), self.values, strict=False))
-            raise ValueError(f"coefficients must be numbers, got {given}") from None
+            raise ValueError(f"coefficients must be numbers, got {given}")
+        values = tuple(float(v) for v in self.values)
         object.__setattr__(self, "values", values)
         if len(self.terms) != len(self.values):
             raise ValueError(f"{len(self.values)} values for {len(self.terms)} terms")
@@ -66,6 +68,7 @@ class TermSum:
         ValueError
             If a name is not known (see `romsindy.physics.serial.term_from_key`).
         """
+        refuse_many(coefficients)
         terms = tuple(term_from_key(key) for key in coefficients)
         return cls(terms, tuple(coefficients.values()), unit, amplitude_range)
 
@@ -120,16 +123,30 @@ class TermSum:
             )
         unit, limits = content.get("unit"), content.get("amplitude_range")
         try:
-            reach = (float(limits[0]), float(limits[1])) if limits else None
+            reach = _reach(limits) if limits else None
             if "coefficients" in content:
                 return cls.from_coefficients(content["coefficients"], unit, reach)
             terms = content["terms"]
+            refuse_many(terms)
             return cls(tuple(map(term_of, terms)), tuple(c["value"] for c in terms), unit, reach)
         except (AttributeError, LookupError, TypeError) as error:
             raise ValueError(
                 f"the JSON text holds a model that is not complete ({error!r}): every term has a"
                 " type, its fields and a value, every coefficient a number, amplitude_range two"
             ) from error
+
+
+def refuse_many(terms: Sized) -> None:
+    """Refuse more terms than a model may have."""
+    if len(terms) > MOST_TERMS:
+        raise ValueError(f"a model may have {MOST_TERMS} terms, and this one has {len(terms)}")
+
+
+def _reach(limits: Sequence[float]) -> tuple[float, float]:
+    numbers = len(limits) == 2 and not any(isinstance(x, str | bool) for x in limits)
+    if not numbers or not 0 <= limits[0] <= limits[1] < np.inf:
+        raise TypeError(f"amplitude_range = {limits!r:.60}")
+    return float(limits[0]), float(limits[1])
 
 
 def signed_text(value: float, text: str, precision: int, *, latex: bool = False) -> str:

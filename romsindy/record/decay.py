@@ -17,7 +17,7 @@ from romsindy.record.filters import Butterworth, Filter
 from romsindy.record.integration import displacement
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
-from romsindy.record.sampling import part_between, uniform_times
+from romsindy.record.sampling import as_floats, as_seconds, part_between, uniform_times
 from romsindy.record.signals import downsample, fundamental_frequency, upsample
 from romsindy.typing import Array, Indices
 
@@ -36,7 +36,8 @@ class Decay:
     Parameters
     ----------
     t : (n,) array
-        Time in s, increasing. Jitter is resampled onto a uniform grid, with a warning.
+        Time in s, increasing. Jitter is resampled onto a uniform grid, with a warning. Dates
+        count in s from the first one.
     q : (n,) or (n, n_channels) array
         Displacement, or modal coordinate, from rest.
     q_dot, q_ddot : arrays like q, optional
@@ -328,7 +329,7 @@ def checked_time(t: ArrayLike) -> Array:
     ValueError
         Unless they are finite numbers that increase without a gap, at least 8 of them.
     """
-    t = _as_floats("t", t)
+    t = as_seconds("t", t)
     if t.ndim != 1 or len(t) < 8:
         raise ValueError(
             f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
@@ -356,7 +357,7 @@ def checked_time(t: ArrayLike) -> Array:
 
 
 def checked_signal(name: str, x: ArrayLike, n: int) -> Array:
-    x = _as_floats(name, x)
+    x = as_floats(name, x)
     if x.ndim not in (1, 2) or len(x) != n:
         raise ValueError(
             f"{name} must have shape ({n},) or ({n}, n_channels) to go with t, got {x.shape}"
@@ -367,21 +368,13 @@ def checked_signal(name: str, x: ArrayLike, n: int) -> Array:
     return x
 
 
-def _as_floats(name: str, x: ArrayLike) -> Array:
-    try:
-        if np.iscomplexobj(x):
-            raise TypeError("it is complex")
-        return np.array(x, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of real numbers: {error}") from None
-
-
 def _refuse_nan(name: str, x: Array) -> None:
     bad = np.argwhere(~np.isfinite(x))
     if len(bad):
         raise ValueError(
-            f"{name} has {len(bad)} values that are NaN or infinite, the first at sample"
-            f" {int(bad[0][0])}: cut them off, or interpolate over them"
+            f"{name} has {len(bad)} values that are NaN, infinite or masked, the first at sample"
+            f" {int(bad[0][0])}: cut them off, or interpolate over them; rs.inspect takes a"
+            " Recording in which samples are missing"
         )
 
 
@@ -417,7 +410,7 @@ def _release(
 
 def _largest(t: ArrayLike, x: ArrayLike, quantity: Quantity, unit: str | None) -> Decay:
     """The largest release of a measured velocity or acceleration."""
-    rate = Decay(np.asarray(t), np.asarray(x))
+    rate = Decay(t, x)  # type: ignore[arg-type]
     recording = Recording(rate.t, rate.q, quantity=quantity, unit=unit)
     release, notes = _release(recording)
     return Decay.of_release(recording, release, (*rate.notes, *notes))

@@ -51,6 +51,7 @@ class ForcedVibration:
     ----------
     t : (n,) array
         Time in s, increasing, of response and input alike. Jitter is resampled, with a warning.
+        Dates count in s from the first one.
     y : (n,) array
         What was measured of the motion: displacement, velocity or acceleration of q. With a base
         that moves, q counts from the base.
@@ -195,10 +196,9 @@ def _checked(name: str, x: ArrayLike, t: Array) -> Array:
     try:
         return checked_signal(name, x, len(t))
     except ValueError as error:
-        if np.ndim(x) and len(np.asarray(x)) != len(t):
-            raise ValueError(
-                f"{name} has {len(np.asarray(x))} samples, and t {len(t)}: {ONE_CLOCK}"
-            ) from error
+        n = len(np.atleast_1d(np.asanyarray(x)))
+        if np.ndim(x) and n != len(t):
+            raise ValueError(f"{name} has {n} samples, and t {len(t)}: {ONE_CLOCK}") from error
         raise
 
 

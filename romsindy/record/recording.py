@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from romsindy.record.sampling import part_between
+from romsindy.record.sampling import as_floats, as_seconds, part_between
 from romsindy.typing import Array
 
 Quantity = Literal["displacement", "velocity", "acceleration"]
@@ -37,7 +37,8 @@ class Recording:
     t : (n,) array
         Time in s, increasing; it may have gaps.
     x : (n,) or (n, m) array
-        What the sensors gave, in SI units; NaN where a sample is missing. Kept as (n, m).
+        What the sensors gave, in SI units; NaN, or masked, where a sample is missing. Kept as
+        (n, m).
     names : sequence of str, optional
         Of the m channels; "1", "2", ... by default.
     quantity : "displacement", "velocity" or "acceleration"
@@ -68,7 +69,7 @@ class Recording:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        t, x = np.asarray(self.t, float), np.asarray(self.x, float)
+        t, x = as_seconds("t", self.t), as_floats("x", self.x)
         x = x[:, None] if x.ndim == 1 else x
         if t.ndim != 1 or len(t) < 8:
             raise ValueError(

@@ -1,13 +1,67 @@
-"""Uniform sampling: how far times are from it, and the times that are."""
+"""Samples and their times as they are given: numbers, dates, masks; and uniform sampling."""
 
 from __future__ import annotations
 
+from datetime import date, timedelta
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from romsindy.typing import Array
 
 # Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
 _ROUNDING = 1e-4
+
+
+def as_floats(name: str, x: ArrayLike) -> Array:
+    """Real numbers as a new array of floats; nan where a sample is masked.
+
+    Raises
+    ------
+    ValueError
+        If they are complex, dates or no numbers.
+    """
+    masked = x if isinstance(x, np.ma.MaskedArray) else None
+    try:
+        if np.iscomplexobj(x):
+            raise TypeError("it is complex")
+        if np.asarray(x).dtype.kind in "mM":
+            raise TypeError("it holds dates or durations")
+        found = np.array(x, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of real numbers: {error}") from None
+    if masked is not None:
+        found[np.ma.getmaskarray(masked)] = np.nan
+    return found
+
+
+def as_seconds(name: str, t: ArrayLike) -> Array:
+    """Times in s as a new array of floats: dates count from the first one, durations from zero.
+
+    Those of NumPy (``datetime64``, ``timedelta64``), of pandas and of Python's ``datetime`` are
+    taken, exact to the last digit of a float; of masked ones nan.
+
+    Raises
+    ------
+    ValueError
+        As `as_floats`.
+    """
+    times = np.asarray(t)
+    first = times.flat[0] if times.size else 0.0
+    try:
+        if times.dtype.kind == "M":
+            times = times - first
+        if times.dtype.kind == "O" and isinstance(first, date):
+            times = np.array([x - first for x in times.flat]).reshape(times.shape)
+            first = times.flat[0]
+        if times.dtype.kind == "m":
+            times = times / np.timedelta64(1, "s")
+        if times.dtype.kind == "O" and isinstance(first, timedelta):
+            times = np.array([x.total_seconds() for x in times.flat]).reshape(times.shape)
+    except (TypeError, AttributeError) as error:  # months, or times of several kinds
+        raise ValueError(f"{name} must be times in s, dates or durations: {error}") from None
+    mask = np.ma.getmask(t) if isinstance(t, np.ma.MaskedArray) else np.ma.nomask
+    return as_floats(name, np.ma.array(times, mask=mask))
 
 
 def uniform_times(t: Array) -> tuple[Array, str]:
@@ -32,8 +86,11 @@ def part_between(t: Array, start: float | None, end: float | None) -> slice:
     Raises
     ------
     ValueError
-        If they are fewer than eight.
+        If they are fewer than eight, or a time is no finite number.
     """
+    for name, value in (("start", start), ("end", end)):
+        if value is not None and not np.isfinite(value):
+            raise ValueError(f"{name}={value} is no time: give seconds, or leave it out")
     low, high = t[0] if start is None else start, t[-1] if end is None else end
     slack = 1e-6 * float(t[1] - t[0])
     first, last = np.searchsorted(t, [low - slack, high + slack]).tolist()

@@ -21,6 +21,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Filter
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.sampling import as_floats, as_seconds
 from romsindy.regression.coupled_library import is_coupled
 from romsindy.regression.coupled_motion import WindowRows
 from romsindy.regression.coupled_projection import (
@@ -297,9 +298,9 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
         return [d for xi, ti in zip(x, clocks, strict=True) for d in as_decays(xi, ti, split=split)]
     if t is None:
         raise ValueError("t is missing: give the times in s that go with the array x, or a Decay")
-    columns = np.asarray(x, float)
+    columns = as_floats("x", x)
     columns = columns[:, None] if columns.ndim == 1 else columns
-    times = np.asarray(t, float)
+    times = as_seconds("t", t)
     if columns.ndim != 2 or not 1 <= columns.shape[1] <= 3 or times.shape != (len(columns),):
         raise ValueError(
             "x must have shape (n,) or (n, 1..3) with columns q, q_dot, q_ddot and t shape (n,),"

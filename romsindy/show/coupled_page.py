@@ -175,6 +175,7 @@ def write_coupled(
     write_page(
         path,
         "report",
+        "identify",
         title=report.title,
         verdict="explained" if fit.verdict.explained else "not explained",
         sentence="\n".join([str(fit.verdict), *(f"Note: {note}." for note in fit.notes)]),

@@ -130,6 +130,7 @@ def write_forced(
     write_page(
         path,
         "report",
+        "identify",
         title=report.title,
         verdict="explained" if fit.verdict.explained else "not explained",
         sentence="\n".join(

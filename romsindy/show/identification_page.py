@@ -295,6 +295,7 @@ def write_identification(
     write_page(
         path,
         "report",
+        "identify",
         title=report.title,
         equation_title="The equation of motion",
         **_found_or_not(report),

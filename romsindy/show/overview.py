@@ -52,6 +52,7 @@ def write_overview(
     write_page(
         path,
         "report",
+        "identify",
         title=f"{len(body)} records",
         sentence=sentence,
         tables=[TextTable("Files", [header, *linked])],

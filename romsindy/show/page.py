@@ -16,10 +16,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy import __version__
+from romsindy.record.files.whole import whole, write_whole
 from romsindy.show.interactive import curves, script
 from romsindy.text import columns_of_numbers
 
 _DPI = 130
+_MAKERS = {"png": "Software", "svg": "Creator", "pdf": "Creator"}  # entries of such files
 _PLAIN = str.maketrans("", "", "${}\\")  # formulas in texts that are read aloud
 _NAMESPACE = ' xmlns="http://www.w3.org/1998/Math/MathML"'
 # How the banner of a verdict looks; what has none is told without a colour.
@@ -61,8 +63,14 @@ class Picture:
         return figure
 
     def write(self, path: str | Path | IO[bytes], format: str | None = None) -> None:
-        """Draw it to a file; the ending of a path says how, as in matplotlib."""
-        self.figure().savefig(path, format=format, dpi=_DPI)
+        """Draw it to a file, which says what made it; the ending of a path says how."""
+        if not isinstance(path, str | Path):
+            self.figure().savefig(path, format=format, dpi=_DPI)
+            return
+        kind = format or Path(path).suffix.lower().removeprefix(".")
+        made = {_MAKERS[kind]: f"romsindy {self.name}"} if kind in _MAKERS else None
+        with whole(path) as new:
+            self.figure().savefig(new, format=format, dpi=_DPI, metadata=made)
 
     def image(self, figure: Figure, interactive: bool, dpi: int = _DPI) -> Image:
         """Its figure as a page holds it."""
@@ -106,6 +114,7 @@ def _mathml(latex: str) -> Markup:
 def write_page(
     path: str | Path,
     template: str,
+    command: str,
     *,
     pictures: Iterable[Picture] = (),
     interactive: bool = False,
@@ -118,6 +127,8 @@ def write_page(
     path : str or Path
     template : str
         "report" for an inspection, an identification or a diagnosis; "study".
+    command : str
+        The one that makes such pages: the head names it as the generator.
     pictures : iterable of Picture
         Drawn one after the other, the template's ``figures``.
     interactive : bool
@@ -139,6 +150,6 @@ def write_page(
     environment.filters["tone"] = lambda verdict: _TONES.get(verdict, "")
     figures = [vars(p) | vars(p.image(p.figure(), interactive)) for p in pictures]
     text = environment.get_template(f"{template}.html.j2").render(
-        version=__version__, plotly=plotly, figures=figures, **content
+        version=__version__, command=command, plotly=plotly, figures=figures, **content
     )
-    Path(path).write_text(text, encoding="utf-8")
+    write_whole(path, text)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from romsindy.record.files.whole import whole
 from romsindy.show.page import Picture
 
 Cell = str | float | None
@@ -33,7 +34,7 @@ class Table:
     def write_csv(self, folder: Path) -> Path:
         """Write full precision to ``folder/name.csv``."""
         path = folder / f"{self.name}.csv"
-        with path.open("w", newline="", encoding="utf-8") as file:
+        with whole(path) as new, new.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([self.header, *self.rows])
         return path
 

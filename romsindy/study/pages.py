@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from romsindy.record.files.whole import whole
 from romsindy.show.page import Image, Picture, write_page
 from romsindy.study.content import Chapter, Check, Table
 
@@ -31,9 +32,11 @@ def _write_picture(picture: Picture, folder: Path, interactive: bool) -> Image:
     figure = picture.figure()
     image = picture.image(figure, interactive, dpi=110)
     path = folder / f"{picture.name}.png"
-    path.write_bytes(base64.b64decode(image.png))
+    with whole(path) as new:
+        new.write_bytes(base64.b64decode(image.png))
     figure.set_layout_engine("none")  # as laid out, once
-    figure.savefig(path.with_suffix(".svg"))
+    with whole(path.with_suffix(".svg")) as new:
+        figure.savefig(new)
     return image
 
 
@@ -63,6 +66,7 @@ def write_story(
     table.write_csv(folder)
     write_page(
         folder / "report.html",
+        "study",
         "study",
         title="From a decay to an equation of motion: the study of the default beam",
         checks=table,

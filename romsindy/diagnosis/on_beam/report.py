@@ -25,6 +25,7 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.fit.part import Part
 from romsindy.physics.serial import json_text
+from romsindy.record.files.whole import whole
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
@@ -186,7 +187,7 @@ class BeamReport:
 
     def to_csv(self, path: str | Path) -> None:
         """Write the table of explanations."""
-        with open(path, "w", newline="", encoding="utf-8") as file:
+        with whole(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows(self.table())
 
     def pictures(self) -> dict[str, Picture]:
@@ -213,7 +214,9 @@ class BeamReport:
             "tables": [gap, sensors, *explanations],
         }
         pictures = self.pictures().values()
-        write_page(path, "report", pictures=pictures, interactive=interactive, **page | own)
+        write_page(
+            path, "report", "diagnose", pictures=pictures, interactive=interactive, **page | own
+        )
 
 
 def recipe_of(effects: Sequence[Any]) -> str:

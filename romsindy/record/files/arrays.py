@@ -17,6 +17,7 @@ from romsindy.record.units import RATES, UNITS, spelled
 _RATE_NAMES = {"fs", "sr", "rate", "samplerate", "samplingrate", "samplingfrequency"}
 _STEP_NAMES = {"dt", "deltat", "timestep", "samplingperiod", "samplinginterval"}
 _UNIT_NAMES = {"unit", "units"}
+_LABELLED = {"values": "label", "Data": "Name"}  # of Simulink: samples, and where their name is
 
 
 def read_npy(path: Path) -> Table:
@@ -39,8 +40,11 @@ def leaves(path: str, value: Any) -> Iterator[tuple[str, NDArray]]:
     if hasattr(value, "_fieldnames"):  # a struct, as loadmat has it
         value = {name: getattr(value, name) for name in value._fieldnames}
     if isinstance(value, Mapping):
+        label = _label(value)
         for key in value:
-            if not str(key).startswith("__"):
+            if key in _LABELLED and label:
+                yield from leaves(label, value[key])
+            elif not str(key).startswith("__"):
                 yield from leaves(f"{path}.{key}" if path else str(key), value[key])
     elif getattr(value, "dtype", np.dtype(int)).kind == "O":
         for i, inner in enumerate(np.ravel(value)):
@@ -50,6 +54,12 @@ def leaves(path: str, value: Any) -> Iterator[tuple[str, NDArray]]:
             yield from leaves(f"{path}.{name}" if path else name, value[name])
     else:
         yield path, np.squeeze(value)
+
+
+def _label(struct: Mapping[str, Any]) -> str:
+    """What a signal or a time series of Simulink calls itself; empty where nothing does."""
+    said = (struct.get(key) for data, key in _LABELLED.items() if data in struct)
+    return next((str(s).strip() for s in said if isinstance(s, str)), "")
 
 
 def table_of(

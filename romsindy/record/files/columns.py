@@ -18,6 +18,7 @@ from romsindy.record.units import TIMES, UNITS, spelled
 from romsindy.typing import Array
 
 _TIME_WORDS = {"time", "times", "timestamp", "zeit", "temps", "tiempo", "tempo", "seconds"}
+_TIME_WORDS |= {"tout"}  # of Simulink
 _TIME_NAMES = {
     **dict.fromkeys(("millis", "milliseconds", "msec"), "ms"),
     **dict.fromkeys(("micros", "microseconds", "usec"), "us"),
@@ -51,6 +52,8 @@ class Column:
         The quantity, where the kind of file has a code for it.
     t : (n,) array, optional
         Times in s, where the kind of file gives every channel its own.
+    damage : str
+        Where a value is missing in the file, and the remedy.
     """
 
     name: str
@@ -58,6 +61,7 @@ class Column:
     unit: str | None = None
     said: Quantity | None = None
     t: Array | None = None
+    damage: str = ""
 
     @property
     def is_time(self) -> bool:

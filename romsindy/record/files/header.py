@@ -70,6 +70,8 @@ def columns_of(
     used = 1 + max(set(range(width)) - set(empty), default=width - 1)
 
     def fitted(cells: list[str]) -> list[str] | None:
+        while len(cells) > width and not cells[-1]:
+            cells = cells[:-1]
         if len(cells) < used and len(cells) + len(stamps) - 1 == width:
             cells = cells[: stamps[0] + 1] + [""] * (len(stamps) - 1) + cells[stamps[0] + 1 :]
         return cells + [""] * (width - len(cells)) if used <= len(cells) <= width else None

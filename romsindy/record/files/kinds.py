@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from romsindy.record.files import arrays, hdf, lvm, matlab, tdms, text, universal, wav, xlsx
+from romsindy.record.files import abaqus, arrays, hdf, lvm, matlab, tdms, text, universal, wav, xlsx
 from romsindy.record.files.columns import Table, refused
 
 Reader = Callable[[Path], Table]
@@ -21,6 +21,7 @@ _READERS: dict[str, Reader] = {
     ".npz": arrays.read_npz,
     ".mat": matlab.read,
     ".wav": wav.read,
+    ".rpt": abaqus.read,
     ".tdms": tdms.read,
 }
 # How a file of a kind starts. A name may lie, its content does not.

@@ -115,7 +115,7 @@ def load_decay(
             _require_one(choice)
         whole = _recording(choice, source, unit, quantity)
         part = whole.between(start, end)
-        _refuse_missing(part, whole)
+        _refuse_missing(part, whole, choice.columns)
         derivatives = _derivatives(table, part, whole, unit)
         decay = _decay(part, derivatives)
     notes = part.notes if derivatives[0] is None else table.notes  # nothing is left out then
@@ -173,8 +173,8 @@ def load_forced(
         u, units = samples_of(driving, names, _names(input_unit), choice.columns[0], choice.t)
         pushes = Recording(choice.t, u, [c.name for c in driving])
         part, pushed = response.between(start, end), pushes.between(start, end)
-        _refuse_missing(part, response)
-        _refuse_missing(pushed, pushes)
+        _refuse_missing(part, response, choice.columns)
+        _refuse_missing(pushed, pushes, driving)
         return ForcedVibration(
             *(part.t, part.x[:, 0], pushed.x, part.unit, part.quantity, names, units),
             interpolation=interpolation,
@@ -254,7 +254,7 @@ def _choice(
         raise ValueError("no measured column beside the time")
     left = [c for c in signals if c not in chosen]
     told = f"left out: {', '.join(c.name for c in left)}" if left else ""
-    notes = (*table.notes, note, told, driven_by(left))
+    notes = (*table.notes, *(c.damage for c in chosen), note, told, driven_by(left))
     wanted = wanted or chosen[0].quantity or "displacement"
     return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt)
 
@@ -329,9 +329,11 @@ def _decay(record: Recording, derivatives: tuple[Array | None, Array | None]) ->
     return Decay(record.t, x, *derivatives, unit=record.unit)
 
 
-def _refuse_missing(part: Recording, whole: Recording) -> None:
-    for name, values in zip(part.names, part.x.T, strict=True):
+def _refuse_missing(part: Recording, whole: Recording, columns: Sequence[Column]) -> None:
+    for name, values, column in zip(part.names, part.x.T, columns, strict=True):
         bad = np.flatnonzero(np.isnan(values))
+        if len(bad) and column.damage:
+            raise ValueError(column.damage)
         if len(bad):
             row = int(np.searchsorted(whole.t, part.t[bad[0]])) + 1
             raise ValueError(

@@ -10,6 +10,7 @@ import numpy as np
 
 from romsindy.record.decay import Decay
 from romsindy.record.files.columns import named, refused
+from romsindy.record.files.whole import whole
 
 _RATES = {"q": "", "q_dot": "/s", "q_ddot": "/s^2"}  # after the unit of q
 _FIELDS = ("unit", "measured", "stage", "notes", "leftover")
@@ -29,7 +30,8 @@ def save_decay(decay: Decay, path: str | Path) -> None:
     signals = {n: x for n, x in signals.items() if x is not None}
     fields = json.dumps({name: getattr(decay, name) for name in _FIELDS})
     if path.suffix == ".npz":
-        np.savez(path, t=decay.t, **signals, unit=decay.unit or "", romsindy=fields)
+        with whole(path) as new:
+            np.savez(new, t=decay.t, **signals, unit=decay.unit or "", romsindy=fields)
         return
     if path.suffix != ".csv":
         raise ValueError(f"{path}: name a .csv or an .npz file")
@@ -38,7 +40,8 @@ def save_decay(decay: Decay, path: str | Path) -> None:
     units = [f" [{decay.unit}{_RATES[n]}]" if decay.unit else "" for n in signals]
     names = ",".join(["t [s]", *(n + u for n, u in zip(signals, units, strict=True))])
     header = f"{_MARK}{fields}\n{names}"
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.17g")
+    with whole(path) as new:
+        np.savetxt(new, table, delimiter=",", header=header, comments="", fmt="%.17g")
 
 
 def saved(path: Path) -> Decay | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from romsindy.record.files.columns import Column, Table, named
 from romsindy.record.recording import Quantity
+from romsindy.record.sampling import as_floats, as_seconds
 from romsindy.typing import Array
 
 _QUANTITIES: dict[str, Quantity] = {"d": "displacement", "v": "velocity", "a": "acceleration"}
@@ -38,7 +39,7 @@ def _columns(i: int, one: Mapping[str, Any]) -> list[Column]:
         raise ValueError(f"{where} is a {type(one).__name__}: give dictionaries")
     if missing := [key for key in ("data", "name", "unit_str") if key not in one]:
         raise ValueError(f"{where} has no {missing}: give data, name, unit_str and time or fs")
-    data = np.atleast_2d(_floats(f"{where}, data", one["data"]))
+    data = np.atleast_2d(as_floats(f"{where}, data", one["data"]))
     if data.ndim != 2:
         raise ValueError(f"{where}, data: shape {data.shape} must be (n,) or (channels, n)")
     t = _times(where, one, data.shape[1])
@@ -56,21 +57,12 @@ def _columns(i: int, one: Mapping[str, Any]) -> list[Column]:
 
 def _times(where: str, one: Mapping[str, Any], n: int) -> Array:
     if one.get("time") is not None:
-        t = _floats(f"{where}, time", one["time"])
+        t = as_seconds(f"{where}, time", one["time"])
     else:
-        fs = _floats(f"{where}, fs", one.get("fs"))
+        fs = as_floats(f"{where}, fs", one.get("fs", np.nan))
         if fs.ndim or not 0 < fs < np.inf:
             raise ValueError(f"{where}, fs = {one.get('fs')!r}: give samples per second, or time")
         t = np.arange(n) / fs
     if t.shape != (n,):
         raise ValueError(f"{where}: {n} samples, but time has shape {t.shape}")
     return t
-
-
-def _floats(what: str, value: Any) -> Array:
-    try:
-        if np.iscomplexobj(value):
-            raise TypeError("they are complex")
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{what}: must be numbers ({error})") from None

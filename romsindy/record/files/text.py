@@ -201,6 +201,7 @@ class _Rows:
         self.stream, self.layout = stream, layout
         self.number, self.line = layout.first, ""
         self.odd: list[tuple[int, str]] = []  # rows of other digits than the rest
+        self.holes: dict[int, int] = {}  # first line of every column in which a cell is empty
 
     def __iter__(self) -> Iterator[str]:
         first, plain, pattern = self.layout.first, self.layout.plain, self.layout.pattern
@@ -208,10 +209,21 @@ class _Rows:
             if pattern and pattern.fullmatch(self.line.strip()):
                 yield plain(self.line)
             elif _is_content(self.line):
-                if pattern and "nan" not in self.line.lower():
+                lacks = self._lacks()
+                if pattern and not lacks and "nan" not in self.line.lower():
                     self.odd.append((self.number, self.line))
                     pattern = pattern if len(self.odd) <= FEW else None
                 yield plain(self.line)
+
+    def _lacks(self) -> bool:
+        """Whether the row has an empty cell in a column that has numbers."""
+        cells = split(self.line.rstrip("\r\n"), self.layout.delimiter)
+        if all(cells) or len(cells) != len(self.layout.example):
+            return False
+        found = [i for i, c in enumerate(cells) if not c and i not in self.layout.empty]
+        for i in found:
+            self.holes.setdefault(i, self.number)
+        return bool(found)
 
 
 def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
@@ -222,17 +234,16 @@ def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
         )
     width = len(layout.example)
     columns = columns_of(above, layout.delimiter, width, layout.empty, layout.stamps)
-    stream.seek(0)
-    rows = _Rows(stream, layout)
-    try:
-        values = _values(rows)
-    except ValueError as error:
-        raise _refusal(rows, columns, error) from None
+    rows, values = _rows_and_values(layout, columns, stream)
     notes = []
     if rows.odd[-1:] == [(rows.number, rows.line.rstrip("\r\n"))]:  # without a line break
         values = values[:-1]
         notes = [f"the last line, {rows.odd.pop()[1][-60:]!r}, is cut off: left out"]
-    columns = [replace(c, values=v) for c, v in zip(columns, values.T, strict=True)]
+    damage = {i: _empty(columns[i], line) for i, line in rows.holes.items()}
+    columns = [
+        replace(c, values=v, damage=damage.get(i, ""))
+        for i, (c, v) in enumerate(zip(columns, values.T, strict=True))
+    ]
     unused = {i for i in layout.empty if np.isnan(values[:, i]).all()}
     others = [c for i, c in enumerate(columns) if i not in {*layout.stamps, *unused}]
     if layout.stamps:
@@ -243,11 +254,25 @@ def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
     return Table(others, rate_in(above), tuple(notes), _doubt(rows))
 
 
-def _values(rows: _Rows) -> Array:
+def _rows_and_values(layout: Layout, columns: list[Column], stream: TextIO) -> tuple[_Rows, Array]:
+    """All rows; where cells are empty nan, once it is clear that some are: that is slower."""
+    for empty in (layout.empty, range(len(columns))):
+        stream.seek(0)
+        rows = _Rows(stream, layout)
+        try:
+            return rows, _values(rows, empty)
+        except ValueError as error:
+            stamped = not rows.holes.keys().isdisjoint(layout.stamps)
+            if not rows.holes or stamped or len(empty) == len(columns):
+                raise _refusal(rows, columns, error) from None
+    raise AssertionError
+
+
+def _values(rows: _Rows, empty: Collection[int]) -> Array:
     layout = rows.layout
     converters: dict[int | str, Callable[[str], float]] = {}
+    converters |= dict.fromkeys(empty, _number_or_nothing)
     converters |= {i: reader(layout.example[i]) for i in layout.stamps}
-    converters |= dict.fromkeys(layout.empty, _number_or_nothing)
     return np.loadtxt(
         iter(rows),
         delimiter=layout.delimiter,
@@ -273,6 +298,16 @@ def _number_or_nothing(cell: str) -> float:
     return float(cell) if cell.strip() else np.nan
 
 
+def _named(column: Column) -> str:
+    return column.name if column.name.isdigit() else repr(column.name)
+
+
+def _empty(column: Column, line: int) -> str:
+    return (
+        f"line {line}, column {_named(column)}: the cell is empty; mend the cell or remove the line"
+    )
+
+
 def _refusal(rows: _Rows, columns: list[Column], found: ValueError) -> ValueError:
     """What is wrong with the line at which reading stopped."""
     layout, line = rows.layout, f"line {rows.number}"
@@ -286,9 +321,12 @@ def _refusal(rows: _Rows, columns: list[Column], found: ValueError) -> ValueErro
         wanted = "a time stamp like those above" if i in layout.stamps else "a number"
         fits = is_stamp if i in layout.stamps else _NUMBER.fullmatch
         if not fits(cell) and not (i in layout.empty and not cell):
-            what = f"{cell!r} is not {wanted}" if cell else "the cell is empty"
-            name = repr(column.name) if not column.name.isdigit() else column.name
-            return ValueError(f"{line}, column {name}: {what}; mend the cell or remove the line")
+            if not cell:
+                return ValueError(_empty(column, rows.number))
+            return ValueError(
+                f"{line}, column {_named(column)}: {cell!r} is not {wanted}; mend the cell or"
+                " remove the line"
+            )
     for i in layout.stamps:
         try:
             reader(layout.example[i])(cells[i])
