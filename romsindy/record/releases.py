@@ -16,6 +16,7 @@ from romsindy.record.swings import (
     LOUD,
     NOTHING,
     amplitude_of,
+    background_of,
     first_swing,
     onset,
     pushed_again,
@@ -112,8 +113,8 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
 
     A release begins at the start of the record, after a gap, or after an event that neither the
     samples before nor those after predict: a blow, the end of a hold, a splice. It ends at the
-    next of these, or where the amplitude falls for good below three times the noise. All channels
-    together tell the events, the liveliest one the amplitude.
+    next of these, or where the amplitude falls for good below three times the noise, of whatever
+    colour. All channels together tell the events, the liveliest one the amplitude.
 
     Parameters
     ----------
@@ -144,12 +145,15 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
     period = 1 / (frequency * recording.dt)
     parts: list[Release | Discarded] = []
     for piece in pieces:
-        noise = np.array([noise_std(x[piece.first : piece.last]) for x in recording.x.T])
-        for part in _between_events(recording, piece, period, noise):
+        inside = recording.x[piece.first : piece.last].T
+        white = np.array([noise_std(x) for x in inside])
+        background = np.array([background_of(x, period) for x in inside])
+        noise = float(max(white[liveliest], background[liveliest]))
+        for part in _between_events(recording, piece, period, (white, background)):
             if isinstance(part, Discarded):
                 parts.append(part)
             else:
-                parts += _decays(recording, channel, part, period, float(noise[liveliest]))
+                parts += _decays(recording, channel, part, period, noise)
     releases = [part for part in parts if isinstance(part, Release)]
     return tuple(_until_the_next(releases)), tuple(p for p in parts if isinstance(p, Discarded))
 
@@ -170,7 +174,7 @@ def _finite_pieces(recording: Recording) -> Iterator[_Stretch]:
 
 
 def _between_events(
-    recording: Recording, piece: _Stretch, period: float, noise: Array
+    recording: Recording, piece: _Stretch, period: float, noise: tuple[Array, Array]
 ) -> Iterator[_Stretch | Discarded]:
     """The stretches of a piece between jumps, blows and the like; these are discarded."""
     t, x = recording.t, recording.x
@@ -182,7 +186,7 @@ def _between_events(
             (end - max(JUMP_KNOWN, round(period / 8)), "jump") if joined else (end, piece.after)
         )
         first = start
-        for a, b in departures(x[start:last], period, noise):
+        for a, b in departures(x[start:last], period, *noise):
             if first < start + a:
                 yield _Stretch(first, start + a, before, "event", start)
             first, before = start + a, "event"
