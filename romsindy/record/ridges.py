@@ -8,7 +8,7 @@ hold a number of cycles, so that they are as short as a frequency allows.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +90,18 @@ class Ridge(Track):
         z = self.z(t)
         rate = self.phase(t, 1) + np.imag(self.z(t, 1) / np.where(z == 0, 1.0, z))
         return self.phase(t) + np.unwrap(np.angle(z)), rate / (2 * np.pi), np.abs(z)
+
+    def from_its_start(self) -> Ridge:
+        """The same with what was fitted before the middle of the first window, too.
+
+        A vibration that is damped fast is loudest there. Amplitudes are as they were fitted.
+        """
+        step = (self.end - self.start) / (len(self.t) + 3)
+        count = max(int((self.t[0] - self.start) / step), 1)
+        before = np.linspace(self.start, self.t[0], count + 1)[:-1]
+        t = np.concatenate([before, self.t])
+        frequency = np.concatenate([self.phase(before, 1) / (2 * np.pi), self.frequency])
+        return replace(self, t=t, frequency=frequency, amplitude=np.abs(self.z(t)))
 
 
 def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = None) -> list[Ridge]:

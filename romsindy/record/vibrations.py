@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.fft import dct, idct
 from scipy.signal import welch
 
 from romsindy.record.ridges import Ridge, find_ridges, only_ridge, refined
@@ -39,6 +40,8 @@ _STEADY, _FALLEN = 0.1, 0.5
 _MOST_OF_IT = 0.5
 # Samples a cycle of the highest frequency that stands out of the noise.
 _SAMPLES_PER_CYCLE = 3.0
+# Of the lowest tone: what is slower is no vibration.
+_SLOWER = 0.5
 _STANDS_OUT = 20.0  # power over the median of the spectrum
 _MOST_SAMPLES = 400_000
 
@@ -56,11 +59,13 @@ class Vibration:
     energy : float
         Integral of the displacement^2 over time: how much it moves, and how long.
     share : float
-        Of the signal's energy, between 0 and 1, harmonics included.
+        Of the signal's energy, harmonics included; those of all vibrations add up to at most 1.
     derivative : int
         0, 1, 2 for a displacement, velocity or acceleration.
     steady : bool
         Whether it does not decay while others do: mains hum, a motor, no mode.
+    signal : float
+        Energy of the signal: integral of its square over time, without what is slower.
     """
 
     tone: Ridge
@@ -69,6 +74,7 @@ class Vibration:
     share: float
     derivative: int
     steady: bool = False
+    signal: float = 0.0
 
     @property
     def frequency(self) -> Array:
@@ -170,18 +176,17 @@ def find_vibrations(
     """
     factor = decimation(x, dt)
     x, dt = downsample(np.asarray(x, float), factor), dt * factor
-    t, whole = dt * np.arange(len(x)), float(x @ x)
-    if not whole > 0:
+    if not np.ptp(x) > 0:
         return ()
     ridges = find_ridges(x, dt, progress)
-    if sum(_share(r, t, whole) for r in ridges) < _MOST_OF_IT:
+    if sum(_shares(ridges, x, dt).values()) < _MOST_OF_IT:
         few = [r for r in only_ridge(x, dt) if _turns(r) < _SHORT]
-        ridges = [r for r in few if _share(r, t, whole) > _MOST_OF_IT] or ridges
-    share = {id(r): _share(r, t, whole) for r in ridges}
+        ridges = few if sum(_shares(few, x, dt).values()) > _MOST_OF_IT else ridges
+    share = _shares(ridges, x, dt)
     ridges = [r for r in ridges if share[id(r)] > _LEAST_SHARE]
     ridges = [r for r in ridges if not any(_is_residue(r, o, share) for o in ridges)]
-    ridges = refined(ridges, x, dt)
-    share = {id(r): _share(r, t, whole) for r in ridges}
+    ridges = [r.from_its_start() for r in refined(ridges, x, dt)]
+    share = _shares(ridges, x, dt)
     loudest = max(share, key=lambda k: share[k], default=0)
     ridges = [r for r in ridges if id(r) == loudest or _cycles(r) > _FLEETING]
     moved = {id(r): _energy(r, derivative) for r in ridges}
@@ -197,7 +202,10 @@ def find_vibrations(
         harmonics = (*of.harmonics, (orders[own], ridge))
         found[own] = replace(of, harmonics=harmonics, share=of.share + share[id(ridge)])
     falls = any(_fall(v.tone) < _FALLEN for v in found)
-    found = [replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY) for v in found]
+    whole = dt * float(np.sum(_vibrating(x, ridges, dt) ** 2))
+    found = [
+        replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY, signal=whole) for v in found
+    ]
     return tuple(sorted(found, key=lambda v: v.mean_frequency))
 
 
@@ -252,8 +260,24 @@ def dominant(energy: Sequence[float]) -> int:
     return int(np.argmax(np.asarray(energy) >= max(energy) / _AS_MUCH))
 
 
-def _share(ridge: Ridge, t: Array, whole: float) -> float:
-    return float(np.sum(ridge(t) ** 2)) / whole
+def _vibrating(x: Array, ridges: Sequence[Ridge], dt: float) -> Array:
+    """A signal without what is slower than half the lowest tone: no vibration, but drift."""
+    lowest = min((float(r.frequency.min()) for r in ridges), default=0.0)
+    cosines = dct(x, norm="ortho")
+    cosines[: max(int(_SLOWER * lowest * 2 * dt * len(x)), 1)] = 0.0
+    return np.asarray(idct(cosines, norm="ortho"))
+
+
+def _shares(ridges: Sequence[Ridge], x: Array, dt: float) -> dict[int, float]:
+    """What each explains of the energy of a signal; at most 1 in all.
+
+    Of tones that are fitted together the products with the signal add up to the energy that all of
+    them explain; the energies of tones that take from one another what they give do not.
+    """
+    t, signal = dt * np.arange(len(x)), _vibrating(x, ridges, dt)
+    part = np.array([max(float(r(t) @ signal), 0.0) for r in ridges]) / float(signal @ signal)
+    part = part / max(float(part.sum()), 1.0)
+    return {id(r): float(s) for r, s in zip(ridges, part, strict=True)}
 
 
 def _energy(ridge: Ridge, derivative: int) -> float:
