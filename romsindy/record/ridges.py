@@ -100,7 +100,10 @@ class Ridge(Track):
         count = max(int((self.t[0] - self.start) / step), 1)
         before = np.linspace(self.start, self.t[0], count + 1)[:-1]
         t = np.concatenate([before, self.t])
-        frequency = np.concatenate([self.phase(before, 1) / (2 * np.pi), self.frequency])
+        first = slice(4)
+        degree = min(1, len(self.t) - 1)
+        straight = np.polynomial.Polynomial.fit(self.t[first], self.frequency[first], degree)
+        frequency = np.concatenate([straight(before), self.frequency])
         return replace(self, t=t, frequency=frequency, amplitude=np.abs(self.z(t)))
 
 

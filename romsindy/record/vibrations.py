@@ -27,9 +27,11 @@ _LOUD, _STAYS, _MANY = 0.1, 0.99, 20
 # Cycles that a tone rings, of an exponential 1 / (2 pi zeta): fewer are a
 # transient. The strongest tone may be as short.
 _FLEETING = 4.0
-# A harmonic follows n times the phase: within so many radians in the rms, and so much of its
-# frequency, over so many cycles at least. Over fewer nothing but the ratio can tell, and roughly.
-_HARMONICS, _HARMONIC_NEAR, _LOCKED = 12, 0.03, 0.7
+# A harmonic follows n times the phase: within so many radians in the rms, n times the lesser at
+# most, and so much of its frequency, over so many cycles at least. Its amplitude follows a power of
+# the fundamental's, n where both are small, 1 where a stop or friction makes it. Over fewer cycles
+# nothing but the ratio can tell, and roughly.
+_HARMONICS, _HARMONIC_NEAR, _LOCKED, _TURNED, _LEAST_POWER = 12, 0.03, 0.7, 0.12, 0.5
 _CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 24
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
@@ -316,19 +318,28 @@ def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
     t = np.linspace(low, high, 200)
     if high <= low or ridge.t[-1] - ridge.t[0] > 1.2 * (of.end - of.start):
         return 0
-    (phase, frequency, size), (base, slow, _) = ridge.along(t), of.along(t)
+    (phase, frequency, size), (base, slow, main) = ridge.along(t), of.along(t)
     weight = size**2 / np.sum(size**2)  # where it is loud: at its end noise turns the phase
     order = round(float(weight @ (frequency / slow)))
     if not 2 <= order <= _HARMONICS:
         return 0
     off = float(weight @ np.abs(frequency / (order * slow) - 1))
+    if off > _ROUGHLY:
+        return 0
     cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
-    if cycles < _CYCLES:
-        rough = weaker and order <= _LOW and _turns(of) < _SHORT
-        return order if rough and off < _ROUGHLY else 0
     turned = phase - order * base
     turned = turned - weight @ turned
-    return order if off < _HARMONIC_NEAR and weight @ turned**2 < _LOCKED**2 else 0
+    locked = off < _HARMONIC_NEAR and weight @ turned**2 < min(_LOCKED, _TURNED * order) ** 2
+    locked = locked and _LEAST_POWER < _power(weight, main, size) < order + 1
+    if cycles < _CYCLES:  # too few to tell
+        locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
+    return order if locked else 0
+
+
+def _power(weight: Array, main: Array, size: Array) -> float:
+    """Power of one amplitude that another follows."""
+    x, y = (np.log(a) - weight @ np.log(a) for a in (main, size))
+    return float(weight @ (x * y) / (weight @ x**2))
 
 
 def _fall(ridge: Ridge) -> float:
