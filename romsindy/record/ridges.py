@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import decimate
 
 from romsindy.record.smoothing import HarmonicSpline
@@ -247,7 +248,11 @@ def _picture(
     noise = np.median(amplitude[:, near], axis=1) / _MEDIAN
     own = (f >= max(level.low, _LEAST_CYCLES / duration)) & (f < level.high)
     if np.any(own):
-        yield t, f[own], amplitude[:, own], amplitude[:, own] > _CLEAR * noise[:, None]
+        # A tone is a peak: what only rises towards slow frequencies is drift.
+        line = round(fine / size)
+        peak = amplitude >= maximum_filter1d(amplitude, 2 * line + 1, axis=1)
+        clear = peak & (amplitude > _CLEAR * noise[:, None])
+        yield t, f[own], amplitude[:, own], clear[:, own]
 
 
 # -- following ----------------------------------------------------------------------------------

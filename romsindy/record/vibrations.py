@@ -29,10 +29,10 @@ _LOUD, _STAYS, _MANY = 0.1, 0.99, 20
 _FLEETING = 4.0
 # A harmonic follows n times the phase: within so many radians in the rms, n times the lesser at
 # most, and so much of its frequency, over so many cycles at least. Its amplitude follows a power of
-# the fundamental's, n where both are small, 1 where a stop or friction makes it. Over fewer cycles
+# the fundamental's, n to n + 2 where both are small, 1 where a stop or friction makes it. Over fewer cycles
 # nothing but the ratio can tell, and roughly.
 _HARMONICS, _HARMONIC_NEAR, _LOCKED, _TURNED, _LEAST_POWER = 12, 0.03, 0.7, 0.12, 0.5
-_CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 24
+_CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 40
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
 _RESONANT = 0.01
@@ -330,7 +330,7 @@ def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
     turned = phase - order * base
     turned = turned - weight @ turned
     locked = off < _HARMONIC_NEAR and weight @ turned**2 < min(_LOCKED, _TURNED * order) ** 2
-    locked = locked and _LEAST_POWER < _power(weight, main, size) < order + 1
+    locked = locked and _LEAST_POWER < _power(weight, main, size) < order + 2
     if cycles < _CYCLES:  # too few to tell
         locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
     return order if locked else 0
