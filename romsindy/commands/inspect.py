@@ -11,13 +11,14 @@ from romsindy.commands.options import (
     FILE,
     Output,
     command_line,
+    full_option,
     interactive_option,
     read,
     reading_options,
     write_text,
 )
+from romsindy.inspection import tables
 from romsindy.inspection.inspect import inspect as look
-from romsindy.inspection.tables import report as text_of
 from romsindy.text import bar
 
 
@@ -26,6 +27,7 @@ from romsindy.text import bar
 @reading_options
 @click.option("--report", type=Output(), help="Name of the HTML page.")
 @interactive_option
+@full_option
 @click.option(
     "--json",
     "json_file",
@@ -33,12 +35,17 @@ from romsindy.text import bar
     help="Write the numbers to this file; - prints them and nothing else.",
 )
 def inspect(
-    file: Path, report: Path | None, interactive: bool, json_file: Path | None, **reading: Any
+    file: Path,
+    report: Path | None,
+    interactive: bool,
+    full: bool,
+    json_file: Path | None,
+    **reading: Any,
 ) -> None:
     """Say what is in the record in FILE, what would be used, and what comes next.
 
-    Sampling, noise, releases, modes, and all that is left out or wrong, as text and as one HTML
-    page.
+    What was found, how sure that is, what is wrong with it and what comes next; the page has all
+    tables and figures.
     """
     alone = str(json_file) == "-"
     if report is None and not alone:
@@ -52,6 +59,6 @@ def inspect(
     if json_file is not None:
         write_text(json_file, found.to_json())
     if not alone:
-        click.echo(text_of(found, command))
+        click.echo(tables.report(found, command) if full else tables.short(found, command))
     if report is not None:
-        click.echo(f"\nReport: {report}", err=alone)
+        click.echo(f"Report: {report}", err=alone)
