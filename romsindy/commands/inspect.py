@@ -59,6 +59,6 @@ def inspect(
     if json_file is not None:
         write_text(json_file, found.to_json())
     if not alone:
-        click.echo(tables.report(found, command) if full else tables.short(found, command))
+        click.echo(tables.report(found, command) if full else found.short(command))
     if report is not None:
         click.echo(f"Report: {report}", err=alone)

@@ -34,7 +34,7 @@ def report(found: Findings, command: str = "") -> str:
 
 
 def short(found: Findings, command: str = "") -> str:
-    """What was found, how sure, what is wrong with it and what comes next, in 18 lines at most."""
+    """What was found, how sure, what is wrong with it and what comes next, in 19 lines at most."""
     about, noise = _about(found)
     lines, parts = [about, noise], {t.title.split(",")[0]: t for t in tables(found)}
     if "Releases" in parts:

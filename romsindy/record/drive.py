@@ -17,7 +17,7 @@ _WINDOWS = 64  # windows of a record in which a tone is looked for
 _TONE, _MOST = 0.7, 0.8
 # Between so many windows, and more, a frequency that is stepped does not change; over so many
 # lines of their spectra.
-_HOLDS, _FAR = 0.5, 16
+_HOLDS, _FAR = 0.5, 8
 _BAND = 0.01  # of the power: what lies beyond belongs to no band
 
 

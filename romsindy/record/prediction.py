@@ -22,6 +22,8 @@ _RIDGE = 1e-4  # of the mean square: vibrations of 1 % and noise alike do not ma
 # an older decay: 0.3 to 1; free decays, nonlinear ones too: below 0.2) and by this many times what
 # is usual in the record.
 _PART, _USUAL = 0.3, 3.5
+# Background over white noise that is coloured, and what it then does to a prediction over its rms.
+_COLOURED, _SLOW = 1.3, 1.5
 _ALONE = 0.5  # the part where one of the predictions is alone: near the ends, or near an event
 # A jump between two samples exceeds those of so many cycles before and after by this factor.
 _CYCLES_AROUND, _JUMP = 1.0, 3.0
@@ -86,8 +88,10 @@ def departures(
     known = np.isfinite(error) & (at >= ahead) & (at <= len(y) - 2 * ahead)
     part = np.where(np.isfinite(past) & np.isfinite(future), _PART, _ALONE)
     size = _rms(y, at - hop, at + ahead + hop)
-    # Resampling averages white noise over so many samples, and nothing slower.
-    heard = np.maximum(noise / np.sqrt(step), background) / x.std(axis=0)
+    # Resampling averages white noise over so many samples, and nothing slower, of which there is
+    # more in half a cycle than in the amplitude over one.
+    slow = background > _COLOURED * noise
+    heard = np.where(slow, _SLOW * background, noise / np.sqrt(step)) / x.std(axis=0)
     usual = max(float(np.median(error[known])), float(np.linalg.norm(heard)))
     odd = known & (error > part * size) & (error > _USUAL * usual) & (error > 1e-6 * size.max())
     edges = np.flatnonzero(np.diff(np.concatenate([[0], odd, [0]]))).reshape(-1, 2)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from romsindy.record.faults import runs
 from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency
 from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.signals import noise_std
@@ -28,6 +29,8 @@ from romsindy.typing import Array
 # A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go. Of a
 # displacement, which begins at its peak, it is less.
 _WORTH = 0.3
+# Cycles over which a vibration stands out of the noise.
+_LASTS = 1.5
 # Of the swing that follows an event: less before it is rest.
 _REST = 0.1
 
@@ -229,15 +232,17 @@ def _decays(
     t, x = recording.t[stretch.first : stretch.last], channel[stretch.first : stretch.last]
     amplitude = amplitude_of(x, period, noise)
     quiet = f"amplitude below three times the noise (rms {noise:.2g} {recording.signal_unit})"
-    loud = np.flatnonzero(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
-    if not len(loud):
+    loud = runs(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
+    # Noise stands out for no more than the cycle that an amplitude is taken over.
+    loud = [run for run in loud if run.stop - run.start > _LASTS * period]
+    if not loud:
         yield Discarded(float(t[0]), float(t[-1]), quiet)
         return
     if len(x) < CYCLES_AT_LEAST * period:
         reason = f"only {len(x) / period:.1f} cycles, fewer than three cycles"
         yield Discarded(float(t[0]), float(t[-1]), reason)
         return
-    stop, why_end = int(loud[-1]) + 1, quiet
+    stop, why_end = loud[-1].stop, quiet
     # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
     if len(x) - stop <= period:
         stop, why_end = len(x), _ENDS[stretch.after].format(t[-1])
