@@ -311,7 +311,9 @@ def test_inspect_names_a_force(run):
     assert re.findall(r"^  romsindy (.*)$", printed, re.M) == [
         "identify shaker.csv --input force --select"
     ]
-    assert "Modes" not in printed and "Releases" not in run("inspect", "shaker.csv", "--full").stdout
+    assert (
+        "Modes" not in printed and "Releases" not in run("inspect", "shaker.csv", "--full").stdout
+    )
 
 
 def test_an_end_without_samples_is_cut_off(folder):

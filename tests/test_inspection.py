@@ -255,7 +255,11 @@ def test_measured_input_is_told_and_its_response_no_decay(tmp_path, input_):
 def test_what_comes_before_it_can_be_followed_is_told():
     """From 14 to 3 within two cycles: no window is as short."""
     t = np.arange(0, 20, 0.005)
-    x = decay(5.0, 0.003, t, 3.0) + np.where(t < 0.3, 11 * np.exp(-t / 0.05), 0) + noise(len(t), 0.01)
+    x = (
+        decay(5.0, 0.003, t, 3.0)
+        + np.where(t < 0.3, 11 * np.exp(-t / 0.05), 0)
+        + noise(len(t), 0.01)
+    )
     found = rs.inspect(Recording(t, x, unit="m"))
     assert found.modes[0].amplitude[0] < 10
     assert "release 1 begins with 1" in str(found) and "begins with" in found.short()

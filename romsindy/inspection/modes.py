@@ -107,7 +107,9 @@ def modes_of(releases: Sequence[Sequence[Vibration]]) -> tuple[Mode, ...]:
     ordered = sorted(found, key=lambda m: float(np.mean([v.mean_frequency for v in m if v])))
     whole = sum(vibrations[0].signal for vibrations in releases if vibrations)
     shares = [sum(v.share * v.signal for v in m if v) / whole for m in ordered]
-    return tuple(Mode(n, tuple(m), s) for n, (m, s) in enumerate(zip(ordered, shares, strict=True), 1))
+    return tuple(
+        Mode(n, tuple(m), s) for n, (m, s) in enumerate(zip(ordered, shares, strict=True), 1)
+    )
 
 
 def _same(one: Vibration, other: Vibration) -> bool:

@@ -45,7 +45,10 @@ def short(found: Findings, command: str = "") -> str:
         used = [m for m in found.modes if not m.steady and m is found.dominant]
         rest = sorted((m for m in found.modes if m not in used), key=lambda m: -m.share)
         shown = [*used, *rest][:_SHORT_MODES]
-        rows = [table.rows[0], *(table.rows[m.number] for m in sorted(shown, key=lambda m: m.number))]
+        rows = [
+            table.rows[0],
+            *(table.rows[m.number] for m in sorted(shown, key=lambda m: m.number)),
+        ]
         lines += [table.title, *_first(rows, _SHORT_MODES)]
         lines += [f"  {table.note.split('. ')[0].rstrip('.')}."] if table.note else []
     wrong = found.warnings
@@ -63,7 +66,7 @@ def short(found: Findings, command: str = "") -> str:
     return as_options(text) if command else text
 
 
-def _first(rows: list[list[str]], count: int) -> list[str]:
+def _first(rows: Sequence[Sequence[str]], count: int) -> list[str]:
     """The header and the first rows of a table, a line each."""
     return aligned(rows[: count + 1], "  ").splitlines()
 
@@ -187,9 +190,9 @@ def _driven_step(found: Findings, command: str) -> str:
     """How a record that is driven is identified with its inputs."""
     kinds = [drive.kind for drive in found.recording.drives if drive.lasting]
     if command:
-        names = "".join(f" --input {kind}" for kind in kinds)
+        inputs = "".join(f" --input {kind}" for kind in kinds)
         alone = f" --column {shlex.quote(found.channel)}" * (len(found.recording.names) > 1)
-        return f"{command}{alone}{names} --select"
+        return f"{command}{alone}{inputs} --select"
     counts = [kinds[: i + 1].count(kind) for i, kind in enumerate(kinds)]
     pairs = zip(kinds, counts, strict=True)
     names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]

@@ -55,9 +55,7 @@ def slowest_frequency(x: Array, dt: float, derivative: int) -> float | None:
     return float(np.average(lines[near], weights=power[near]) / (len(x) * dt))
 
 
-def departures(
-    x: Array, period: float, noise: Array, background: Array
-) -> list[tuple[int, int]]:
+def departures(x: Array, period: float, noise: Array, background: Array) -> list[tuple[int, int]]:
     """Stretches [first, last) of samples (n, m) that are no free vibration.
 
     ``period`` is that of the slowest vibration, in samples, ``noise`` the standard deviation of the

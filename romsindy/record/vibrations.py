@@ -29,8 +29,8 @@ _LOUD, _STAYS, _MANY = 0.1, 0.99, 20
 _FLEETING = 4.0
 # A harmonic follows n times the phase: within so many radians in the rms, n times the lesser at
 # most, and so much of its frequency, over so many cycles at least. Its amplitude follows a power of
-# the fundamental's, n to n + 2 where both are small, 1 where a stop or friction makes it. Over fewer cycles
-# nothing but the ratio can tell, and roughly.
+# the fundamental's, n to n + 2 where both are small, 1 where a stop or friction makes it. Over
+# fewer cycles nothing but the ratio can tell, and roughly.
 _HARMONICS, _HARMONIC_NEAR, _LOCKED, _TURNED, _LEAST_POWER = 12, 0.03, 0.7, 0.12, 0.5
 _CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 40
 # Ratios of frequencies that are near p : q.
@@ -205,9 +205,7 @@ def find_vibrations(
         found[own] = replace(of, harmonics=harmonics, share=of.share + share[id(ridge)])
     falls = any(_fall(v.tone) < _FALLEN for v in found)
     whole = dt * float(np.sum(_vibrating(x, ridges, dt) ** 2))
-    found = [
-        replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY, signal=whole) for v in found
-    ]
+    found = [replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY, signal=whole) for v in found]
     return tuple(sorted(found, key=lambda v: v.mean_frequency))
 
 
@@ -329,8 +327,9 @@ def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
     cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
     turned = phase - order * base
     turned = turned - weight @ turned
-    locked = off < _HARMONIC_NEAR and weight @ turned**2 < min(_LOCKED, _TURNED * order) ** 2
-    locked = locked and _LEAST_POWER < _power(weight, main, size) < order + 2
+    near = float(weight @ turned**2) < min(_LOCKED, _TURNED * order) ** 2
+    goes_with_it = _LEAST_POWER < _power(weight, main, size) < order + 2
+    locked = off < _HARMONIC_NEAR and near and goes_with_it
     if cycles < _CYCLES:  # too few to tell
         locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
     return order if locked else 0
