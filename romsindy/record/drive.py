@@ -15,9 +15,9 @@ _ACTS, _DRIVES = 0.05, 0.3
 _WINDOWS = 64  # windows of a record in which a tone is looked for
 # Of the power of a window: so much near its strongest line is one tone, in most of the windows.
 _TONE, _MOST = 0.7, 0.8
-# Between so many windows, and more, a frequency that is stepped does not change; over so many
-# lines of their spectra.
-_HOLDS, _FAR = 0.5, 8
+# From window to window a frequency that sweeps moves by its range over their number. One that is
+# stepped moves by less than this part of that in most of them. Less than so many lines tell neither.
+_STILL, _HOLDS, _FAR = 0.1, 0.5, 8
 _BAND = 0.01  # of the power: what lies beyond belongs to no band
 
 
@@ -70,11 +70,11 @@ def _how(x: Array, dt: float) -> str:
     tones = np.sum(power * near, axis=0) > _TONE * power.sum(axis=0)
     line = 1 / (width * dt)
     if np.mean(tones) > _MOST:
-        f = window.f[top[tones]]
+        f = line * _tops(power[:, tones])
         low, high = float(f.min()), float(f.max())
         if high - low < 3 * line:
             return f"harmonic at {np.median(f):.4g} Hz"
-        steady = np.mean(np.diff(f) == 0) > _HOLDS
+        steady = np.mean(np.abs(np.diff(f)) < _STILL * (high - low) / len(f)) > _HOLDS
         kind = ("stepped " if steady else "swept ") if high - low > _FAR * line else ""
         return f"{kind}sine from {low:.3g} to {high:.3g} Hz"
     f, power = periodogram(x, 1 / dt)
@@ -83,3 +83,12 @@ def _how(x: Array, dt: float) -> str:
     peaks = find_peaks(power, 1e-3 * power.max(), distance=2)[0]
     lines = len(peaks) > 2 and power[peaks].sum() > _TONE * power.sum()
     return f"{'many tones' if lines else 'random'} from {low:.3g} to {high:.3g} Hz"
+
+
+def _tops(power: Array) -> Array:
+    """Lines, not whole, at which each column is greatest: a parabola through three logarithms."""
+    top = np.clip(np.argmax(power, axis=0), 1, len(power) - 2)
+    log = np.log(np.maximum(power, 1e-300))
+    a, b, c = (np.take_along_axis(log, top[None] + k, axis=0)[0] for k in (-1, 0, 1))
+    bend = a - 2 * b + c
+    return np.asarray(top + np.where(bend < 0, 0.5 * (a - c) / np.minimum(bend, -1e-9), 0.0))
