@@ -16,8 +16,8 @@ _WINDOWS = 64  # windows of a record in which a tone is looked for
 # Of the power of a window: so much near its strongest line is one tone, in most of the windows.
 _TONE, _MOST = 0.7, 0.8
 # From window to window a frequency that sweeps moves by its range over their number. One that is
-# stepped moves by less than this part of that in most of them. Less than so many lines tell neither.
-_STILL, _HOLDS, _FAR = 0.1, 0.5, 8
+# stepped moves by less than a part of that, so often. Less than so many lines tell neither.
+_STILL, _HOLDS, _FAR = 0.1, 0.2, 8
 _BAND = 0.01  # of the power: what lies beyond belongs to no band
 
 
