@@ -228,7 +228,7 @@ def test_measured_input_is_told_and_its_response_no_decay(tmp_path, input_):
     force, words = {
         "multisine": (sum(np.cos(2 * np.pi * 0.5 * k * t + k * k) for k in range(4, 30)), "tones"),
         "sweep": (np.sin(2 * np.pi * (2 * t + 0.25 * t**2)), "swept sine from"),
-        "steps": (np.sin(2 * np.pi * np.cumsum(steps) * 0.005), "stepped sine from 3"),
+        "steps": (np.sin(2 * np.pi * np.cumsum(steps) * 0.005), "stepped sine from 2.8"),
         "random": (rng.standard_normal(len(t)), "random"),
         "blow": (np.where((t > 1) & (t < 1.03), 50.0, 0.0) + noise(len(t), 0.01), "blow"),
     }[input_]
