@@ -305,8 +305,15 @@ def test_columns_of_inputs(folder, pushed):
 
 
 def test_inspect_names_a_force(run):
+    """No modes of the drive, and the command that takes it."""
     printed = run("inspect", "shaker.csv").stdout
-    assert "forces: force; romsindy identify --input force, or rs.load_forced" in printed
+    assert "driven by the force in column 'force': many tones from" in printed
+    assert re.findall(r"^  romsindy (.*)$", printed, re.M) == [
+        "identify shaker.csv --input force --select"
+    ]
+    assert (
+        "Modes" not in printed and "Releases" not in run("inspect", "shaker.csv", "--full").stdout
+    )
 
 
 def test_an_end_without_samples_is_cut_off(folder):

@@ -8,8 +8,10 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.signal import cont2discrete, lfilter
 
 import romsindy as rs
+from romsindy.inspection.tables import next_steps
 from romsindy.record.recording import Recording
 
 RATE = 1000.0  # Hz
@@ -175,3 +177,103 @@ def test_a_file_is_read_as_it_is_asked_for(tmp_path):
         rs.inspect(seen.recording, unit="mm")
     with pytest.raises(ValueError, match="lower frequency first"):
         seen.mode(band=(30.0, 5.0))
+
+
+@pytest.mark.parametrize("size", [0.1, 3.0, 100.0])
+@pytest.mark.parametrize("kind", ["line", "warming up", "bend"])
+def test_a_drift_is_a_drift(kind, size):
+    """Of any size: the mode beside it is found, shares add up, and nothing else is a mode."""
+    part = T / T[-1]
+    drift = {"line": part, "warming up": 1 - np.exp(-part / 0.3), "bend": (part - 0.3) ** 2}[kind]
+    found = rs.inspect(Recording(T, decay(LOW, 0.003, T) + size * drift + noise(len(T), 1e-3)))
+    (mode,) = found.modes
+    assert mode.mean_frequency == pytest.approx(LOW, rel=2e-3)
+    assert 0.9 < mode.share <= 1 and np.all(np.isfinite(mode.damping_ratio))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wandering_sensor_is_no_mode(seed):
+    """A random walk alone, and one ten times the vibration: nothing slow is followed."""
+    walk = np.cumsum(noise(len(T), 1.0, seed)) / 100
+    for x in (walk, 10 * walk + decay(LOW, 0.003, T)):
+        assert all(m.mean_frequency > 0.9 * LOW for m in rs.inspect(Recording(T, x)).modes)
+
+
+def test_shares_of_a_record_add_up():
+    """Two releases, of which the second rings at another frequency: of all that vibrates."""
+    t = np.arange(0, 20, 1 / RATE)
+    x = np.where(t < 10, decay(LOW, 0.01, t), decay(40.0, 0.003, t - 10, 0.5)) + noise(len(t), 1e-3)
+    modes = rs.inspect(Recording(t, x)).modes
+    shares = [m.share for m in modes]
+    # Energies A^2 / (8 pi zeta f), and next to nothing is noise.
+    energy = np.array([1 / (0.01 * LOW), 0.25 / (0.003 * 40)])
+    assert len(modes) == 2 and sum(shares) <= 1
+    assert_allclose(shares, energy / energy.sum(), rtol=0.15)  # a blow's cut takes a cycle
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.98])
+def test_channel_of_noise_is_not_proposed(colour):
+    x, rng = decay(LOW, 0.004, T), np.random.default_rng(2)
+    dead = lfilter([1.0], [1.0, -colour], rng.standard_normal(len(T)))
+    found = rs.inspect(Recording(T, np.stack([0.02 * dead / dead.std(), x], 1), ["dead", "tip"]))
+    assert found.channel == "tip" and found.together == ("tip",)
+    assert "--column dead" not in "\n".join(next_steps(found, "romsindy identify a.csv"))
+    assert "noise alone" in str(found) and "channel dead" in found.short()
+
+
+@pytest.mark.parametrize("input_", ["multisine", "sweep", "steps", "random", "blow"])
+def test_measured_input_is_told_and_its_response_no_decay(tmp_path, input_):
+    t, rng = np.arange(0, 20, 0.005), np.random.default_rng(3)
+    steps = np.repeat(np.linspace(3, 12, 10), len(t) // 10)
+    force, words = {
+        "multisine": (sum(np.cos(2 * np.pi * 0.5 * k * t + k * k) for k in range(4, 30)), "tones"),
+        "sweep": (np.sin(2 * np.pi * (2 * t + 0.25 * t**2)), "swept sine from"),
+        "steps": (np.sin(2 * np.pi * np.cumsum(steps) * 0.005), "stepped sine from 2.8"),
+        "random": (rng.standard_normal(len(t)), "random"),
+        "blow": (np.where((t > 1) & (t < 1.03), 50.0, 0.0) + noise(len(t), 0.01), "blow"),
+    }[input_]
+    w = 2 * np.pi * 8
+    b, a, _ = cont2discrete(([1.0], [1.0, 0.01 * w, w**2]), 0.005)
+    q = lfilter(b.ravel(), a, force)
+    q += 1e-4 * np.ptp(q) * rng.standard_normal(len(t))
+    table = np.column_stack([t, 1e3 * q, force])
+    path = tmp_path / "run.csv"
+    np.savetxt(path, table, delimiter=",", header="t [s],q [mm],force [N]", comments="")
+    found = rs.inspect(path)
+    (drive,) = found.recording.drives
+    assert words in drive.how and drive.lasting == (input_ != "blow")
+    if drive.lasting:
+        assert not found.modes and not found.releases
+        assert "load_forced" in "\n".join(next_steps(found))
+        with pytest.raises(ValueError, match="driven by the force"):
+            found.decays()
+    else:
+        (mode,) = found.modes
+        assert mode.mean_frequency == pytest.approx(8, rel=1e-3)
+
+
+def test_what_comes_before_it_can_be_followed_is_told():
+    """From 14 to 3 within two cycles: no window is as short."""
+    t = np.arange(0, 20, 0.005)
+    x = (
+        decay(5.0, 0.003, t, 3.0)
+        + np.where(t < 0.3, 11 * np.exp(-t / 0.05), 0)
+        + noise(len(t), 0.01)
+    )
+    found = rs.inspect(Recording(t, x, unit="m"))
+    assert found.modes[0].amplitude[0] < 10
+    assert "release 1 begins with 1" in str(found) and "begins with" in found.short()
+
+
+def test_the_answer_has_twenty_lines_at_most(pair, twice):
+    t = np.arange(0, 12, 4 / RATE)
+    rng = np.random.default_rng(1)
+    many = sum(decay(f, 0.004, t % 4, 1 / f) for f in (7.0, 19.0, 31.0, 47.0, 83.0))
+    x = np.stack([s * many + noise(len(t), 1e-4, k) for k, s in enumerate((1, -0.7, 0.3, 0.1))], 1)
+    x[rng.integers(0, len(t), 9)] = 5.0
+    full = rs.inspect(Recording(t, x + 0.1 * t[:, None], list("abcd")))
+    for found in (pair, twice, full):
+        short = found.short("romsindy identify a.csv")
+        assert len(short.splitlines()) <= 19  # and one with the name of the page
+        assert f"{found.dominant.mean_frequency:.5g} Hz" in short and "Next:" in short
+    assert "--full shows them" in short

@@ -6,12 +6,13 @@ import re
 import numpy as np
 import pytest
 from oracles import falling_decay, viscous_decay
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from romsindy import Decay
 from romsindy.record.integration import displacement
 from romsindy.record.recording import Recording
 from romsindy.record.releases import find_releases, split_releases
+from romsindy.record.swings import background_of
 
 DT = 0.004
 OMEGA = 2 * np.pi
@@ -227,3 +228,42 @@ def test_cantilever_as_recorded(measured):
         assert decay.t[0] < 0.2 and "after the blow at 0.02" in decay.notes[0]
         size = [np.abs(part).max() for part in np.array_split(decay.q, 40)]
         assert size[0] < 1e-3 and size[-1] < 1.05 * size[-2] < 1.1 * size[-3]
+
+
+def coloured(kind, n, rng):
+    """Noise of rms 1: an autoregression of the first order, a power of frequency, or low-passed."""
+    white = rng.standard_normal(n + 2000)
+    if kind.startswith("ar"):
+        x = lfilter([1.0], [1.0, -float(kind[2:])], white)[2000:]
+    elif kind == "low-passed":
+        x = sosfiltfilt(butter(4, 0.1, output="sos"), white)[2000:]
+    else:
+        lines = np.fft.rfft(white)
+        lines[1:] /= np.arange(1, len(lines)) ** (float(kind[1:]) / 2)
+        x = np.fft.irfft(lines * (np.arange(len(lines)) > 0))[:n]
+    return (x - x.mean()) / x.std()
+
+
+@pytest.mark.parametrize("kind", ["ar0", "ar0.9", "ar0.99", "f1", "f2", "low-passed"])
+def test_noise_behind_a_decay_is_no_release(kind):
+    """A decay of 60 cycles to the noise, and 240 cycles of that: one release, over before it."""
+    for seed in range(3):
+        t = np.arange(0, 300, DT * 10)
+        x = viscous_decay(t, OMEGA, 0.012) + 0.01 * coloured(
+            kind, len(t), np.random.default_rng(seed)
+        )
+        (release,) = find_releases(Recording(t, x))
+        # 1 % of the amplitude is reached after 61 cycles; a third of slow noise is no vibration.
+        assert release.start < 1 and 30 < release.end < 120, (kind, seed, release)
+
+
+def test_background_is_told_of_what_decays():
+    """Its rms where there is one; none in a decay, a beat, or a tone that stays."""
+    t = np.arange(0, 200, 0.04)
+    noise = coloured("ar0.5", len(t), np.random.default_rng(7))
+    decay = viscous_decay(t, OMEGA, 0.012)
+    # The mean of a cycle is no background: of 25 samples, the lag of 0.5 leaves 94 %.
+    assert background_of(decay + 0.01 * noise, 25) == pytest.approx(0.01, rel=0.1)
+    beats = viscous_decay(t, OMEGA, 0.003) + viscous_decay(t, 1.07 * OMEGA, 0.003)
+    for x in (viscous_decay(t, OMEGA, 0.002), beats, np.cos(OMEGA * t)):
+        assert background_of(x, 25) == 0

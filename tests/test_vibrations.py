@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from romsindy.record.isolation import isolated
 from romsindy.record.ridges import find_ridges
@@ -148,3 +149,56 @@ def test_tone_that_is_driven_stays():
     driven = tone(17.6, 1e-7)[0] + tone(18.0, 0.02, 0.5)[0] + noise(1e-3)
     assert any(v.stays for v in find_vibrations(driven, 1 / RATE))
     assert not any(v.stays for v in find_vibrations(tone(40.0, 2e-3)[0] + noise(1e-3), 1 / RATE))
+
+
+@pytest.mark.parametrize(("k2", "derivative"), [(0.25, 0), (-0.6, 0), (0.5, 1), (-0.4, 2)])
+def test_second_harmonic_of_an_asymmetric_spring_is_no_mode(k2, derivative):
+    """Its frequency moves with amplitude; integrated numerically, drag and all."""
+
+    def rates(_, y):
+        q, v = y
+        return [v, -0.01 * v - 0.05 * v * abs(v) - q - k2 * q**2 - 0.8 * q**3]
+
+    t = np.arange(0, 900, 0.25)
+    q, v = solve_ivp(rates, (0, t[-1]), [0.9, 0.0], "DOP853", t, rtol=1e-9).y
+    x = [q, v, np.array(rates(0, (q, v))[1])][derivative]
+    x = x + 3e-3 * np.std(x) * np.random.default_rng(1).standard_normal(len(t))
+    found = [v for v in find_vibrations(x, 0.25, derivative) if not v.faint]
+    assert len(found) == 1 and resonances(found) == ()
+
+
+def test_mode_that_decays_by_itself_is_no_harmonic():
+    """0.4 % off 2:1: over a decay their phases part; and at 2:1, where it decays faster."""
+    for f, zeta in ((80.32, 0.0022), (80.0, 0.0085)):
+        x = tone(40.0, 0.003)[0] + tone(f, zeta, 0.3)[0] + noise(1e-3)
+        assert [v.harmonics for v in find_vibrations(x, 1 / RATE)] == [(), ()]
+
+
+def test_shares_of_tones_that_beat_add_up_to_one():
+    """Fitted together they may cancel: energies would add up to more than there is."""
+    for ratio in (1.03, 1.1, 1.3):
+        x = tone(40.0, 0.004)[0] - 0.9 * tone(40.0 * ratio, 0.003)[0] + noise(1e-2)
+        share = sum(v.share for v in find_vibrations(x, 1 / RATE))
+        assert 0.99 < share <= 1 + 1e-12
+
+
+def test_amplitudes_begin_where_the_decay_begins():
+    """Damped by 4 %: a window of sixteen cycles sees the mean of what falls to a fiftieth."""
+    t = T[T < 0.7]
+    (found,) = find_vibrations(tone(40.0, 0.04, t=t)[0] + noise(1e-3)[: len(t)], 1 / RATE)
+    # Knots of splines are four cycles apart, in which it falls to a third.
+    assert found.displacement[0] == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", ["line", "warming up", "walk"])
+def test_drift_is_no_vibration(kind):
+    """As large as the vibration, or larger: the rest of a drift is no peak of the spectrum."""
+    drifts = {
+        "line": T / T[-1],
+        "warming up": 1 - np.exp(-T / 0.7),
+        "walk": np.cumsum(noise(1.0, 3)) / 100,
+    }
+    x = tone(40.0, 0.004)[0] + 2 * drifts[kind] + noise(1e-3)
+    (found,) = find_vibrations(x - x.mean(), 1 / RATE)
+    assert found.mean_frequency == pytest.approx(40.0, rel=2e-3)
+    assert 0.8 < found.share <= 1

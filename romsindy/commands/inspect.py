@@ -10,6 +10,7 @@ import click
 from romsindy.commands.options import (
     FILE,
     command_line,
+    full_option,
     interactive_option,
     read,
     reading_options,
@@ -24,8 +25,8 @@ from romsindy.commands.outputs import (
     write_json,
     writing,
 )
+from romsindy.inspection import tables
 from romsindy.inspection.inspect import inspect as look
-from romsindy.inspection.tables import report as text_of
 from romsindy.text import bar
 
 
@@ -34,6 +35,7 @@ from romsindy.text import bar
 @reading_options
 @click.option("--report", type=Output(PAGE), help="Name of the HTML page.")
 @interactive_option
+@full_option
 @click.option(
     "--json",
     "json_file",
@@ -41,12 +43,17 @@ from romsindy.text import bar
     help="Write the numbers to this file; - prints them and nothing else.",
 )
 def inspect(
-    file: Path, report: Path | None, interactive: bool, json_file: Path | None, **reading: Any
+    file: Path,
+    report: Path | None,
+    interactive: bool,
+    full: bool,
+    json_file: Path | None,
+    **reading: Any,
 ) -> None:
     """Say what is in the record in FILE, what would be used, and what comes next.
 
-    Sampling, noise, releases, modes, and all that is left out or wrong, as text and as one HTML
-    page.
+    What was found, how sure that is, what is wrong with it and what comes next; the page has all
+    tables and figures.
     """
     alone = str(json_file) == "-"
     if report is None and not alone:
@@ -61,6 +68,6 @@ def inspect(
     if json_file is not None:
         write_json(json_file, found.to_json())
     if not alone:
-        click.echo(text_of(found, command))
+        click.echo(tables.report(found, command) if full else found.short(command))
     if report is not None:
-        click.echo("\n" + told("Report", report), err=alone)
+        click.echo(told("Report", report), err=alone)

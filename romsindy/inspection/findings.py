@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,8 +22,11 @@ from romsindy.record.vibrations import (
     find_vibrations,
     resonances,
 )
-from romsindy.text import listed
+from romsindy.text import listed, quantity
 from romsindy.typing import Array
+
+# Of the largest swing of a release: where what was followed begins with less, that is told.
+_BEGINS = 0.75
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,14 @@ class ChannelNoise:
         Unit of the samples.
     ratio : float
         Rms of the loudest release over it, in dB.
+    rings : bool
+        Whether it holds anything but noise, of whatever colour.
     """
 
     channel: str
     rms: float
     ratio: float
+    rings: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +98,8 @@ class Findings:
         """
         ringing = [m for m in self.modes if not m.steady]
         if not ringing:
-            raise ValueError(
-                f"{self.recording.source or 'the record'}: {self._why_nothing()}: choose another"
-                " channel, cut the record with start= and end=, or record longer"
-            )
+            source = self.recording.source or "the record"
+            raise ValueError(f"{source}: {self._why_nothing()}: {self._remedy()}")
         return ringing[dominant([m.energy for m in ringing])]
 
     @cached_property
@@ -114,7 +118,7 @@ class Findings:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is wrong with the record, a sentence each."""
-        return (*(str(d) for d in self.defects), *self._not_free())
+        return (*(str(d) for d in self.defects), *self._not_free(), *self._begins_larger())
 
     def _not_free(self) -> list[str]:
         """Modes that end without decaying: no free vibration does."""
@@ -126,6 +130,20 @@ class Findings:
             for i, part in enumerate(m.parts)
             if part is not None and not m.steady and part.stays
         ]
+
+    def _begins_larger(self) -> Iterator[str]:
+        """Releases whose first swings are larger than all that was followed."""
+        for i, vibrations in enumerate(self.vibrations):
+            swing = np.abs(self.release_signal(i)[1])
+            part = self.releases[i]
+            followed = sum(v.tone.amplitude.max() for v in vibrations)
+            if vibrations and followed < _BEGINS * swing.max():
+                unit = self.recording.signal_unit
+                yield (
+                    f"release {i + 1} begins with {quantity(swing.max(), unit)} at"
+                    f" {part.start:.6g} s, and what was followed with {quantity(followed, unit)}:"
+                    " the table of modes holds from there on"
+                )
 
     def decays(
         self,
@@ -259,6 +277,11 @@ class Findings:
         return (
             f"no free decay between {longest.start:.6g} and {longest.end:.6g} s: {longest.reason}"
         )
+
+    def _remedy(self) -> str:
+        if self.recording.driven:
+            return "give the input to `romsindy identify --input` or rs.load_forced"
+        return "choose another channel, cut the record with start= and end=, or record longer"
 
     def release_signal(self, number: int) -> tuple[Array, Array]:
         """Times in s and cleaned samples of release ``number``, from 0, in the channel."""

@@ -24,6 +24,16 @@ class Inspection(Findings):
     def __str__(self) -> str:
         return tables.report(self)
 
+    def short(self, command: str = "") -> str:
+        """What was found, how sure, what is wrong with it, what next, in 19 lines at most.
+
+        Parameters
+        ----------
+        command : str
+            A command line that identifies the record, for the steps that come next.
+        """
+        return tables.short(self, command)
+
     def __repr__(self) -> str:
         frequencies = ", ".join(f"{m.mean_frequency:.5g}" for m in self.modes) or "none"
         counts = f"releases: {len(self.releases)}, defects: {len(self.defects)}"

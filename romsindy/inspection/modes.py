@@ -24,10 +24,14 @@ class Mode:
         From 1, by frequency.
     parts : tuple of Vibration or None
         One for each release; None where it does not stand out.
+    share : float
+        Of the energy of all that vibrates in all releases, its harmonics included: those of all
+        modes add up to at most 1.
     """
 
     number: int
     parts: tuple[Vibration | None, ...]
+    share: float
 
     def __repr__(self) -> str:
         (high, low), (loud, quiet) = self.frequency, self.damping_ratio
@@ -51,11 +55,6 @@ class Mode:
     def energy(self) -> float:
         """Integral of the displacement^2 over all releases."""
         return float(sum(v.energy for v in self.rings))
-
-    @property
-    def share(self) -> float:
-        """Largest share of the energy of the signal of a release, between 0 and 1."""
-        return float(max(v.share for v in self.rings))
 
     @property
     def steady(self) -> bool:
@@ -106,7 +105,11 @@ def modes_of(releases: Sequence[Sequence[Vibration]]) -> tuple[Mode, ...]:
             nearest[i] = v
     found = [m for m in found if not all(v.faint for v in m if v)]
     ordered = sorted(found, key=lambda m: float(np.mean([v.mean_frequency for v in m if v])))
-    return tuple(Mode(n, tuple(parts)) for n, parts in enumerate(ordered, 1))
+    whole = sum(vibrations[0].signal for vibrations in releases if vibrations)
+    shares = [sum(v.share * v.signal for v in m if v) / whole for m in ordered]
+    return tuple(
+        Mode(n, tuple(m), s) for n, (m, s) in enumerate(zip(ordered, shares, strict=True), 1)
+    )
 
 
 def _same(one: Vibration, other: Vibration) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
 from collections.abc import Iterator, Sequence
 
@@ -11,8 +12,11 @@ from romsindy.inspection.findings import Findings
 from romsindy.inspection.modes import Mode
 from romsindy.text import TextTable, aligned, as_options, listed, quantity
 
+# Rows that are printed where not all are asked for.
+_SHORT_RELEASES, _SHORT_MODES, _SHORT_WRONG, _SHORT_STEPS = 2, 3, 2, 3
 _MOST_STEPS = 5  # of a kind that are offered
 _MOST_TOGETHER = 4  # channels of a command
+_MOST_LEFT = 4  # modes that are named, loudest first
 
 
 def report(found: Findings, command: str = "") -> str:
@@ -27,6 +31,57 @@ def report(found: Findings, command: str = "") -> str:
     steps = "\n".join(f"  {step}" for step in next_steps(found, command))
     text = "\n".join([*blocks, summary(found), *(["Next:", steps] if steps else [])])
     return as_options(text) if command else text
+
+
+def short(found: Findings, command: str = "") -> str:
+    """What was found, how sure, what is wrong with it and what comes next, in 19 lines at most."""
+    about, noise = _about(found)
+    lines, parts = [about, noise], {t.title.split(",")[0]: t for t in tables(found)}
+    if "Releases" in parts:
+        lines += _first(parts["Releases"].rows, _SHORT_RELEASES)
+    if "Modes" in parts:
+        table = parts["Modes"]
+        # That which is used comes first: a loud acceleration may be a small motion.
+        used = [m for m in found.modes if not m.steady and m is found.dominant]
+        rest = sorted((m for m in found.modes if m not in used), key=lambda m: -m.share)
+        shown = [*used, *rest][:_SHORT_MODES]
+        rows = [
+            table.rows[0],
+            *(table.rows[m.number] for m in sorted(shown, key=lambda m: m.number)),
+        ]
+        lines += [table.title, *_first(rows, _SHORT_MODES)]
+        lines += [f"  {table.note.split('. ')[0].rstrip('.')}."] if table.note else []
+    wrong = found.warnings
+    lines += [f"Wrong: {words}." for words in wrong[:_SHORT_WRONG]]
+    hidden = {
+        "release": len(found.releases) - _SHORT_RELEASES,
+        "mode": len(found.modes) - _SHORT_MODES,
+        "defect": len(wrong) - _SHORT_WRONG,
+    }
+    more = [f"{n} {name}{'s' * (n > 1)}" for name, n in hidden.items() if n > 0]
+    lines += [f"Not shown: {listed(more)} (--full shows them)."] if more else []
+    steps = itertools.islice(next_steps(found, command), _SHORT_STEPS)
+    lines += [summary(found), "Next:", *(f"  {step}" for step in steps)]
+    text = "\n".join(lines if lines[-1] != "Next:" else lines[:-1])
+    return as_options(text) if command else text
+
+
+def _first(rows: Sequence[Sequence[str]], count: int) -> list[str]:
+    """The header and the first rows of a table, a line each."""
+    return aligned(rows[: count + 1], "  ").splitlines()
+
+
+def _about(found: Findings) -> tuple[str, str]:
+    """What the record is, and how sure its numbers are."""
+    (_, source), (_, samples), (_, what) = itertools.islice(_record(found), 3)
+    about = f"{source}: {samples.replace(' at', ' samples at', 1)}, {what}"
+    if found.recording.drives:
+        about += f"; {listed([str(drive) for drive in found.recording.drives])}"
+    own = next(n for n in found.noise if n.channel == found.channel)
+    if not np.isfinite(own.rms):
+        return about, f"Noise in channel {own.channel}: not known."
+    level = quantity(own.rms, found.recording.signal_unit)
+    return about, f"Noise {level} rms in channel {own.channel}, signal {own.ratio:.1f} dB over it."
 
 
 def tables(found: Findings) -> list[TextTable]:
@@ -76,9 +131,11 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
     used += f" in {channels}, release{'s' * (len(names) > 1)} {listed(names)}."
     left = [m for m in found.modes if m is not mode]
+    left = sorted(left, key=lambda m: -m.share)
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
     kinds = {False: "mode", True: "steady tone"}
-    out = [f"{kinds[m.steady]} {m.number} at {m.mean_frequency:.5g} Hz" for m in left]
+    out = [f"{kinds[m.steady]} {m.number} at {m.mean_frequency:.5g} Hz" for m in left[:_MOST_LEFT]]
+    out += [f"{len(left) - _MOST_LEFT} more"] if len(left) > _MOST_LEFT else []
     out += [f"release {listed(rest)}"] if rest else []
     out += [f"channel {name}" for name in found.recording.names if name not in found.together]
     return f"{used} Left out: {', '.join(out)}." if out else used
@@ -105,6 +162,8 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
         A command line that identifies the record; calls in Python without.
     """
     ringing = [m for m in found.modes if not m.steady]
+    if found.recording.driven:
+        yield _driven_step(found, command)
     if not ringing:
         return
     main, channels = found.dominant, found.recording.names
@@ -117,13 +176,27 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
         start = command + names if channels[1:] else command
         yield start
         yield from (f"{start} --{name} {value}" for name, value in choices[:_MOST_STEPS])
-        others = [shlex.quote(name) for name in channels if (name,) != used]
+        heard = [n.channel for n in found.noise if n.rings]
+        others = [shlex.quote(name) for name in heard if (name,) != used]
         alone = others if channels[1:] else []
         yield from (f"{command} --column {name}" for name in alone[:_MOST_STEPS])
     else:
         yield "rs.identify(seen.decays())"
         calls = (f"rs.identify(seen.decays({n}={v}))" for n, v in choices[:_MOST_STEPS])
         yield from calls
+
+
+def _driven_step(found: Findings, command: str) -> str:
+    """How a record that is driven is identified with its inputs."""
+    kinds = [drive.kind for drive in found.recording.drives if drive.lasting]
+    if command:
+        inputs = "".join(f" --input {kind}" for kind in kinds)
+        alone = f" --column {shlex.quote(found.channel)}" * (len(found.recording.names) > 1)
+        return f"{command}{alone}{inputs} --select"
+    counts = [kinds[: i + 1].count(kind) for i, kind in enumerate(kinds)]
+    pairs = zip(kinds, counts, strict=True)
+    names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
+    return f"rs.identify_forced(rs.load_forced({found.recording.source!r}, {names}))"
 
 
 # -- rows ---------------------------------------------------------------------------------------
@@ -136,6 +209,8 @@ def _record(found: Findings) -> Iterator[list[str]]:
     basis = f" ({r.basis})" if r.basis else ""
     unit = r.signal_unit if r.unit else "a unit that is not known: give it by unit="
     yield ["quantity", f"{r.quantity} in {unit}{basis}"]
+    for drive in r.drives:
+        yield ["input", str(drive)]
     for note in r.notes:
         yield ["note", note]
 
@@ -146,7 +221,7 @@ def _channels(found: Findings) -> Iterator[list[str]]:
         level = quantity(noise.rms, found.recording.signal_unit)
         known = np.isfinite(noise.rms)
         ratio = f"{noise.ratio:.1f}" if known else "-"
-        words = "modes are looked for here" if looked_at else ""
+        words = "modes are looked for here" if looked_at else "" if noise.rings else "noise alone"
         yield [noise.channel, level if known else "-", ratio, words]
 
 

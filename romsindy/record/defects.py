@@ -14,6 +14,7 @@ from romsindy.record.noise import NoiseLevel
 from romsindy.record.outliers import spikes, steps
 from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times
+from romsindy.record.signals import moving_mean
 from romsindy.record.smoothing import swing
 from romsindy.typing import Array
 
@@ -25,6 +26,8 @@ _ONE_BY_ONE = 5
 _BRIDGED = 64
 # Of the largest amplitude: coloured noise below it is not told; and samples that tell a colour.
 _NOISY, _TELLING = 0.005, 256
+# Pieces of a record, the mean of which a drift follows, and how often it is taken off.
+_PIECES, _PASSES = 15, 4
 # Samples that a channel must have.
 _FEWEST = 16
 
@@ -176,7 +179,7 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
     x = np.where(marks["spikes"], np.nan, x)
     found = _coarse(channel, x)
     try:
-        cycle = swing(filled(x) - np.nanmedian(x))[1]
+        cycle = _cycle(filled(x))
     except ValueError as error:
         return x, [channel.defect("nothing vibrates", f"{error}", argument=channel.other)]
     marks["dropout"] = dropouts(x, cycle)
@@ -192,6 +195,23 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
         found += _told(channel, kind, mark, x)
     x, told = _undisturbed(channel, x, cycle)
     return x, found + told
+
+
+def _cycle(x: Array) -> int:
+    """Samples of a cycle of what vibrates in a channel, beside a drift of any size.
+
+    Raises
+    ------
+    ValueError
+        If nothing does.
+    """
+    for _ in range(_PASSES):
+        x = x - moving_mean(x, max(len(x) // _PIECES, 3))
+        try:
+            return swing(x)[1]
+        except ValueError as error:
+            refused = error  # a drift may be left that is greater than the vibration
+    raise refused
 
 
 def _coarse(channel: _Channel, x: Array) -> list[Defect]:

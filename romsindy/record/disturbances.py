@@ -17,6 +17,7 @@ from scipy.special import binom
 from scipy.stats import chi2
 
 from romsindy.record.faults import Mask, filled
+from romsindy.record.signals import moving_mean
 from romsindy.typing import Array, Indices
 
 # Cycles for each value of a drift; a midline that moves faster belongs to the vibration.
@@ -33,6 +34,8 @@ _TAPER = 4.0
 # What has less than this part of the largest power is still, and what goes so far, in the largest
 # amplitude, within so many cycles was moved by hand.
 _STILL, _ELSEWHERE, _FEW = 0.01, 0.4, 2
+# Times as far as it usually moves.
+_SUDDEN = 4.0
 # Of the amplitude: the vibration's own midline moves no further.
 _OWN = 0.25
 # Of what a level or a polynomial leaves: less is left where the slow motion is the vibration's.
@@ -60,7 +63,7 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     ``cycle`` in samples.
     """
     n, known, x = len(x), np.isfinite(x), filled(x)
-    midline = uniform_filter1d(x, 2 * round(cycle) + 1)
+    midline = moving_mean(x, 2 * round(cycle) + 1)
     power = _power(x - midline, cycle)
     loud = power.max()
     # Before the release there may be a hold, whose level is not that of rest.
@@ -73,10 +76,12 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     if len(here) < _RATE or not np.any(power[here]):
         return 0.0, np.zeros(n)  # hardly a cycle between holes
     here, alive = _moving(here, power[here], _noise_power(x))
+    if len(here) < _RATE:
+        return 0.0, np.zeros(n)  # hardly a cycle before it comes to rest
     # The ends of a vibration, the loud one above all, would bend the spline: the taper.
     ends = np.clip(np.minimum(here - begin, here[-1] - here) / (_TAPER * cycle), 1e-3, 1)
     weight = np.sin(np.pi / 2 * ends) ** 2 / np.maximum(power[here], 1e-4 * loud)
-    smooth = uniform_filter1d(uniform_filter1d(x, 2 * step - 1), 2 * step - 1)
+    smooth = moving_mean(moving_mean(x, 2 * step - 1), 2 * step - 1)
     values = min(int((here[-1] - begin) / (_SLOW * cycle)), _MOST_VALUES)
     slow = _slow_part(here.astype(float), smooth[here], weight, values)
     slow = slow - _own_midline(here, slow, power[here], weight)
@@ -109,7 +114,10 @@ def moved_by_hand(x: Array, power: Array, cycle: float) -> bool:
         return False
     quiet = power < _STILL * power.max()
     midline = uniform_filter1d(x, max(round(cycle), 1))
-    far = np.abs(midline[few:] - midline[:-few]) > _ELSEWHERE * np.sqrt(2 * power.max())
+    moved = np.abs(midline[few:] - midline[:-few])
+    # What moves on as it always does is a drift, however steep.
+    least = max(_ELSEWHERE * np.sqrt(2 * power.max()), _SUDDEN * float(np.median(moved)))
+    far = moved > least
     return bool(np.any(far & quiet[few:] & quiet[:-few]))
 
 

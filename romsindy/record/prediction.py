@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.signal import detrend, resample_poly
 
 from romsindy.typing import Array, Indices
@@ -22,6 +22,8 @@ _RIDGE = 1e-4  # of the mean square: vibrations of 1 % and noise alike do not ma
 # an older decay: 0.3 to 1; free decays, nonlinear ones too: below 0.2) and by this many times what
 # is usual in the record.
 _PART, _USUAL = 0.3, 3.5
+# Background over white noise that is coloured, and what it then does to a prediction over its rms.
+_COLOURED, _SLOW = 1.3, 1.5
 _ALONE = 0.5  # the part where one of the predictions is alone: near the ends, or near an event
 # A jump between two samples exceeds those of so many cycles before and after by this factor.
 _CYCLES_AROUND, _JUMP = 1.0, 3.0
@@ -53,17 +55,17 @@ def slowest_frequency(x: Array, dt: float, derivative: int) -> float | None:
     return float(np.average(lines[near], weights=power[near]) / (len(x) * dt))
 
 
-def departures(x: Array, period: float, noise: Array) -> list[tuple[int, int]]:
+def departures(x: Array, period: float, noise: Array, background: Array) -> list[tuple[int, int]]:
     """Stretches [first, last) of samples (n, m) that are no free vibration.
 
     ``period`` is that of the slowest vibration, in samples, ``noise`` the standard deviation of the
-    noise of every channel, (m,). Of a sudden event the true instant is
-    inside the stretch, which is about a half cycle long.
+    white noise of every channel, (m,), ``background`` that of what is there when nothing rings. Of
+    a sudden event the true instant is inside the stretch, which is about a half cycle long.
     """
     moving = np.ptp(x, axis=0) > 0 if len(x) else np.zeros(x.shape[1], bool)
     if not moving.any():
         return []
-    x, noise = (x - x.mean(axis=0))[:, moving], noise[moving]
+    x, noise, background = (x - x.mean(axis=0))[:, moving], noise[moving], background[moving]
     step = max(int(period / _PER_CYCLE), 1)
     y = resample_poly(x / x.std(axis=0), 1, step, axis=0, padtype="line")
     ahead = max(int(_AHEAD * period / step), 4)
@@ -84,9 +86,11 @@ def departures(x: Array, period: float, noise: Array) -> list[tuple[int, int]]:
     known = np.isfinite(error) & (at >= ahead) & (at <= len(y) - 2 * ahead)
     part = np.where(np.isfinite(past) & np.isfinite(future), _PART, _ALONE)
     size = _rms(y, at - hop, at + ahead + hop)
-    # Resampling averages white noise over so many samples.
-    heard = np.sqrt(np.sum((noise / x.std(axis=0)) ** 2) / step)
-    usual = max(float(np.median(error[known])), heard)
+    # Resampling averages white noise over so many samples, and nothing slower, of which there is
+    # more in half a cycle than in the amplitude over one.
+    slow = background > _COLOURED * noise
+    heard = np.where(slow, _SLOW * background, noise / np.sqrt(step)) / x.std(axis=0)
+    usual = max(float(np.median(error[known])), float(np.linalg.norm(heard)))
     odd = known & (error > part * size) & (error > _USUAL * usual) & (error > 1e-6 * size.max())
     edges = np.flatnonzero(np.diff(np.concatenate([[0], odd, [0]]))).reshape(-1, 2)
     runs: list[tuple[int, int]] = []
@@ -98,6 +102,18 @@ def departures(x: Array, period: float, noise: Array) -> list[tuple[int, int]]:
         else:
             runs.append((a, b))
     return [(a * step, min(b * step, len(x))) for a, b in runs]
+
+
+def unpredicted(x: Array, period: float, cycles: float) -> float:
+    """Part of one channel that one linear predictor, so many cycles ahead, leaves."""
+    step = max(int(period / _PER_CYCLE), 1)
+    y = resample_poly(x - x.mean(), 1, step, padtype="line")
+    y = y - uniform_filter1d(y, max(round(period / step), 1))  # what is slower is no vibration
+    past = sliding_window_view(y, _ORDER)[: -max(round(cycles * period / step), 1)]
+    future = y[len(y) - len(past) :]
+    left = future - past @ np.linalg.lstsq(past, future)[0]
+    # Medians: a blow among the samples is not predicted, and no background.
+    return float(np.median(np.abs(left)) / np.median(np.abs(future)))
 
 
 def _certain(runs: Indices, part: Array, window: int) -> Indices:

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from romsindy.record.drive import Drive
 from romsindy.record.sampling import as_floats, as_seconds, part_between
 from romsindy.typing import Array
 
@@ -52,6 +53,8 @@ class Recording:
         Name of the file, for messages.
     notes : tuple of str
         What was done to the record, for the reader.
+    drives : tuple of Drive
+        Inputs that were measured with it.
 
     Raises
     ------
@@ -67,6 +70,7 @@ class Recording:
     basis: str = ""
     source: str = ""
     notes: tuple[str, ...] = ()
+    drives: tuple[Drive, ...] = ()
 
     def __post_init__(self) -> None:
         t, x = as_seconds("t", self.t), as_floats("x", self.x)
@@ -106,6 +110,11 @@ class Recording:
     def signal_unit(self) -> str:
         """Unit of the samples."""
         return unit_of(self.quantity, self.unit)
+
+    @property
+    def driven(self) -> bool:
+        """Whether a measured input drives it all along: it is no free decay."""
+        return any(drive.lasting for drive in self.drives)
 
     @cached_property
     def pieces(self) -> list[slice]:

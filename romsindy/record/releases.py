@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from romsindy.record.faults import runs
 from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency
 from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.signals import noise_std
@@ -16,6 +17,7 @@ from romsindy.record.swings import (
     LOUD,
     NOTHING,
     amplitude_of,
+    background_of,
     first_swing,
     onset,
     pushed_again,
@@ -27,6 +29,8 @@ from romsindy.typing import Array
 # A start of fewer cycles is not worth a cut: a velocity peaks a quarter after its let-go. Of a
 # displacement, which begins at its peak, it is less.
 _WORTH = 0.3
+# Cycles over which a vibration stands out of the noise.
+_LASTS = 1.5
 # Of the swing that follows an event: less before it is rest.
 _REST = 0.1
 
@@ -112,8 +116,8 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
 
     A release begins at the start of the record, after a gap, or after an event that neither the
     samples before nor those after predict: a blow, the end of a hold, a splice. It ends at the
-    next of these, or where the amplitude falls for good below three times the noise. All channels
-    together tell the events, the liveliest one the amplitude.
+    next of these, or where the amplitude falls for good below three times the noise, of whatever
+    colour. All channels together tell the events, the liveliest one the amplitude.
 
     Parameters
     ----------
@@ -144,12 +148,15 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
     period = 1 / (frequency * recording.dt)
     parts: list[Release | Discarded] = []
     for piece in pieces:
-        noise = np.array([noise_std(x[piece.first : piece.last]) for x in recording.x.T])
-        for part in _between_events(recording, piece, period, noise):
+        inside = recording.x[piece.first : piece.last].T
+        white = np.array([noise_std(x) for x in inside])
+        background = np.array([background_of(x, period) for x in inside])
+        noise = float(max(white[liveliest], background[liveliest]))
+        for part in _between_events(recording, piece, period, (white, background)):
             if isinstance(part, Discarded):
                 parts.append(part)
             else:
-                parts += _decays(recording, channel, part, period, float(noise[liveliest]))
+                parts += _decays(recording, channel, part, period, noise)
     releases = [part for part in parts if isinstance(part, Release)]
     return tuple(_until_the_next(releases)), tuple(p for p in parts if isinstance(p, Discarded))
 
@@ -170,7 +177,7 @@ def _finite_pieces(recording: Recording) -> Iterator[_Stretch]:
 
 
 def _between_events(
-    recording: Recording, piece: _Stretch, period: float, noise: Array
+    recording: Recording, piece: _Stretch, period: float, noise: tuple[Array, Array]
 ) -> Iterator[_Stretch | Discarded]:
     """The stretches of a piece between jumps, blows and the like; these are discarded."""
     t, x = recording.t, recording.x
@@ -182,7 +189,7 @@ def _between_events(
             (end - max(JUMP_KNOWN, round(period / 8)), "jump") if joined else (end, piece.after)
         )
         first = start
-        for a, b in departures(x[start:last], period, noise):
+        for a, b in departures(x[start:last], period, *noise):
             if first < start + a:
                 yield _Stretch(first, start + a, before, "event", start)
             first, before = start + a, "event"
@@ -225,15 +232,17 @@ def _decays(
     t, x = recording.t[stretch.first : stretch.last], channel[stretch.first : stretch.last]
     amplitude = amplitude_of(x, period, noise)
     quiet = f"amplitude below three times the noise (rms {noise:.2g} {recording.signal_unit})"
-    loud = np.flatnonzero(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
-    if not len(loud):
+    loud = runs(amplitude >= max(LOUD * noise, NOTHING * float(np.nanstd(channel))))
+    # Noise stands out for no more than the cycle that an amplitude is taken over.
+    loud = [run for run in loud if run.stop - run.start > _LASTS * period]
+    if not loud:
         yield Discarded(float(t[0]), float(t[-1]), quiet)
         return
     if len(x) < CYCLES_AT_LEAST * period:
         reason = f"only {len(x) / period:.1f} cycles, fewer than three cycles"
         yield Discarded(float(t[0]), float(t[-1]), reason)
         return
-    stop, why_end = int(loud[-1]) + 1, quiet
+    stop, why_end = loud[-1].stop, quiet
     # Less than a cycle is not worth a cut: so a record that was cut before stays as it is.
     if len(x) - stop <= period:
         stop, why_end = len(x), _ENDS[stretch.after].format(t[-1])

@@ -8,11 +8,12 @@ hold a number of cycles, so that they are as short as a frequency allows.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import decimate
 
 from romsindy.record.smoothing import HarmonicSpline
@@ -90,6 +91,21 @@ class Ridge(Track):
         z = self.z(t)
         rate = self.phase(t, 1) + np.imag(self.z(t, 1) / np.where(z == 0, 1.0, z))
         return self.phase(t) + np.unwrap(np.angle(z)), rate / (2 * np.pi), np.abs(z)
+
+    def from_its_start(self) -> Ridge:
+        """The same with what was fitted before the middle of the first window, too.
+
+        A vibration that is damped fast is loudest there. Amplitudes are as they were fitted.
+        """
+        step = (self.end - self.start) / (len(self.t) + 3)
+        count = max(int((self.t[0] - self.start) / step), 1)
+        before = np.linspace(self.start, self.t[0], count + 1)[:-1]
+        t = np.concatenate([before, self.t])
+        first = slice(4)
+        degree = min(1, len(self.t) - 1)
+        straight = np.polynomial.Polynomial.fit(self.t[first], self.frequency[first], degree)
+        frequency = np.concatenate([straight(before), self.frequency])
+        return replace(self, t=t, frequency=frequency, amplitude=np.abs(self.z(t)))
 
 
 def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = None) -> list[Ridge]:
@@ -232,7 +248,11 @@ def _picture(
     noise = np.median(amplitude[:, near], axis=1) / _MEDIAN
     own = (f >= max(level.low, _LEAST_CYCLES / duration)) & (f < level.high)
     if np.any(own):
-        yield t, f[own], amplitude[:, own], amplitude[:, own] > _CLEAR * noise[:, None]
+        # A tone is a peak: what only rises towards slow frequencies is drift.
+        line = round(fine / size)
+        peak = amplitude >= maximum_filter1d(amplitude, 2 * line + 1, axis=1)
+        clear = peak & (amplitude > _CLEAR * noise[:, None])
+        yield t, f[own], amplitude[:, own], clear[:, own]
 
 
 # -- following ----------------------------------------------------------------------------------

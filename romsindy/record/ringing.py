@@ -27,12 +27,12 @@ def tones_of(x: Array, dt: float, derivative: int) -> list[Vibration]:
 
 def _tones(x: Array, dt: float, derivative: int) -> tuple[list[Vibration], list[Vibration]]:
     """Vibrations of a channel, and their harmonics by themselves."""
-    t, whole = dt * np.arange(len(x)), float(x @ x)
+    t = dt * np.arange(len(x))
     found = [v for v in find_vibrations(x, dt, derivative) if not v.steady]
     harmonics = []
     for v in found:
         for _, ridge in v.harmonics:
-            share = float(np.sum(ridge(t) ** 2)) / whole
+            share = min(dt * float(np.sum(ridge(t) ** 2)) / v.signal, 1.0)
             moved = ridge.amplitude / (2 * np.pi * ridge.frequency) ** derivative
             energy = v.energy * float(np.sum(moved**2) / np.sum(v.displacement**2))
             harmonics.append(Vibration(ridge, (), energy, share, derivative))

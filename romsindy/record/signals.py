@@ -7,6 +7,7 @@ Arrays have time on axis 0; unless another shape is named, ``x`` is one channel 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt, welch
 
 from romsindy.typing import Array
@@ -49,6 +50,15 @@ def _highest_line(x: Array, dt: float) -> float | None:
     if drift.sum() >= swing.sum() - len(swing) * np.median(power) / np.log(2):
         return None
     return float(frequencies[_CYCLES_AT_LEAST + np.argmax(swing)])
+
+
+def moving_mean(x: Array, width: int) -> Array:
+    """Mean of the ``width`` samples round each of one channel, which goes on straight at its ends.
+
+    A reflection would turn a drift round there, and leave a kink as large as it.
+    """
+    margin = min(width, len(x) - 1)
+    return np.asarray(uniform_filter1d(_continued(x, margin), width))[margin : margin + len(x)]
 
 
 def noise_std(x: Array) -> float:

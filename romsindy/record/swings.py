@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from romsindy.record.faults import runs
+from romsindy.record.prediction import unpredicted
 from romsindy.typing import Array
 
 # Fewer cycles are no decay to analyse.
@@ -24,6 +26,14 @@ _BLOW = 3.0
 # beats. Where it rises in this part of that time it was pushed.
 _AGAIN, _FASTER = 1.5, 0.75
 _SMOOTH = 3  # cycles, of which the largest amplitude is taken: fast beats do not show
+# Blocks of so many cycles that tell a background, and the quietest parts of all that are tried.
+_BLOCKS, _QUIETEST = 8, np.arange(0.95, 0.05, -0.01)
+# A background goes up and down from block to block, by this part at least, which a tone does not.
+# It falls by no more than so many standard errors of that, and than this part of what a vibration
+# does that falls on as it fell before: beats go up and down, too.
+_STEADY, _UP_AND_DOWN, _SLOWER = 0.02, 2.0, 0.3
+# And this part of it, at least, is not predicted: what decays freely is, beats and all.
+_UNPREDICTED = 0.75
 
 
 def amplitude_of(x: Array, period: float, noise: float) -> Array:
@@ -32,6 +42,45 @@ def amplitude_of(x: Array, period: float, noise: float) -> Array:
     x = x - x.mean()
     power = uniform_filter1d(x**2, cycle) - uniform_filter1d(x, cycle) ** 2
     return np.sqrt(2 * np.clip(power - noise**2, 0, None))
+
+
+def background_of(x: Array, period: float) -> float:
+    """Rms of what is there when nothing rings, of any colour; 0 where that is not seen.
+
+    The amplitude of the vibration falls until it is that of the background, which then goes up and
+    down about one level: wind and traffic that keep the structure moving, a sensor's slow noise.
+    """
+    amplitude = amplitude_of(x, period, 0.0)
+    step = max(round(_SMOOTH * period), 1)
+    blocks = amplitude[: len(amplitude) // step * step].reshape(-1, step)
+    size = np.sqrt(np.mean(blocks**2, axis=1))
+    if len(size) < _BLOCKS or not size.min() > 0:
+        return 0.0
+    loudest = int(np.argmax(size))
+    for most in np.quantile(size, _QUIETEST):
+        quiet = max(runs(size <= most), key=lambda run: run.stop - run.start)
+        level = float(np.sqrt(np.mean(size[quiet] ** 2)))
+        # How fast the vibration falls to there, in a block.
+        lower = np.flatnonzero(size[loudest:] <= most)
+        rate = np.log(size.max() / level) / lower[0] if len(lower) else np.inf
+        if not (LOUD * level < size.max() and _stays(np.log(size[quiet]), rate)):
+            continue
+        part = x[quiet.start * step : quiet.stop * step]
+        if unpredicted(part, period, _SMOOTH) > _UNPREDICTED:
+            return level / np.sqrt(2)
+    return 0.0
+
+
+def _stays(log: Array, rate: float) -> bool:
+    """Whether a series goes up and down by more than it falls, and falls at no such rate."""
+    third = len(log) // 3
+    if len(log) < _BLOCKS:
+        return False
+    scatter = float(np.std(np.diff(log))) / np.sqrt(2)
+    fall = abs(float(log[:third].mean() - log[-third:].mean()))
+    falling = rate * (len(log) - third)
+    error = scatter * np.sqrt(2 / third)
+    return bool(scatter > _STEADY and fall < _UP_AND_DOWN * error and fall < _SLOWER * falling)
 
 
 def rest_of(x: Array) -> float:

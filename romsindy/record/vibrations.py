@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.fft import dct, idct
 from scipy.signal import welch
 
 from romsindy.record.ridges import Ridge, find_ridges, only_ridge, refined
@@ -26,10 +27,12 @@ _LOUD, _STAYS, _MANY = 0.1, 0.99, 20
 # Cycles that a tone rings, of an exponential 1 / (2 pi zeta): fewer are a
 # transient. The strongest tone may be as short.
 _FLEETING = 4.0
-# A harmonic follows n times the phase: within so many radians in the rms, and so much of its
-# frequency, over so many cycles at least. Over fewer nothing but the ratio can tell, and roughly.
-_HARMONICS, _HARMONIC_NEAR, _LOCKED = 12, 0.03, 0.7
-_CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 24
+# A harmonic follows n times the phase: within so many radians in the rms, n times the lesser at
+# most, and so much of its frequency, over so many cycles at least. Its amplitude follows a power of
+# the fundamental's, n to n + 2 where both are small, 1 where a stop or friction makes it. Over
+# fewer cycles nothing but the ratio can tell, and roughly.
+_HARMONICS, _HARMONIC_NEAR, _LOCKED, _TURNED, _LEAST_POWER = 12, 0.03, 0.7, 0.12, 0.5
+_CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 40
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
 _RESONANT = 0.01
@@ -39,6 +42,8 @@ _STEADY, _FALLEN = 0.1, 0.5
 _MOST_OF_IT = 0.5
 # Samples a cycle of the highest frequency that stands out of the noise.
 _SAMPLES_PER_CYCLE = 3.0
+# Of the lowest tone: what is slower is no vibration.
+_SLOWER = 0.5
 _STANDS_OUT = 20.0  # power over the median of the spectrum
 _MOST_SAMPLES = 400_000
 
@@ -56,11 +61,13 @@ class Vibration:
     energy : float
         Integral of the displacement^2 over time: how much it moves, and how long.
     share : float
-        Of the signal's energy, between 0 and 1, harmonics included.
+        Of the signal's energy, harmonics included; those of all vibrations add up to at most 1.
     derivative : int
         0, 1, 2 for a displacement, velocity or acceleration.
     steady : bool
         Whether it does not decay while others do: mains hum, a motor, no mode.
+    signal : float
+        Energy of the signal: integral of its square over time, without what is slower.
     """
 
     tone: Ridge
@@ -69,6 +76,7 @@ class Vibration:
     share: float
     derivative: int
     steady: bool = False
+    signal: float = 0.0
 
     @property
     def frequency(self) -> Array:
@@ -170,18 +178,17 @@ def find_vibrations(
     """
     factor = decimation(x, dt)
     x, dt = downsample(np.asarray(x, float), factor), dt * factor
-    t, whole = dt * np.arange(len(x)), float(x @ x)
-    if not whole > 0:
+    if not np.ptp(x) > 0:
         return ()
     ridges = find_ridges(x, dt, progress)
-    if sum(_share(r, t, whole) for r in ridges) < _MOST_OF_IT:
+    if sum(_shares(ridges, x, dt).values()) < _MOST_OF_IT:
         few = [r for r in only_ridge(x, dt) if _turns(r) < _SHORT]
-        ridges = [r for r in few if _share(r, t, whole) > _MOST_OF_IT] or ridges
-    share = {id(r): _share(r, t, whole) for r in ridges}
+        ridges = few if sum(_shares(few, x, dt).values()) > _MOST_OF_IT else ridges
+    share = _shares(ridges, x, dt)
     ridges = [r for r in ridges if share[id(r)] > _LEAST_SHARE]
     ridges = [r for r in ridges if not any(_is_residue(r, o, share) for o in ridges)]
-    ridges = refined(ridges, x, dt)
-    share = {id(r): _share(r, t, whole) for r in ridges}
+    ridges = [r.from_its_start() for r in refined(ridges, x, dt)]
+    share = _shares(ridges, x, dt)
     loudest = max(share, key=lambda k: share[k], default=0)
     ridges = [r for r in ridges if id(r) == loudest or _cycles(r) > _FLEETING]
     moved = {id(r): _energy(r, derivative) for r in ridges}
@@ -197,7 +204,8 @@ def find_vibrations(
         harmonics = (*of.harmonics, (orders[own], ridge))
         found[own] = replace(of, harmonics=harmonics, share=of.share + share[id(ridge)])
     falls = any(_fall(v.tone) < _FALLEN for v in found)
-    found = [replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY) for v in found]
+    whole = dt * float(np.sum(_vibrating(x, ridges, dt) ** 2))
+    found = [replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY, signal=whole) for v in found]
     return tuple(sorted(found, key=lambda v: v.mean_frequency))
 
 
@@ -252,8 +260,24 @@ def dominant(energy: Sequence[float]) -> int:
     return int(np.argmax(np.asarray(energy) >= max(energy) / _AS_MUCH))
 
 
-def _share(ridge: Ridge, t: Array, whole: float) -> float:
-    return float(np.sum(ridge(t) ** 2)) / whole
+def _vibrating(x: Array, ridges: Sequence[Ridge], dt: float) -> Array:
+    """A signal without what is slower than half the lowest tone: no vibration, but drift."""
+    lowest = min((float(r.frequency.min()) for r in ridges), default=0.0)
+    cosines = dct(x, norm="ortho")
+    cosines[: max(int(_SLOWER * lowest * 2 * dt * len(x)), 1)] = 0.0
+    return np.asarray(idct(cosines, norm="ortho"))
+
+
+def _shares(ridges: Sequence[Ridge], x: Array, dt: float) -> dict[int, float]:
+    """What each explains of the energy of a signal; at most 1 in all.
+
+    Of tones that are fitted together the products with the signal add up to the energy that all of
+    them explain; the energies of tones that take from one another what they give do not.
+    """
+    t, signal = dt * np.arange(len(x)), _vibrating(x, ridges, dt)
+    part = np.array([max(float(r(t) @ signal), 0.0) for r in ridges]) / float(signal @ signal)
+    part = part / max(float(part.sum()), 1.0)
+    return {id(r): float(s) for r, s in zip(ridges, part, strict=True)}
 
 
 def _energy(ridge: Ridge, derivative: int) -> float:
@@ -292,19 +316,29 @@ def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
     t = np.linspace(low, high, 200)
     if high <= low or ridge.t[-1] - ridge.t[0] > 1.2 * (of.end - of.start):
         return 0
-    (phase, frequency, size), (base, slow, _) = ridge.along(t), of.along(t)
+    (phase, frequency, size), (base, slow, main) = ridge.along(t), of.along(t)
     weight = size**2 / np.sum(size**2)  # where it is loud: at its end noise turns the phase
     order = round(float(weight @ (frequency / slow)))
     if not 2 <= order <= _HARMONICS:
         return 0
     off = float(weight @ np.abs(frequency / (order * slow) - 1))
+    if off > _ROUGHLY:
+        return 0
     cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
-    if cycles < _CYCLES:
-        rough = weaker and order <= _LOW and _turns(of) < _SHORT
-        return order if rough and off < _ROUGHLY else 0
     turned = phase - order * base
     turned = turned - weight @ turned
-    return order if off < _HARMONIC_NEAR and weight @ turned**2 < _LOCKED**2 else 0
+    near = float(weight @ turned**2) < min(_LOCKED, _TURNED * order) ** 2
+    goes_with_it = _LEAST_POWER < _power(weight, main, size) < order + 2
+    locked = off < _HARMONIC_NEAR and near and goes_with_it
+    if cycles < _CYCLES:  # too few to tell
+        locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
+    return order if locked else 0
+
+
+def _power(weight: Array, main: Array, size: Array) -> float:
+    """Power of one amplitude that another follows."""
+    x, y = (np.log(a) - weight @ np.log(a) for a in (main, size))
+    return float(weight @ (x * y) / (weight @ x**2))
 
 
 def _fall(ridge: Ridge) -> float:

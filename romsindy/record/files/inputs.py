@@ -58,17 +58,24 @@ def input_columns(
     return [found[kind].pop(0) for kind in kinds]
 
 
-def driven_by(columns: Sequence[Column]) -> str:
-    """A note on those of columns that are forces, by name or unit; empty if none is."""
-    forces = [
-        c.name
-        for c in columns
-        if re.search(_WORDS["force"], c.name.lower()) or c.unit in ("N", "kN", "lbf")
-    ]
-    if not forces:
-        return ""
-    ways = "romsindy identify --input force, or rs.load_forced, takes them into account"
-    return f"forces: {', '.join(forces)}; {ways}"
+def inputs_among(columns: Sequence[Column]) -> list[tuple[str, Column]]:
+    """Those of columns that names or units say are inputs, each with its kind.
+
+    A base counts where it has an acceleration beside another quantity: it may be a sensor like
+    others. "u" counts beside "y".
+    """
+    outputs = any("y" in _words(c) for c in columns)
+    others = {c.quantity for c in columns if not re.search(_WORDS["base"], c.name.lower())}
+    found = []
+    for c in columns:
+        name, (base, _) = c.name.lower(), force_unit(c.unit or "") or ("", 1.0)
+        if re.search(rf"{_WORDS['force']}|{_ANY}", name) or base == "N":
+            found.append(("force", c))
+        elif outputs and "u" in _words(c):
+            found.append(("force", c))
+        elif re.search(_WORDS["base"], name) and c.quantity == "acceleration" not in others:
+            found.append(("base", c))
+    return found if len(found) < len(columns) else []
 
 
 def _of_kind(kind: str, count: int, left: Sequence[Column], alone: bool) -> list[Column]:

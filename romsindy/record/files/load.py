@@ -13,14 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.record.decay import Decay
+from romsindy.record.drive import Drive
 from romsindy.record.files import choose, sep005
 from romsindy.record.files.columns import Column, Table
-from romsindy.record.files.inputs import driven_by, input_columns, samples_of
+from romsindy.record.files.inputs import input_columns, inputs_among, samples_of
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
+from romsindy.record.sampling import part_between
 from romsindy.record.units import parse_unit
 from romsindy.typing import Array
 
@@ -79,7 +81,8 @@ def load_recording(
         return _of_decay(table, source).between(start, end)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
-        return _recording(choice, source, unit, quantity).between(start, end)
+        part = _recording(choice, source, unit, quantity).between(start, end)
+        return replace(part, drives=_drives(choice, start, end))
 
 
 def load_decay(
@@ -227,6 +230,7 @@ class _Choice(NamedTuple):
     quantity: Quantity
     notes: tuple[str, ...]
     doubt: str
+    inputs: list[tuple[str, Column]]  # each with its kind
 
 
 def _choice(
@@ -244,7 +248,10 @@ def _choice(
     wanted = quantity or (parse_unit(unit).quantity if unit else None)
     names = _names(column)
     table = replace(table, columns=choose.unique(table.columns))
-    signals = [c for c in choose.signals_of(table, names) if c not in beside]
+    found = inputs_among([c for c in choose.signals_of(table, None) if c not in beside])
+    inputs = [(kind, c) for kind, c in found if c.name not in (names or ())]
+    pushing = [*beside, *(c for _, c in inputs)]
+    signals = [c for c in choose.signals_of(table, names) if c not in pushing]
     t, chosen, note = choose.times_of(table, signals, time, rate)
     if names is None:
         chosen = choose.measured(chosen, wanted)
@@ -252,11 +259,12 @@ def _choice(
         raise ValueError(f"columns {lost} have other times than {names}: choose with column=")
     if not chosen:
         raise ValueError("no measured column beside the time")
-    left = [c for c in signals if c not in chosen]
+    left = [*(c for c in signals if c not in chosen), *(c for _, c in inputs)]
     told = f"left out: {', '.join(c.name for c in left)}" if left else ""
-    notes = (*table.notes, *(c.damage for c in chosen), note, told, driven_by(left))
+    notes = (*table.notes, *(c.damage for c in chosen), note, told)
     wanted = wanted or chosen[0].quantity or "displacement"
-    return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt)
+    inputs = [(kind, c) for kind, c in inputs if len(c.values) == len(t)]
+    return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs)
 
 
 def _names(column: str | Sequence[str] | None) -> list[str] | None:
@@ -290,6 +298,12 @@ def _recording(
     basis = _basis(columns[0], unit, quantity)
     base = units[0][0]
     return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
+
+
+def _drives(choice: _Choice, start: float | None, end: float | None) -> tuple[Drive, ...]:
+    """What the inputs beside a recording do within it."""
+    part, dt = part_between(choice.t, start, end), float(np.median(np.diff(choice.t)))
+    return tuple(Drive.of(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
 def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
