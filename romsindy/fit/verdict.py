@@ -26,6 +26,9 @@ DEPARTURE = 1e-3
 BY_CHANCE = 1.5
 # Noise of less than so many times the least that is told from none.
 NOISE_FREE = 10.0
+# What a sensor is expected to be off a straight line at the largest amplitude, as a part of that,
+# where nothing else is said: one standard deviation, from the data sheets of usual sensors.
+CURVATURE = 0.01
 # A band of something that is never negative starts at 0 where it comes to this part of its end.
 NEAR_ZERO = 0.05
 

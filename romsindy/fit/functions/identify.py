@@ -15,6 +15,7 @@ from romsindy.fit.functions.dispersion import dispersion
 from romsindy.fit.functions.evidence import JUMPS, Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
+from romsindy.fit.functions.sensor import Sensor
 from romsindy.fit.functions.series import Scales, Series
 from romsindy.fit.functions.structures import (
     RICHEST,
@@ -26,7 +27,7 @@ from romsindy.fit.functions.structures import (
 from romsindy.fit.functions.windows import Window, windows_of
 from romsindy.fit.measured import prepared, several_decays
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import CURVATURE, EQUIVALENT
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -48,6 +49,7 @@ def identify(
     decays: Decay | Sequence[Decay],
     *,
     fixed: Mapping[str, float] | None = None,
+    curvature: float = CURVATURE,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
@@ -59,6 +61,10 @@ def identify(
         One channel each; the free part is used, in the quantity that was measured.
     fixed : mapping, optional
         Known coefficients, such as ``{"omega^2": 1482.0}``, in the unit of the decay and seconds.
+    curvature : float
+        How far the sensor may be off a straight line at the largest amplitude, as a part of that:
+        one standard deviation of what is expected of it, from its calibration; 0 where it is
+        straight.
     seed : int
         Of the draws behind the bands.
     progress : callable, optional
@@ -87,7 +93,7 @@ def identify(
             " computed: say what the samples are in with unit=, or scale them"
         )
     say = progress or (lambda line: None)
-    series = Series.linear(_scales(records), RICHEST)
+    series = Series.linear(_scales(records), RICHEST, sensor=Sensor(curvature, len(records)))
     known = _known(series, fixed or {})
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -324,7 +330,8 @@ def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[
         first = next(k for k, b in enumerate(found.blocks) if b.window.record == i)
         try:
             motion = integrate(series, states[first], record.motion.grid, record.motion)
-            left.append(record.signal - motion.samples(series, record.derivative)[:, 0])
+            x = motion.samples(series, record.derivative)[:, 0]
+            left.append(record.signal - series.shown(x, record.derivative, i)[0])
         except TrajectoryError:
             left.append(np.full(len(record.signal), np.inf))
     return left
