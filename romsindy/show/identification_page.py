@@ -277,7 +277,7 @@ def _found_or_not(report: IdentificationReport) -> dict[str, Any]:
     return {
         "verdict": "explained" if found.verdict.explained else "not explained",
         "sentence": "\n".join([explained, report.errors()]),
-        "formula": found.short.latex_terms(),
+        "formula": found.short.model.latex_terms(),
         "equation": "\n".join(found.opening()[:2]),  # the short one is the formula
         "equation_note": " ".join([f"Of the short equation: {found.off()}.", *determined]),
         "tables": [*found.tables(), beside],

@@ -42,6 +42,9 @@ _FORCES = ("coulomb", "quadratic")
 _HOPELESS = 100.0
 _EXACT = 1e-8  # error of what is known, in values of order one
 _LARGEST = 1e15  # amplitude, or its inverse, of which all powers of the series are numbers
+# Of the draws, those of the structure at the head are so many at least: what is printed of it lies
+# within its band.
+_HEAD = _DRAWS // 5
 _SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
 
 
@@ -77,8 +80,8 @@ def identify(
     Raises
     ------
     ValueError
-        For no decays, another unit, a decay given twice, a seed that is no whole number, or names
-        or values in ``fixed`` that cannot be.
+        For no decays, another unit, a decay given twice, a seed that is no whole number, a
+        curvature that is no part of 1, or names or values in ``fixed`` that cannot be.
     TrajectoryError
         If no motion of the equation follows the measured one.
     """
@@ -86,6 +89,11 @@ def identify(
         raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")
     several = several_decays(decays)
     records = prepared(several, several[0].unit)
+    if isinstance(curvature, bool) or not 0 <= curvature < 1:
+        raise ValueError(
+            f"curvature = {curvature!r} must be a part of the largest amplitude: 0.01 of a usual"
+            " sensor, 0 of a straight one"
+        )
     reach = max(r.amplitude for r in records)
     if not 1 / _LARGEST < reach < _LARGEST:
         raise ValueError(
@@ -264,6 +272,7 @@ def _assembled(
     # No structure is exact. However small its evidence, the richest keeps half of the draws.
     counts = np.round(_DRAWS / 2 * odds / odds.sum()).astype(int)
     counts[len(found) - 1] += _DRAWS // 2
+    counts[at] = max(counts[at], _HEAD)
     own, widest = (draw(f, _DRAWS, rng) for f in (head, richest))
     samples = [
         _among(terms, f, draw(f, n, rng))
