@@ -40,6 +40,7 @@ class Settings:
     cutoff: float | None
     plain: bool
     weighted: bool
+    curvature: float
 
 
 def analysed(
@@ -99,11 +100,18 @@ def _functions(
     with bar(None, "identifying") as steps:
         say: Callable[[str], None] = steps.set_postfix_str
         try:
-            return fit(list(free), fixed=settings.fix, seed=settings.seed, progress=say), "", False
+            found = fit(
+                list(free),
+                fixed=settings.fix,
+                curvature=settings.curvature,
+                seed=settings.seed,
+                progress=say,
+            )
         except TrajectoryError as error:
             return None, f"{only}: {error}.", False
         except KeyboardInterrupt:
             return None, f"{only}: interrupted.", True
+        return found, "", False
 
 
 def _beside(four: Mapping[str, Candidate], fixed: bool) -> list[Candidate]:

@@ -25,7 +25,7 @@ from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.show.page import Picture
-from romsindy.text import as_text, bar, with_error
+from romsindy.text import aligned, as_text, bar, with_error
 
 _REGRESSION = "no regression is made"
 # Options that are for free decays, and what to do without them.
@@ -36,6 +36,7 @@ _FREE = {
     "harmonics": _REGRESSION,
     "amplitude": "cut the record with --start and --end",
     "cutoff": _REGRESSION,
+    "curvature": "the sensor is taken for straight",
     "plain": _REGRESSION,
     "weighted": _REGRESSION,
 }
@@ -135,6 +136,14 @@ class ForcedResult:
         held = [str(report.held_out)] if report.held_out else []
         table = as_text(report.inputs())
         return "\n\n".join([repr(report.vibration), str(self.found), table, *held]) + "\n"
+
+    def brief(self) -> tuple[list[str], list[str], str]:
+        """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
+        fit, report = self.found, self.report
+        held = [str(report.held_out)] if report.held_out else []
+        found = [report.equation(), *aligned(fit.table(), "  ").splitlines(), str(fit.verdict), *held]
+        step = "delays of the inputs with --full; a record of another level foretold (rs.free_run)."
+        return found, fit.remarks(), step
 
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""

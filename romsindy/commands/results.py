@@ -117,6 +117,28 @@ class Result:
         table = f"{aligned(report.table())}\n\n{report.errors()}\n{report.note()}"
         return "\n\n".join([report.picked, *measured, report.equation, table])
 
+    def brief(self) -> tuple[list[str], list[str], str]:
+        """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
+        report, found = self.report, self.report.found
+        if found is None:
+            lines = [report.picked, str(report.equation).splitlines()[0], report.errors()]
+            return lines, report.impossible(), "the coefficients of all regressions with --full."
+        table = aligned(found.coefficients().rows, "  ").splitlines()
+        explained, *notes = found.conclusions()
+        lines = [report.picked, *found.in_short(), *table, *found.ends(), explained]
+        return [*lines, report.missed()], notes, self._next()
+
+    def _next(self) -> str:
+        ringing = [m for m in self.inspection.modes if not m.steady]
+        if self.explained:
+            return "--full prints functions with bands; romsindy diagnose asks what a simulation lacks."
+        if len(ringing) > 1:
+            return (
+                f"{len(ringing)} modes ring: --coordinates auto models them together; --full prints"
+                " all tables."
+            )
+        return f"romsindy inspect {self.file} shows what else is in it; --full prints all tables."
+
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""
         b = self.report.backbone

@@ -215,8 +215,11 @@ class Estimate:
             lines.append(
                 f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
             )
-        notes = [f"Note: {note.rstrip('.')}." for note in self.notes]
-        return "\n".join([*lines, str(self.verdict), *notes])
+        return "\n".join([*lines, str(self.verdict), *self.remarks()])
+
+    def remarks(self) -> list[str]:
+        """The notes, as sentences."""
+        return [f"Note: {note.rstrip('.')}." for note in self.notes]
 
     def __repr__(self) -> str:
         return f"<Estimate: {len(self.free)} coefficients, adequacy {self.adequacy:.3f}>"

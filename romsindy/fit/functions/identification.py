@@ -209,6 +209,24 @@ class Identification(Estimate):
         """Whether the data are explained, and what of the functions they determine."""
         return [str(self.verdict), *(f"{note[0].upper()}{note[1:]}." for note in self.notes)]
 
+    def ends(self) -> list[str]:
+        """Structure, then frequency and damping ratio at a small and at a large amplitude."""
+        a = min(map(abs, self.reach)) * np.array([0.1, 0.95])
+        band, unit = self.band(a), self.model.unit or "[q]"
+        each = [
+            f"{' +- '.join(with_error(f, df))} Hz and {' +- '.join(with_error(z, dz))} % at"
+            f" {size:.3g} {unit}"
+            for size, f, df, z, dz in zip(
+                a,
+                band.frequency / (2 * np.pi),
+                band.frequency_std / (2 * np.pi),
+                100 * band.damping_ratio,
+                100 * band.damping_ratio_std,
+                strict=True,
+            )
+        ]
+        return [f"{self.structure}.", f"Frequency and damping ratio: {', '.join(each)}."]
+
     def _others(self) -> str:
         equal = [str(s) for s in self.structures if s.equivalent and s is not self.structure]
         if not equal:
@@ -259,7 +277,7 @@ class Identification(Estimate):
         reach = f"up to {short.amplitude:.3g} {self.model.unit or '[q]'}"
         curves = zip(("frequency", "damping ratio"), (short.frequency, short.damping), strict=True)
         each = " and ".join(
-            f"{_percent(c.off)} in {name}, which changes by {_percent(c.change)}"
+            f"{_percent(c.off)} in {name}, of a change of {_percent(c.change)}"
             for name, c in curves
         )
         if short.follows:
