@@ -28,6 +28,10 @@ from romsindy.typing import Array
 
 # Part of a standard error by which a coefficient moves for the slope of a curve.
 _STEP = 0.1
+_LACKS = (
+    "the model does not explain its data to their noise: the band counts the errors of its"
+    " coefficients, not what it lacks"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -189,6 +193,7 @@ class Estimate:
             n_points=n_points,
             n_harmonics=n_harmonics,
             velocity_scale=velocity_scale,
+            notes=() if self.verdict.explained else (_LACKS,),
         )
 
     def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:
