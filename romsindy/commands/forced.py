@@ -148,13 +148,14 @@ class ForcedResult:
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""
         fit, report, held = self.found, self.report, self.report.held_out
+        left = np.concatenate(fit.residuals)
         return {
             "file": self.file,
             "inputs": self._inputs(),
             "unit": self.model.unit,
             "explained": self.explained,
             "verdict": str(fit.verdict),
-            "residual": float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2))),
+            "residual": None if report.piece else float(np.sqrt(np.mean(left**2))),
             "equation": self.model.equation(),
             "coefficients": coefficients(self.model, fit.standard_errors),
             "held_out": held and {"start": held.vibration.t[0], "error": held.error},
