@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.verdict import FOLLOWED, HARDLY
+from romsindy.fit.verdict import DETERMINED, FOLLOWED, HARDLY
 from romsindy.physics.damping import AmplitudeDamping, PositionDamping, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.model import ReducedModel
@@ -81,13 +81,13 @@ class _Target(NamedTuple):
     limit: Array
 
     @classmethod
-    def of(cls, value: Array, drawn: Array, strict: bool) -> _Target:
-        """Off by a tenth of its change, or by its own error; ``strict``: if that hides the change."""
+    def of(cls, value: Array, drawn: Array, part: float, strict: bool) -> _Target:
+        """Off by a part of its change, or its own error; ``strict``: if that hides the change."""
         error = _SIGMAS * np.std(drawn, axis=0)
         change = float(np.ptp(value))
         counts = not strict or change < HARDLY * float(error.max())
         least = _ROUNDING * float(np.abs(value).max()) + 1e-300
-        return cls(value, drawn, np.maximum(max(FOLLOWED * change, least), error * counts))
+        return cls(value, drawn, np.maximum(max(part * change, least), error * counts))
 
     @property
     def weight(self) -> Array:
@@ -192,7 +192,8 @@ def shortened(
         for size in [float(np.abs(t.value).max())]
     ]
     if not follows:
-        short, drawn = _linear(model), np.array([_linear(m).values for m in draws])
+        short = _linear(model)
+        drawn = np.array([[m.coefficients[t.key] for t in short.terms] for m in draws])
     low, high = np.percentile(drawn, _INSIDE, axis=0).tolist()
     bands = {
         t.key: ends
@@ -228,7 +229,9 @@ def _targets(
     drawn = drawn[np.all(np.isfinite(drawn), axis=1)]
     ends = np.cumsum([len(a), len(a), len(q)])
     pairs = zip(np.split(read(model), ends), np.split(drawn, ends, axis=1), strict=True)
-    found = [_Target.of(v, d, strict=i == 0) for i, (v, d) in enumerate(pairs)]
+    # What is seen of stiffness and inertia is the frequency: they follow as far as is called known.
+    parts = (FOLLOWED, FOLLOWED, DETERMINED, DETERMINED)
+    found = [_Target.of(*pair, parts[i], strict=i == 0) for i, pair in enumerate(pairs)]
     return found if _INERTIA[0].key in model.coefficients else found[:-1]
 
 
