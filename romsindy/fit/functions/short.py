@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.verdict import DETERMINED, FOLLOWED, HARDLY
+from romsindy.fit.verdict import FOLLOWED, HARDLY
 from romsindy.physics.damping import AmplitudeDamping, PositionDamping, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.model import ReducedModel
@@ -28,7 +28,7 @@ from romsindy.typing import Array
 _STIFFNESS: list[Term] = [Stiffness(i) for i in (1, 2, 3, 4, 5)]
 _INERTIA: list[Term] = [Inertia(i) for i in (3, 4, 5)]
 _DAMPING: list[Term] = [AmplitudeDamping(1), PositionDamping(2), PositionDamping(4)]
-_MOST = 4
+_MOST = 5
 _TRIED = 3  # choices of each size that are looked at exactly
 _PLACES = np.linspace(0.05, 0.95, 13)  # of the reach
 # Errors that the weights count beside those of the functions, as a part of what a departure may be:
@@ -81,13 +81,13 @@ class _Target(NamedTuple):
     limit: Array
 
     @classmethod
-    def of(cls, value: Array, drawn: Array, part: float, strict: bool) -> _Target:
-        """Off by a part of its change, or its own error; ``strict``: if that hides the change."""
+    def of(cls, value: Array, drawn: Array, strict: bool) -> _Target:
+        """Off by a tenth of its change, or its own error; ``strict``: if that hides the change."""
         error = _SIGMAS * np.std(drawn, axis=0)
         change = float(np.ptp(value))
         counts = not strict or change < HARDLY * float(error.max())
         least = _ROUNDING * float(np.abs(value).max()) + 1e-300
-        return cls(value, drawn, np.maximum(max(part * change, least), error * counts))
+        return cls(value, drawn, np.maximum(max(FOLLOWED * change, least), error * counts))
 
     @property
     def weight(self) -> Array:
@@ -229,9 +229,7 @@ def _targets(
     drawn = drawn[np.all(np.isfinite(drawn), axis=1)]
     ends = np.cumsum([len(a), len(a), len(q)])
     pairs = zip(np.split(read(model), ends), np.split(drawn, ends, axis=1), strict=True)
-    # What is seen of stiffness and inertia is the frequency: they follow as far as is called known.
-    parts = (FOLLOWED, FOLLOWED, DETERMINED, DETERMINED)
-    found = [_Target.of(*pair, parts[i], strict=i == 0) for i, pair in enumerate(pairs)]
+    found = [_Target.of(*pair, strict=i == 0) for i, pair in enumerate(pairs)]
     return found if _INERTIA[0].key in model.coefficients else found[:-1]
 
 
