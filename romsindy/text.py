@@ -105,7 +105,7 @@ def listed(words: Sequence[object], conjunction: str = "and") -> str:
 
 
 def at_most(lines: Sequence[str], room: int, rest: str) -> list[str]:
-    """The first of several lines; where not all have room, the last says how many the ``rest`` has."""
+    """The first lines that have room, and a last one on how many more there are: the ``rest``."""
     if len(lines) <= room:
         return list(lines)
     kept = max(room - 1, 0)

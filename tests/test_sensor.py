@@ -79,5 +79,5 @@ def test_inertia_is_found_beside_a_straight_sensor_and_said_to_be_one_of_two():
 
 @pytest.mark.parametrize("value", [-0.01, 1.5, float("nan"), True])
 def test_a_curvature_that_is_none_is_refused(value):
-    with pytest.raises(ValueError, match="curvature = .* must be a part of the largest"):
+    with pytest.raises(ValueError, match=r"curvature = .* must be a part of the largest"):
         rs.identify(rs.example_decay(), curvature=value)

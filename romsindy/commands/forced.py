@@ -141,7 +141,12 @@ class ForcedResult:
         """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
         fit, report = self.found, self.report
         held = [str(report.held_out)] if report.held_out else []
-        found = [report.equation(), *aligned(fit.table(), "  ").splitlines(), str(fit.verdict), *held]
+        found = [
+            report.equation(),
+            *aligned(fit.table(), "  ").splitlines(),
+            str(fit.verdict),
+            *held,
+        ]
         step = "delays of the inputs with --full; a record of another level foretold (rs.free_run)."
         return found, fit.remarks(), step
 

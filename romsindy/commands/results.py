@@ -131,7 +131,7 @@ class Result:
     def _next(self) -> str:
         ringing = [m for m in self.inspection.modes if not m.steady]
         if self.explained:
-            return "--full prints functions with bands; romsindy diagnose asks what a simulation lacks."
+            return "--full prints the functions; romsindy diagnose asks what a simulation lacks."
         if len(ringing) > 1:
             return (
                 f"{len(ringing)} modes ring: --coordinates auto models them together; --full prints"

@@ -20,8 +20,8 @@ STRUCTURE = 1.3
 
 # A function is determined where its 95 % band is within this part of its value to either side.
 DETERMINED = 0.25
-# A short equation follows the functions where it is off by this part of what they change by over the
-# range; of a change of less than so many of its own 95 % half-widths, by its error.
+# A short equation follows the functions where it is off by this part of what they change by over
+# the range; of a frequency that changes by less than so many of its 95 % half-widths, by these.
 FOLLOWED, HARDLY = 0.1, 2.0
 # Departures from the equation from window to window that are told, in amplitudes: a milliradian.
 DEPARTURE = 1e-3

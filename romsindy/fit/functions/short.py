@@ -182,25 +182,27 @@ def shortened(
     undamped = _undamped(model, [frequency, *functions], a, q, reach, fixed).fewest()
     damped = _damped(model, damping, undamped, a, fixed).fewest()
     follows = max(undamped.off, damped.off) <= 1
-    parts = (undamped, damped)
-    terms = tuple(t for part in parts for t in part.terms)
-    values, drawn = (np.concatenate(x, axis=-1) for x in zip(*((p[1], p[2]) for p in parts)))
-    short = ReducedModel(terms, tuple(values.tolist()), model.unit, model.amplitude_range)
-    told = [
-        Followed(float(np.max(np.abs(own - t.value)) / size), float(np.ptp(t.value)) / size)
-        for own, t in zip(short.frequency_and_damping(a), (frequency, damping), strict=True)
-        for size in [float(np.abs(t.value).max())]
-    ]
+    terms = (*undamped.terms, *damped.terms)
+    values = (*undamped.values.tolist(), *damped.values.tolist())
+    short = ReducedModel(terms, values, model.unit, model.amplitude_range)
+    drawn = np.column_stack([undamped.drawn, damped.drawn])
+    told = _compared(short.frequency_and_damping(a), (frequency.value, damping.value))
     if not follows:
         short = _linear(model)
         drawn = np.array([[m.coefficients[t.key] for t in short.terms] for m in draws])
     low, high = np.percentile(drawn, _INSIDE, axis=0).tolist()
-    bands = {
-        t.key: ends
-        for t, *ends in zip(short.terms, low, high, strict=True)
-        if t.key not in fixed
-    }
+    ends = zip(short.terms, low, high, strict=True)
+    bands = {t.key: (least, most) for t, least, most in ends if t.key not in fixed}
     return Short(short, bands, follows, *told, float(a[-1]))
+
+
+def _compared(own: Array, values: Sequence[Array]) -> list[Followed]:
+    """Frequency and damping ratio with those that they follow, over the largest of these."""
+    return [
+        Followed(float(np.max(np.abs(x - value)) / size), float(np.ptp(value)) / size)
+        for x, value in zip(own, values, strict=True)
+        for size in [float(np.abs(value).max())]
+    ]
 
 
 def _linear(model: ReducedModel) -> ReducedModel:
@@ -293,6 +295,4 @@ def _damped(
 
     table = np.stack([read([t], np.ones(1)) for t in terms], axis=1)
     known = {t.key: fixed[t.key] for t in terms if t.key in fixed}
-    return _Problem(
-        terms, set(range(len(own))), known, target, np.zeros(len(a)), table, read
-    )
+    return _Problem(terms, set(range(len(own))), known, target, np.zeros(len(a)), table, read)
