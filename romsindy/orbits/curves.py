@@ -460,8 +460,9 @@ def forced_response(
 
 def _limit(model: AnyModel) -> float | None:
     """Largest amplitude of the data behind a model of one coordinate."""
-    alone = isinstance(model, ReducedModel) and model.amplitude_range is not None
-    return model.amplitude_range[1] if alone else None
+    if not isinstance(model, ReducedModel) or model.amplitude_range is None:
+        return None
+    return model.amplitude_range[1]
 
 
 def _ladder(n_harmonics: int | None) -> tuple[int, ...]:

@@ -186,14 +186,14 @@ def shortened(
     values = (*undamped.values.tolist(), *damped.values.tolist())
     short = ReducedModel(terms, values, model.unit, model.amplitude_range)
     drawn = np.column_stack([undamped.drawn, damped.drawn])
-    told = _compared(short.frequency_and_damping(a), (frequency.value, damping.value))
+    off, lost = _compared(short.frequency_and_damping(a), (frequency.value, damping.value))
     if not follows:
         short = _linear(model)
         drawn = np.array([[m.coefficients[t.key] for t in short.terms] for m in draws])
     low, high = np.percentile(drawn, _INSIDE, axis=0).tolist()
     ends = zip(short.terms, low, high, strict=True)
     bands = {t.key: (least, most) for t, least, most in ends if t.key not in fixed}
-    return Short(short, bands, follows, *told, float(a[-1]))
+    return Short(short, bands, follows, off, lost, float(a[-1]))
 
 
 def _compared(own: Array, values: Sequence[Array]) -> list[Followed]:
