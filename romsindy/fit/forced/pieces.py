@@ -16,6 +16,7 @@ from romsindy.effects.drive import Drive
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.measured import free_offsets
@@ -103,11 +104,10 @@ class Driven:
             " an initial state of its own; in longer ones small errors grow, as they do in chaos or"
             " where the equation is of another form"
         )
-        verdict = replace(
-            best.verdict,  # type: ignore[type-var]
-            piece=longest / count,
-            whole=_left_by_one(best, self.records, count),
-        )
+        verdict = best.verdict
+        if isinstance(verdict, ForcedAdequacy):  # it is: inputs drive some of the records
+            left = _left_by_one(best, self.records, count)
+            verdict = replace(verdict, piece=longest / count, whole=left)
         return replace(best, verdict=verdict, notes=(*best.notes, note))
 
     def _fit(self, model: ReducedModel, drives: Sequence[Part], records: Records) -> Fit:
