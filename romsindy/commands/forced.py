@@ -12,7 +12,7 @@ import numpy as np
 
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.options import refuse_beside
-from romsindy.commands.results import coefficients
+from romsindy.commands.results import coefficients, if_short
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.held_out import HeldOut, without_end
@@ -25,7 +25,7 @@ from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.show.page import Picture
-from romsindy.text import aligned, as_text, bar, with_error
+from romsindy.text import as_text, bar, with_error
 
 _REGRESSION = "no regression is made"
 # Options that are for free decays, and what to do without them.
@@ -143,7 +143,7 @@ class ForcedResult:
         held = [str(report.held_out)] if report.held_out else []
         found = [
             report.equation(),
-            *aligned(fit.table(), "  ").splitlines(),
+            *if_short(fit.table()),
             str(fit.verdict),
             *held,
         ]

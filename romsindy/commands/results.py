@@ -20,6 +20,7 @@ from romsindy.show.page import Picture
 from romsindy.text import aligned, with_error
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
+_FEW = 9  # rows of a table that is printed without --full
 HEADER = ["file", "mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]
 HEADER += ["structure", "explained", "report"]
 
@@ -123,7 +124,7 @@ class Result:
         if found is None:
             lines = [report.picked, str(report.equation).splitlines()[0], report.errors()]
             return lines, report.impossible(), "the coefficients of all regressions with --full."
-        table = aligned(found.coefficients().rows, "  ").splitlines()
+        table = if_short(found.coefficients().rows)
         explained, *notes = found.conclusions()
         lines = [report.picked, *found.in_short(), *table, *found.ends(), explained]
         return [*lines, report.missed()], notes, self._next()
@@ -185,6 +186,11 @@ def _verdict(report: IdentificationReport) -> dict[str, Any]:
     explained = bool(found.verdict.explained)
     words = {"structure": str(found.structure), "explained": explained}
     return {**words, "verdict": str(found.verdict), "equation": str(found.model.equation())}
+
+
+def if_short(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table of few rows; none of a longer one, which leaves a verdict no room."""
+    return aligned(rows, "  ").splitlines() if len(rows) <= _FEW else []
 
 
 def coefficients(model: AnyModel, errors: Mapping[str, float]) -> dict[str, dict[str, Any]]:
