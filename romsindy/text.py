@@ -13,7 +13,7 @@ from tqdm import tqdm
 # Arguments of Python that are options of commands, and the names of those that differ.
 _ARGUMENTS = (
     "start end unit quantity column channel time rate mode band release fixed amplitude name"
-    " input_column input_unit"
+    " input_column input_unit curvature"
 )
 _OPTIONS = {"channel": "column", "fixed": "fix"}
 _OPTIONS |= {"input_column": "input-column", "input_unit": "unit-input"}
@@ -102,6 +102,14 @@ def listed(words: Sequence[object], conjunction: str = "and") -> str:
     """Words as in a sentence: "1, 2 and 3"."""
     *most, last = map(str, words)
     return f"{', '.join(most)} {conjunction} {last}" if most else last
+
+
+def at_most(lines: Sequence[str], room: int, rest: str) -> list[str]:
+    """The first lines that have room, and a last one on how many more there are: the ``rest``."""
+    if len(lines) <= room:
+        return list(lines)
+    kept = max(room - 1, 0)
+    return [*lines[:kept], f"{len(lines) - kept} more {rest}"]
 
 
 def on_terminal() -> bool:

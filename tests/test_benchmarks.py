@@ -52,6 +52,14 @@ def test_small_benchmark(benchmark):
         assert number <= asked, name
 
 
+@benchmark_of("curved_sensor")
+def test_small_benchmark_of_a_curved_sensor(benchmark):
+    one = benchmark.trial(3, cycles=40.0)
+    assert not one.asked and one.structure == "stiffness polynomial"
+    y = benchmark.read_motion(3, inertia=0.2, cycles=5.0).signal
+    assert np.isfinite(y).all() and len(y) > 100
+
+
 @benchmark_of("bands")
 def test_a_band_that_is_known(benchmark):
     low, high = np.array([0.0, 0.0, 0.0]), np.array([1.0, 2.0, 3.0])

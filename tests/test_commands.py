@@ -38,7 +38,7 @@ def run(tmp_path, monkeypatch):
 
 def test_example_is_identified_beside_plain_regressions(run, tmp_path):
     result = run("identify", "--example", "--model", "model.json", "--save", "found.json",
-                 "--figure", "backbone.png")  # fmt: skip
+                 "--figure", "backbone.png", "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert result.output.count("\nIC-ROM, ") == 1 and "IC-ROM, omega" not in result.output
     assert "inertia is determined" in result.output
@@ -65,6 +65,20 @@ def test_example_is_identified_beside_plain_regressions(run, tmp_path):
     assert (tmp_path / "backbone.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_answer_comes_first(run, tmp_path):
+    """Twenty lines: what was found, how sure, what is wrong with it, what next."""
+    table = np.column_stack([(d := example_decay(40.0, 3)).t, d.q])
+    np.savetxt(tmp_path / "decay.csv", table, delimiter=",", header="t,q [m]", comments="")
+    lines = run("identify", "decay.csv", "--save", "found.json").output.splitlines()
+    assert len(lines) <= 20 and lines[0].startswith("Used: mode 1")
+    starts = ["In short: q_ddot + 3", "  omega^2 ", "Frequency and damping ratio: ", "The model"]
+    starts += ["Over ", "Given one coordinate", "Next: ", "Report: decay_report.html", "Saved: "]
+    at = [next(i for i, line in enumerate(lines) if line.startswith(start)) for start in starts]
+    assert at == sorted(at)
+    found = Identification.load(tmp_path / "found.json")
+    assert f"In short: {found.short.model.equation()}" in lines
+
+
 def test_same_seed_same_numbers(run):
     first, second = (run("identify", "--example", "--seed", 4, "--plain").output for _ in range(2))
     assert first == second != run("identify", "--example", "--seed", 5, "--plain").output
@@ -72,7 +86,7 @@ def test_same_seed_same_numbers(run):
 
 def test_plain_is_the_regression_of_the_paper(run, tmp_path):
     """As by hand: least squares on harmonics 0 to 5 of the terms as they stand."""
-    result = run("identify", "--example", "--plain", "--model", "model.json")
+    result = run("identify", "--example", "--plain", "--model", "model.json", "--full")
     assert result.exit_code == 0 and "stiffness, omega fixed" in result.output
     assert "+-" not in result.output and "Regressions have no error bars" in result.output
     decays = inspect(example_decay(35.0, 0)).decays()
@@ -127,10 +141,11 @@ def test_options_reach_the_identification(run, tmp_path, monkeypatch):
     monkeypatch.setattr(analysis_module, "fit", refuse)
     save_decay(example_decay(40.0, 1), tmp_path / "decay.npz")
     result = run("identify", "decay.npz", "--fix", "omega^2=36", "--seed", 7, "--order", 3,
-                 "--amplitude", 0.5, 1.5)  # fmt: skip
+                 "--amplitude", 0.5, 1.5, "--curvature", 0.03)  # fmt: skip
     assert result.exit_code == 2 and "seen" in result.stderr
     ((decay, options),) = seen
     assert options["fixed"] == {"omega^2": 36.0} and options["seed"] == 7
+    assert options["curvature"] == 0.03
     # A cycle to either side may be cut or kept.
     assert np.abs(decay.q).max() == pytest.approx(1.5, rel=0.05)
     last = decay.t > decay.t[-1] - 1.1  # s, a cycle
@@ -144,7 +159,7 @@ def test_file_with_options(run, tmp_path):
     result = run("identify", "decay.csv", "--unit", "mm", "--order", 3, "--fix", "omega^2=36",
                  "--harmonics", "0,1,2,3,4", "--damping", "linear", "--damping", "quadratic",
                  "--report", "page.html", "--amplitude", 0.1, 1.5, "--cutoff", 8,
-                 "--weighted")  # fmt: skip
+                 "--weighted", "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "36 (fixed)" in result.output and "c_quadratic" in result.output
     assert "Upsilon_4" not in result.output and "cutoff=8.0" in result.output
@@ -164,7 +179,7 @@ def test_amplitudes_without_a_cycle(run):
 
 def test_measured_velocity(run, measured):
     result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
-                 "--weighted", "--column", "mode1b_v", "--time", "mode1b_t")  # fmt: skip
+                 "--weighted", "--column", "mode1b_v", "--time", "mode1b_t", "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "measured velocity" in result.output
     # Another mode rings along near 400 Hz, and is told.
@@ -179,7 +194,7 @@ def test_a_record_of_several_modes_is_identified_by_one(run, measured):
     assert result.exit_code == 0, result.output
     used, left_out = result.output.splitlines()[0].split("Left out: ")
     assert "mode 1 at 66" in used and "mode 2 at 40" in left_out
-    assert "identified" in result.output and "Regressions alone" not in result.output
+    assert "Frequency and damping" in result.output and "Regressions alone" not in result.output
 
 
 def test_where_no_motion_follows_the_regressions_are_left(run, monkeypatch):

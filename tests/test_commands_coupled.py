@@ -65,7 +65,7 @@ def identified(folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         files = ["--json", "out.json", "--model", "model.json", "--save", "fit.json"]
-        options = [*COLUMNS, "--coordinates", "auto", *files, "--figure", "backbone.png"]
+        options = [*COLUMNS, "--coordinates", "auto", *files, "--figure", "backbone.png", "--full"]
         result = CliRunner().invoke(main, ["identify", "hammer.csv", *options])
     assert result.exit_code == 0, result.output
     return result.output, json.loads((folder / "out.json").read_text())

@@ -86,7 +86,16 @@ def identified(folder):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         files = ["--json", "out.json", "--model", "model.json", "--save", "fit.json"]
-        options = ["--input", "force", "--select", "--held-out", "0.2", "--figure", "band.png"]
+        options = [
+            "--input",
+            "force",
+            "--select",
+            "--held-out",
+            "0.2",
+            "--figure",
+            "band.png",
+            "--full",
+        ]
         result = CliRunner().invoke(main, ["identify", "shaker.csv", *options, *files])
     assert result.exit_code == 0, result.output
     return result.output, json.loads((folder / "out.json").read_text())[0]

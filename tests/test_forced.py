@@ -1,6 +1,7 @@
 """Forced vibrations, made by a simulator that shares nothing with the package."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,10 @@ from scipy.signal import StateSpace, cont2discrete, dlsim
 
 import romsindy as rs
 from romsindy import ForcedVibration, identify_forced, refine
+from romsindy.fit.fitted import _undetermined
+from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.signs import stand_ins
+from romsindy.physics.input import Input
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 5e3, 3.0
 DT = 0.01
@@ -282,3 +287,61 @@ def test_a_sensitive_motion_is_fitted_in_pieces():
     fit = refine(model(), record)
     assert np.abs(misses(fit, cubic=2e4)).max() < 3.5
     assert len(fit.records) > 1 and any("small errors grow" in note for note in fit.notes)
+    # The figure is that of pieces, and the record's own is one simulation of all of it.
+    text, verdict = str(fit.verdict), fit.verdict
+    assert f"pieces of {verdict.piece:.0f} cycles, each from a state of its own" in text
+    assert "One simulation of the whole record" in text and not verdict.whole < verdict.part
+    again = rs.Estimate.from_json(fit.to_json()).verdict
+    assert str(again) == text
+
+
+def test_where_the_response_leaves_the_data_it_is_told(smooth):
+    """A resonance that goes far beyond any motion of the record."""
+    u, q, _ = smooth
+    fit = refine(model(), ForcedVibration(T, noisy(q, 18), u, unit="m", input_unit="N"))
+    span = (0.5 * OMEGA, 1.3 * OMEGA)
+    most = fit.model.amplitude_range[1]
+    with pytest.warns(UserWarning, match="beyond the amplitudes of the data, .* there is no band"):
+        band = rs.forced_response(fit, 2.0, span)
+    assert np.any(band.beyond) and not np.all(band.beyond)
+    assert np.array_equal(np.isnan(band.low), band.beyond) and np.all(np.isfinite(band.amplitude))
+    assert (
+        np.array_equal(band.beyond, band.amplitude > 1.02 * most)
+        or np.mean(band.beyond != (band.amplitude > 1.02 * most)) < 0.05
+    )  # that of the first harmonic, and half of peak to peak
+    assert "Note: beyond the amplitudes of the data" in str(band)
+    assert "Beyond the amplitudes of the data" in str(rs.forced_response(fit.model, 2.0, span))
+
+
+def test_parameters_that_are_not_told_from_zero_are_no_model():
+    """A residual of pieces as white as can be, and a stiffness of 410 +- 690000."""
+    names = ("omega^2", "c_linear", "gain [force]")
+    terms = (*model().terms[:2], Input("force", "linear", 0.0, "N"))
+    some = rs.ReducedModel(terms, (410.0, 0.1, 2.0), "m")
+    unknown = _undetermined(some, names, np.diag([6.9e5, 5.0, 0.1]) ** 2)
+    assert unknown == "omega^2 is 410 +- 6.9e+05"  # that of damping may be 0
+    white = {"ratio": 1.0, "p_value": 1.0, "structure": 1.0, "below_floor": False, "limit": 1.0}
+    none = {"amplitude": [], "misfit": [], "unit": "m", "measured_unit": "m"}
+    found = ForcedAdequacy(**white, **none, left=1e-6, part=0.0015, piece=21.0, whole=np.nan)
+    assert found.explained and "pieces of 21 cycles" in str(found) and "astray" in str(found)
+    found = replace(found, undetermined=unknown, whole=0.96)
+    assert not found.explained and "0.15 %" not in str(found)
+    assert str(found) == (
+        "The record does not determine the model: omega^2 is 410 +- 6.9e+05. One simulation of the"
+        " whole record leaves 96 % of the response."
+    )
+
+
+@pytest.mark.parametrize(("value", "told"), [(-0.5, True), (-0.05, False), (0.5, False)])
+def test_damping_that_came_out_negative_is_said_to_stand_for_something_else(value, told):
+    drag = {"omega^2": 9.0, "c_linear": 0.3, "c_quadratic": value}
+    found = rs.Estimate(
+        rs.ReducedModel.from_coefficients(drag, unit="m"),
+        ("c_linear", "c_quadratic"),
+        np.diag([0.01, 0.05]) ** 2,
+        None,
+        (),
+    )
+    assert ["c_quadratic came out negative, by 10 standard" in s for s in stand_ins(found)] == (
+        [True] if told else []
+    )

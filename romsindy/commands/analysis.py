@@ -44,6 +44,7 @@ class Settings:
     cutoff: float | None
     plain: bool
     weighted: bool
+    curvature: float
 
 
 def analysed(
@@ -133,7 +134,13 @@ def _functions(
             if not decays:
                 break
             try:
-                found = fit(decays, fixed=settings.fix, seed=settings.seed, progress=say)
+                found = fit(
+                    decays,
+                    fixed=settings.fix,
+                    curvature=settings.curvature,
+                    seed=settings.seed,
+                    progress=say,
+                )
             except (TrajectoryError, ArithmeticError, np.linalg.LinAlgError) as error:
                 trouble = trouble or _in_words(error)
             except KeyboardInterrupt:

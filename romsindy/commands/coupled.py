@@ -41,6 +41,7 @@ _ALONE = {
     "harmonics": _REGRESSION,
     "amplitude": "cut the record with --start and --end",
     "cutoff": _REGRESSION,
+    "curvature": "sensors are taken for straight, or for curved by what they show of products",
     "plain": _REGRESSION,
     "weighted": _REGRESSION,
 }
@@ -117,6 +118,14 @@ class CoupledResult:
         decays = "\n".join(map(repr, report.decays))
         tables = map(as_text, report.tables())
         return "\n\n".join([report.picked, decays, str(self.found), *tables]) + "\n"
+
+    def brief(self) -> tuple[list[str], list[str], str]:
+        """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
+        fit, report = self.found, self.report
+        modes = as_text(report.tables()[0]._replace(note="")).splitlines()
+        found = [report.picked, *report.equations().splitlines(), str(fit.verdict), *modes]
+        step = "--full prints coefficients and mode shapes; rs.free_run foretells another decay."
+        return found, fit.remarks(), step
 
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""

@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.options import refuse_beside
 from romsindy.commands.outputs import writing
-from romsindy.commands.results import coefficients
+from romsindy.commands.results import coefficients, if_short
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.held_out import HeldOut, without_end
@@ -37,6 +37,7 @@ _FREE = {
     "harmonics": _REGRESSION,
     "amplitude": "cut the record with --start and --end",
     "cutoff": _REGRESSION,
+    "curvature": "the sensor is taken for straight",
     "plain": _REGRESSION,
     "weighted": _REGRESSION,
 }
@@ -137,16 +138,30 @@ class ForcedResult:
         table = as_text(report.inputs())
         return "\n\n".join([repr(report.vibration), str(self.found), table, *held]) + "\n"
 
+    def brief(self) -> tuple[list[str], list[str], str]:
+        """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
+        fit, report = self.found, self.report
+        held = [str(report.held_out)] if report.held_out else []
+        found = [
+            report.equation(),
+            *if_short(fit.table()),
+            str(fit.verdict),
+            *held,
+        ]
+        step = "delays of the inputs with --full; a record of another level foretold (rs.free_run)."
+        return found, fit.remarks(), step
+
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""
         fit, report, held = self.found, self.report, self.report.held_out
+        left = np.concatenate(fit.residuals)
         return {
             "file": self.file,
             "inputs": self._inputs(),
             "unit": self.model.unit,
             "explained": self.explained,
             "verdict": str(fit.verdict),
-            "residual": float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2))),
+            "residual": None if report.piece else float(np.sqrt(np.mean(left**2))),
             "equation": self.model.equation(),
             "coefficients": coefficients(self.model, fit.standard_errors),
             "held_out": held and {"start": held.vibration.t[0], "error": held.error},

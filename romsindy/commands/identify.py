@@ -23,6 +23,7 @@ from romsindy.commands.forced import Driven, ForcedResult, forced_options, ident
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import (
     FILE,
+    full_option,
     interactive_option,
     read,
     reading_options,
@@ -39,6 +40,7 @@ from romsindy.commands.outputs import (
 )
 from romsindy.commands.results import Refusal, Result
 from romsindy.commands.telling import AnyResult, tell_all, tell_one
+from romsindy.fit.verdict import CURVATURE
 from romsindy.inspection.inspect import inspect
 from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.page import picture
@@ -155,6 +157,14 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     is_flag=True,
     help="As --plain, with rows weighted by the noise expected in them.",
 )
+@click.option(
+    "--curvature",
+    default=CURVATURE,
+    show_default=True,
+    help="How far the sensor may be off a straight line at the largest amplitude, as a part of it"
+    " (one standard deviation); 0 of one that is straight.",
+)
+@full_option
 @click.option("--report", type=Output(PAGE), help="Name of the HTML report, or of the overview.")
 @interactive_option
 @click.option(
@@ -178,6 +188,7 @@ def identify(
     release: int | None,
     report: Path | None,
     interactive: bool,
+    full: bool,
     json_file: Path | None,
     model: Path | None,
     save: Path | None,
@@ -187,10 +198,10 @@ def identify(
     """Identify equations of motion from the free or driven vibrations in FILES.
 
     Of a free decay the mode that moves most is isolated, in all releases in which it rings, and its
-    functions are printed with 95 % bands, its coefficients beside those of plain regressions. With
-    --input the whole record is fitted, and the coefficients are printed with their errors. Writes
-    one HTML page; of many files a table, one page for all, and one for each. An interruption
-    (Ctrl-C) keeps what is done.
+    equation is printed in short, with 95 % bands, how sure it is and what is wrong with it. With
+    --input the whole record is fitted. Functions with bands, coefficients beside those of plain
+    regressions and figures are on one HTML page, the tables also printed with --full; of many files
+    a table, one page for all, and one for each. An interruption (Ctrl-C) keeps what is done.
     """
     settings = Settings(**{f.name: options.pop(f.name) for f in fields(Settings)})
     driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})
@@ -226,7 +237,7 @@ def identify(
         page = report or default_page(f"{file.stem if file else 'example'}_report.html")
         result = identified(file, page)
         results, interrupted = [result], result.interrupted
-        tell = partial(tell_one, result, say, model, save, figure)
+        tell = partial(tell_one, result, say, model, save, figure, full)
     if json_file is not None:
         write_json(json_file, json_text([r.content() for r in results]))
     tell()

@@ -20,6 +20,7 @@ from romsindy.show.page import Picture
 from romsindy.text import aligned, with_error
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
+_FEW = 9  # rows of a table that is printed without --full
 HEADER = ["file", "mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]
 HEADER += ["structure", "explained", "report"]
 
@@ -117,6 +118,28 @@ class Result:
         table = f"{aligned(report.table())}\n\n{report.errors()}\n{report.note()}"
         return "\n\n".join([report.picked, *measured, report.equation, table])
 
+    def brief(self) -> tuple[list[str], list[str], str]:
+        """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
+        report, found = self.report, self.report.found
+        if found is None:
+            lines = [report.picked, str(report.equation).splitlines()[0], report.errors()]
+            return lines, report.impossible(), "the coefficients of all regressions with --full."
+        table = if_short(found.coefficients().rows)
+        explained, *notes = found.conclusions()
+        lines = [report.picked, *found.in_short(), *table, *found.ends(), explained]
+        return [*lines, report.missed()], notes, self._next()
+
+    def _next(self) -> str:
+        ringing = [m for m in self.inspection.modes if not m.steady]
+        if self.explained:
+            return "--full prints the functions; romsindy diagnose asks what a simulation lacks."
+        if len(ringing) > 1:
+            return (
+                f"{len(ringing)} modes ring: --coordinates auto models them together; --full prints"
+                " all tables."
+            )
+        return f"romsindy inspect {self.file} shows what else is in it; --full prints all tables."
+
     def content(self) -> dict[str, Any]:
         """All numbers by name, frequencies in Hz, the rest in SI units."""
         b = self.report.backbone
@@ -163,6 +186,11 @@ def _verdict(report: IdentificationReport) -> dict[str, Any]:
     explained = bool(found.verdict.explained)
     words = {"structure": str(found.structure), "explained": explained}
     return {**words, "verdict": str(found.verdict), "equation": str(found.model.equation())}
+
+
+def if_short(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table of few rows; none of a longer one, which leaves a verdict no room."""
+    return aligned(rows, "  ").splitlines() if len(rows) <= _FEW else []
 
 
 def coefficients(model: AnyModel, errors: Mapping[str, float]) -> dict[str, dict[str, Any]]:

@@ -12,15 +12,23 @@ from romsindy.commands.forced import ForcedResult
 from romsindy.commands.outputs import told, write_json, writing
 from romsindy.commands.results import HEADER, Refusal, Result
 from romsindy.show.overview import write_overview
-from romsindy.text import aligned
+from romsindy.text import aligned, at_most
 
 AnyResult = Result | CoupledResult | ForcedResult
 
 
+_LINES = 20  # that are read at once; the tables are on the page
+
+
 def tell_one(
-    result: AnyResult, say: Callable, model: Path | None, save: Path | None, figure: Path | None
+    result: AnyResult,
+    say: Callable,
+    model: Path | None,
+    save: Path | None,
+    figure: Path | None,
+    full: bool = False,
 ) -> None:
-    """Print a result, and write what was asked for beside its page."""
+    """Print a result, in short or in ``full``, and write what was asked for beside its page."""
     written = [told("Report", result.page)]
     # Files come first: who reads a pipe may stop.
     if model is not None:
@@ -33,9 +41,17 @@ def tell_one(
         with writing(figure):
             next(p for p in result.pictures() if p.name == "backbone").write(figure)
         written.append(told("Figure", figure))
-    say(f"{result}\n" + "\n".join(written))
+    answer = [str(result)] if full else in_brief(result, _LINES - len(written))
+    say("\n".join([*answer, *written]))
     if save is not None and result.found is None:
         raise click.ClickException(result.report.trouble)
+
+
+def in_brief(result: AnyResult, room: int) -> list[str]:
+    """What was found and how sure, what is wrong with it, what next: so many lines at most."""
+    found, doubts, step = result.brief()
+    more = "with --full, and on the page."
+    return [*at_most([*found, *doubts], room - 1, more), f"Next: {step}"]
 
 
 def tell_all(

@@ -24,6 +24,7 @@ from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.followed_back import followed_back
 from romsindy.fit.measured import NUMERICS, require_unit, several_decays, small_frequencies
 from romsindy.fit.pieces import cut, moved
+from romsindy.fit.signs import stand_ins
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
 from romsindy.record.decay import Decay
@@ -108,7 +109,7 @@ def identify_coupled(
     reached = Stage(model, fit.solution.parts[len(names) :])
     fit = with_choice_error(fit, reached, moved(pieces, fit.solution.motions))
     solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
-    notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted))
+    notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted), *stand_ins(fit))
     return replace(fit, solution=solution, notes=notes)
 
 

@@ -29,6 +29,10 @@ from romsindy.typing import Array
 
 # Part of a standard error by which a coefficient moves for the slope of a curve.
 _STEP = 0.1
+_LACKS = (
+    "the model does not explain its data to their noise: the band counts the errors of its"
+    " coefficients, not what it lacks"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,6 +194,7 @@ class Estimate:
             n_points=n_points,
             n_harmonics=n_harmonics,
             velocity_scale=velocity_scale,
+            notes=() if self.verdict.explained else (_LACKS,),
         )
 
     def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:
@@ -216,8 +221,11 @@ class Estimate:
             lines.append(
                 f"  {term.key:<12} {value:>12.6g} {error:<11} {term.unit(self.model.unit)}".rstrip()
             )
-        notes = [f"Note: {note.rstrip('.')}." for note in self.notes]
-        return "\n".join([*lines, str(self.verdict), *notes])
+        return "\n".join([*lines, str(self.verdict), *self.remarks()])
+
+    def remarks(self) -> list[str]:
+        """The notes, as sentences."""
+        return [f"Note: {note.rstrip('.')}." for note in self.notes]
 
     def __repr__(self) -> str:
         return f"<Estimate: {len(self.free)} coefficients, adequacy {self.adequacy:.3f}>"

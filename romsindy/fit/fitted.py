@@ -33,6 +33,8 @@ from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import TOLERANCE, shoot
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.driven import inputs_of
+from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
 from romsindy.record.vibrations import Resonance
@@ -43,6 +45,7 @@ _SMOOTHING = 0.01
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
 # decides, and no digit of its values matters.
 _ROUGH = 1e-3
+_TOLD = 2.0  # standard errors off zero
 _DRIVEN = 30  # iterations of a fit to motions that inputs drive
 
 
@@ -176,7 +179,7 @@ def refined(
         model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
         free=free,
         covariance=covariance,
-        verdict=_verdict(records, solution),
+        verdict=_verdict(records, solution, _undetermined(new, free, covariance)),
         notes=(*_notes(records, solution), *resonance_notes(new, records), *grows),
         start=start,
         records=tuple(records),
@@ -184,13 +187,25 @@ def refined(
     )
 
 
-def _verdict(records: Sequence[AnyRecord], solution: Solution) -> Adequacy:
+def _undetermined(model: AnyModel, free: Sequence[str], covariance: Array) -> str:
+    """The linear stiffness and gains of inputs as far as they are not told from 0."""
+    gains = {term.key for term in inputs_of(model)}
+    values = model.coefficients
+    return ", ".join(
+        f"{name} is {values[name]:.3g} +- {std:.2g}"
+        for name, std in zip(free, np.sqrt(np.diag(covariance)), strict=True)
+        if (name in gains or name == Stiffness(1).key) and abs(values[name]) < _TOLD * std
+    )
+
+
+def _verdict(records: Sequence[AnyRecord], solution: Solution, undetermined: str) -> Adequacy:
     """Of the forced records, where there are any: what decays say beside them is a note."""
     pairs = list(zip(records, solution.residuals, strict=True))
     forced = [(r, e) for r, e in pairs if isinstance(r, ForcedRecord)]
     if forced:
         driven, residuals = zip(*forced, strict=True)
-        return examine_forced(driven, residuals, solution.n_values)
+        verdict = examine_forced(driven, residuals, solution.n_values)
+        return replace(verdict, undetermined=undetermined)
     free = [r for r in records if not isinstance(r, ForcedRecord)]
     return examine(free, solution.residuals, solution.n_values)
 

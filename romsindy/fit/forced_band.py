@@ -8,6 +8,8 @@ always has a slope, by the errors of the model, and is read at a frequency only 
 from __future__ import annotations
 
 import itertools
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -32,7 +34,11 @@ _SIGNIFICANT = 1e-9
 
 
 class Predicted(NamedTuple):
-    """Amplitude and its 95 % band, (n,) each; nan beyond the range of frequencies."""
+    """Amplitude and its 95 % band, (n,) each; nan beyond the range of frequencies.
+
+    Where an amplitude is larger than any of the data behind an equation, the band is nan: no error
+    of a coefficient says how far it holds. That of a `SteadyFit` goes on, given its few terms.
+    """
 
     amplitude: Array
     low: Array
@@ -53,11 +59,17 @@ class ForcedBand:
         The larger response, where there are several, and its 95 % band.
     response : ForcedResponse
         Of the model, with its folds and unstable part, and a little beyond the range.
+    notes : tuple of str
+        What the band does not know.
+    goes_on : bool
+        Whether there is a band beyond the amplitudes of the data, as of few terms that are given.
     """
 
     frequency: Array
     response: ForcedResponse
-    _curve: Array  # (2, n): frequencies and amplitudes along the response
+    notes: tuple[str, ...]
+    goes_on: bool
+    _curve: Array  # (3, n): frequencies, amplitudes, and those of q itself along the response
     _drawn: Array  # (2, n_draws, n): the same, displaced
     _scatter: Array  # (n_draws,): of the sensor, added to an amplitude
 
@@ -90,8 +102,11 @@ class ForcedBand:
         value = _read(self._curve[0], self._curve[1], omega, branch)
         drawn = [_read(w, a, omega, branch) for w, a in zip(*self._drawn, strict=True)]
         scattered = np.abs(np.array(drawn) + self._scatter[:, None])
-        low, high = np.nanquantile(scattered, _TAILS, axis=0)
-        return Predicted(value, np.minimum(low, value), np.maximum(high, value))
+        known = np.any(np.isfinite(scattered), axis=0)
+        known &= self.goes_on | ~self._beyond(omega, branch)
+        ends = np.full((2, len(omega)), np.nan)
+        ends[:, known] = np.nanquantile(scattered[:, known], _TAILS, axis=0)
+        return Predicted(value, np.minimum(ends[0], value), np.maximum(ends[1], value))
 
     @cached_property
     def _upper(self) -> Predicted:
@@ -112,10 +127,19 @@ class ForcedBand:
         """Upper end of the 95 % band, (n,)."""
         return self._upper.high
 
+    @property
+    def beyond(self) -> NDArray[np.bool_]:
+        """Whether the larger response is larger than any motion of the data, (n,)."""
+        return self._beyond(self.frequency, "upper")
+
+    def _beyond(self, omega: Array, branch: str) -> NDArray[np.bool_]:
+        size = _read(self._curve[0], self._curve[2], omega, branch)
+        return self.response.larger(size)
+
     @cached_property
     def peak(self) -> tuple[float, float]:
         """Frequency, rad/s, and amplitude of the largest response."""
-        w, a = self._curve
+        w, a, _ = self._curve
         at = int(np.clip(np.argmax(a), 1, len(a) - 2))
         # By the parabola through three points along the curve, which has no folds there.
         before, here, after = a[at - 1 : at + 2]
@@ -126,10 +150,15 @@ class ForcedBand:
 
     def __repr__(self) -> str:
         low, high = np.quantile(self._drawn[1].max(axis=1) + self._scatter, _TAILS)
+        known = self.goes_on or not np.any(self.beyond)
+        ends = f"{low:.4g} to {high:.4g}" if known else "beyond the data"
         return (
             f"<ForcedBand: {self.frequency[0]:.6g} to {self.frequency[-1]:.6g} rad/s, largest"
-            f" {self.peak[1]:.4g} ({low:.4g} to {high:.4g}) at {self.peak[0]:.6g} rad/s>"
+            f" {self.peak[1]:.4g} ({ends}) at {self.peak[0]:.6g} rad/s>"
         )
+
+    def __str__(self) -> str:
+        return "\n".join([repr(self), *(f"Note: {note}." for note in self.notes)])
 
 
 def forced_band(
@@ -144,8 +173,12 @@ def forced_band(
     n_points: int = 100,
     n_harmonics: int | None = None,
     velocity_scale: float | None = None,
+    notes: Sequence[str] = (),
+    goes_on: bool = False,
 ) -> ForcedBand:
     """Response with its band from the errors of coefficients and of the force.
+
+    A `UserWarning` says where there is no band, beyond the amplitudes of the data.
 
     Parameters
     ----------
@@ -166,6 +199,10 @@ def forced_band(
         Of the uniform frequencies.
     n_harmonics, velocity_scale
         As those of `romsindy.forced_response`.
+    notes : sequence of str
+        What else the band does not know.
+    goes_on : bool
+        See `ForcedBand`.
     """
     low, high = sorted(frequency)
     reach = _MARGIN * (high - low)
@@ -180,8 +217,10 @@ def forced_band(
     smooth = model if velocity_scale is None else model.regularised(velocity_scale)
     first = np.abs(response.coefficients[:, 1])
     by_w, by_a = _slopes(smooth, force, response, names)
-    table = _refined(np.column_stack([response.frequency, first, by_w, by_a]))
-    on, first, by_w, by_a = table[:, 0], table[:, 1], *np.hsplit(table[:, 2:], 2)
+    size_of_q = response.amplitude
+    table = _refined(np.column_stack([response.frequency, first, size_of_q, by_w, by_a]))
+    on, first, size_of_q, *_ = table.T
+    by_w, by_a = np.hsplit(table[:, 3:], 2)
     rng = np.random.default_rng(0)
     # Coefficients differ by many powers of ten: only their correlations are near one another.
     size = np.sqrt(np.diag(covariance))
@@ -191,13 +230,22 @@ def forced_band(
     w = np.maximum(on + drawn @ by_w.T, 0.0)
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)
-    return ForcedBand(
+    found = ForcedBand(
         np.linspace(low, high, n_points),
         response,
-        np.array([on, first * on**rate]),
+        (*([response.leaves] if response.leaves else []), *notes),
+        goes_on,
+        np.array([on, first * on**rate, size_of_q]),
         np.array([w, a * w**rate]),
         noise * rng.standard_normal(_DRAWS),
     )
+    if np.any(found.beyond) and not goes_on:
+        warnings.warn(
+            f"the response is {response.leaves}, and there is no band; a smaller force stays within"
+            " them",
+            stacklevel=4,
+        )
+    return found
 
 
 def _slopes(

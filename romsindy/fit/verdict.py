@@ -20,12 +20,18 @@ STRUCTURE = 1.3
 
 # A function is determined where its 95 % band is within this part of its value to either side.
 DETERMINED = 0.25
+# A short equation follows the functions where it is off by this part of what they change by over
+# the range; of a frequency that changes by less than so many of its 95 % half-widths, by these.
+FOLLOWED, HARDLY = 0.1, 2.0
 # Departures from the equation from window to window that are told, in amplitudes: a milliradian.
 DEPARTURE = 1e-3
 # Errors this many times those by the noise alone may be chance: windows are few.
 BY_CHANCE = 1.5
 # Noise of less than so many times the least that is told from none.
 NOISE_FREE = 10.0
+# What a sensor is expected to be off a straight line at the largest amplitude, as a part of that,
+# where nothing else is said: one standard deviation, from the data sheets of usual sensors.
+CURVATURE = 0.01
 # A band of something that is never negative starts at 0 where it comes to this part of its end.
 NEAR_ZERO = 0.05
 

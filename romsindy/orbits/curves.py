@@ -43,6 +43,8 @@ _NEUTRAL = 1e-7
 _DRIFT = 1e-6
 # Of the longest step: two branches that come nearer than this are taken to cross.
 _CROSSING = 0.01
+# Amplitudes this much larger than any of the data are as large: functions do not run away so soon.
+_AS_LARGE = 1.02
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,12 +179,36 @@ class ForcedResponse(PeriodicOrbits):
     stable : (n,) array of bool
     bifurcations : tuple of Bifurcation
         "fold", "branch point", "period doubling" or "Neimark-Sacker", in the order of the branch.
+    limit : float or None
+        Largest amplitude of the data behind the model of one coordinate, where it has one.
     """
 
     force: float | Array
     multipliers: NDArray[np.complex128]
     stable: NDArray[np.bool_]
     bifurcations: tuple[Bifurcation, ...]
+    limit: float | None = None
+
+    @property
+    def beyond(self) -> NDArray[np.bool_]:
+        """Whether an orbit is larger than any motion of the data behind the model, (n,)."""
+        one = self.amplitude if self.amplitude.ndim == 1 else np.zeros(len(self))
+        return self.larger(one)
+
+    def larger(self, amplitude: Array) -> NDArray[np.bool_]:
+        """Whether amplitudes, (n,), are larger than those of the data."""
+        return np.asarray(amplitude > _AS_LARGE * (np.inf if self.limit is None else self.limit))
+
+    @property
+    def leaves(self) -> str:
+        """Where it leaves the amplitudes of the data, in a sentence; nothing where it does not."""
+        if not np.any(self.beyond):
+            return ""
+        hz = self.frequency[self.beyond] / (2 * np.pi)
+        return (
+            f"beyond the amplitudes of the data, {self.limit:.4g} {self.unit or '[q]'}, between"
+            f" {np.min(hz):.5g} and {np.max(hz):.5g} Hz: nothing is known there"
+        )
 
     def __str__(self) -> str:
         """Points that matter, in the order of the branch, and where it is unstable."""
@@ -202,6 +228,8 @@ class ForcedResponse(PeriodicOrbits):
         if not np.all(self.stable):
             low, high = np.min(hz[~self.stable]), np.max(hz[~self.stable])
             note = f"Unstable orbits from {low:.5g} to {high:.5g} Hz: a test jumps across them."
+        if self.leaves:
+            note += f" {self.leaves[0].upper()}{self.leaves[1:]}."
         return as_text(TextTable(title, rows, note))
 
 
@@ -426,7 +454,15 @@ def forced_response(
         multipliers=multipliers,
         stable=stable,
         bifurcations=_bifurcations(multipliers, stable, branch.folds),
+        limit=_limit(model),
     )
+
+
+def _limit(model: AnyModel) -> float | None:
+    """Largest amplitude of the data behind a model of one coordinate."""
+    if not isinstance(model, ReducedModel) or model.amplitude_range is None:
+        return None
+    return model.amplitude_range[1]
 
 
 def _ladder(n_harmonics: int | None) -> tuple[int, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from romsindy.fit.estimate import Band
 from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.held_out import HeldOut
 from romsindy.physics.driven import inputs_of
 from romsindy.record.forced import ForcedVibration
@@ -45,6 +46,12 @@ class ForcedReport:
         """Backbone and damping ratio, up to the largest displacement."""
         peak = max(record.peak for record in self.fit.records)
         return self.fit.band(np.linspace(_LOW * peak, peak, _CURVE))
+
+    @property
+    def piece(self) -> float:
+        """Cycles in each piece where the record was followed in pieces, or 0."""
+        verdict = self.fit.verdict
+        return verdict.piece if isinstance(verdict, ForcedAdequacy) else 0.0
 
     def equation(self) -> str:
         """In plain text."""
@@ -88,6 +95,9 @@ def pictures(report: ForcedReport) -> list[Picture]:
     orange = " Orange: what was held out, and predicted." if held else ""
     curves = "Undamped motion and damping ratio of the equation without inputs, with 95 % bands."
     draw_band = partial(show.draw_band, report.band)
+    one = "one simulation of the equation leaves of it, from the start to the end of the record"
+    if report.piece:
+        one = f"the equation leaves of pieces of {report.piece:.0f} cycles, each from its own state"
     if not np.isfinite(report.band.frequency).all():
         curves += " They end where the equation has no periodic motion."
     return [
@@ -95,8 +105,7 @@ def pictures(report: ForcedReport) -> list[Picture]:
         Picture(
             "motion",
             "Over time",
-            "Input, response, and what one simulation of the equation leaves of it, from the start"
-            f" to the end of the record.{orange}",
+            f"Input, response, and what {one}.{orange}",
             partial(show.draw_motion, fit, v, held),
             (6.4, 3.4 + 1.4 * len(v.names)),
         ),

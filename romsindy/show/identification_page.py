@@ -82,8 +82,14 @@ class IdentificationReport:
     def errors(self) -> str:
         """One sentence on how the models follow the backbone."""
         words = "; ".join(f"the {c.name} model {_off(c)}" for c in self.shown)
-        text = f"Over {int(np.sum(self.backbone.certain))} cycles {words}."
-        return f"{self.trouble} {text}".strip()
+        return f"{self.trouble} {self._over()} {words}.".strip()
+
+    def missed(self) -> str:
+        """The same of the model alone whose equation is printed."""
+        return f"{self._over()} it {_off(self.main)}."
+
+    def _over(self) -> str:
+        return f"Over {int(np.sum(self.backbone.certain))} cycles"
 
     def table(self) -> list[list[str]]:
         """Coefficients and backbone errors: of series those that regressions have too."""
@@ -108,13 +114,14 @@ class IdentificationReport:
                 " Those of the identified model include what the choice of structure leaves open;"
                 " of its series, the table has the coefficients that the regressions have too."
             )
-        return " ".join([text, *self._impossible()])
+        return " ".join([text, *self.impossible()])
 
     def notes(self) -> list[str]:
         """What was measured, and what was done to it."""
         return told_of(self.decays)
 
-    def _impossible(self) -> list[str]:
+    def impossible(self) -> list[str]:
+        """What no structure does, and a model in the table has: a sentence for each."""
         sentences = []
         low, high = min(d.q.min() for d in self.decays), max(d.q.max() for d in self.decays)
         for c in self.candidates:
@@ -277,7 +284,7 @@ def _found_or_not(report: IdentificationReport) -> dict[str, Any]:
     return {
         "verdict": "explained" if found.verdict.explained else "not explained",
         "sentence": "\n".join([explained, report.errors()]),
-        "formula": found.short.latex_terms(),
+        "formula": found.short.model.latex_terms(),
         "equation": "\n".join(found.opening()[:2]),  # the short one is the formula
         "equation_note": " ".join([f"Of the short equation: {found.off()}.", *determined]),
         "tables": [*found.tables(), beside],

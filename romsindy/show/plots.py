@@ -277,6 +277,8 @@ def plot_forced_response(
 ) -> Axes:
     """Amplitude of forced orbits against frequency: stable solid, unstable dashed.
 
+    Dotted is what lies beyond the amplitudes of the data behind the model, stable or not.
+
     Bifurcations are marked by kind. Of several coordinates each has a line of its own colour, named
     behind the label.
 
@@ -307,15 +309,17 @@ def _stretches(
     """The stable and unstable stretches of one coordinate, each kind named once."""
     hz, named = response.frequency / (2 * np.pi), set[str]()
     # A stretch ends on the first point of the next one, so that the curve has no gaps.
-    changes = np.flatnonzero(np.diff(response.stable)) + 1
+    kinds = np.where(response.beyond, 2, np.where(response.stable, 0, 1))
+    changes = np.flatnonzero(np.diff(kinds)) + 1
     for low, high in zip([0, *changes], [*(changes + 1), len(hz)], strict=True):
-        name, style = ("stable", "-") if response.stable[low] else ("unstable", "--")
+        name, style = _KINDS[kinds[low]]
         text = None if name in named else f"{label} {name}".strip()
         stretch = slice(low, high)
         ax.plot(hz[stretch], amplitude[stretch], style, color=color, lw=1.2, label=text)
         named.add(name)
 
 
+_KINDS = (("stable", "-"), ("unstable", "--"), ("beyond the data", ":"))
 _MARKERS = {"fold": "o", "branch point": "s", "period doubling": "^", "Neimark-Sacker": "D"}
 
 

@@ -35,21 +35,45 @@ class ForcedAdequacy(Adequacy):
     part : float
         The same as a part of the rms of the response.
     measured_unit : str
+    undetermined : str
+        Stiffness and gains that are not told from 0, with their errors; empty where all are.
+    piece : float
+        Cycles in each piece, with a state of its own, where the record was followed in pieces: of
+        these are the values above. 0 where it was followed from end to end.
+    whole : float
+        What one simulation of the whole record leaves then, as `part`; nan where it has no motion.
     """
 
     left: float = 0.0
     part: float = 0.0
     measured_unit: str = ""
+    undetermined: str = ""
+    piece: float = 0.0
+    whole: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("left", "part", "piece", "whole"):  # a file may say "NaN"
+            object.__setattr__(self, name, float(getattr(self, name)))
 
     @property
     def explained(self) -> bool:
-        """Whether the residual is white, or as good."""
-        return bool(np.isfinite(self.ratio)) and not self.structured
+        """Whether the residual is white, or as good, and the model determined."""
+        return bool(np.isfinite(self.ratio)) and not self.structured and not self.undetermined
 
     def __str__(self) -> str:
         if not np.isfinite(self.ratio):
             return "The model does not explain the record: it has no motion that follows it."
         size = f"{quantity(self.left, self.measured_unit)} rms, {100 * self.part:.2g} %"
+        if self.undetermined:
+            rest = self._of_the_whole() if self.piece else f"It leaves {size} of the response"
+            return f"The record does not determine the model: {self.undetermined}. {rest}."
+        if self.piece:
+            done = "explains" if self.explained else "follows"
+            return (
+                f"The model {done} pieces of {self.piece:.0f} cycles, each from a state of its own,"
+                f" but for {size} of the response, not the record. {self._of_the_whole()}."
+            )
         if self.explained:
             return f"The model explains the record: it leaves {size} of the response, as noise."
         share = 100 * (1 - 1 / self.structure)
@@ -58,6 +82,14 @@ class ForcedAdequacy(Adequacy):
             f" ({self.ratio:.3g} times the noise where that is quietest); {share:.0f} % of the"
             " power of it is no noise, for its past predicts it."
         )
+
+    def _of_the_whole(self) -> str:
+        what = "One simulation of the whole record"
+        if not np.isfinite(self.whole):
+            return f"{what} goes astray: the model has no motion that long"
+        if self.whole > 1:
+            return f"{what} misses it by more than the response itself"
+        return f"{what} leaves {100 * self.whole:.2g} % of the response"
 
 
 def examine_forced(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
@@ -13,6 +14,7 @@ from romsindy.fit.forced.refine import decided
 from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
 from romsindy.fit.measured import listed_records, ready, require_unit
 from romsindy.fit.record import Record
+from romsindy.fit.signs import stand_ins
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
@@ -20,6 +22,9 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
+_REMEDY = (
+    ": ask for it (--damping linear --damping coulomb in the place of --select; terms= in Python)"
+)
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
 
 
@@ -76,10 +81,11 @@ def identify_forced(
     needed = _needed(candidates(order), hypotheses[0], found, say)
     best = _decided(needed, hypotheses, found, say)
     inputs = inputs_of(best.model)
-    if inputs[0].interpolation == hypotheses[0][0].interpolation:
-        return best
-    # Terms that were chosen with another input may stand for what was wrong with it.
-    return _decided(_needed(candidates(order), inputs, found, say), hypotheses, found, say)
+    if inputs[0].interpolation != hypotheses[0][0].interpolation:
+        # Terms that were chosen with another input may stand for what was wrong with it.
+        needed = _needed(candidates(order), inputs, found, say)
+        best = _decided(needed, hypotheses, found, say)
+    return replace(best, notes=(*best.notes, *stand_ins(best, _REMEDY)))
 
 
 def _decided(

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.effects.drive import Drive
-from romsindy.fit.collocation import Trajectory, TrajectoryError
+from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.measured import free_offsets
@@ -102,7 +104,11 @@ class Driven:
             " an initial state of its own; in longer ones small errors grow, as they do in chaos or"
             " where the equation is of another form"
         )
-        return replace(best, notes=(*best.notes, note))
+        verdict = best.verdict
+        if isinstance(verdict, ForcedAdequacy):  # it is: inputs drive some of the records
+            left = _left_by_one(best, self.records, count)
+            verdict = replace(verdict, piece=longest / count, whole=left)
+        return replace(best, verdict=verdict, notes=(*best.notes, note))
 
     def _fit(self, model: ReducedModel, drives: Sequence[Part], records: Records) -> Fit:
         more = (*drives, free_offsets(records))
@@ -127,6 +133,27 @@ def _cut(records: Records, count: int) -> list[Record | ForcedRecord]:
         cut = isinstance(record, ForcedRecord) and count > 1
         found += record.pieces(count) if cut else [record]  # type: ignore[union-attr]
     return found
+
+
+def _left_by_one(fit: Fit, records: Records, count: int) -> float:
+    """What one simulation of each forced record leaves, as a part of the response; nan without."""
+    left, heard, number = 0.0, 0.0, 0
+    for record in records:
+        if not isinstance(record, ForcedRecord):
+            number += 1
+            continue
+        equation = equation_of(fit.start, fit.solution.parts, number, record)
+        start = fit.solution.motions[number].start  # of its first piece
+        try:
+            motion = integrate(equation, start, record.motion.grid, record.motion)
+        except TrajectoryError:
+            return np.nan
+        x = motion.samples(equation, record.derivative)
+        missed = record.signal - record.read(fit.solution.parts, number, x).shown
+        left += float(missed @ missed)
+        heard += float(np.sum((record.signal - record.signal.mean()) ** 2))
+        number += count
+    return float(np.sqrt(left / heard))
 
 
 def _astray(fit: Fit) -> bool:

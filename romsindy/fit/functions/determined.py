@@ -9,11 +9,13 @@ import numpy as np
 from romsindy.fit.fitted import record_notes
 from romsindy.fit.functions.evidence import Fitted
 from romsindy.fit.functions.identification import Identification
+from romsindy.fit.functions.sensor import curvature_for
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import BY_CHANCE, DEPARTURE, DETERMINED, NOISE_FREE
 from romsindy.typing import Array
 
 _PLACES = 40
+_SIGMAS = 1.96
 
 
 def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) -> Iterator[str]:
@@ -22,6 +24,7 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
     sizes = np.linspace(0.05, 1.0, _PLACES)
     q = np.concatenate([sizes * end for end in found.reach])
     yield _inertia(found, sizes, unit)
+    yield from _sensor(found, fitted)
     least, largest = found.reach
     yield f"nothing is known beyond q = {least:.3g} and {largest:.3g} {unit}: do not extrapolate"
     if found.structure.name == "linear":
@@ -76,6 +79,32 @@ def _inertia(found: Identification, sizes: Array, unit: str) -> str:
         "given one coordinate, inertia is determined (95 % band within"
         f" {_percent(DETERMINED)} of h(q)) {parts} {unit}; elsewhere the band says how little"
     )
+
+
+def _sensor(found: Identification, fitted: Fitted) -> Iterator[str]:
+    """What the sensor may have of what was found, and what it seems to have itself."""
+    expected = fitted.series.sensor.curvature
+    usual = f"{_percent(expected)} is expected of a sensor"
+    if found.structure.sizes.inertia:
+        short = float(np.mean([_curvature_for(found, end) for end in found.reach]))
+        nothing = short < _SIGMAS * expected
+        yield (
+            "one sensor cannot tell inertia from a characteristic that bends as q^3: one that shows"
+            f" {_percent(short)} too little at the largest amplitude would stand for all of h(q);"
+            f" {usual}" + (": it may be the sensor" if nothing else "")
+        )
+    e, error = fitted.curvature
+    if abs(e) > 3 * error:
+        more = " far more than it:" if abs(e) > 3 * expected else ""
+        yield (
+            f"the sensor seems to be curved,{more} by {100 * e:.2g} +- {100 * error:.1g} % of the"
+            f" largest amplitude (a square, fitted beside the equation; {usual})"
+        )
+
+
+def _curvature_for(found: Identification, end: float) -> float:
+    q = np.linspace(0.0, abs(end), _PLACES)
+    return curvature_for(q, found.inertia(np.sign(end) * q).value)
 
 
 def _straight(found: Identification, q: Array) -> str:

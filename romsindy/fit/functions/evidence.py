@@ -96,6 +96,12 @@ class Fitted:
         free = len(self.series.values) - float(np.sum(np.linalg.inv(triangle[:-1, :-1]) ** 2))
         return round(free) + 2 * len({w.record for w in self.windows})
 
+    @property
+    def curvature(self) -> tuple[float, float]:
+        """Of the sensor, and its standard error, as parts of the largest amplitude."""
+        at = len(self.series.values) - self.series.sensor.size
+        return float(self.series.values[at]), float(np.linalg.norm(self.posterior().root[at]))
+
     def posterior(self, scales: Array | None = None) -> Normal:
         """Of the values, for these scales of the prior or others."""
         factor = prior.factor(self.series, self.scales if scales is None else scales)

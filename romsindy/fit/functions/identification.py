@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate
+from romsindy.fit.functions.short import Short, shortened
 from romsindy.fit.functions.structures import Structure
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import NEAR_ZERO
@@ -24,7 +25,6 @@ from romsindy.typing import Array
 
 _BAND_DRAWS = 100
 _FEW = 0.1
-_ORDER = 5  # powers of q in a force beyond this say nothing on their own
 _INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
 
 
@@ -142,8 +142,7 @@ class Identification(Estimate):
         """
         require_mode(mode, self.model)
         a = np.atleast_1d(np.asarray(amplitudes, float))
-        some = self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
-        curves = np.array([m.frequency_and_damping(a) for m in some])
+        curves = np.array([m.frequency_and_damping(a) for m in self._some])
         # Where hardly a draw has no orbit, the others tell.
         few = np.mean(np.isnan(curves), axis=0) < _FEW
         (omega, zeta), (omega_std, zeta_std) = (
@@ -180,13 +179,18 @@ class Identification(Estimate):
             f"{self.structure}: (1 + h(q)) q_ddot + h'(q)/2 q_dot^2 + D(q) q_dot + K(q) = 0"
             f"    (q in {self.model.unit or '[q]'}, t in s)",
             self._others(),
-            f"In short: {self.short.equation()}",
-            f"  ({self.off()})",
+            *self.in_short(),
         ]
+
+    def in_short(self) -> list[str]:
+        """The equation of few terms and how well it follows, or the linear one and why."""
+        equation, off = self.short.model.equation(), self.off()
+        if self.short.follows:
+            return [f"In short: {equation}", f"  ({off})"]
+        return [f"{off[0].upper()}{off[1:]}.", f"For small amplitudes: {equation}"]
 
     def tables(self) -> list[TextTable]:
         """Functions with their bands, frequency and damping ratio, Taylor coefficients."""
-        left = len(self.model.terms) - len(self.short.terms)
         return [
             TextTable(
                 "Functions with their 95 % bands",
@@ -198,18 +202,30 @@ class Identification(Estimate):
                 self._amplitude_table(),
                 "Damping ratio: energy lost in a cycle / 2 pi a dE/da.",
             ),
-            TextTable(
-                "Taylor coefficients of the functions at q = 0, +- one standard error",
-                self._coefficients(),
-                f"{left} more are not told from 0 or of higher order: read the functions."
-                if left
-                else "",
-            ),
+            self.coefficients(),
         ]
 
     def conclusions(self) -> list[str]:
         """Whether the data are explained, and what of the functions they determine."""
         return [str(self.verdict), *(f"{note[0].upper()}{note[1:]}." for note in self.notes)]
+
+    def ends(self) -> list[str]:
+        """Structure, then frequency and damping ratio at a small and at a large amplitude."""
+        a = min(map(abs, self.reach)) * np.array([0.1, 0.95])
+        band, unit = self.band(a), self.model.unit or "[q]"
+        each = [
+            f"{' +- '.join(with_error(f, df))} Hz and {' +- '.join(with_error(z, dz))} % at"
+            f" {size:.3g} {unit}"
+            for size, f, df, z, dz in zip(
+                a,
+                band.frequency / (2 * np.pi),
+                band.frequency_std / (2 * np.pi),
+                100 * band.damping_ratio,
+                100 * band.damping_ratio_std,
+                strict=True,
+            )
+        ]
+        return [f"{self.structure}.", f"Frequency and damping ratio: {', '.join(each)}."]
 
     def _others(self) -> str:
         equal = [str(s) for s in self.structures if s.equivalent and s is not self.structure]
@@ -244,33 +260,50 @@ class Identification(Estimate):
         return rows
 
     @cached_property
-    def short(self) -> ReducedModel:
-        """The equation of the low-order coefficients that are two standard errors off zero."""
-        told = [
-            (term, value)
-            for term, value in zip(self.model.terms, self.model.values, strict=True)
-            if abs(value) >= 2 * self.standard_errors.get(term.key, 0.0)
-            and term.dimension[0] <= _ORDER
-        ]
-        terms, values = zip(*told, strict=True)
-        return ReducedModel(terms, values, self.model.unit, self.model.amplitude_range)
+    def short(self) -> Short:
+        """The few terms that follow the functions, or the linear equation."""
+        model = self.single_model
+        fixed = {k: v for k, v in model.coefficients.items() if k not in self.free}
+        return shortened(model, self._some, self.reach, fixed)
+
+    @property
+    def _some(self) -> list[ReducedModel]:
+        """Some of the draws, for what takes long of each."""
+        return self._models[:: max(len(self._models) // _BAND_DRAWS, 1)]
 
     def off(self) -> str:
-        """How far the frequency of the short equation is off that of the functions."""
-        a = np.linspace(0.05, 0.95, 19) * min(map(abs, self.reach))
-        off = 100 * np.abs(self.short.backbone(a) / self.single_model.backbone(a) - 1)
-        reach = f"up to {a[-1]:.3g} {self.model.unit or '[q]'}"
-        if np.isnan(off).any():
-            return f"it has no motion at some amplitudes {reach}"
-        return f"its frequency is within {off.max():.2g} % of that of the functions {reach}"
+        """How far the few terms are off the functions, beside how much these change."""
+        short = self.short
+        reach = f"up to {short.amplitude:.3g} {self.model.unit or '[q]'}"
+        curves = zip(("frequency", "damping ratio"), (short.frequency, short.damping), strict=True)
+        each = " and ".join(
+            f"{_percent(c.off)} in {name}, of a change of {_percent(c.change)}"
+            for name, c in curves
+        )
+        if short.follows:
+            return f"{reach} off the functions by at most {each}"
+        if not np.isfinite(short.frequency.off):
+            return f"no few terms follow the functions {reach}: read their table"
+        return (
+            f"no few terms follow the functions {reach}, read their table: the nearest are off by"
+            f" up to {each}"
+        )
 
-    def _coefficients(self) -> list[list[str]]:
-        rows = [["coefficient", "value", "+-", "unit"]]
-        for term, value in zip(self.short.terms, self.short.values, strict=True):
-            error = self.standard_errors.get(term.key, 0.0)
-            number = with_error(value, error) if error else [f"{value:.6g}", "(fixed)"]
+    def coefficients(self) -> TextTable:
+        """Those of the short equation, with their 95 % bands."""
+        rows = [["coefficient", "value", "95 %", "unit"]]
+        short = self.short
+        for term, value in zip(short.model.terms, short.model.values, strict=True):
+            low, high = short.bands.get(term.key, (value, value))
+            known = [f"{value:.6g}", "(fixed)"]
+            number = with_band(value, low, high) if term.key in short.bands else known
             rows.append([term.key, *number, term.unit(self.model.unit)])
-        return rows
+        note = "Fitted to the functions over the range, as is every draw behind the bands."
+        return TextTable(
+            "Coefficients of the equation " + ("in short" if short.follows else "of small motions"),
+            rows,
+            note if short.follows else "",
+        )
 
     # -- JSON ---------------------------------------------------------------------------------
 
@@ -316,6 +349,10 @@ class Identification(Estimate):
             widest=np.array(content["widest"], float),
             reach=(float(least), float(largest)),
         )
+
+
+def _percent(part: float) -> str:
+    return f"{100 * part:.2g} %"
 
 
 def _secant_of(size: float) -> Callable[[ReducedModel, Array], Array]:

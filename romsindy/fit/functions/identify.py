@@ -15,6 +15,7 @@ from romsindy.fit.functions.dispersion import dispersion
 from romsindy.fit.functions.evidence import JUMPS, Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
+from romsindy.fit.functions.sensor import Sensor
 from romsindy.fit.functions.series import Scales, Series
 from romsindy.fit.functions.structures import (
     RICHEST,
@@ -26,7 +27,7 @@ from romsindy.fit.functions.structures import (
 from romsindy.fit.functions.windows import Window, windows_of
 from romsindy.fit.measured import prepared, several_decays
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import CURVATURE, EQUIVALENT
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -41,6 +42,9 @@ _FORCES = ("coulomb", "quadratic")
 _HOPELESS = 100.0
 _EXACT = 1e-8  # error of what is known, in values of order one
 _LARGEST = 1e15  # amplitude, or its inverse, of which all powers of the series are numbers
+# Of the draws, those of the structure at the head are so many at least: what is printed of it lies
+# within its band.
+_HEAD = _DRAWS // 5
 _SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
 
 
@@ -48,6 +52,7 @@ def identify(
     decays: Decay | Sequence[Decay],
     *,
     fixed: Mapping[str, float] | None = None,
+    curvature: float = CURVATURE,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> Identification:
@@ -59,6 +64,10 @@ def identify(
         One channel each; the free part is used, in the quantity that was measured.
     fixed : mapping, optional
         Known coefficients, such as ``{"omega^2": 1482.0}``, in the unit of the decay and seconds.
+    curvature : float
+        How far the sensor may be off a straight line at the largest amplitude, as a part of that:
+        one standard deviation of what is expected of it, from its calibration; 0 where it is
+        straight.
     seed : int
         Of the draws behind the bands.
     progress : callable, optional
@@ -71,8 +80,8 @@ def identify(
     Raises
     ------
     ValueError
-        For no decays, another unit, a decay given twice, a seed that is no whole number, or names
-        or values in ``fixed`` that cannot be.
+        For no decays, another unit, a decay given twice, a seed that is no whole number, a
+        curvature that is no part of 1, or names or values in ``fixed`` that cannot be.
     TrajectoryError
         If no motion of the equation follows the measured one.
     """
@@ -80,6 +89,11 @@ def identify(
         raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")
     several = several_decays(decays)
     records = prepared(several, several[0].unit)
+    if isinstance(curvature, bool) or not 0 <= curvature < 1:
+        raise ValueError(
+            f"curvature = {curvature!r} must be a part of the largest amplitude: 0.01 of a usual"
+            " sensor, 0 of a straight one"
+        )
     reach = max(r.amplitude for r in records)
     if not 1 / _LARGEST < reach < _LARGEST:
         raise ValueError(
@@ -87,7 +101,7 @@ def identify(
             " computed: say what the samples are in with unit=, or scale them"
         )
     say = progress or (lambda line: None)
-    series = Series.linear(_scales(records), RICHEST)
+    series = Series.linear(_scales(records), RICHEST, sensor=Sensor(curvature, len(records)))
     known = _known(series, fixed or {})
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -258,6 +272,7 @@ def _assembled(
     # No structure is exact. However small its evidence, the richest keeps half of the draws.
     counts = np.round(_DRAWS / 2 * odds / odds.sum()).astype(int)
     counts[len(found) - 1] += _DRAWS // 2
+    counts[at] = max(counts[at], _HEAD)
     own, widest = (draw(f, _DRAWS, rng) for f in (head, richest))
     samples = [
         _among(terms, f, draw(f, n, rng))
@@ -324,7 +339,8 @@ def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[
         first = next(k for k, b in enumerate(found.blocks) if b.window.record == i)
         try:
             motion = integrate(series, states[first], record.motion.grid, record.motion)
-            left.append(record.signal - motion.samples(series, record.derivative)[:, 0])
+            x = motion.samples(series, record.derivative)[:, 0]
+            left.append(record.signal - series.shown(x, record.derivative, i)[0])
         except TrajectoryError:
             left.append(np.full(len(record.signal), np.inf))
     return left

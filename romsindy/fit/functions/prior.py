@@ -47,7 +47,8 @@ def factor(series: Series, scales: Array) -> Array:
         _of_function(n, *own, trend)
         for n, own, trend in zip(series.sizes, sizes.tolist(), _TREND, strict=True)
     )
-    return block_diag(k, r, [[_CONSTANT]], d, np.diag([_FORCE] * len(series.forces)))
+    others = [_FORCE] * len(series.forces) + series.sensor.spread
+    return block_diag(k, r, [[_CONSTANT]], d, np.diag(others))
 
 
 def cost(scales: Array) -> float:

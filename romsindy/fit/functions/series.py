@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from romsindy.fit.functions.sensor import STRAIGHT, Sensor
 from romsindy.fit.linear_steps import Linearisation
 from romsindy.physics.damping import PositionDamping, PowerDamping
 from romsindy.physics.inertia import Inertia
@@ -57,47 +58,59 @@ class Series:
     forces : tuple of Term
         Further damping, such as dry friction, smooth at the speeds of the record.
     values : (n,) array
-        k, then r, then c, then d, then strengths of the forces, all of order one.
+        k, then r, then c, then d, then strengths of the forces, all of order one; at last those of
+        the sensor, which are no part of the equation.
+    sensor : Sensor
+        Through which its motions are seen.
     """
 
     scales: Scales
     sizes: Sizes
     forces: tuple[Term, ...]
     values: Array
+    sensor: Sensor
 
     @classmethod
-    def linear(cls, scales: Scales, sizes: Sizes, forces: Sequence[Term] = ()) -> Series:
+    def linear(
+        cls,
+        scales: Scales,
+        sizes: Sizes,
+        forces: Sequence[Term] = (),
+        sensor: Sensor = STRAIGHT,
+    ) -> Series:
         """A linear oscillator, from which fits start."""
-        values = np.zeros(sum(sizes) + 1 + len(forces))
+        values = np.zeros(sum(sizes) + 1 + len(forces) + sensor.size)
         values[0] = values[sizes.stiffness + sizes.inertia] = 1.0
-        return cls(scales, sizes, tuple(forces), values)
+        return cls(scales, sizes, tuple(forces), values, sensor)
 
     def moved(self, values: Array) -> Series:
         """The same with other values."""
         return replace(self, values=values)
 
     def split(self, values: Array) -> list[Array]:
-        """Values (..., n) as k, r, c, d and strengths of forces."""
+        """Values (..., n) as k, r, c, d, strengths of forces and those of the sensor."""
         n_k, n_r, n_d = self.sizes
-        return np.split(values, np.cumsum([n_k, n_r, 1, n_d]), axis=-1)
+        parts = [n_k, n_r, 1, n_d, len(self.forces)]
+        return np.split(values, np.cumsum(parts), axis=-1)
 
     def narrowed(self, sizes: Sizes) -> Series:
         """The same with fewer terms of some series."""
-        k, r, c, d, forces = self.split(self.values)
+        k, r, c, d, *others = self.split(self.values)
         kept = [x[:n] for x, n in zip((k, r, d), sizes, strict=True)]
         return replace(
-            self, sizes=sizes, values=np.concatenate([kept[0], kept[1], c, kept[2], forces])
+            self, sizes=sizes, values=np.concatenate([kept[0], kept[1], c, kept[2], *others])
         )
 
     def widened(self, forces: Sequence[Term]) -> Series:
         """The same with further forces, without strength."""
-        values = np.concatenate([self.values, np.zeros(len(forces))])
+        *equation, sensor = self.split(self.values)
+        values = np.concatenate([*equation, np.zeros(len(forces)), sensor])
         return replace(self, forces=(*self.forces, *forces), values=values)
 
     @cached_property
     def _functions(self) -> tuple[Array, Array, Array]:
         """Chebyshev coefficients of K, h and D over z."""
-        (reach, rate, decay), (k, r, c, d, _) = self.scales, self.split(self.values)
+        (reach, rate, decay), (k, r, c, d, *_) = self.scales, self.split(self.values)
         stiffness = rate**2 * reach * chebyshev.chebmul(k, [0, 1])
         inertia = chebyshev.chebmul(r, [0.5, 0, 0.5]) if len(r) else np.zeros(1)
         follows = chebyshev.chebadd(c * inertia, c)
@@ -157,7 +170,25 @@ class Series:
         ]
         for force, unit in zip(self.forces, self._unit_forces, strict=True):
             rows.append(unit * np.asarray(force.damping(q, v))[None])
+        rows.append(np.zeros((self.sensor.size, len(q))))  # it sees the motion, and leaves it alone
         return np.concatenate(rows)[..., None]
+
+    # -- as the sensor shows it -----------------------------------------------------------------
+
+    def shown(self, x: Array, derivative: int, record: int) -> tuple[Array, Array]:
+        """What the sensor of a record shows of x = q, q_dot or q_ddot, and its slope; (n,) each."""
+        values = self.split(self.values)[5]
+        return self.sensor.shown(values, x, self._largest(derivative), record)
+
+    def shown_by_value(self, x: Array, derivative: int, record: int) -> Array:
+        """Derivatives of what is shown by all values as far as they are the sensor's, (n, m)."""
+        slopes = np.zeros((len(x), len(self.values)))
+        largest = self._largest(derivative)
+        slopes[:, -self.sensor.size :] = self.sensor.by_value(x, largest, record)
+        return slopes
+
+    def _largest(self, derivative: int) -> float:
+        return self.scales.reach * self.scales.rate**derivative
 
     # -- as an equation of ordinary terms -----------------------------------------------------
 
@@ -176,7 +207,7 @@ class Series:
     def taylor(self, values: Array) -> Array:
         """Coefficients of `terms`, (n_sets, n_terms), of sets of values, (n_sets, n)."""
         reach, rate, decay = self.scales
-        k, r, c, d, forces = self.split(np.atleast_2d(values))
+        k, r, c, d, forces, _ = self.split(np.atleast_2d(values))
         stiffness = rate**2 * k @ _to_powers(self.sizes.stiffness)
         inertia = r @ _to_powers(self.sizes.inertia)  # of h / z^2
         highest = max(inertia.shape[1] + 1 if inertia.shape[1] else 0, d.shape[1])

@@ -113,9 +113,12 @@ def linearised(
 def _block(series: Series, window: Window, record: Record) -> Block:
     m = window.motion
     response = respond(series, m, series.by_parameter(*nodes(m)))
-    change = response.samples(record.derivative)[:, 0]
+    x = sampled(m, record.derivative)[:, 0]
+    shown, slope = series.shown(x, record.derivative, window.record)
+    change = slope[:, None] * response.samples(record.derivative)[:, 0]
+    change[:, 1:-2] += series.shown_by_value(x, record.derivative, window.record)
     there = np.concatenate([series.values, m.start])
-    target = record.signal[window.rows] - sampled(m, record.derivative)[:, 0] - change[:, 0]
+    target = record.signal[window.rows] - shown - change[:, 0]
     rows = np.column_stack([change[:, 1:], target + change[:, 1:] @ there])
     rows *= (record.valid[window.rows] / record.noise.std)[:, None]
     end = np.stack([response.q[-1, 0], response.q_dot[-1, 0]])

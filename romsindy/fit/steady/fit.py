@@ -139,6 +139,7 @@ class SteadyFit(Estimate):
             n_points=n_points,
             n_harmonics=n_harmonics or self.solution.c.shape[1] // 2,
             velocity_scale=velocity_scale,
+            goes_on=True,
         )
 
     def __str__(self) -> str:
