@@ -170,11 +170,11 @@ def diagnose(
     page = report or Output.of(f"{measured[0].stem}_diagnosis.html")
     choice = Choice(mode, band, release, whole)
     if beam_file is not None:
-        if choice != Choice(None, None, None, False):
+        if choice != Choice():
             raise click.UsageError("--mode, --band, --release and --whole belong to one column")
         beam, sensors, columns = load_beam(beam_file)
         simulation: dict[str, Any] = {"model": beam, "sensors": sensors}
-        reading["column"], choice = columns, Choice(None, None, None, True)
+        reading["column"], choice = columns, Choice(whole=True)
     elif simulated is not None:
         decay = load_decay(simulated, reading["unit"])
         with named(f"{simulated}"):
