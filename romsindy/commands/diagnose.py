@@ -11,23 +11,31 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import Output, interactive_option, reading_options, text_of
+from romsindy.commands.options import (
+    Output,
+    full_option,
+    interactive_option,
+    reading_options,
+    text_of,
+)
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
-from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.fit.estimate import Estimate
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
-from romsindy.record.files import load_decay
+from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+# What a script is told with --exit-code; a refusal is 2, an interruption 130.
+_CODES = {"none": 0, "named": 10, "ambiguous": 11, "unknown": 12}
 # Arguments of Python at the start of a message, and the options that stand for them.
 _OPTIONS = {"n_jobs": "jobs", "held_out": "held-out"}
 _ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
@@ -126,6 +134,12 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     " repeatable.",
 )
 @click.option("--floor", type=float, help="Disagreement that does not matter, per amplitude.")
+@click.option(
+    "--exit-code",
+    is_flag=True,
+    help="End with 0 for none, 10 named, 11 ambiguous, 12 unknown; without it with 0 for all.",
+)
+@full_option
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
 @click.option("--report", type=Output(), help="Name of the HTML report.")
 @interactive_option
@@ -147,6 +161,8 @@ def diagnose(
     tolerances: dict[str, float],
     free: tuple[str, ...],
     floor: float | None,
+    exit_code: bool,
+    full: bool,
     jobs: int,
     report: Path | None,
     interactive: bool,
@@ -158,10 +174,11 @@ def diagnose(
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
     one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
-    and the damping in proportion to mass. Measured files are taken as they are, one decay of every
-    release; a mode is isolated where several ring, or where --mode or --band asks for it. With
-    --input the records of a model are vibrations that measured inputs drive. An interruption
-    (Ctrl-C) keeps what was compared.
+    and the damping in proportion to mass. Measured files are read as identify reads them, one decay
+    of every release: level, hold and tail are taken off, but nothing is filtered, and no mode
+    isolated unless --mode or --band asks for it. With --input the records of a model are vibrations
+    that measured inputs drive. The exit code is 2 where something is refused, and 130 after an
+    interruption (Ctrl-C), which keeps what was compared.
     """
     driven = Inputs(**{f.name: reading.pop(f.name) for f in fields(Inputs)})
     driven.check(_DECAYS)
@@ -169,18 +186,17 @@ def diagnose(
         raise click.UsageError("name one of --simulated, --model and --beam")
     page = report or Output.of(f"{measured[0].stem}_diagnosis.html")
     choice = Choice(mode, band, release, whole)
+    simulation: dict[str, Any] = {}
     if beam_file is not None:
         if choice != Choice():
             raise click.UsageError("--mode, --band, --release and --whole belong to one column")
         beam, sensors, columns = load_beam(beam_file)
-        simulation: dict[str, Any] = {"model": beam, "sensors": sensors}
+        simulation = {"model": beam, "sensors": sensors}
         reading["column"], choice = columns, Choice(whole=True)
     elif simulated is not None:
-        decay = load_decay(simulated, reading["unit"])
-        with named(f"{simulated}"):
-            simulation = model_of_simulation(decay)._asdict()
-    else:
-        simulation = {"model": _model(model_file)}  # type: ignore[arg-type]
+        simulation = {"model": _series(simulated, reading["unit"])}
+    elif model_file is not None:
+        simulation = {"model": _model(model_file)}
         if not driven.inputs:
             _note_inputs(simulation["model"])
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
@@ -194,8 +210,7 @@ def diagnose(
     asked["tolerances"] = tolerances or None
     asked["repeats"] = [d for _, d in again] if repeats else None
     asked["held_out"] = tests[0][1] if tests else None
-    own = [simulation["reference"]] if "reference" in simulation else []
-    asked["reference"] = [*own, *(d for _, d in known)] or None
+    asked["reference"] = [d for _, d in known] or None
     with bar(None, "candidates") as steps:
 
         def progress(candidate: str) -> None:
@@ -213,7 +228,7 @@ def diagnose(
             names = {
                 "decay": [name for name, _ in (*learnt, *tests)],
                 "record": [name for name, _ in learnt],
-                "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
+                "reference": [*filter(None, [simulated and f"{simulated}"]), *(n for n, _ in known)],
             }
             raise ValueError(_on_command_line(str(error), names)) from error
     result.to_html(page, interactive=interactive)  # files come first: who reads a pipe may stop
@@ -221,10 +236,12 @@ def diagnose(
         json_file.write_text(result.to_json() + "\n", encoding="utf-8")
     if csv_file is not None:
         result.to_csv(csv_file)
-    _tell(result)
+    _tell(result, full)
     click.echo(f"Report: {page}")
     if result.interrupted:
         raise click.exceptions.Exit(INTERRUPTED)
+    if exit_code:
+        raise click.exceptions.Exit(_CODES[result.verdict])
 
 
 def _model(path: Path) -> ReducedModel | Estimate:
@@ -232,6 +249,13 @@ def _model(path: Path) -> ReducedModel | Estimate:
     text = text_of(path)
     with named(f"{path}"):
         return Estimate.from_json(text) if '"covariance"' in text else ReducedModel.from_json(text)
+
+
+def _series(path: Path, unit: str | None) -> Decay:
+    """The largest of the simulated decays in a file."""
+    reading = dict.fromkeys(("quantity", "time", "rate", "start", "end")) | {"unit": unit}
+    decays = decays_in(path, reading | {"column": ()}, Choice(), _note)
+    return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 
 def _note_inputs(simulation: ReducedModel | Estimate) -> None:
@@ -252,7 +276,12 @@ def _records_in(
     """The decays of a file, or the vibration in it that inputs drive."""
     if driven.inputs:
         return [driven.load(file, reading)]
-    return decays_in(file, reading, choice, click.echo)
+    return decays_in(file, reading, choice, _note)
+
+
+def _note(line: str) -> None:
+    """Say on the error stream how a file was read."""
+    click.echo(f"Note: {line}", err=True)
 
 
 def _loaded(load: Callable[[Path], Sequence[Any]], files: Sequence[Path]) -> list[tuple[str, Any]]:
@@ -276,8 +305,11 @@ def _on_command_line(message: str, names: Mapping[str, Sequence[str]]) -> str:
     return _ARGUMENT.sub(lambda found: f"--{_OPTIONS.get(found[1], found[1])}", message)
 
 
-def _tell(result: Any) -> None:
+def _tell(result: Any, full: bool) -> None:
+    """The finding; tables are on the page, and here where they are asked for."""
     click.echo(f"{result.verdict}\n{result}\n")
+    if not full:
+        return
     of_sensors = [result.sensor_table()] if isinstance(result, BeamReport) else []
     for rows in (result.gap.table(), *of_sensors, result.table()):
         if len(rows) > 1:

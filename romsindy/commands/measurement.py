@@ -68,8 +68,6 @@ def _chosen(found: Inspection, choice: Choice, say: Callable[[str], object]) -> 
     if choice.isolates:
         say(picked(found, mode, releases))
         return list(found.decays(mode.number, release=choice.release))
-    if len(releases) > 1:
-        say(f"releases {listed([i + 1 for i in releases])} are taken; --release chooses one.")
     beside = [m for m in found.modes if m is not mode and not m.steady]
     if beside:
         modes = listed([f"mode {m.number} at {m.mean_frequency:.4g} Hz" for m in beside])
@@ -77,4 +75,7 @@ def _chosen(found: Inspection, choice: Choice, say: Callable[[str], object]) -> 
             f"beside mode {mode.number} at {mode.mean_frequency:.4g} Hz rings {modes}; nothing is"
             " isolated unless --mode says so."
         )
-    return list(found.measured_decays(choice.release))
+    decays = list(found.measured_decays(choice.release))
+    for notes in filter(None, (d.notes for d in decays)):
+        say("; ".join(notes))
+    return decays

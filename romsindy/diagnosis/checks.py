@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -21,7 +22,6 @@ from romsindy.fit.verdict import (
     LEAST_CYCLES,
     NO_OVERLAP,
     OTHER_MODE,
-    OTHER_SCALE,
     REVERSED,
     REVERSED_IS_BETTER,
     REVERSED_IS_NO_WORSE,
@@ -32,6 +32,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.units import UNITS
+from romsindy.text import listed, quantity
 from romsindy.typing import Array
 
 # What a model is unsure of, where nothing else is said.
@@ -122,17 +123,44 @@ def check_request(
             )
 
 
-def _over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
-    """The part of a decay whose amplitude the model reaches down to, where it says so."""
+class Shared(NamedTuple):
+    """The part of a decay whose amplitudes the model holds for, and what was left out, in words."""
+
+    decay: Decay
+    left_out: str = ""
+
+
+def shared_part(model: ReducedModel, decay: Decay) -> Shared:
+    """Cut a decay to the amplitudes that the model reaches up and down to, where it says so.
+
+    Raises
+    ------
+    ValueError
+        If they have next to none in common.
+    """
     if model.amplitude_range is None:
-        return decay
-    x = decay.single().q
-    centred, cycle = swing(x)
+        return Shared(decay)
+    centred, cycle = swing(decay.single().q)
     envelope = np.sqrt(2 * np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
-    shared = np.flatnonzero(envelope >= SHARED * model.amplitude_range[0])
-    if len(shared) < 2 * cycle or decay.t[shared[-1]] == decay.t[-1]:
-        return decay  # too little to use is refused later, with the amplitudes named
-    return decay.between(end=float(decay.t[shared[-1]]))
+    low, high = model.amplitude_range
+    largest, unit = float(envelope.max()), model.unit or "[q]"
+    first = int(np.flatnonzero(np.append(True, envelope > high / SHARED))[-1])
+    last = int(np.flatnonzero(np.append(True, envelope >= SHARED * low))[-1])
+    if last - first < 2 * cycle:
+        if NO_OVERLAP * low <= largest <= high / SHARED:
+            return Shared(decay)  # a little below
+        raise ValueError(
+            f"it reaches {largest:.3g}, the model holds from {low:.3g} to {high:.3g} {unit}: no"
+            " overlap in amplitude, so of other scale; check the unit of the record, or excite"
+            f" {'more' if largest < low else 'less'}"
+        )
+    beyond = f"reaches {quantity(largest, unit)}, the model {quantity(high, unit)}"
+    below = f"falls below {quantity(low, unit)}, the least of the model"
+    told = [beyond] * (first > 0) + [below] * (last < len(centred))
+    if not told:
+        return Shared(decay)
+    part = decay.between(float(decay.t[first]), float(decay.t[last - 1]))
+    return Shared(part, f"{listed(told)}: compared from {part.t[0]:.4g} to {part.t[-1]:.4g} s")
 
 
 def checked_records(
@@ -143,7 +171,7 @@ def checked_records(
     for i, decay in enumerate(decays):
         name = f"{word} {i}"
         try:
-            record = Record.loud(_over_shared_amplitudes(model, decay), floor)
+            record = Record.loud(shared_part(model, decay).decay, floor)
         except ValueError as error:
             raise ValueError(f"{name} cannot be analysed: {error}") from error
         n_cycles = _turns(record) / (2 * np.pi)
@@ -171,29 +199,22 @@ def _turns(record: Record) -> float:
 
 def _check_frequency(model: ReducedModel, record: Record, name: str) -> None:
     measured = _turns(record) / record.t[-1]
-    amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
-    said = model.backbone(amplitudes)
+    largest = float(np.ptp(record.motion.q)) / 2  # an offset is no amplitude
     reach = model.amplitude_range
-    if reach is not None:
-        sizes = (
-            f"{name} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
-            f" {reach[1]:.3g}"
-        )
-        if record.amplitude < NO_OVERLAP * reach[0]:
-            raise ValueError(f"{sizes}: no overlap in amplitude; check the unit, or excite more")
-        if record.amplitude > OTHER_SCALE * reach[1]:
-            raise ValueError(f"{sizes}: other scale; check the unit of the record")
+    top = largest if reach is None else min(largest, reach[1])
+    said = model.backbone(top * np.array([0.05, 0.2, 0.5, 1.0]))
     if np.all(np.isnan(said)):
         raise ValueError(
             f"the model has no periodic motion at the amplitudes of {name} (up to"
-            f" {record.amplitude:.3g}): check the unit of the record, or its scale"
+            f" {largest:.3g}): check the unit of the record, or its scale"
         )
     ratio = measured / np.nanmedian(said)
     if not 1 / OTHER_MODE < ratio < OTHER_MODE:
         raise ValueError(
             f"{name} vibrates at {measured / 2 / np.pi:.4g} Hz, the model at"
             f" {np.nanmedian(said) / 2 / np.pi:.4g} Hz: another mode, another time unit, or another"
-            " scale of the displacement"
+            " scale of the displacement; if its mode is in the record, isolate it (inspect names"
+            " it, mode= takes it)"
         )
 
 

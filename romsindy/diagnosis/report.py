@@ -157,21 +157,25 @@ class DiagnosisReport:
     @property
     def sentence(self) -> str:
         """The finding, a line for each question: do they differ, what is missing, left, next?"""
+        return "\n".join(self.lines(words.remainder(self.gap, self.left)))
+
+    def lines(self, left: str) -> list[str]:
+        """The lines of the finding, with what is left in other words."""
         difference = words.difference(self.differences, self.tolerance, self.nominal.unit)
         if self.best.names and self.verdict != "none" and not self._differ:
             difference += words.single_swings(self._log_odds(self.base))
         lines = [
             difference,
             f"Missing: {self._missing}",
-            f"Left: {words.remainder(self.gap, self.left)}",
-            *(f"Note: {note}" for note in self.notes),
+            f"Left: {left}",
+            *(f"Note: {note}" for note in (*words.undetermined(self.tolerance), *self.notes)),
         ]
         if self.interrupted:
             n = len(self.compared)
             lines.insert(0, f"Interrupted when {n} explanations were compared: not the last word.")
         if self.next_test is not None:
             lines.append(f"Next: {self.next_test.sentence}")
-        return "\n".join(lines)
+        return lines
 
     @property
     def _differ(self) -> bool:

@@ -82,7 +82,10 @@ class IdentificationReport:
     def errors(self) -> str:
         """One sentence on how the models follow the backbone."""
         words = "; ".join(f"the {c.name} model {_off(c)}" for c in self.shown)
-        text = f"Over {int(np.sum(self.backbone.certain))} cycles {words}."
+        judges = int(np.sum(self.backbone.certain))
+        text = f"Over {judges} cycles {words}."
+        if not judges:
+            text = f"The frequency of no cycle is known to {100 * CERTAIN:g} %: none judges a model."
         return f"{self.trouble} {text}".strip()
 
     def table(self) -> list[list[str]]:
