@@ -225,10 +225,11 @@ def diagnose(
                 progress=progress,
             )
         except ValueError as error:
+            series = [] if simulated is None else [f"{simulated}"]
             names = {
                 "decay": [name for name, _ in (*learnt, *tests)],
                 "record": [name for name, _ in learnt],
-                "reference": [*filter(None, [simulated and f"{simulated}"]), *(n for n, _ in known)],
+                "reference": [*series, *(name for name, _ in known)],
             }
             raise ValueError(_on_command_line(str(error), names)) from error
     result.to_html(page, interactive=interactive)  # files come first: who reads a pipe may stop

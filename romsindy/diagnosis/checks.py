@@ -28,6 +28,7 @@ from romsindy.fit.verdict import (
     SHARED,
 )
 from romsindy.physics.model import ReducedModel
+from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.smoothing import HarmonicSpline, swing
@@ -140,23 +141,30 @@ def shared_part(model: ReducedModel, decay: Decay) -> Shared:
     """
     if model.amplitude_range is None:
         return Shared(decay)
-    centred, cycle = swing(decay.single().q)
+    (low, high), unit = model.amplitude_range, model.unit or "[q]"
+    told, x = [], decay.single().q
+    level = rest_level(x, decay.dt) if np.abs(x).max() > high / SHARED else 0.0
+    if level:  # the model has no motion about it
+        told.append(f"rests at {quantity(level, unit)}, which is taken off")
+        decay = replace(decay, q=x - level)
+    centred, cycle = swing(x)
     envelope = np.sqrt(2 * np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
-    low, high = model.amplitude_range
-    largest, unit = float(envelope.max()), model.unit or "[q]"
+    largest = float(envelope.max())
     first = int(np.flatnonzero(np.append(True, envelope > high / SHARED))[-1])
     last = int(np.flatnonzero(np.append(True, envelope >= SHARED * low))[-1])
     if last - first < 2 * cycle:
         if NO_OVERLAP * low <= largest <= high / SHARED:
-            return Shared(decay)  # a little below
+            return Shared(decay, listed(told or [""]))  # a little below
         raise ValueError(
             f"it reaches {largest:.3g}, the model holds from {low:.3g} to {high:.3g} {unit}: no"
             " overlap in amplitude, so of other scale; check the unit of the record, or excite"
             f" {'more' if largest < low else 'less'}"
         )
-    beyond = f"reaches {quantity(largest, unit)}, the model {quantity(high, unit)}"
-    below = f"falls below {quantity(low, unit)}, the least of the model"
-    told = [beyond] * (first > 0) + [below] * (last < len(centred))
+    if first:
+        reached = float(np.ptp(x)) / 2
+        told.append(f"reaches {quantity(reached, unit)}, the model {quantity(high, unit)}")
+    if last < len(x):
+        told.append(f"falls below {quantity(low, unit)}, the least of the model")
     if not told:
         return Shared(decay)
     part = decay.between(float(decay.t[first]), float(decay.t[last - 1]))

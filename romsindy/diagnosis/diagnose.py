@@ -121,8 +121,8 @@ def diagnose(
     Returns
     -------
     DiagnosisReport or BeamReport
-        For an equation or a series, or for a Beam; an `InteractionReport` where a model lacks another mode, a
-        `ForcedReport` for forced vibrations.
+        For an equation or a series, or for a Beam; an `InteractionReport` where a model lacks
+        another mode, a `ForcedReport` for forced vibrations.
 
     Raises
     ------

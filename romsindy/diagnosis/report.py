@@ -175,6 +175,8 @@ class DiagnosisReport:
             lines.insert(0, f"Interrupted when {n} explanations were compared: not the last word.")
         if self.next_test is not None:
             lines.append(f"Next: {self.next_test.sentence}")
+        elif self.verdict == "named" and self.effects:
+            lines.append(f"Next: {words.confirming(self.effects)}")
         return lines
 
     @property
@@ -299,7 +301,7 @@ class DiagnosisReport:
             "sentence": self.sentence,
             **self._equation(),
             "tables": self._tables(),
-            "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
+            "notes": [line for r in self.records for line in _of_record(r)],
         }
 
     def _equation(self) -> dict[str, Any]:
@@ -320,6 +322,12 @@ class DiagnosisReport:
         found = "Explanations that the data allow" if explained else "What comes nearest"
         gap = TextTable("The gap, before and after", self.gap.table())
         return [gap, *([TextTable(found, rows)] if rows[1:] else [])]
+
+
+def _of_record(record: Record) -> list[str]:
+    """What a record is, and what was done to it."""
+    head, *done = repr(record.decay).splitlines()
+    return [head.strip("<>"), *(line.removeprefix("  - ") for line in done)]
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, WIDEST, Tolerance
 from romsindy.fit.coupled_rounds import Fitted
@@ -127,6 +128,11 @@ def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:
         return f"On {gap.where} the noise hides what it changes."
     share = {0: "nothing", 100: "all"}.get(round(100 * gap.closed), percent(gap.closed))
     return f"{what} {share} of the gap on {gap.where}."
+
+
+def confirming(effects: Sequence[FoundEffect]) -> str:
+    """What would confirm what was named."""
+    return f"to confirm it, {'; '.join(dict.fromkeys(e.advice for e in effects))}."
 
 
 def remainder(gap: Gap, kind: str) -> str:

@@ -299,7 +299,9 @@ class Findings:
         notes = self._notes(i, part.names)
         level = rest_level(part.x[:, 0], part.dt)
         if level:
-            size = quantity(level, self.recording.signal_unit)
+            raw = self.recording.channel(self.channel).between(part.t[0], part.t[-1])
+            as_read = level + float(np.nanmedian(raw.x) - np.median(part.x))  # before steps went
+            size = quantity(as_read, self.recording.signal_unit)
             notes = (*notes, f"level of {size}, where it comes to rest, taken off")
         return Decay.of_release(replace(part, x=part.x - level), self.releases[i], notes)
 

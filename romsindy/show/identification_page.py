@@ -85,7 +85,9 @@ class IdentificationReport:
         judges = int(np.sum(self.backbone.certain))
         text = f"Over {judges} cycles {words}."
         if not judges:
-            text = f"The frequency of no cycle is known to {100 * CERTAIN:g} %: none judges a model."
+            text = (
+                f"The frequency of no cycle is known to {100 * CERTAIN:g} %: none judges a model."
+            )
         return f"{self.trouble} {text}".strip()
 
     def table(self) -> list[list[str]]:
