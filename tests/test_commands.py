@@ -1,9 +1,11 @@
 import base64
+import importlib
 import platform
 import re
 import subprocess
 import sys
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -428,3 +430,17 @@ def test_python_m_romsindy_prints_versions_for_a_bug_report():
 def test_version_and_help(run):
     assert run("--version").output == f"romsindy, version {__version__}\n"
     assert "--example" in run("identify", "--help").output
+
+
+@pytest.mark.parametrize("name", ["identify", "diagnose", "simulate"])
+def test_help_has_every_option_once_under_a_heading(name):
+    command = getattr(importlib.import_module(f"romsindy.commands.{name}"), name)
+    text = CliRunner().invoke(main, [name, "--help"]).output
+    heads = re.findall(r"^([A-Z][a-z ]+):$", text, re.M)
+    assert heads == [*command.headings, "Other"]
+    rows = re.findall(r"^  (?:-h, )?(--[a-z-]+)", text, re.M)
+    options = [p.opts[0] for p in command.params if isinstance(p, click.Option)]
+    assert sorted(rows) == sorted([*options, "--help"])
+    # What has no heading stands under "Other": give a new option one.
+    others = re.findall(r"^  (?:-h, )?(--[a-z-]+)", text[text.index("\nOther:\n") :], re.M)
+    assert set(others) <= {"--jobs", "--help"}

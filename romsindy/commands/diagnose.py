@@ -17,6 +17,9 @@ from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
 from romsindy.commands.options import (
+    INPUTS,
+    READING,
+    HeadedCommand,
     Output,
     full_option,
     interactive_option,
@@ -72,7 +75,17 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     return sizes
 
 
-@click.command()
+_HEADINGS = {
+    "What is compared": "--measured --simulated --model --beam --held-out",
+    "Reading": f"{READING} --mode --band --release --whole",
+    "Measured inputs": INPUTS,
+    "What does not matter": "--tolerance --repeats --reference --floor",
+    "What the simulation is unsure of": "--free --tolerances",
+    "Output": "--full --exit-code --report --interactive --json --csv --force",
+}
+
+
+@click.command(cls=HeadedCommand, headings=_HEADINGS)
 @click.option(
     "--measured",
     "measured",

@@ -8,12 +8,22 @@ import click
 import numpy as np
 
 from romsindy.beam import Beam, Motion, SensorArray, StepTooLongError
-from romsindy.commands.options import Output
+from romsindy.commands.options import HeadedCommand, Output
 
 _UNIT = "kg^0.5 m"
 
 
-@click.command()
+_HEADINGS = {
+    "Motion": "--duration --step --tip-displacement --release-mode --mode",
+    "Beam": "--elements --length --width --thickness --young --density --tip-mass --gravity",
+    "Spring at the tip": "--spring-stiffness --spring-length --spring-pretension",
+    "Damping": "--undamped --alpha --eta",
+    "Sensors": "--sensor --snr --seed",
+    "Output": "--full --quiet --force",
+}
+
+
+@click.command(cls=HeadedCommand, headings=_HEADINGS)
 @click.argument("output", type=Output())
 @click.option("--duration", default=25.0, show_default=True, help="Time to follow, s.")
 @click.option("--step", default=1e-3, show_default=True, help="Sampling interval, s.")
