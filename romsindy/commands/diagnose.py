@@ -30,6 +30,7 @@ from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.fit.estimate import Estimate
+from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -117,7 +118,8 @@ _HEADINGS = {
     callback=_sizes,
     metavar="[NAME=]SIZE",
     help="Relative difference that does not matter, of frequency, damping or signal; repeatable."
-    "  [default: frequency=0.0001, damping=0.01, signal as --floor]",
+    f"  [default: frequency={SAME_FREQUENCY:g}, damping={SAME_DAMPING:g}, signal={SAME_SIGNAL:g} or"
+    " --floor]",
 )
 @click.option(
     "--repeats",
