@@ -40,19 +40,22 @@ class HeadedCommand(click.Command):
 
     Parameters
     ----------
-    headings : mapping of str to str
+    headings : mapping of str to str, optional
         Names of options, between blanks, by the heading under which they stand; what is in none
-        stands under "Other".
+        stands under "Other". Without any all stand under "Options".
     """
 
-    def __init__(self, *args: Any, headings: Mapping[str, str], **settings: Any) -> None:
+    def __init__(
+        self, *args: Any, headings: Mapping[str, str] | None = None, **settings: Any
+    ) -> None:
         super().__init__(*args, **settings)
-        self.headings = headings
+        self.headings = headings or {}
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options heading by heading, each in the order of its names."""
         left = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
-        for heading, names in {**self.headings, "Other": ""}.items():
+        rest = "Other" if self.headings else "Options"
+        for heading, names in {**self.headings, rest: ""}.items():
             own = [p for name in names.split() for p in left if name in p.opts]
             rows = [p.get_help_record(ctx) for p in (own if names else left)]
             if any(rows):
