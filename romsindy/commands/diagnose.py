@@ -226,27 +226,13 @@ def diagnose(
     asked["repeats"] = [d for _, d in again] if repeats else None
     asked["held_out"] = tests[0][1] if tests else None
     asked["reference"] = [d for _, d in known] or None
-    with bar(None, "candidates") as steps:
-
-        def progress(candidate: str) -> None:
-            steps.set_postfix_str(candidate)
-            steps.update()
-
-        try:
-            result = run_diagnosis(
-                **simulation | {k: v for k, v in asked.items() if v is not None},
-                measured=[d for _, d in learnt],
-                n_jobs=jobs,
-                progress=progress,
-            )
-        except ValueError as error:
-            series = [] if simulated is None else [f"{simulated}"]
-            names = {
-                "decay": [name for name, _ in (*learnt, *tests)],
-                "record": [name for name, _ in learnt],
-                "reference": [*series, *(name for name, _ in known)],
-            }
-            raise ValueError(_on_command_line(str(error), names)) from error
+    series = [] if simulated is None else [f"{simulated}"]
+    names = {
+        "decay": [name for name, _ in (*learnt, *tests)],
+        "record": [name for name, _ in learnt],
+        "reference": [*series, *(name for name, _ in known)],
+    }
+    result = _run(simulation | asked, [d for _, d in learnt], jobs, names)
     result.to_html(page, interactive=interactive)  # files come first: who reads a pipe may stop
     if json_file is not None:
         json_file.write_text(result.to_json() + "\n", encoding="utf-8")
@@ -258,6 +244,23 @@ def diagnose(
         raise click.exceptions.Exit(INTERRUPTED)
     if exit_code:
         raise click.exceptions.Exit(_CODES[result.verdict])
+
+
+def _run(
+    given: Mapping[str, Any], measured: Sequence[Any], jobs: int, names: Mapping[str, Sequence[str]]
+) -> Any:
+    """The diagnosis; what it refuses is told with the names of files and options."""
+    settings = {name: value for name, value in given.items() if value is not None}
+    with bar(None, "candidates") as steps:
+
+        def progress(candidate: str) -> None:
+            steps.set_postfix_str(candidate)
+            steps.update()
+
+        try:
+            return run_diagnosis(measured=measured, n_jobs=jobs, progress=progress, **settings)
+        except ValueError as error:
+            raise ValueError(_on_command_line(str(error), names)) from error
 
 
 def _model(path: Path) -> ReducedModel | Estimate:

@@ -13,7 +13,7 @@ from romsindy.inspection.tables import picked
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
 from romsindy.record.files.load import named
-from romsindy.text import listed
+from romsindy.text import bar, listed
 
 
 class Choice(NamedTuple):
@@ -52,7 +52,9 @@ def decays_in(
                 f"{len(recording.names)} columns could be the measured one,"
                 f" {list(recording.names)}: choose with column="
             )
-        return _chosen(inspect(recording), choice, lambda line: say(f"{file}: {line}"))
+        with bar(None, "inspecting") as steps:
+            found = inspect(recording, progress=steps.set_postfix_str)
+        return _chosen(found, choice, lambda line: say(f"{file}: {line}"))
 
 
 def _chosen(found: Inspection, choice: Choice, say: Callable[[str], object]) -> list[Decay]:
