@@ -74,8 +74,8 @@ def _chosen(found: Inspection, choice: Choice, say: Callable[[str], object]) -> 
     if beside:
         modes = listed([f"mode {m.number} at {m.mean_frequency:.4g} Hz" for m in beside])
         say(
-            f"beside mode {mode.number} at {mode.mean_frequency:.4g} Hz rings {modes}; nothing is"
-            " isolated unless --mode says so."
+            f"beside mode {mode.number} at {mode.mean_frequency:.4g} Hz rings {modes}, which stays"
+            f" in, for it may be what is missing; --mode {mode.number} takes it off."
         )
     decays = list(found.measured_decays(choice.release))
     for notes in filter(None, (d.notes for d in decays)):
