@@ -1,10 +1,12 @@
 import base64
+import importlib
 import json
 import platform
 import re
 import subprocess
 import sys
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -501,3 +503,17 @@ def test_an_early_interrupt_says_what_was_reached(run, tmp_path, monkeypatch, mo
     save_decay(example_decay(), tmp_path / "b.npz")
     result = run("identify", "a.npz", "b.npz")
     assert result.exit_code == 130 and "a.npz: interrupted while" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["identify", "diagnose", "simulate"])
+def test_help_has_every_option_once_under_a_heading(name):
+    command = getattr(importlib.import_module(f"romsindy.commands.{name}"), name)
+    text = CliRunner().invoke(main, [name, "--help"]).output
+    heads = re.findall(r"^([A-Z][a-z ]+):$", text, re.M)
+    assert heads == [*command.headings, "Other"]
+    rows = re.findall(r"^  (?:-h, )?(--[a-z-]+)", text, re.M)
+    options = [p.opts[0] for p in command.params if isinstance(p, click.Option)]
+    assert sorted(rows) == sorted([*options, "--help"])
+    # What has no heading stands under "Other": give a new option one.
+    others = re.findall(r"^  (?:-h, )?(--[a-z-]+)", text[text.index("\nOther:\n") :], re.M)
+    assert set(others) <= {"--jobs", "--help"}

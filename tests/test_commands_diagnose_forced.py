@@ -40,7 +40,7 @@ def test_a_wrong_gain_is_named(run, folder):
     """From two files in mm and kN; the strength is what the gain lacks, within four errors."""
     files = ["--report", "page.html", "--json", "out.json", "--csv", "out.csv"]
     both = ["--measured", "first.csv", "--measured", "second.csv", "--model", "weak.json"]
-    result = run(*both, *PART, *files, "--free", "nothing", "--floor", 1e-3)
+    result = run(*both, *PART, *files, "--free", "nothing", "--floor", 1e-3, "--full")
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
     assert lines[0] == "named" and lines[1].startswith("They differ: the simulation leaves ")

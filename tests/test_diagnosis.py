@@ -487,11 +487,14 @@ def test_command_line(tmp_path, monkeypatch):
     (tmp_path / "model.json").write_text(MODEL.to_json())
     arguments = ["diagnose", "--measured", str(tmp_path / "test.csv"), "--model"]
     arguments += [str(tmp_path / "model.json"), "--report", str(tmp_path / "page.html")]
-    done = CliRunner().invoke(main, arguments)
-    assert done.exit_code == 0, done.output
-    assert "drag in air" in done.output and (tmp_path / "page.html").is_file()
-    exact = CliRunner().invoke(main, [*arguments, "--free", "nothing"])
+    done = CliRunner().invoke(main, [*arguments, "--exit-code"])
+    assert done.exit_code == 10, done.output  # named
+    assert "drag in air" in done.stdout and (tmp_path / "page.html").is_file()
+    assert done.stdout.startswith("named\nThey differ: ") and "posterior" not in done.stdout
+    assert len(done.stdout.splitlines()) <= 20
+    exact = CliRunner().invoke(main, [*arguments, "--free", "nothing", "--full"])
     assert exact.exit_code == 0 and "drag in air" in exact.output
+    assert "posterior" in exact.stdout and "error over noise" in exact.stdout
     # A floor of 0 is a floor: nothing is too small to matter.
     seen = {}
 
@@ -545,8 +548,9 @@ def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
         ("--reference slow.csv", "slow.csv vibrates at 1.26"),
         ("--held-out slow.csv", "slow.csv vibrates at 1.26"),
         ("--held-out good.csv", "good.csv is the same record as an earlier one"),
-        ("--measured short.csv", "short.csv cannot be analysed: "),
-        ("--release 2", "good.csv: --release 2 is none of 1 to 1"),
+        ("--measured short.csv", "short.csv: no free decay between 0 and 0.156 s"),
+        ("--measured short.csv --whole", "short.csv cannot be analysed: "),
+        ("--release 2", "good.csv: release = 2: mode 1"),
         ("--model text.json", "text.json: the text is no JSON"),
         ("--floor 2", "--floor 2.0 must be a part of the largest amplitude"),
         ("--jobs 0", "--jobs 0 must be a number of processes"),

@@ -11,11 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.commands.options import interactive_option, model_of, reading_options, text_of
+from romsindy.commands.options import (
+    INPUTS,
+    READING,
+    full_option,
+    interactive_option,
+    model_of,
+    reading_options,
+    text_of,
+)
 from romsindy.commands.outputs import (
     JSON,
     PAGE,
@@ -29,16 +38,18 @@ from romsindy.commands.outputs import (
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
-from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.fit.estimate import Estimate
+from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
-from romsindy.record.files import load_decay
+from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _TABLE = "explanation,variant,value,"  # how a CSV begins
+# What a script is told with --exit-code; a refusal is 2, an interruption 130.
+_CODES = {"none": 0, "named": 10, "ambiguous": 11, "unknown": 12}
 # Arguments of Python at the start of a message, and the options that stand for them.
 _OPTIONS = {"n_jobs": "jobs", "held_out": "held-out"}
 _ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
@@ -75,7 +86,17 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     return sizes
 
 
-@click.command(cls=WritingCommand)
+_HEADINGS = {
+    "What is compared": "--measured --simulated --model --beam --held-out",
+    "Reading": f"{READING} --mode --band --release --whole",
+    "Measured inputs": INPUTS,
+    "What does not matter": "--tolerance --repeats --reference --floor",
+    "What the simulation is unsure of": "--free --tolerances",
+    "Output": "--full --exit-code --report --interactive --json --csv --force",
+}
+
+
+@click.command(cls=WritingCommand, headings=_HEADINGS)
 @click.option(
     "--measured",
     "measured",
@@ -107,7 +128,8 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     callback=_sizes,
     metavar="[NAME=]SIZE",
     help="Relative difference that does not matter, of frequency, damping or signal; repeatable."
-    "  [default: frequency=0.0001, damping=0.01, signal as --floor]",
+    f"  [default: frequency={SAME_FREQUENCY:g}, damping={SAME_DAMPING:g}, signal={SAME_SIGNAL:g} or"
+    " --floor]",
 )
 @click.option(
     "--repeats",
@@ -137,6 +159,12 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     " repeatable.",
 )
 @click.option("--floor", type=float, help="Disagreement that does not matter, per amplitude.")
+@click.option(
+    "--exit-code",
+    is_flag=True,
+    help="End with 0 for none, 10 named, 11 ambiguous, 12 unknown; without it with 0 for all.",
+)
+@full_option
 @click.option("--jobs", default=1, show_default=True, help="Processes; -1 uses all cores.")
 @click.option("--report", type=Output(PAGE), help="Name of the HTML report.")
 @interactive_option
@@ -158,6 +186,8 @@ def diagnose(
     tolerances: dict[str, float],
     free: tuple[str, ...],
     floor: float | None,
+    exit_code: bool,
+    full: bool,
     jobs: int,
     report: Path | None,
     interactive: bool,
@@ -169,10 +199,11 @@ def diagnose(
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
     one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
-    and the damping in proportion to mass. Measured files are taken as they are, one decay of every
-    release; a mode is isolated where several ring, or where --mode or --band asks for it. With
-    --input the records of a model are vibrations that measured inputs drive. An interruption
-    (Ctrl-C) keeps what was compared.
+    and the damping in proportion to mass. Measured files are read as identify reads them, one decay
+    of every release: level, hold and tail are taken off, but nothing is filtered, and no mode
+    isolated unless --mode or --band asks for it. With --input the records of a model are vibrations
+    that measured inputs drive. The exit code is 2 where something is refused, and 130 after an
+    interruption (Ctrl-C), which keeps what was compared.
     """
     driven = Inputs(**{f.name: reading.pop(f.name) for f in fields(Inputs)})
     driven.check(_DECAYS)
@@ -180,18 +211,17 @@ def diagnose(
         raise click.UsageError("name one of --simulated, --model and --beam")
     page = report or default_page(f"{measured[0].stem}_diagnosis.html")
     choice = Choice(mode, band, release, whole)
+    simulation: dict[str, Any] = {}
     if beam_file is not None:
-        if choice != Choice(None, None, None, False):
+        if choice != Choice():
             raise click.UsageError("--mode, --band, --release and --whole belong to one column")
         beam, sensors, columns = load_beam(beam_file)
-        simulation: dict[str, Any] = {"model": beam, "sensors": sensors}
-        reading["column"], choice = columns, Choice(None, None, None, True)
+        simulation = {"model": beam, "sensors": sensors}
+        reading["column"], choice = columns, Choice(whole=True)
     elif simulated is not None:
-        decay = load_decay(simulated, reading["unit"])
-        with named(f"{simulated}"):
-            simulation = model_of_simulation(decay)._asdict()
-    else:
-        simulation = {"model": _model(model_file)}  # type: ignore[arg-type]
+        simulation = {"model": _series(simulated, reading["unit"])}
+    elif model_file is not None:
+        simulation = {"model": _model(model_file)}
         if not driven.inputs:
             _note_inputs(simulation["model"])
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
@@ -206,28 +236,14 @@ def diagnose(
     asked["tolerances"] = tolerances or None
     asked["repeats"] = [d for _, d in again] if repeats else None
     asked["held_out"] = tests[0][1] if tests else None
-    own = [simulation["reference"]] if "reference" in simulation else []
-    asked["reference"] = [*own, *(d for _, d in known)] or None
-    with bar(None, _read(learnt)) as steps:
-
-        def progress(candidate: str) -> None:
-            steps.set_postfix_str(candidate)
-            steps.update()
-
-        try:
-            result = run_diagnosis(
-                **simulation | {k: v for k, v in asked.items() if v is not None},
-                measured=[d for _, d in learnt],
-                n_jobs=jobs,
-                progress=progress,
-            )
-        except ValueError as error:
-            names = {
-                "decay": [name for name, _ in (*learnt, *tests)],
-                "record": [name for name, _ in learnt],
-                "reference": [*([f"{simulated}"] * len(own)), *(n for n, _ in known)],
-            }
-            raise ValueError(_on_command_line(str(error), names)) from error
+    asked["reference"] = [d for _, d in known] or None
+    series = [] if simulated is None else [f"{simulated}"]
+    names = {
+        "decay": [name for name, _ in (*learnt, *tests)],
+        "record": [name for name, _ in learnt],
+        "reference": [*series, *(name for name, _ in known)],
+    }
+    result = _run(simulation | asked, [d for _, d in learnt], jobs, names)
     with writing(page):  # files come first: who reads a pipe may stop
         result.to_html(page, interactive=interactive)
     if json_file is not None:
@@ -235,10 +251,29 @@ def diagnose(
     if csv_file is not None:
         with writing(csv_file):
             result.to_csv(csv_file)
-    _tell(result)
+    _tell(result, full)
     click.echo(told("Report", page))
     if result.interrupted:
         raise click.exceptions.Exit(INTERRUPTED)
+    if exit_code:
+        raise click.exceptions.Exit(_CODES[result.verdict])
+
+
+def _run(
+    given: Mapping[str, Any], measured: Sequence[Any], jobs: int, names: Mapping[str, Sequence[str]]
+) -> Any:
+    """The diagnosis; what it refuses is told with the names of files and options."""
+    settings = {name: value for name, value in given.items() if value is not None}
+    with bar(None, _comparing(len(measured))) as steps:
+
+        def progress(candidate: str) -> None:
+            steps.set_postfix_str(candidate)
+            steps.update()
+
+        try:
+            return run_diagnosis(measured=measured, n_jobs=jobs, progress=progress, **settings)
+        except ValueError as error:
+            raise ValueError(_on_command_line(str(error), names)) from error
 
 
 def _model(path: Path) -> ReducedModel | Estimate:
@@ -249,6 +284,13 @@ def _model(path: Path) -> ReducedModel | Estimate:
         if not isinstance(model, ReducedModel):
             raise ValueError("a model of several coordinates is not diagnosed: isolate one mode")
         return Estimate.from_json(text) if '"covariance"' in text else model
+
+
+def _series(path: Path, unit: str | None) -> Decay:
+    """The largest of the simulated decays in a file."""
+    reading = dict.fromkeys(("quantity", "time", "rate", "start", "end")) | {"unit": unit}
+    decays = decays_in(path, reading | {"column": ()}, Choice(), _note)
+    return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 
 def _note_inputs(simulation: ReducedModel | Estimate) -> None:
@@ -269,7 +311,12 @@ def _records_in(
     """The decays of a file, or the vibration in it that inputs drive."""
     if driven.inputs:
         return [driven.load(file, reading)]
-    return decays_in(file, reading, choice, click.echo)
+    return decays_in(file, reading, choice, _note)
+
+
+def _note(line: str) -> None:
+    """Say on the error stream how a file was read."""
+    click.echo(f"Note: {line}", err=True)
 
 
 def _loaded(load: Callable[[Path], Sequence[Any]], files: Sequence[Path]) -> list[tuple[str, Any]]:
@@ -282,10 +329,9 @@ def _loaded(load: Callable[[Path], Sequence[Any]], files: Sequence[Path]) -> lis
     return found
 
 
-def _read(learnt: Sequence[tuple[str, Any]]) -> str:
+def _comparing(count: int) -> str:
     """What the comparison has before its first candidate."""
-    count = f"{len(learnt)} measured record{'s' * (len(learnt) > 1)}"
-    return f"comparing candidates with {count}"
+    return f"comparing candidates with {count} measured record{'s' * (count > 1)}"
 
 
 def _on_command_line(message: str, names: Mapping[str, Sequence[str]]) -> str:
@@ -299,8 +345,11 @@ def _on_command_line(message: str, names: Mapping[str, Sequence[str]]) -> str:
     return _ARGUMENT.sub(lambda found: f"--{_OPTIONS.get(found[1], found[1])}", message)
 
 
-def _tell(result: Any) -> None:
+def _tell(result: Any, full: bool) -> None:
+    """The finding; tables are on the page, and here where they are asked for."""
     click.echo(f"{result.verdict}\n{result}\n")
+    if not full:
+        return
     of_sensors = [result.sensor_table()] if isinstance(result, BeamReport) else []
     for rows in (result.gap.table(), *of_sensors, result.table()):
         if len(rows) > 1:

@@ -23,6 +23,8 @@ from romsindy.commands.forced import Driven, ForcedResult, forced_options, ident
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import (
     FILE,
+    INPUTS,
+    READING,
     full_option,
     interactive_option,
     read,
@@ -87,7 +89,16 @@ def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tupl
     return harmonics
 
 
-@click.command(cls=WritingCommand)
+_HEADINGS = {
+    "Reading": f"{READING} --example",
+    "What is looked for": "--mode --band --release --coordinates --fix --curvature --seed",
+    "Measured inputs": f"{INPUTS} --select --held-out",
+    "Regressions": "--plain --weighted --order --damping --harmonics --amplitude --cutoff",
+    "Output": "--full --report --interactive --json --model --save --figure --force",
+}
+
+
+@click.command(cls=WritingCommand, headings=_HEADINGS)
 @click.argument("files", nargs=-1, type=FILE, metavar="FILES...")
 @click.option("--example", is_flag=True, help="Use a decay made on the spot instead of a file.")
 @click.option(

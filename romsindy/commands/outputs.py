@@ -18,6 +18,7 @@ from typing import Any
 import click
 
 from romsindy.commands.main import INTERRUPTED, REFUSED
+from romsindy.commands.options import HeadedCommand
 from romsindy.record.files.whole import is_stream, write_whole
 
 # What a file holds that the same option of the same command wrote.
@@ -62,7 +63,7 @@ class Output(click.Path):
         return path
 
 
-class WritingCommand(click.Command):
+class WritingCommand(HeadedCommand):
     """A command that checks its outputs before it runs, and tells last what could not be written.
 
     It has the option ``--force`` beside its own.

@@ -15,7 +15,17 @@ _UNIT = "kg^0.5 m"
 _MARK = f"t [s],q [{_UNIT}],"  # how a CSV begins; an NPZ holds it too
 
 
-@click.command(cls=WritingCommand)
+_HEADINGS = {
+    "Motion": "--duration --step --tip-displacement --release-mode --mode",
+    "Beam": "--elements --length --width --thickness --young --density --tip-mass --gravity",
+    "Spring at the tip": "--spring-stiffness --spring-length --spring-pretension",
+    "Damping": "--undamped --alpha --eta",
+    "Sensors": "--sensor --snr --seed",
+    "Output": "--full --quiet --force",
+}
+
+
+@click.command(cls=WritingCommand, headings=_HEADINGS)
 @click.argument("output", type=Output(_MARK))
 @click.option("--duration", default=25.0, show_default=True, help="Time to follow, s.")
 @click.option("--step", default=1e-3, show_default=True, help="Sampling interval, s.")

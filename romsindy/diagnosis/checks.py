@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -21,17 +22,18 @@ from romsindy.fit.verdict import (
     LEAST_CYCLES,
     NO_OVERLAP,
     OTHER_MODE,
-    OTHER_SCALE,
     REVERSED,
     REVERSED_IS_BETTER,
     REVERSED_IS_NO_WORSE,
     SHARED,
 )
 from romsindy.physics.model import ReducedModel
+from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.units import UNITS
+from romsindy.text import listed, quantity
 from romsindy.typing import Array
 
 # What a model is unsure of, where nothing else is said.
@@ -122,17 +124,51 @@ def check_request(
             )
 
 
-def _over_shared_amplitudes(model: ReducedModel, decay: Decay) -> Decay:
-    """The part of a decay whose amplitude the model reaches down to, where it says so."""
+class Shared(NamedTuple):
+    """The part of a decay whose amplitudes the model holds for, and what was left out, in words."""
+
+    decay: Decay
+    left_out: str = ""
+
+
+def shared_part(model: ReducedModel, decay: Decay) -> Shared:
+    """Cut a decay to the amplitudes that the model reaches up and down to, where it says so.
+
+    Raises
+    ------
+    ValueError
+        If they have next to none in common.
+    """
     if model.amplitude_range is None:
-        return decay
-    x = decay.single().q
+        return Shared(decay)
+    (low, high), unit = model.amplitude_range, model.unit or "[q]"
+    told, x = [], decay.single().q
+    level = rest_level(x, decay.dt) if np.abs(x).max() > high / SHARED else 0.0
+    if level:  # the model has no motion about it
+        told.append(f"rests at {quantity(level, unit)}, which is taken off")
+        decay = replace(decay, q=x - level)
     centred, cycle = swing(x)
     envelope = np.sqrt(2 * np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
-    shared = np.flatnonzero(envelope >= SHARED * model.amplitude_range[0])
-    if len(shared) < 2 * cycle or decay.t[shared[-1]] == decay.t[-1]:
-        return decay  # too little to use is refused later, with the amplitudes named
-    return decay.between(end=float(decay.t[shared[-1]]))
+    largest = float(envelope.max())
+    first = int(np.flatnonzero(np.append(True, envelope > high / SHARED))[-1])
+    last = int(np.flatnonzero(np.append(True, envelope >= SHARED * low))[-1])
+    if last - first < 2 * cycle:
+        if NO_OVERLAP * low <= largest <= high / SHARED:
+            return Shared(decay, listed(told or [""]))  # a little below
+        raise ValueError(
+            f"it reaches {largest:.3g}, the model holds from {low:.3g} to {high:.3g} {unit}: no"
+            " overlap in amplitude, so of other scale; check the unit of the record, or excite"
+            f" {'more' if largest < low else 'less'}"
+        )
+    if first:
+        reached = float(np.ptp(x)) / 2
+        told.append(f"reaches {quantity(reached, unit)}, the model {quantity(high, unit)}")
+    if last < len(x):
+        told.append(f"falls below {quantity(low, unit)}, the least of the model")
+    if not told:
+        return Shared(decay)
+    part = decay.between(float(decay.t[first]), float(decay.t[last - 1]))
+    return Shared(part, f"{listed(told)}: compared from {part.t[0]:.4g} to {part.t[-1]:.4g} s")
 
 
 def checked_records(
@@ -143,7 +179,7 @@ def checked_records(
     for i, decay in enumerate(decays):
         name = f"{word} {i}"
         try:
-            record = Record.loud(_over_shared_amplitudes(model, decay), floor)
+            record = Record.loud(shared_part(model, decay).decay, floor)
         except ValueError as error:
             raise ValueError(f"{name} cannot be analysed: {error}") from error
         n_cycles = _turns(record) / (2 * np.pi)
@@ -171,29 +207,22 @@ def _turns(record: Record) -> float:
 
 def _check_frequency(model: ReducedModel, record: Record, name: str) -> None:
     measured = _turns(record) / record.t[-1]
-    amplitudes = record.amplitude * np.array([0.05, 0.2, 0.5, 1.0])
-    said = model.backbone(amplitudes)
+    largest = float(np.ptp(record.motion.q)) / 2  # an offset is no amplitude
     reach = model.amplitude_range
-    if reach is not None:
-        sizes = (
-            f"{name} reaches {record.amplitude:.3g}, the model holds from {reach[0]:.3g} to"
-            f" {reach[1]:.3g}"
-        )
-        if record.amplitude < NO_OVERLAP * reach[0]:
-            raise ValueError(f"{sizes}: no overlap in amplitude; check the unit, or excite more")
-        if record.amplitude > OTHER_SCALE * reach[1]:
-            raise ValueError(f"{sizes}: other scale; check the unit of the record")
+    top = largest if reach is None else min(largest, reach[1])
+    said = model.backbone(top * np.array([0.05, 0.2, 0.5, 1.0]))
     if np.all(np.isnan(said)):
         raise ValueError(
             f"the model has no periodic motion at the amplitudes of {name} (up to"
-            f" {record.amplitude:.3g}): check the unit of the record, or its scale"
+            f" {largest:.3g}): check the unit of the record, or its scale"
         )
     ratio = measured / np.nanmedian(said)
     if not 1 / OTHER_MODE < ratio < OTHER_MODE:
         raise ValueError(
             f"{name} vibrates at {measured / 2 / np.pi:.4g} Hz, the model at"
             f" {np.nanmedian(said) / 2 / np.pi:.4g} Hz: another mode, another time unit, or another"
-            " scale of the displacement"
+            " scale of the displacement; if its mode is in the record, isolate it (inspect names"
+            " it, mode= takes it)"
         )
 
 

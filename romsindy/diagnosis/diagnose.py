@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
-from romsindy.diagnosis.checks import FREE, check_numbers, decays_of
+from romsindy.diagnosis.checks import FREE, check_numbers, decays_of, shared_part
 from romsindy.diagnosis.forced.report import ForcedReport
 from romsindy.diagnosis.forced.workflow import diagnose_forced, forced_alone, refuse_with_inputs
 from romsindy.diagnosis.form import NO_FORM_ERROR
+from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
@@ -19,6 +20,7 @@ from romsindy.diagnosis.on_beam.workflow import diagnose_beam
 from romsindy.diagnosis.other_mode import with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.what_matters import (
     of_estimate,
@@ -38,7 +40,7 @@ from romsindy.record.forced import ForcedVibration
 
 
 def diagnose(
-    model: ReducedModel | Estimate | Beam,
+    model: ReducedModel | Estimate | Beam | Decay,
     measured: Decay | ForcedVibration | Sequence[Decay] | Sequence[ForcedVibration],
     *,
     sensors: SensorArray | None = None,
@@ -52,7 +54,7 @@ def diagnose(
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = FALSE_ALARM,
     max_effects: int = 3,
-    floor: float = FLOOR,
+    floor: float | None = None,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
 ) -> DiagnosisReport | BeamReport | ForcedReport:
@@ -63,9 +65,10 @@ def diagnose(
 
     Parameters
     ----------
-    model : ReducedModel, Estimate or Beam
+    model : ReducedModel, Estimate, Beam or Decay
         The simulation. A `Fit`, an `Identification` or another `Estimate` stands for its model,
-        and knows how far that may be off.
+        and knows how far that may be off. A decay is a simulated series, which is reduced to an
+        equation of one coordinate first.
     measured : Decay, ForcedVibration, or sequence of either
         For a model: one channel each, in its unit. Forced vibrations take ``free``,
         ``tolerances``, ``catalogue``, ``false_alarm``, ``max_effects``, ``floor``, ``n_jobs`` and
@@ -107,8 +110,9 @@ def diagnose(
         Probability of naming an effect where there is none.
     max_effects : int
         Most effects at once.
-    floor : float
-        Disagreement that does not matter, as a part of the largest amplitude.
+    floor : float, optional
+        Disagreement that does not matter, as a part of the largest amplitude. By default 2e-4, and
+        of a simulated series what its equation may leave.
     n_jobs : int
         Processes for the candidates (joblib).
     progress : callable, optional
@@ -117,37 +121,40 @@ def diagnose(
     Returns
     -------
     DiagnosisReport or BeamReport
-        For a ReducedModel or a Beam; an `InteractionReport` where a model lacks another mode, a
-        `ForcedReport` for forced vibrations.
+        For an equation or a series, or for a Beam; an `InteractionReport` where a model lacks
+        another mode, a `ForcedReport` for forced vibrations.
 
     Raises
     ------
     TypeError
-        For a simulation that is neither a ReducedModel nor a Beam.
+        For a simulation that is none of these.
     ValueError
         For arguments that do not belong to the simulation, and for records that cannot be compared
         with it: other unit, sign, scale or mode, too few cycles, noise alone. The message names the
         remedy.
     """
-    if isinstance(catalogue, str) or not isinstance(catalogue, Iterable):
-        raise ValueError(f"catalogue = {catalogue!r} must be a list of effects")
-    if progress is not None and not callable(progress):
-        raise ValueError(f"progress = {progress!r} must be a function of a line of text")
-    strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
-    if strange:
-        raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
-    check_numbers(floor, false_alarm, max_effects, n_jobs)
+    _check_searched(catalogue, progress)
+    check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs)
     if held_out is not None and not isinstance(held_out, Decay):
         raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
+    references = decays_of("reference", reference) if reference is not None else []
+    driven = forced_alone(measured)
+    if isinstance(model, Decay):
+        if driven:
+            raise ValueError("model is a Decay, which has no input: give the equation instead")
+        known = model_of_simulation(model)
+        model, references = known.model, [known.reference, *references]
+        tolerances = known.tolerances if tolerances is None else tolerances
+        floor = known.floor if floor is None else floor
+    floor = FLOOR if floor is None else floor
     estimate = model if isinstance(model, Estimate) else None
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (ReducedModel, Beam)):
-        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel or a Beam")
+        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
     near = tolerances or {}
     options = Options(
         tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or (lambda _: None)
     )
-    driven = forced_alone(measured)
     if driven:
         refuse_with_inputs(
             sensors=sensors,
@@ -160,7 +167,6 @@ def diagnose(
         return diagnose_forced(simulation, driven, FREE if free is None else free, near, options)
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
-    references = decays_of("reference", reference) if reference is not None else []
     given = Tolerance(signal=floor) if tolerance is None else stated(tolerance)
     if isinstance(simulation, Beam):
         if sensors is None:
@@ -179,15 +185,14 @@ def diagnose(
         given_too = (sensors, held_out, release, unsure, near, options, references)
         return diagnose_beam(simulation, several, *given_too)
     if sensors is not None:
-        raise ValueError("sensors = ... belong to a Beam: leave them out for a ReducedModel")
+        raise ValueError("sensors = ... belong to a Beam: leave them out for an equation")
     if release is not None:
-        raise ValueError("release = ... belongs to a Beam: leave it out for a ReducedModel")
+        raise ValueError("release = ... belongs to a Beam: leave it out for an equation")
     if again is not None:
         given = given.or_more(of_repeats(again, floor))
     form = NO_FORM_ERROR
     if estimate is not None:
-        largest = max((float(np.abs(d.single().q).max()) for d in several), default=1.0)
-        given = given.or_more(of_estimate(estimate, largest))
+        given = given.or_more(of_estimate(estimate, _largest(simulation, several)))
         references += estimate.decays if isinstance(estimate, Fit) else ()
     if references:
         left, form = of_references(simulation, references, floor)
@@ -195,4 +200,32 @@ def diagnose(
     options = replace(options, tolerance=given)
     unsure = FREE if free is None else free
     report = diagnose_model(simulation, several, held_out, unsure, near, options, form)
-    return with_other_mode(report, options)
+    report = with_other_mode(report, options)
+    return replace(report, notes=(*_left_out(simulation, several, held_out), *report.notes))
+
+
+def _check_searched(catalogue: object, progress: object) -> None:
+    """Raise a ValueError for what is no catalogue, or nothing to call."""
+    if isinstance(catalogue, str) or not isinstance(catalogue, Iterable):
+        raise ValueError(f"catalogue = {catalogue!r} must be a list of effects")
+    if progress is not None and not callable(progress):
+        raise ValueError(f"progress = {progress!r} must be a function of a line of text")
+    strange = [effect for effect in catalogue if not isinstance(effect, Effect)]
+    if strange:
+        raise ValueError(f"catalogue holds {strange[0]!r}, which is no Effect: give AirDrag(), say")
+
+
+def _largest(model: ReducedModel, decays: Sequence[Decay]) -> float:
+    """Amplitude up to which decays are compared, unit of q."""
+    most = np.inf if model.amplitude_range is None else model.amplitude_range[1]
+    return min(most, max((float(np.ptp(d.single().q)) / 2 for d in decays), default=1.0))
+
+
+def _left_out(
+    model: ReducedModel, decays: Sequence[Decay], held_out: Decay | None
+) -> tuple[str, ...]:
+    """What of the records is not compared, for the model does not reach so far."""
+    records = {name_of(i): d for i, d in enumerate(decays)}
+    records |= {} if held_out is None else {HELD_OUT: held_out}
+    told = {name: shared_part(model, d).left_out for name, d in records.items()}
+    return tuple(f"{name} {text}." for name, text in told.items() if text)

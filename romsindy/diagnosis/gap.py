@@ -12,7 +12,7 @@ from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import PREDICTED, WORTH
 from romsindy.record.backbone import Backbone, extract_backbone
-from romsindy.record.decay import Decay
+from romsindy.record.decay import Decay, Stage
 from romsindy.typing import Array
 
 HELD_OUT = "the held-out record"
@@ -69,8 +69,11 @@ class Prediction:
 
     def backbone(self, signal: Array) -> Backbone | None:
         """Backbone of a signal (n,); None where it dies out at once, so that it has no cycles."""
+        # What was measured is free as it is; a simulation may die on the way.
+        stage: Stage = "free" if signal is self.record.signal else "raw"
+        unit = self.record.decay.unit
         try:
-            return extract_backbone(Decay(self.record.t, signal, unit=self.record.decay.unit))
+            return extract_backbone(Decay(self.record.t, signal, unit=unit, stage=stage))
         except ValueError:
             return None
 

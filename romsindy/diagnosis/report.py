@@ -158,21 +158,27 @@ class DiagnosisReport:
     @property
     def sentence(self) -> str:
         """The finding, a line for each question: do they differ, what is missing, left, next?"""
+        return "\n".join(self.lines(words.remainder(self.gap, self.left)))
+
+    def lines(self, left: str) -> list[str]:
+        """The lines of the finding, with what is left in other words."""
         difference = words.difference(self.differences, self.tolerance, self.nominal.unit)
         if self.best.names and self.verdict != "none" and not self._differ:
             difference += words.single_swings(self._log_odds(self.base))
         lines = [
             difference,
             f"Missing: {self._missing}",
-            f"Left: {words.remainder(self.gap, self.left)}",
-            *(f"Note: {note}" for note in self.notes),
+            f"Left: {left}",
+            *(f"Note: {note}" for note in (*words.undetermined(self.tolerance), *self.notes)),
         ]
         if self.interrupted:
             n = len(self.compared)
             lines.insert(0, f"Interrupted when {n} explanations were compared: not the last word.")
         if self.next_test is not None:
             lines.append(f"Next: {self.next_test.sentence}")
-        return "\n".join(lines)
+        elif self.verdict == "named" and self.effects:
+            lines.append(f"Next: {words.confirming(self.effects)}")
+        return lines
 
     @property
     def _differ(self) -> bool:
@@ -298,7 +304,7 @@ class DiagnosisReport:
             "sentence": self.sentence,
             **self._equation(),
             "tables": self._tables(),
-            "notes": [repr(r.decay).splitlines()[0].strip("<>") for r in self.records],
+            "notes": [line for r in self.records for line in _of_record(r)],
         }
 
     def _equation(self) -> dict[str, Any]:
@@ -319,6 +325,12 @@ class DiagnosisReport:
         found = "Explanations that the data allow" if explained else "What comes nearest"
         gap = TextTable("The gap, before and after", self.gap.table())
         return [gap, *([TextTable(found, rows)] if rows[1:] else [])]
+
+
+def _of_record(record: Record) -> list[str]:
+    """What a record is, and what was done to it."""
+    head, *done = repr(record.decay).splitlines()
+    return [head.strip("<>"), *(line.removeprefix("  - ") for line in done)]
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

@@ -40,9 +40,12 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     Raises
     ------
     ValueError
-        If no equation of motion of one coordinate follows the series.
+        If it is too short, or no equation of motion of one coordinate follows it.
     """
-    record = Record.loud(simulated, 1e-4)
+    try:
+        record = Record.loud(simulated, 1e-4)
+    except ValueError as error:
+        raise ValueError(f"the simulated series cannot be analysed: {error}") from error
     start = ReducedModel.from_coefficients({"omega^2": scales([record]).omega ** 2}, simulated.unit)
     plain, rich = _plainest(start, record), _fitted(start, _RICH, record)
     left = min(_misfit(s, record) for s in (plain, rich))

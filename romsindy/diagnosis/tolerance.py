@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
+from romsindy.fit.verdict import (
+    SAME_DAMPING,
+    SAME_FREQUENCY,
+    SAME_SIGNAL,
+    WIDEST_DAMPING,
+    WIDEST_FREQUENCY,
+    WIDEST_SIGNAL,
+)
 
 KINDS = ("frequency", "damping", "signal")
+WIDEST = dict(zip(KINDS, (WIDEST_FREQUENCY, WIDEST_DAMPING, WIDEST_SIGNAL), strict=True))
 DEFAULT = "default"
 
 
@@ -23,13 +32,20 @@ class Tolerance:
     signal : float
         Of the waveform: rms as a part of the largest amplitude.
     source : str
-        Where it comes from: "default", or "stated", "repeats", "reference", joined by "and".
+        Where it comes from: "default", or "stated", "repeats", "reference", "bands", joined by
+        "and".
+    sources : mapping of str to str
+        Where each comes from by itself, where that is not the same for all.
+    undetermined : tuple of (str, str, float)
+        Kind, source and size of what was too wide, for records that do not determine it.
     """
 
     frequency: float = SAME_FREQUENCY
     damping: float = SAME_DAMPING
     signal: float = SAME_SIGNAL
     source: str = DEFAULT
+    sources: Mapping[str, str] = field(default_factory=dict, compare=False)
+    undetermined: tuple[tuple[str, str, float], ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         for name in KINDS:
@@ -40,11 +56,28 @@ class Tolerance:
                     " such as 0.001"
                 )
 
+    def source_of(self, kind: str) -> str:
+        """Where the tolerance of "frequency", "damping" or "signal" comes from."""
+        return self.sources.get(kind, self.source)
+
     def or_more(self, other: Tolerance) -> Tolerance:
         """The larger of each, with the sources of both unless one is but the default."""
-        larger = {k: max(getattr(self, k), getattr(other, k)) for k in KINDS}
+        larger = {k: self if getattr(self, k) >= getattr(other, k) else other for k in KINDS}
         known = [x for x in dict.fromkeys((self.source, other.source)) if x != DEFAULT]
-        return replace(self, **larger, source=" and ".join(known) or DEFAULT)
+        return Tolerance(
+            **{k: getattr(of, k) for k, of in larger.items()},
+            source=" and ".join(known) or DEFAULT,
+            sources={k: of.source_of(k) for k, of in larger.items()},
+            undetermined=(*self.undetermined, *other.undetermined),
+        )
+
+    @classmethod
+    def read_off(cls, sizes: Mapping[str, float], source: str) -> Tolerance:
+        """What records differ by, no wider than those make it that determine what they tell."""
+        narrow = {k: min(size, WIDEST[k]) for k, size in sizes.items()}
+        wide = tuple((k, source, size) for k, size in sizes.items() if size > WIDEST[k])
+        by_default = {k: DEFAULT for k, *_ in wide}
+        return cls(**narrow, source=source, sources=by_default, undetermined=wide)
 
 
 def _is_size(value: object) -> bool:

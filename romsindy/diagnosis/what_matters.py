@@ -87,7 +87,8 @@ def of_estimate(estimate: Estimate, largest: float) -> Tolerance:
     frequency = band.frequency_std / band.frequency
     damping = np.abs(band.damping_ratio_std / band.damping_ratio)
     widest = [_BAND * float(np.nanmax(x, initial=0.0)) for x in (frequency, damping)]
-    return Tolerance(widest[0], widest[1], 0.0, "reference")
+    sizes = dict(zip(KINDS, (*widest, 0.0), strict=True))
+    return Tolerance.read_off(sizes, "bands")
 
 
 def _largest(differences: Sequence[Difference], source: str) -> Tolerance:
@@ -98,7 +99,7 @@ def _largest(differences: Sequence[Difference], source: str) -> Tolerance:
         parts = [_value(p, kind) for p in d.parts]
         sure = [abs(v) + s for v, s in parts if abs(v) > SURE * s]
         sizes[kind] = max([sizes[kind], abs(value) + std, *sure])
-    return Tolerance(sizes["frequency"], sizes["damping"], sizes["signal"], source)
+    return Tolerance.read_off(sizes, source)
 
 
 def _value(difference: Difference, kind: str) -> tuple[float, float]:

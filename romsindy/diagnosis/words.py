@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
+from romsindy.diagnosis.tolerance import DEFAULT, KINDS, WIDEST, Tolerance
 from romsindy.fit.coupled_rounds import Fitted
 from romsindy.fit.fitted import Fit
 from romsindy.fit.interaction import Interaction
@@ -23,6 +24,7 @@ _SOURCES = {
     "stated": "tolerance: {}",
     "repeats": "repeat runs differ by {}",
     "reference": "the model misses its own reference record by {}",
+    "bands": "the model itself is known to {}",
 }
 _WHERE = {"frequency": "in frequency", "damping": "in damping", "signal": "in waveform"}
 _MOST_ODDS = np.log(1e6)  # more depends on what no model of the noise knows
@@ -88,8 +90,25 @@ def _sizes(found: Difference, kinds: Sequence[str]) -> str:
 
 
 def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
-    sizes = listed([percent(getattr(tolerance, k)) for k in kinds])
-    return _SOURCES.get(tolerance.source, f"{tolerance.source}: {{}}").format(sizes)
+    """What is tolerated of each kind, with those of one source together."""
+    of: dict[str, list[str]] = {}
+    for kind in kinds:
+        of.setdefault(tolerance.source_of(kind), []).append(kind)
+    told = []
+    for source, some in of.items():
+        where = [f" {_WHERE[k]}" if len(of) > 1 else "" for k in some]
+        sizes = [f"{percent(getattr(tolerance, k))}{w}" for k, w in zip(some, where, strict=True)]
+        told.append(_SOURCES.get(source, f"{source}: {{}}").format(listed(sizes)))
+    return "; ".join(told)
+
+
+def undetermined(tolerance: Tolerance) -> list[str]:
+    """What repeats or a reference were too far apart for, a sentence each."""
+    return [
+        f"{_SOURCES[source].format(percent(size))} {_WHERE[kind]}, which does not determine it:"
+        f" more than {percent(WIDEST[kind])} matters."
+        for kind, source, size in tolerance.undetermined
+    ]
 
 
 def odds(log_odds: float, other: str) -> str:
@@ -111,6 +130,11 @@ def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:
     return f"{what} {share} of the gap on {gap.where}."
 
 
+def confirming(effects: Sequence[FoundEffect]) -> str:
+    """What would confirm what was named."""
+    return f"to confirm it, {'; '.join(dict.fromkeys(e.advice for e in effects))}."
+
+
 def remainder(gap: Gap, kind: str) -> str:
     """How much is left, and what kind of thing it is."""
     worst = gap.predictions[gap.worst]
@@ -118,6 +142,15 @@ def remainder(gap: Gap, kind: str) -> str:
     if kind == "noise":
         return f"nothing but noise ({times})."
     return f"{percent(worst.beyond_noise(worst.after))} of the amplitude, {times}{_KINDS[kind]}."
+
+
+def over_sensors(rest: str, gap: Gap, kind: str, sensor: str, times: float) -> str:
+    """What is left of a beam: ``rest`` in its first mode, and of the sensor that is worst."""
+    of_worst = f"{_two_digits(times)} times its noise"
+    if kind == "noise" and times > PREDICTED:
+        first = f"{_two_digits(gap.after)} times the noise in the coordinate of the first mode"
+        return f"{of_worst} at the worst sensor, {sensor}; {first}."
+    return f"{rest.removesuffix('.')}; the worst sensor is {sensor} at {of_worst}."
 
 
 def takes_part(found: Interaction, fit: Fit) -> str:

@@ -61,9 +61,9 @@ RELEASED = 0.8
 # Fewer cycles tell nothing about an effect; a frequency further off is that of another mode.
 LEAST_CYCLES, OTHER_MODE = 3, 1.5
 # Against the amplitudes that a model holds for: a record below the first part of the least shares
-# none of them, one beyond so many times the largest is of another scale, and cycles below the third
-# part of the least are left out.
-NO_OVERLAP, OTHER_SCALE, SHARED = 0.5, 5.0, 0.9
+# none of them; cycles below the second part of the least, or beyond the largest over it, are left
+# out.
+NO_OVERLAP, SHARED = 0.5, 0.9
 # Rms that the richest equation may leave of a simulated series, as a part of its amplitude: more,
 # and the series is not the decay of one mode.
 ONE_MODE = 0.05
@@ -116,6 +116,10 @@ FLOOR = 2e-4
 # ratio at equal amplitude, and the rms of the waveform over the largest amplitude (74 dB). A tenth
 # of what the weakest effects of the trials do to either.
 SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-4, 1e-2, FLOOR
+# The widest that repeats, a reference or bands may make these: what differs by more, or is known no
+# better, is not determined there. A damping ratio is where its band is within `DETERMINED`; another
+# frequency by 2 % is another structure; a waveform that is off by 10 % is another motion.
+WIDEST_FREQUENCY, WIDEST_DAMPING, WIDEST_SIGNAL = 0.02, DETERMINED, 0.1
 # Standard errors from which on a difference is no chance: up to fifteen spans, of three values
 # each, are looked at in every record.
 SURE = 3.5

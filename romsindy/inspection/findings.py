@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.inspection.modes import Mode, modes_of
+from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
-from romsindy.record.defects import Defect
+from romsindy.record.defects import Defect, clean
 from romsindy.record.isolation import ENOUGH_SAMPLES, isolated
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
@@ -174,6 +175,32 @@ class Findings:
         chosen = self.mode(mode, band)
         return tuple(self._isolated(i, chosen) for i in self.rings_in(chosen, release))
 
+    def measured_decays(self, release: int | None = None) -> tuple[Decay, ...]:
+        """The free decays of the channel with all that is in them, as a diagnosis takes them.
+
+        Level, hold and tail are taken off, and samples that are missing or spiked are mended.
+        Nothing is filtered: hum, a drift, a sensor that clips or a faint mode may be what is to be
+        named.
+
+        Parameters
+        ----------
+        release : int, optional
+            Number of the release, from 1; all in which the dominant mode rings by default.
+
+        Returns
+        -------
+        tuple of Decay
+
+        Raises
+        ------
+        ValueError
+            If there is no such release, or nothing rings.
+        """
+        numbers = self.rings_in(self.mode(), release)
+        whole, defects = clean(self.recording.channel(self.channel), as_measured=True)
+        own = replace(self, defects=defects)
+        return tuple(own._as_measured(i, whole) for i in numbers)
+
     def whole_decays(
         self, release: int | None = None, modes: int | None = None
     ) -> tuple[Decay, ...]:
@@ -288,6 +315,18 @@ class Findings:
         part = self.releases[number]
         inside = self.cleaned.between(part.start, part.end).channel(self.channel)
         return inside.t, inside.x[:, 0]
+
+    def _as_measured(self, i: int, whole: Recording) -> Decay:
+        """One release of a channel without its level: where the vibration comes to rest."""
+        part = whole.between(self.releases[i].start, self.releases[i].end)
+        notes = self._notes(i, part.names)
+        level = rest_level(part.x[:, 0], part.dt)
+        if level:
+            raw = self.recording.channel(self.channel).between(part.t[0], part.t[-1])
+            as_read = level + float(np.nanmedian(raw.x) - np.median(part.x))  # before steps went
+            size = quantity(as_read, self.recording.signal_unit)
+            notes = (*notes, f"level of {size}, where it comes to rest, taken off")
+        return Decay.of_release(replace(part, x=part.x - level), self.releases[i], notes)
 
     def _isolated(self, i: int, mode: Mode) -> Decay:
         t, x = self.release_signal(i)

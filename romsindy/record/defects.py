@@ -66,7 +66,9 @@ class Defect:
         return self.message
 
 
-def clean(recording: Recording) -> tuple[Recording, tuple[Defect, ...]]:
+def clean(
+    recording: Recording, *, as_measured: bool = False
+) -> tuple[Recording, tuple[Defect, ...]]:
     """Mend what can be mended, and list all that is wrong with the samples.
 
     Times become uniform between gaps. Samples that are missing, dropped out, spiked or clipped
@@ -76,6 +78,9 @@ def clean(recording: Recording) -> tuple[Recording, tuple[Defect, ...]]:
     Parameters
     ----------
     recording : Recording
+    as_measured : bool
+        Whether what a sensor or its surroundings do stays: samples that clip, offset, drift and
+        lines.
 
     Returns
     -------
@@ -88,7 +93,7 @@ def clean(recording: Recording) -> tuple[Recording, tuple[Defect, ...]]:
     for piece in recording.pieces:
         for i, name in enumerate(recording.names):
             channel = _Channel(recording.t[piece], x[piece, i], name, recording)
-            x[piece, i], told = _mended(channel)
+            x[piece, i], told = _mended(channel, as_measured)
             found += told
     return replace(recording, x=x), tuple(found)
 
@@ -167,7 +172,7 @@ def _moved(t: Array, x: Array, to: Array) -> Array:
     return np.where(known, make_interp_spline(t[known], x[known], k=3)(to), np.nan)
 
 
-def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
+def _mended(channel: _Channel, as_measured: bool) -> tuple[Array, list[Defect]]:
     """Samples of a channel after all that could be done, and what that was."""
     x = np.where(np.isfinite(channel.x), channel.x, np.nan)
     if np.count_nonzero(np.isfinite(x)) < _FEWEST:
@@ -188,11 +193,14 @@ def _mended(channel: _Channel) -> tuple[Array, list[Defect]]:
         x[at:] -= size
         what = f"the level steps by {channel.number(size)}: taken back"
         found.append(channel.defect("step", what, slice(at, at + 1), size))
-    marks["clipping"] = clipped(x)
-    x = np.where(marks["clipping"], np.nan, x)
+    if not as_measured:
+        marks["clipping"] = clipped(x)
+        x = np.where(marks["clipping"], np.nan, x)
     x = restored(x, cycle)
     for kind, mark in marks.items():
         found += _told(channel, kind, mark, x)
+    if as_measured:
+        return x, found
     x, told = _undisturbed(channel, x, cycle)
     return x, found + told
 

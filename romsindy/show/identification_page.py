@@ -82,14 +82,19 @@ class IdentificationReport:
     def errors(self) -> str:
         """One sentence on how the models follow the backbone."""
         words = "; ".join(f"the {c.name} model {_off(c)}" for c in self.shown)
-        return f"{self.trouble} {self._over()} {words}.".strip()
+        return f"{self.trouble} {self._over(words)}".strip()
 
     def missed(self) -> str:
         """The same of the model alone whose equation is printed."""
-        return f"{self._over()} it {_off(self.main)}."
+        return self._over(f"it {_off(self.main)}")
 
-    def _over(self) -> str:
-        return f"Over {int(np.sum(self.backbone.certain))} cycles"
+    def _over(self, words: str) -> str:
+        judges = int(np.sum(self.backbone.certain))
+        if not judges:
+            return (
+                f"The frequency of no cycle is known to {100 * CERTAIN:g} %: none judges a model."
+            )
+        return f"Over {judges} cycles {words}."
 
     def table(self) -> list[list[str]]:
         """Coefficients and backbone errors: of series those that regressions have too."""

@@ -98,7 +98,9 @@ class ForcedReport(DiagnosisReport):
 
     @property
     def _next(self) -> list[str]:
-        """What would tell apart the first two, where several are left."""
+        """What would confirm the one that is left, or tell apart the first two of several."""
+        if self.verdict == "named" and self.effects:
+            return [f"Next: {words.confirming(self.effects)}"]
         if self.verdict != "ambiguous":
             return []
         advice = {e.advice: None for h in self.rivals for e in self._found(h)}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.beam import Beam
+from romsindy.diagnosis import words
 from romsindy.diagnosis.experiment import Advice
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
@@ -151,7 +152,7 @@ class BeamReport:
     def sentence(self) -> str:
         """The finding in words, sensors first."""
         lines = [f"The {fault} and was left out." for fault in self.faults]
-        lines += self.reduced.sentence.splitlines()
+        lines += self.reduced.lines(self._left)
         if self.trouble:
             lines.append(f"The beam could not be simulated with this: {self.trouble}.")
         elif self.not_on_beam:
@@ -159,6 +160,17 @@ class BeamReport:
         if self.place is not None and not self.trouble:
             lines.append(f"Place: {self.place}.")
         return "\n".join([*lines, *filter(None, [in_words(self.adjusted)])])
+
+    @property
+    def _left(self) -> str:
+        """What is left over all sensors, the worst of them by name."""
+        gap, kind = self.gap, self.reduced.left
+        rest = words.remainder(gap, kind)
+        known = [e for e in self.sensor_errors if np.isfinite(e.after)]
+        if not known:
+            return rest
+        worst = max(known, key=lambda e: e.after)
+        return words.over_sensors(rest, gap, kind, worst.label, worst.after)
 
     def __str__(self) -> str:
         return self.sentence
