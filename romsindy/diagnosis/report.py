@@ -72,6 +72,8 @@ class DiagnosisReport:
         Of the model, as its reference record shows it.
     notes : tuple of str
         What else was found, a sentence each.
+    small : bool
+        Whether what is named changes less than matters.
     """
 
     verdict: Verdict
@@ -91,6 +93,7 @@ class DiagnosisReport:
     interrupted: bool = False
     form: FormError = NO_FORM_ERROR
     notes: tuple[str, ...] = ()
+    small: bool = False
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:

@@ -170,7 +170,8 @@ class Rounds:
         test = decays[-1] if self.held_out else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[: self.n_training]
-        return diagnose_model(self.model, training, test, self.unsure, {}, chosen, self.form)
+        given = (self.model, training, test, self.unsure, {}, chosen, self.form)
+        return diagnose_model(*given, own_values=False)
 
     def placed(
         self,
