@@ -127,7 +127,7 @@ class Hypothesis:
     @property
     def changed(self) -> tuple[int, ...]:
         """Which of the parts are values that moved."""
-        changed = {*self.moved, *self.beyond}.difference(self.unsaid)
+        changed = {*self.moved, *self.beyond}
         free = self.parts[: self.n_free]
         return tuple(i for i, p in enumerate(free) if p.effect.name in changed)
 
@@ -140,7 +140,10 @@ class Hypothesis:
         """
         beside = range(self.n_free, len(self.parts))
         effects = tuple(i for i in beside if not self._as_it_may_be(i))
-        return effects if self.forced else (*effects, *self.changed)
+        if self.forced:
+            return effects
+        free = (i for i in self.changed if self.parts[i].effect.name not in self.unsaid)
+        return (*effects, *free)
 
     def _as_it_may_be(self, index: int) -> bool:
         """Whether an effect is one of the measurement, not surely beyond what is known of it."""
@@ -159,7 +162,8 @@ class Hypothesis:
         for i in self.blamed:
             where, n = self.solution.slices()[i], self.parts[i].strengths.size
             x, covariance = self.parts[i].values[:n], self.covariance[where, where][:n, :n]
-            found.append(float(np.sqrt(max(x @ np.linalg.pinv(covariance, hermitian=True) @ x, 0))))
+            squared = float(x @ np.linalg.pinv(covariance, hermitian=True) @ x)
+            found.append(max(squared, 0.0) ** 0.5)
         return min(found)
 
     @property

@@ -103,10 +103,10 @@ class DiagnosisReport:
     @property
     def moved(self) -> tuple[FoundEffect, ...]:
         """Values that the simulation was unsure of and that moved, beside the effects."""
-        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal.unit)
+        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal)
 
     def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
-        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal.unit)
+        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal)
 
     @property
     def next_best(self) -> Hypothesis | None:
@@ -194,8 +194,10 @@ class DiagnosisReport:
             return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best
         odds = f" ({words.odds(self._log_odds(other), titles(other))})" if other else ""
-        if len(self.rivals) > 1:
-            others = ", or ".join(titles(h) for h in self.rivals[1:])
+        others = ", or ".join(titles(h) for h in self.rivals[1:])
+        if others and self.verdict == "named":  # values of the simulation come first
+            also += f" {others[0].upper()}{others[1:]} would do as well."
+        elif others:
             if self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
                 odds = f"{odds[:-1]}, by the fitted records alone)"
             closing = self._closing("The first closes")
@@ -205,7 +207,8 @@ class DiagnosisReport:
                 " One cause may stand behind both, such as a viscoelastic support or a small mass"
                 " that vibrates along; decays at another frequency would tell."
             )
-        return f"{found}{odds}. {self._closing(closes)}{also}"
+        small = " It is small: less than what tests repeat to." if self.small else ""
+        return f"{found}{odds}. {self._closing(closes)}{small}{also}"
 
     def _closing(self, closes: str) -> str:
         return words.closing(self.gap, self.tolerance, closes)

@@ -22,6 +22,7 @@ from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.verdict import (
     CLOSED,
     EQUIVALENT,
+    LEFT_OVER,
     MOSTLY_CLOSED,
     NAMED_ABOVE,
     PREDICTED,
@@ -137,10 +138,11 @@ class Rule:
         if enough:
             if effect is not None and self._beyond_doubt(effect, plain):
                 return Answer("named", effect, small=not effect.changes(self.tolerance))
-            named = plain.hypothesis.names and self._matters(plain)
-            return Answer("named" if named else "none", plain)
+            moved = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
+            return Answer("named" if moved and self._matters(plain) else "none", plain)
         if effect is not None and self._explains(effect):
-            return Answer("named" if self._matters(effect) else "none", effect)
+            named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
+            return Answer(named if self._matters(effect) else "none", effect)
         nearest = plain if effect is None else effect
         return Answer("unknown" if self._surely_beyond else "none", nearest)
 
@@ -162,9 +164,10 @@ class Rule:
         return likelier and effect.differs(plain, self.tolerance)
 
     def _explains(self, effect: Explanation) -> bool:
-        """Whether it is sure, and leaves nothing that matters."""
-        leaves = effect.leaves(self.tolerance, self.form)
-        return effect.sureness >= NAMED_ABOVE and leaves != "effect" and effect.gap.closed > 0
+        """Whether it closes some of the gap, and leaves nothing that matters."""
+        leaves, gap = effect.leaves(self.tolerance, self.form), effect.gap
+        much = gap.after > LEFT_OVER and not gap.leaves_within(self.tolerance)
+        return leaves != "effect" and not much and gap.closed > 0
 
     def _matters(self, found: Explanation) -> bool:
         """Whether the simulation as it was is beyond the tolerance, by its cycles or by this."""

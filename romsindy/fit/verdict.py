@@ -78,10 +78,10 @@ EQUIVALENT = 7.0
 # Rise of chi-square up to which values that moved do as one effect does: two standard errors of
 # one value.
 AS_ONE = 4.0
-# Standard errors within which an exponent is a whole number; the rise of chi-square of one value;
+# Rise of chi-square up to which an exponent is a whole number, three standard errors of one value;
 # the part of the whole number within which it is one as well, where that foretells what took no
 # part as well: its error may be larger by this factor, to which the level of noise is known.
-WHOLE, ROUNDED, NEARLY_WHOLE, AS_WELL = 3.0, 9.0, 0.01, 1.05
+ROUNDED, NEARLY_WHOLE, AS_WELL = 9.0, 0.01, 1.05
 # By which two good predictions of data that took no part may differ, each by its errors of form,
 # and how much surer an effect must be than values that moved where nothing took no part.
 AS_GOOD, UNJUDGED = 2 * EQUIVALENT, 2 * EQUIVALENT
@@ -108,6 +108,8 @@ CLOSED, MOSTLY_CLOSED = 0.99, 0.9
 # Standard errors that the strength of what is named must be off zero: 1 in 400 by chance; and of
 # what is named although it is smaller than tests repeat to: 1 in 1.7 million.
 NAMED_ABOVE, SMALL_ABOVE = 3.0, 5.0
+# Times the noise beyond which nothing is named, unless what is left is within the tolerance.
+LEFT_OVER = 2.0
 # What the measurement itself may add without being wrong: change of the gain, and curvature of the
 # sensor (the part of the largest amplitude that the square adds there).
 KNOWN_GAIN, KNOWN_CURVATURE = 0.01, 0.01
