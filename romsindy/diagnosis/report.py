@@ -202,7 +202,7 @@ class DiagnosisReport:
                 odds = f"{odds[:-1]}, by the fitted records alone)"
             closing = self._closing("The first closes")
             return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
-        if len(self.best.moved) > 1 and not self.best.effects:
+        if len(self.effects) > 1 and not self.best.effects:
             also += (
                 " One cause may stand behind both, such as a viscoelastic support or a small mass"
                 " that vibrates along; decays at another frequency would tell."

@@ -139,7 +139,11 @@ class Rule:
             if effect is not None and self._beyond_doubt(effect, plain):
                 return Answer("named", effect, small=not effect.changes(self.tolerance))
             moved = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
-            return Answer("named" if moved and self._matters(plain) else "none", plain)
+            if not (moved and self._matters(plain)):
+                return Answer("none", plain)
+            # What values leave may be small, and an effect likelier all the same.
+            rival = effect is not None and self._likelier(effect, plain)
+            return Answer("ambiguous" if rival else "named", plain)
         if effect is not None and self._explains(effect):
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
             return Answer(named if self._matters(effect) else "none", effect)
@@ -159,9 +163,12 @@ class Rule:
 
     def _sees_through(self, plain: Explanation, effect: Explanation) -> bool:
         """Whether an effect that is distinctly likelier says that more than a tolerance is left."""
+        return self._likelier(effect, plain) and effect.differs(plain, self.tolerance)
+
+    def _likelier(self, effect: Explanation, plain: Explanation) -> bool:
+        """Whether an effect explains, and distinctly better than what needs none."""
         a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.form)
-        likelier = a.score < b.score - EQUIVALENT and self._explains(effect)
-        return likelier and effect.differs(plain, self.tolerance)
+        return self._explains(effect) and a.score < b.score - EQUIVALENT
 
     def _explains(self, effect: Explanation) -> bool:
         """Whether it closes some of the gap, and leaves nothing that matters."""

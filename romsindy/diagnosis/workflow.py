@@ -15,6 +15,7 @@ from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
 from romsindy.diagnosis.held_out import parted
 from romsindy.diagnosis.innocent import innocent, other_values
 from romsindy.diagnosis.judged import Judges
+from romsindy.diagnosis.nuisance import nuisances
 from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
@@ -69,7 +70,8 @@ def diagnose_model(
     looked_for = (*catalogue, *known)
     search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
     exact = replace(search, free=()).hypothesis([])
-    agree = _agree(search, exact, as_it_was)
+    slack = replace(search, free=nuisances(records)).hypothesis([])
+    agree = _agree(search, slack, as_it_was)
     found = Finding([exact], [exact], exact) if agree else search.run()
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
     if not found.interrupted:
@@ -81,7 +83,7 @@ def diagnose_model(
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     values = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
     explained = partial(_explained, search, judged, bool(tests), as_it_was, values)
-    plain = found.base if agree or found.interrupted else innocent(search, others)
+    plain = slack if agree or found.interrupted else innocent(search, others)
     best = found.rivals[0]
     effect = explained(_snapped(search, best, judged)) if best.names else None
     rule = Rule(as_it_was, options.tolerance, form)
@@ -186,15 +188,16 @@ def _parted(
     return [learns for learns, _ in pairs], {**judges, **tests}
 
 
-def _agree(search: Search, exact: Hypothesis, as_it_was: Gap) -> bool:
+def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
     """Whether there is nothing to look for in the simulation as it was.
 
-    It is within a tolerance that was asked for, or noise alone is left.
+    It is within a tolerance that was asked for, or leaves noise alone with what a measurement may
+    add.
     """
     tolerance = search.options.tolerance
     if tolerance.source != DEFAULT and as_it_was.within(tolerance):
         return True
-    left = search.remainder(exact)
+    left = search.remainder(slack)
     return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
 
 
