@@ -96,7 +96,7 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
     callback=_sizes,
     metavar="[NAME=]SIZE",
     help="Relative difference that does not matter, of frequency, damping or signal; repeatable."
-    "  [default: frequency=0.0001, damping=0.01, signal as --floor]",
+    "  [default: frequency=0.001, damping=0.05, signal=0.01]",
 )
 @click.option(
     "--repeats",
