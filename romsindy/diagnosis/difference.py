@@ -59,6 +59,9 @@ class Difference:
         Of the halves, quarters and eighths of a record that is long enough.
     name : str
         Of the record.
+    share : float
+        Of the cycles of the record. A part of a record repeats to the root of its length less than
+        all of it, and so much more is tolerated there.
     """
 
     amplitude: tuple[float, float]
@@ -71,6 +74,7 @@ class Difference:
     noise: float
     parts: tuple[Difference, ...] = ()
     name: str = ""
+    share: float = 1.0
 
     @classmethod
     def of(cls, record: Record, simulated: Array) -> Difference:
@@ -126,7 +130,7 @@ class Difference:
         value, std = getattr(self, kind), getattr(self, f"{kind}_std")
         if np.isnan(value):
             return -np.inf  # the signal says it
-        beyond = abs(value) - getattr(tolerance, kind)
+        beyond = abs(value) - getattr(tolerance, kind) / np.sqrt(self.share)
         return float(beyond / max(std, np.finfo(float).tiny))
 
     def largest(self, tolerance: Tolerance) -> Difference:
@@ -254,7 +258,7 @@ def _of_parts(pair: _Pair) -> Difference:
     n = len(pair.t)
     counts = [k for k in (2, 4, 8) if n >= k * _SPAN]
     pieces = [s for k in counts for s in np.array_split(np.arange(n), k)]
-    parts = tuple(_difference(pair, piece) for piece in pieces)
+    parts = tuple(replace(_difference(pair, p), share=len(p) / n) for p in pieces)
     return replace(_difference(pair, np.arange(n)), parts=parts)
 
 
