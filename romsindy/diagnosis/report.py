@@ -193,12 +193,14 @@ class DiagnosisReport:
                 return f"{nothing}."
             return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best
-        odds = f" ({words.odds(self._log_odds(other), titles(other))})" if other else ""
+        odds = ""
+        if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
+            odds = f" ({words.odds(self._log_odds(other), titles(other))})"
         others = ", or ".join(titles(h) for h in self.rivals[1:])
         if others and self.verdict == "named":  # values of the simulation come first
             also += f" {others[0].upper()}{others[1:]} would do as well."
         elif others:
-            if self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
+            if odds and self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
                 odds = f"{odds[:-1]}, by the fitted records alone)"
             closing = self._closing("The first closes")
             return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"

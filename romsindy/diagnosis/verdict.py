@@ -143,7 +143,8 @@ class Rule:
                 return Answer("none", plain)
             # What values leave may be small, and an effect likelier all the same.
             rival = effect is not None and self._likelier(effect, plain)
-            return Answer("ambiguous" if rival else "named", plain)
+            sole = plain.gap.closed >= MOSTLY_CLOSED and not rival
+            return Answer("named" if sole else "ambiguous", plain)
         if effect is not None and self._explains(effect):
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
             return Answer(named if self._matters(effect) else "none", effect)
