@@ -123,7 +123,7 @@ def test_a_hidden_effect_is_named_with_its_value(name):
         assert abs(effect.values[key] - value) < 4 * error + 0.01 * abs(value), effect
     # The held-out record is predicted to its noise; 2,000 samples know theirs to 2 %.
     assert result.gap.after < 1.1 < result.gap.before
-    assert result.effects[0].label in result.sentence
+    assert str(result.effects[0]) in result.sentence
 
 
 def test_harmonics_of_hum_need_not_show_in_every_record():

@@ -81,6 +81,12 @@ class Explanation:
         return _beyond(self.whole.changes_from(other.whole), tolerance)
 
 
+def _off_zero(found: Explanation, without: Hypothesis) -> float:
+    """Standard errors that it is off zero, by what it gains; none if it is not sure by its own."""
+    a, b = found.hypothesis, without.at(found.hypothesis.form)
+    return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
+
+
 def _beyond(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
     return any(change.exceeds(tolerance) for change in changes)
 
@@ -121,12 +127,15 @@ class Rule:
     ----------
     as_it_was : Gap
         Of the simulation, on whole records.
+    nothing : Hypothesis
+        Of it, with what the measurement may add.
     tolerance : Tolerance
     form : FormError
         Of the model, as its reference record shows it.
     """
 
     as_it_was: Gap
+    nothing: Hypothesis
     tolerance: Tolerance
     form: FormError
 
@@ -181,16 +190,15 @@ class Rule:
         """Whether the simulation as it was is beyond the tolerance, by its cycles or by this."""
         if self._surely_beyond:
             return True
-        return found.sureness >= SMALL_ABOVE and found.changes(self.tolerance)
+        sure = _off_zero(found, self.nothing) >= SMALL_ABOVE
+        return sure and found.changes(self.tolerance)
 
     def _beyond_doubt(self, effect: Explanation, plain: Explanation) -> bool:
         """Whether an effect is there although what it explains does not matter."""
-        a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.form)
         return (
             self.tolerance.source == DEFAULT
             and effect.lacking
-            and effect.sureness >= SMALL_ABOVE
             and effect.gap.closed >= MOSTLY_CLOSED
             and effect.leaves_noise
-            and b.misfit - a.misfit >= SMALL_ABOVE**2
+            and _off_zero(effect, plain.hypothesis) >= SMALL_ABOVE
         )

@@ -86,7 +86,7 @@ def diagnose_model(
     plain = slack if agree or found.interrupted else innocent(search, others)
     best = found.rivals[0]
     effect = explained(_snapped(search, best, judged)) if best.names else None
-    rule = Rule(as_it_was, options.tolerance, form)
+    rule = Rule(as_it_was, slack, options.tolerance, form)
     answer = rule.answer(explained(_without_small(plain, model, options.tolerance)), effect)
     verdict, chosen = answer.verdict, answer.explanation
     best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
