@@ -150,8 +150,8 @@ class Rule:
             moved = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
             if not (moved and self._matters(plain)):
                 return Answer("none", plain)
-            # What values leave may be small, and an effect likelier all the same.
-            rival = effect is not None and self._likelier(effect, plain)
+            # What values leave may be small, and an effect as likely all the same.
+            rival = effect is not None and self._likelier(effect, plain, -EQUIVALENT)
             sole = plain.gap.closed >= MOSTLY_CLOSED and not rival
             return Answer("named" if sole else "ambiguous", plain)
         if effect is not None and self._explains(effect):
@@ -173,12 +173,13 @@ class Rule:
 
     def _sees_through(self, plain: Explanation, effect: Explanation) -> bool:
         """Whether an effect that is distinctly likelier says that more than a tolerance is left."""
-        return self._likelier(effect, plain) and effect.differs(plain, self.tolerance)
+        likelier = self._likelier(effect, plain, EQUIVALENT)
+        return likelier and effect.differs(plain, self.tolerance)
 
-    def _likelier(self, effect: Explanation, plain: Explanation) -> bool:
-        """Whether an effect explains, and distinctly better than what needs none."""
+    def _likelier(self, effect: Explanation, plain: Explanation, by: float) -> bool:
+        """Whether an effect explains, and is likelier than what needs none."""
         a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.form)
-        return self._explains(effect) and a.score < b.score - EQUIVALENT
+        return self._explains(effect) and effect.lacking and a.score < b.score - by
 
     def _explains(self, effect: Explanation) -> bool:
         """Whether it closes some of the gap, and leaves nothing that matters."""
