@@ -48,7 +48,7 @@ class Explanation:
     whole : Gap
         The same on whole records.
     lacking : bool
-        Whether the model lacks what it names: no value of the model is named.
+        Whether the model lacks something that it names: no value of the model.
     """
 
     hypothesis: Hypothesis

@@ -137,7 +137,7 @@ def _explained(
         search.remainder(hypothesis),
         Gap(tuple(predictions), unseen),
         replace(as_it_was, predictions=tuple(whole)),
-        lacking=bool(hypothesis.names) and values.isdisjoint(hypothesis.names),
+        lacking=not values.issuperset(hypothesis.names),
     )
 
 
