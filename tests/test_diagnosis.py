@@ -95,11 +95,6 @@ HIDDEN = {
         {"changed": {"c_linear": 0.35}, "duration": LONG},
         {"strength": 0.35 - 0.01 * OMEGA},
     ),
-    # Its shape is but a guess in the screening: values that moved fit there just as well.
-    "hysteretic": (
-        {"force": lambda t, q, v: 6.0 * abs(q) ** 1.016 * np.tanh(v / 0.03)},
-        {"exponent": 1.016},
-    ),
     "drift": ({"force": lambda t, q, v: 0.5 * t * q}, {"strength": 0.5}),
     "mains_hum": (
         {"reading": lambda t, q: q + 0.01 * np.sin(314 * t)},
@@ -124,6 +119,13 @@ def test_a_hidden_effect_is_named_with_its_value(name):
     # The held-out record is predicted to its noise; 2,000 samples know theirs to 2 %.
     assert result.gap.after < 1.1 < result.gap.before
     assert str(result.effects[0]) in result.sentence
+
+
+def test_what_values_of_the_model_do_as_well_is_told_beside_them():
+    """Structural damping: its harmonics are below the noise, so values of the model come first."""
+    result = report(force=lambda t, q, v: 6.0 * abs(q) ** 1.016 * np.tanh(v / 0.03))
+    assert result.verdict == "ambiguous" and result.best.names == ("viscous",), result
+    assert ("hysteretic",) in result.equivalent
 
 
 def test_harmonics_of_hum_need_not_show_in_every_record():

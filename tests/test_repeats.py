@@ -84,7 +84,7 @@ def test_an_effect_within_the_default_is_named_and_small_but_not_within_a_stated
 
 
 def test_a_gain_beyond_what_is_known_is_an_effect():
-    found = diagnose(MODEL, again(gain=1.05), catalogue=SMALL)
+    found = diagnose(MODEL, again(gain=1.05, snr_db=60), catalogue=SMALL)
     assert found.best.names == ("gain",), found
     assert found.effects[0].values["strength"] == pytest.approx(0.05, abs=0.01)
 
