@@ -161,7 +161,7 @@ class DiagnosisReport:
     def sentence(self) -> str:
         """The finding, a line for each question: do they differ, what is missing, left, next?"""
         difference = words.difference(self.differences, self.tolerance, self.nominal.unit)
-        if self.best.names and self.verdict != "none" and not self._differ:
+        if self.best.names and self.verdict != "none" and not (self._differ or self.small):
             difference += words.single_swings(self._log_odds(self.base))
         lines = [
             difference,
