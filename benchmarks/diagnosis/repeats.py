@@ -53,7 +53,9 @@ def identified(run: rs.Decay) -> rs.ReducedModel:
 
 
 def _moved(nominal: Nominal, frequency: float, damping: float) -> _Moved:
-    return _Moved(**vars(replace(nominal, zeta=nominal.zeta * frequency * damping)), by=frequency**2)
+    return _Moved(
+        **vars(replace(nominal, zeta=nominal.zeta * frequency * damping)), by=frequency**2
+    )
 
 
 class _Moved(Nominal):

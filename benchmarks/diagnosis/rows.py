@@ -109,7 +109,12 @@ ROWS = {
         Row("example", 50, '"none" in all', other_seed),
         Row("repeats", len(REPEATS), '"none" in all', repeated),
         Row("again", 40, '"none" in 38, none named', twice("again")),
-        Row("shifted", 40, "linear stiffness the headline; with damped, in 57 of 60", twice("shifted")),
+        Row(
+            "shifted",
+            40,
+            "linear stiffness the headline; with damped, in 57 of 60",
+            twice("shifted"),
+        ),
         Row("damped", 20, "damping the headline", twice("damped")),
         Row("outside", 30, '"unknown" or "ambiguous" in 25, named in 1', reduced("outside")),
         Row("beam_exact", 60, "92 / 97 / 1 %, 1.3 names in a set", beams("modal", "exact")),
