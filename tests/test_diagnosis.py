@@ -109,7 +109,8 @@ HIDDEN = {
 def test_a_hidden_effect_is_named_with_its_value(name):
     truth = HIDDEN[name][1]
     result = report_of(name)
-    assert result.verdict == "named", result
+    # A gain makes all nonlinear coefficients others by as much: here, the cubic one does as well.
+    assert result.verdict == ("ambiguous" if name == "gain" else "named"), result
     assert [e.name for e in result.effects] == [name]
     (effect,) = result.effects
     for key, value in truth.items():
@@ -138,14 +139,15 @@ def test_harmonics_of_hum_need_not_show_in_every_record():
     assert frequency == pytest.approx(314.3, rel=1e-3) and highest == 2
 
 
-def test_mass_is_told_from_stiffness_and_damping_that_moved():
-    """One value does what two do; effects that would have to be negative do not crowd it out."""
+def test_mass_is_told_beside_stiffness_and_damping_that_moved():
+    """Values come first; effects that would have to be negative do not crowd mass out."""
     linear = {"omega^2": OMEGA**2, "c_linear": 0.04 * OMEGA}
     nothing_else = dict.fromkeys(NOMINAL, 0.0)
     model = rs.ReducedModel.from_coefficients(linear)
     *learn, test = three(changed=nothing_else | {k: x / 1.04 for k, x in linear.items()})
     result = diagnose(model, learn, held_out=test)
-    assert result.best.names == ("added_mass",), result
+    assert result.best.names == ("linear_frequency",), result
+    assert ("added_mass",) in result.equivalent and result.verdict == "ambiguous"
 
 
 def test_what_is_gone_after_the_first_swings_is_named():

@@ -44,20 +44,22 @@ def other_values(
     )
 
 
-def innocent(search: Search, values: Sequence[Coefficient]) -> Hypothesis:
-    """The best that nuisances and values of the model do: linear ones, then one more of ``values``.
+def innocent(search: Search, values: Sequence[Coefficient]) -> tuple[Hypothesis, Hypothesis]:
+    """The best that nuisances and values of the model do, first the linear values alone.
 
-    The others are not asked where noise alone is left.
+    One more of ``values`` is asked where more than noise is left.
     """
     search = replace(search, free=(*search.free, *nuisances(search.records)), done=[])
     linear = search.settled(search.hypothesis([]))
     left = search.remainder(linear)
     enough = left.explained and left.ratio < NOTHING_LEFT
     if enough or not (values and linear.solution.finite):
-        return linear.settled(search.form)
+        linear = linear.settled(search.form)
+        return linear, linear
     known = scales(search.records)
     parts, names = linear.solution.parts, {v.variant: v for v in values}
     found = screen(search.model, parts, list(names.values()), search.records, known)
     first = [s for s in found.singles() if np.isfinite(s.chi_squared)][:_TRIED]
     trials = search.fitted([[part_of(s, known, len(search.records))] for s in first])
-    return search.ranked([linear, *trials])[0]
+    best = search.ranked([linear, *trials])[0]
+    return linear.at(best.form), best

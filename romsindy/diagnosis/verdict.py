@@ -64,6 +64,11 @@ class Explanation:
         return self.hypothesis.sureness / grow
 
     @property
+    def closed(self) -> float:
+        """Part of the squared gap that closes; on all if what took no part shows none."""
+        return (self.gap if self.gap.before > PREDICTED else self.whole).closed
+
+    @property
     def leaves_noise(self) -> bool:
         """Whether noise is left alone, of what was fitted and of what took no part."""
         return self.left.explained and self.gap.after <= PREDICTED
@@ -127,8 +132,8 @@ class Rule:
     ----------
     as_it_was : Gap
         Of the simulation, on whole records.
-    nothing : Hypothesis
-        Of it, with what the measurement may add.
+    nothing, linear : Hypothesis
+        What the measurement may add, alone and with linear stiffness and damping.
     tolerance : Tolerance
     form : FormError
         Of the model, as its reference record shows it.
@@ -136,17 +141,17 @@ class Rule:
 
     as_it_was: Gap
     nothing: Hypothesis
+    linear: Hypothesis
     tolerance: Tolerance
     form: FormError
 
     def answer(self, plain: Explanation, effect: Explanation | None) -> Answer:
         """Weigh what needs no effect, and the best effect, if one was found."""
-        enough = self._enough(plain)
-        if enough and effect is not None and self._sees_through(plain, effect):
-            enough = False
-        if enough:
-            if effect is not None and self._beyond_doubt(effect, plain):
-                return Answer("named", effect, small=not effect.changes(self.tolerance))
+        if effect is not None and self._beyond_doubt(effect, plain):
+            small = not (self._surely_beyond or effect.changes(self.tolerance))
+            return Answer("named", effect, small)
+        seen_through = effect is not None and self._sees_through(plain, effect)
+        if self._enough(plain) and not seen_through:
             moved = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
             if not (moved and self._matters(plain)):
                 return Answer("none", plain)
@@ -185,7 +190,7 @@ class Rule:
         """Whether it closes some of the gap, and leaves nothing that matters."""
         leaves, gap = effect.leaves(self.tolerance, self.form), effect.gap
         much = gap.after > LEFT_OVER and not gap.leaves_within(self.tolerance)
-        return leaves != "effect" and not much and gap.closed > 0
+        return leaves != "effect" and not much and effect.closed > 0
 
     def _matters(self, found: Explanation) -> bool:
         """Whether the simulation as it was is beyond the tolerance, by its cycles or by this."""
@@ -198,8 +203,8 @@ class Rule:
         """Whether an effect is there although what it explains does not matter."""
         return (
             self.tolerance.source == DEFAULT
-            and effect.lacking
-            and effect.gap.closed >= MOSTLY_CLOSED
+            and effect.closed >= MOSTLY_CLOSED
             and effect.leaves_noise
-            and _off_zero(effect, plain.hypothesis) >= SMALL_ABOVE
+            and _off_zero(effect, self.linear) >= SMALL_ABOVE
+            and self._likelier(effect, plain, 0.0)
         )

@@ -83,14 +83,16 @@ def diagnose_model(
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     values = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
     explained = partial(_explained, search, judged, bool(tests), as_it_was, values)
-    plain = slack if agree or found.interrupted else innocent(search, others)
+    linear = plain = slack
+    if not (agree or found.interrupted):
+        linear, plain = innocent(search, others)
     best = found.rivals[0]
     effect = explained(_snapped(search, best, judged)) if best.names else None
-    rule = Rule(as_it_was, slack, options.tolerance, form)
+    rule = Rule(as_it_was, slack, linear, options.tolerance, form)
     answer = rule.answer(explained(_without_small(plain, model, options.tolerance)), effect)
     verdict, chosen = answer.verdict, answer.explanation
     best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
-    rivals = _rivals(search, best, found, chosen is effect)
+    rivals = _rivals(search, best, found, plain if chosen is effect else None)
     several = len(best.blamed) > 1 if not best.effects else len(best.moved) > 1
     if verdict == "named" and (several or (chosen is effect and len(rivals) > 1)):
         verdict = "ambiguous"
@@ -142,12 +144,16 @@ def _explained(
 
 
 def _rivals(
-    search: Search, best: Hypothesis, found: Finding, is_effect: bool
+    search: Search, best: Hypothesis, found: Finding, plain: Hypothesis | None
 ) -> Sequence[Hypothesis]:
-    """What the data do not tell apart from the best, itself first; odds of values as told."""
-    if not is_effect:
-        return search.rivals(best, [h.at(best.form) for h in (*found.rivals, *found.compared)])
-    alike = [h for h in found.compared if len(h.effects) == len(best.effects)]
+    """What the data do not tell apart from the best, itself first; odds of values as told.
+
+    ``plain`` is what values of the model do, where these are not the best.
+    """
+    if plain is None:
+        effects = [h for h in (*found.rivals, *found.compared) if h.effects]
+        return search.rivals(best, [h.at(best.form) for h in effects])
+    alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [plain]
     near_by = search.rivals(best, [h.at(best.form) for h in alike])[1:]
     others = {h.names: h.at(best.form) for h in (*found.rivals[1:], *near_by)}
     return [best, *(h for names, h in others.items() if names and names != best.names)]
