@@ -95,11 +95,6 @@ HIDDEN = {
         {"changed": {"c_linear": 0.35}, "duration": LONG},
         {"strength": 0.35 - 0.01 * OMEGA},
     ),
-    # Its shape is but a guess in the screening: values that moved fit there just as well.
-    "hysteretic": (
-        {"force": lambda t, q, v: 6.0 * abs(q) ** 1.016 * np.tanh(v / 0.03)},
-        {"exponent": 1.016},
-    ),
     "drift": ({"force": lambda t, q, v: 0.5 * t * q}, {"strength": 0.5}),
     "mains_hum": (
         {"reading": lambda t, q: q + 0.01 * np.sin(314 * t)},
@@ -114,7 +109,8 @@ HIDDEN = {
 def test_a_hidden_effect_is_named_with_its_value(name):
     truth = HIDDEN[name][1]
     result = report_of(name)
-    assert result.verdict == "named", result
+    # A gain makes all nonlinear coefficients others by as much: here, the cubic one does as well.
+    assert result.verdict == ("ambiguous" if name == "gain" else "named"), result
     assert [e.name for e in result.effects] == [name]
     (effect,) = result.effects
     for key, value in truth.items():
@@ -123,7 +119,14 @@ def test_a_hidden_effect_is_named_with_its_value(name):
         assert abs(effect.values[key] - value) < 4 * error + 0.01 * abs(value), effect
     # The held-out record is predicted to its noise; 2,000 samples know theirs to 2 %.
     assert result.gap.after < 1.1 < result.gap.before
-    assert result.effects[0].label in result.sentence
+    assert str(result.effects[0]) in result.sentence
+
+
+def test_what_values_of_the_model_do_as_well_is_told_beside_them():
+    """Structural damping: its harmonics are below the noise, so values of the model come first."""
+    result = report(force=lambda t, q, v: 6.0 * abs(q) ** 1.016 * np.tanh(v / 0.03))
+    assert result.verdict == "ambiguous" and result.best.names == ("viscous",), result
+    assert ("hysteretic",) in result.equivalent
 
 
 def test_harmonics_of_hum_need_not_show_in_every_record():
@@ -136,14 +139,15 @@ def test_harmonics_of_hum_need_not_show_in_every_record():
     assert frequency == pytest.approx(314.3, rel=1e-3) and highest == 2
 
 
-def test_mass_is_told_from_stiffness_and_damping_that_moved():
-    """One value does what two do; effects that would have to be negative do not crowd it out."""
+def test_mass_is_told_beside_stiffness_and_damping_that_moved():
+    """Values come first; effects that would have to be negative do not crowd mass out."""
     linear = {"omega^2": OMEGA**2, "c_linear": 0.04 * OMEGA}
     nothing_else = dict.fromkeys(NOMINAL, 0.0)
     model = rs.ReducedModel.from_coefficients(linear)
     *learn, test = three(changed=nothing_else | {k: x / 1.04 for k, x in linear.items()})
     result = diagnose(model, learn, held_out=test)
-    assert result.best.names == ("added_mass",), result
+    assert result.best.names == ("linear_frequency",), result
+    assert ("added_mass",) in result.equivalent and result.verdict == "ambiguous"
 
 
 def test_what_is_gone_after_the_first_swings_is_named():

@@ -92,7 +92,7 @@ def test_noise_that_is_drawn_is_like_the_noise_that_was_found():
 
 def test_probabilities_and_decibels_are_those_of_the_comments():
     assert np.exp(verdict.EQUIVALENT / 2) == pytest.approx(33, rel=0.01)
-    assert np.sqrt(verdict.ROUNDED) == 2
+    assert np.sqrt(verdict.AS_ONE) == 2
     decibels = {"QUIET": -40, "FLOOR": -74, "ABOVE_NOISE": 6}
     for name, level in decibels.items():
         assert 20 * np.log10(getattr(verdict, name)) == pytest.approx(level, abs=0.1)

@@ -11,6 +11,7 @@ from generator import trial_of, truth_of
 from marked import asked_of
 from measured import REPEATS, against_repeat
 from noises import KINDS
+from repeats import MOVED, identified, pair_of
 
 import romsindy as rs
 from romsindy.diagnosis.simulated import model_of_simulation
@@ -78,6 +79,18 @@ def repeated(seed: int, folder: Path) -> dict:
     return result | {"about": name}
 
 
+def twice(kind: str) -> Callable[[int, Path], dict]:
+    """One structure measured twice, the model identified from the first run."""
+
+    def one(seed: int, folder: Path) -> dict:
+        first, second = pair_of(kind, seed)
+        model = identified(first)
+        truth = {"effects": MOVED[kind], "strength": kind, "noise": "35 dB"}
+        return asked_of(lambda: rs.diagnose(model, second), truth)
+
+    return one
+
+
 def _null(kind: str) -> Row:
     asked = '"none" in 235 of the 240, named 0'
     asked = '"none", or the hum itself' if kind == "hum" else asked
@@ -95,6 +108,14 @@ ROWS = {
         Row("itself", 50, '"none" in all', against_itself),
         Row("example", 50, '"none" in all', other_seed),
         Row("repeats", len(REPEATS), '"none" in all', repeated),
+        Row("again", 40, '"none" in 38, none named', twice("again")),
+        Row(
+            "shifted",
+            40,
+            "linear stiffness the headline; with damped, in 57 of 60",
+            twice("shifted"),
+        ),
+        Row("damped", 20, "damping the headline", twice("damped")),
         Row("outside", 30, '"unknown" or "ambiguous" in 25, named in 1', reduced("outside")),
         Row("beam_exact", 60, "92 / 97 / 1 %, 1.3 names in a set", beams("modal", "exact")),
         Row("beam_wrong", 60, "80 / 93 / 2 %, 1.8 names in a set", beams("modal", "wrong")),

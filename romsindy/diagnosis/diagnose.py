@@ -33,7 +33,7 @@ from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.fitted import Fit
-from romsindy.fit.verdict import FALSE_ALARM, FLOOR
+from romsindy.fit.verdict import FALSE_ALARM, FLOOR, SAME_SIGNAL
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
@@ -97,8 +97,9 @@ def diagnose(
     tolerance : Tolerance, float or mapping of str to float, optional
         Difference that does not matter: relative, of the frequency; or of "frequency", "damping"
         (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
-        amplitude). Where the simulation is within it, nothing is looked for. By default 0.01 %,
-        1 % and ``floor``.
+        amplitude). Where the simulation is within it, nothing is looked for. By default what
+        tests repeat to: 0.1 %, 5 % and 1 %, or ``floor`` if that is more; what is smaller is told
+        only where an effect is there beyond doubt.
     repeats : sequence of Decay, optional
         The same test, measured two times or more: what these differ by does not matter.
     reference : Decay or sequence of Decay, optional
@@ -167,7 +168,8 @@ def diagnose(
         return diagnose_forced(simulation, driven, FREE if free is None else free, near, options)
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
-    given = Tolerance(signal=floor) if tolerance is None else stated(tolerance)
+    usual = Tolerance(signal=max(SAME_SIGNAL, floor))
+    given = usual if tolerance is None else stated(tolerance)
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(

@@ -8,8 +8,6 @@ the scatter of the cycles themselves, whatever the colour of the noise.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -57,13 +55,13 @@ class Difference:
         share no amplitudes.
     noise : float
         Rms over the largest amplitude.
-    beside, beside_std : float
-        Rms of what the simulation explains of the record beside the harmonics of the vibration (a
-        tone, hum), over the largest amplitude, and what of it may be chance.
     parts : tuple of Difference
         Of the halves, quarters and eighths of a record that is long enough.
     name : str
         Of the record.
+    share : float
+        Of the cycles of the record. A part of a record repeats to the root of its length less than
+        all of it, and so much more is tolerated there.
     """
 
     amplitude: tuple[float, float]
@@ -74,10 +72,9 @@ class Difference:
     signal: float
     signal_std: float
     noise: float
-    beside: float = 0.0
-    beside_std: float = 0.0
     parts: tuple[Difference, ...] = ()
     name: str = ""
+    share: float = 1.0
 
     @classmethod
     def of(cls, record: Record, simulated: Array) -> Difference:
@@ -86,14 +83,12 @@ class Difference:
         if said is None:
             return _apart(record, simulated)
         cycles, rest = said
-        explained, error = _explained(record, rest)
+        explained = _explained(record, rest)
         lines = sum(line.rms**2 for line in record.noise.lines)
         pair = _paired(record, cycles, max(lines - explained, 0.0))
         if pair is None:
             return _apart(record, simulated)
-        peak = float(np.abs(record.signal).max())
-        beside = float(np.sqrt(max(explained, 0.0))) / peak
-        return replace(_of_parts(pair), beside=beside, beside_std=error / peak)
+        return _of_parts(pair)
 
     @classmethod
     def between(cls, record: Record, other: Record) -> Difference:
@@ -135,7 +130,7 @@ class Difference:
         value, std = getattr(self, kind), getattr(self, f"{kind}_std")
         if np.isnan(value):
             return -np.inf  # the signal says it
-        beyond = abs(value) - getattr(tolerance, kind)
+        beyond = abs(value) - getattr(tolerance, kind) / np.sqrt(self.share)
         return float(beyond / max(std, np.finfo(float).tiny))
 
     def largest(self, tolerance: Tolerance) -> Difference:
@@ -152,33 +147,6 @@ class Difference:
         least = [abs(getattr(self, k)) - SURE * getattr(self, f"{k}_std") for k in KINDS]
         usual = [getattr(Tolerance(), k) for k in KINDS]
         return float(np.nanmax(np.divide(least, usual)))
-
-    def falls(self, after: Difference, tolerance: Tolerance) -> bool:
-        """Whether something is smaller afterwards, by more than a tolerance."""
-        least = max(tolerance.signal, SURE * after.beside_std)
-        if after.beside - self.beside > least:
-            return True
-        return any(x - y > tol for x, y, _, tol in self._compared(after, tolerance))
-
-    def grows(self, after: Difference, tolerance: Tolerance) -> bool:
-        """Whether one of its kinds surely grows, by more than a tolerance and than it falls."""
-        rows = list(self._compared(after, tolerance))
-        for kind in range(len(KINDS)):
-            of_kind = rows[kind :: len(KINDS)]
-            growth = max(y - x - tol - SURE * s for x, y, s, tol in of_kind)
-            if growth > max(0.0, *(x - y for x, y, _, _ in of_kind)):
-                return True
-        return False
-
-    def _compared(
-        self, after: Difference, tolerance: Tolerance
-    ) -> Iterator[tuple[float, float, float, float]]:
-        """Sizes before and after, standard error and tolerance of each value."""
-        others = after.parts if len(after.parts) == len(self.parts) else ()
-        pairs = zip((self, *self.parts), (after, *others), strict=False)
-        for (x, y), kind in itertools.product(pairs, KINDS):
-            sizes = (_size(getattr(d, kind)) for d in (x, y))
-            yield *sizes, getattr(y, f"{kind}_std"), getattr(tolerance, kind)
 
 
 def _size(value: float) -> float:
@@ -279,19 +247,18 @@ def _said(t: Array, x: Array) -> tuple[Cycles, Array] | None:
     return Cycles.of(t[:end], x[:end], np.asarray(spline.phase(t[:end]))), rest
 
 
-def _explained(record: Record, rest: Array) -> tuple[float, float]:
-    """Power that the rest of a simulated signal takes from that of a record; the rms of chance."""
+def _explained(record: Record, rest: Array) -> float:
+    """Power that what a simulated signal has beside its harmonics takes from that of a record."""
     own = record.signal - record.spline(record.t)[0]
     part = slice(None) if record.part is None else record.part
-    power = float(np.mean((own**2 - (own - rest) ** 2)[part]))
-    return power, record.noise.std / float(np.sqrt(len(own[part])))
+    return float(np.mean((own**2 - (own - rest) ** 2)[part]))
 
 
 def _of_parts(pair: _Pair) -> Difference:
     n = len(pair.t)
     counts = [k for k in (2, 4, 8) if n >= k * _SPAN]
     pieces = [s for k in counts for s in np.array_split(np.arange(n), k)]
-    parts = tuple(_difference(pair, piece) for piece in pieces)
+    parts = tuple(replace(_difference(pair, p), share=len(p) / n) for p in pieces)
     return replace(_difference(pair, np.arange(n)), parts=parts)
 
 

@@ -20,11 +20,13 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
+from romsindy.diagnosis.nuisance import allowed, largest_reading
 from romsindy.effects.base import ReadingEffect
 from romsindy.fit.gauss_newton import Solution, limits, moved_parts
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, prior_cost
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import NAMED_ABOVE
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
@@ -46,6 +48,8 @@ class Hypothesis:
     weighed: Weighed | None  # None where there is no motion
     form: FormError = NO_FORM_ERROR
     tested: float = 0.0  # misfit on what took no part in the fit, beyond that of the best there
+    reach: float = 0.0  # largest reading of all records
+    unsaid: tuple[str, ...] = ()  # values that moved by less than matters
 
     @classmethod
     def of(
@@ -53,7 +57,8 @@ class Hypothesis:
     ) -> Hypothesis:
         """Weigh a solution; one that did not converge still counts for what it reached."""
         weighed = Weighed.of(model, solution, records)
-        return cls(solution, n_free, sum(r.count for r in records), weighed)
+        n_samples, reach = sum(r.count for r in records), largest_reading(records)
+        return cls(solution, n_free, n_samples, weighed, reach=reach)
 
     def at(self, form: FormError) -> Hypothesis:
         """The same with another form error."""
@@ -131,9 +136,35 @@ class Hypothesis:
         """Which of the parts are missing: effects, and values that moved where no force does.
 
         A force may take part of what a value does; what is wrong in a sensor leaves it as it is.
+        Nothing is wrong in a sensor whose offset, gain and curvature are as they may be.
         """
-        effects = tuple(range(self.n_free, len(self.parts)))
-        return effects if self.forced else (*effects, *self.changed)
+        beside = range(self.n_free, len(self.parts))
+        effects = tuple(i for i in beside if not self._as_it_may_be(i))
+        if self.forced:
+            return effects
+        free = (i for i in self.changed if self.parts[i].effect.name not in self.unsaid)
+        return (*effects, *free)
+
+    def _as_it_may_be(self, index: int) -> bool:
+        """Whether an effect is one of the measurement, not surely beyond what is known of it."""
+        most = allowed(self.parts[index].effect, self.reach)
+        if most == 0.0:
+            return False
+        where = self.solution.slices()[index]
+        error = float(np.sqrt(self.covariance[where, where][0, 0]))
+        size = float(np.abs(self.parts[index].strengths).max())
+        return size - NAMED_ABOVE * error <= most
+
+    @property
+    def sureness(self) -> float:
+        """Standard errors by which the least sure of the strengths that are blamed is off zero."""
+        found = [np.inf]
+        for i in self.blamed:
+            where, n = self.solution.slices()[i], self.parts[i].strengths.size
+            x, covariance = self.parts[i].values[:n], self.covariance[where, where][:n, :n]
+            squared = float(x @ np.linalg.pinv(covariance, hermitian=True) @ x)
+            found.append(max(squared, 0.0) ** 0.5)
+        return min(found)
 
     @property
     def forced(self) -> bool:

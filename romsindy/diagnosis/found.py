@@ -9,9 +9,13 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.form import NO_FORM_ERROR
+from romsindy.effects import LinearFrequency, Viscous
+from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.part import Part
+from romsindy.physics.model import ReducedModel
 
 _STRENGTH = "strength"
+_VALUES = {"linear_frequency": "linear stiffness", "viscous": "damping proportional to speed"}
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,8 @@ class FoundEffect:
         What would separate it from its rivals.
     units : dict of str to str
         Of the values; empty where one has none.
+    relative, relative_error : float or None
+        Change of a value of the simulation, as a part of it; None for an effect.
     """
 
     name: str
@@ -44,8 +50,15 @@ class FoundEffect:
     weight: float
     advice: str
     units: dict[str, str]
+    relative: float | None = None
+    relative_error: float | None = None
 
     def __str__(self) -> str:
+        if self.relative is not None and self.relative_error is not None:
+            change = _with_error(100 * abs(self.relative), 100 * self.relative_error)
+            way = "higher" if self.relative > 0 else "lower"
+            what = _VALUES.get(self.name, f"the coefficient {self.variant}")
+            return f"{what} {change} % {way} than assumed ({self._value(_STRENGTH)})"
         texts = [self._value(k) if k == _STRENGTH else f"{k} {self._value(k)}" for k in self.values]
         return ", ".join([self.title, *texts])
 
@@ -60,21 +73,21 @@ class FoundEffect:
 
 
 def effects_of(
-    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, unit: str | None
+    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: ReducedModel
 ) -> tuple[FoundEffect, ...]:
     """What a hypothesis says is missing, `Hypothesis.blamed`.
 
-    ``ratio`` is what is left over the noise, ``unit`` that of q.
+    ``ratio`` is what is left over the noise, ``model`` the simulation.
     """
-    return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in hypothesis.blamed)
+    return tuple(_effect(hypothesis, i, rivals, ratio, model) for i in hypothesis.blamed)
 
 
 def moved_of(
-    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, unit: str | None
+    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: ReducedModel
 ) -> tuple[FoundEffect, ...]:
     """Values that the simulation was unsure of and that moved, beside what is missing."""
     found = [i for i in hypothesis.changed if i not in hypothesis.blamed]
-    return tuple(_effect(hypothesis, i, rivals, ratio, unit) for i in found)
+    return tuple(_effect(hypothesis, i, rivals, ratio, model) for i in found)
 
 
 def beyond_errors(hypothesis: Hypothesis) -> bool:
@@ -101,7 +114,7 @@ def _effect(
     index: int,
     rivals: Sequence[Hypothesis],
     ratio: float,
-    unit: str | None,
+    model: ReducedModel,
 ) -> FoundEffect:
     part, where = hypothesis.parts[index], hypothesis.solution.slices()[index]
     # Where the residual is above the noise, the errors grow with it.
@@ -122,8 +135,17 @@ def _effect(
         dict(zip(names, std[shown].tolist(), strict=True)),
         float(weight),
         part.effect.advice,
-        dict(zip(names, [_units(part, unit)[i] for i in shown], strict=True)),
+        dict(zip(names, [_units(part, model.unit)[i] for i in shown], strict=True)),
+        *_relative(part, float(std[0]), model),
     )
+
+
+def _relative(part: Part, std: float, model: ReducedModel) -> tuple[float | None, float | None]:
+    """Change of a value of the model as a part of it, and its error."""
+    is_value = isinstance(part.effect, (Coefficient, LinearFrequency, Viscous))
+    law = part.effect.term()
+    now = model.coefficients.get(law.key, 0.0) if is_value and law is not None else 0.0
+    return (float(part.strengths[0, 0]) / now, std / abs(now)) if now else (None, None)
 
 
 def _with_error(value: float, error: float) -> str:

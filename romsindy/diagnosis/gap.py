@@ -8,15 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
+from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import PREDICTED, WORTH
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
 from romsindy.typing import Array
 
 HELD_OUT = "the held-out record"
-_EIGHTHS = 8
 
 
 def name_of(record: int) -> str:
@@ -47,14 +45,12 @@ class Prediction:
         misfit = self.record.whitened(self.record.signal - simulated)
         return float(np.sqrt(np.sum(misfit**2) / self.record.count))
 
-    def largest(self, simulated: Array) -> float:
-        """The same over the eighth of the record where it is largest."""
-        record = self.record
-        misfit = record.whitened(record.signal - simulated)
-        part = record.valid if record.part is None else record.valid & record.part
-        taken = np.flatnonzero(part[record.first :]) + record.first
-        power = [np.mean(misfit[some] ** 2) for some in np.array_split(taken, _EIGHTHS)]
-        return float(np.sqrt(max(power) / record.noise.share(len(misfit))))
+    @property
+    def change(self) -> Difference:
+        """How the simulation before differs from that after, in the place of the record."""
+        noise = replace(self.record.noise, lines=())
+        after = replace(self.record, signal=self.after, part=None, noise=noise)
+        return replace(Difference.of(after, self.before), name=self.name)
 
     def misfit(self, simulated: Array) -> Array:
         """Measured minus simulated, (n,); nan where a sample takes no part."""
@@ -140,34 +136,23 @@ class Gap:
             self, predictions=tuple(replace(p, after=p.before) for p in self.predictions)
         )
 
-    def matters(self, tolerance: Tolerance) -> bool:
-        """Whether the simulation as it was is surely beyond a tolerance.
+    @cached_property
+    def changes(self) -> tuple[Difference, ...]:
+        """What the effects change: from before to after, one a record. Neither has noise."""
+        return tuple(p.change for p in self.predictions)
 
-        Where it beats, or is gone after a few swings, no span of cycles is sure: then the error
-        tells.
-        """
-        if any(d.exceeds(tolerance) for d in self.differences_before):
-            return True
-        apart = any(p.largest(p.before) > WORTH * PREDICTED for p in self.predictions)
-        # What is tolerated by default is told to be so in all spans, or else not at all.
-        by_parts = tolerance.source == DEFAULT
-        spans = [s for d in self.differences_before for s in (d, *(d.parts if by_parts else ()))]
-        return apart and not all(s.within(tolerance) for s in spans)
+    def changes_from(self, other: Gap) -> tuple[Difference, ...]:
+        """The same, from what another one says afterwards."""
+        pairs = zip(self.predictions, other.predictions, strict=True)
+        return tuple(replace(p, before=q.after).change for p, q in pairs)
 
-    def improves(self, tolerance: Tolerance) -> bool:
-        """Whether some difference falls by more than a tolerance, and none surely grows by it.
+    def within(self, tolerance: Tolerance) -> bool:
+        """Whether the simulation as it was is within a tolerance, and no part surely beyond."""
+        return _within(self.differences_before, tolerance)
 
-        Where nothing but noise is left of a difference that mattered, none can grow.
-        """
-        before, after = (
-            max(p.largest(x) for p, x in zip(self.predictions, signals, strict=True))
-            for signals in zip(*((p.before, p.after) for p in self.predictions), strict=True)
-        )
-        if self.after <= PREDICTED and before > WORTH * after and self.matters(tolerance):
-            return True
-        pairs = list(zip(self.differences_before, self.differences_after, strict=True))
-        falls = any(before.falls(after, tolerance) for before, after in pairs)
-        return falls and not any(before.grows(after, tolerance) for before, after in pairs)
+    def leaves_within(self, tolerance: Tolerance) -> bool:
+        """The same with the effects added."""
+        return _within(self.differences_after, tolerance)
 
     def __repr__(self) -> str:
         where = "held out" if self.unseen else "fitted"
@@ -186,6 +171,10 @@ class Gap:
             for kind, title in _ROWS.items():
                 rows.append([f"{name}{title}", *(_percent(d, kind) for d in differences)])
         return rows
+
+
+def _within(differences: tuple[Difference, ...], tolerance: Tolerance) -> bool:
+    return all(d.within(tolerance) and not d.exceeds(tolerance) for d in differences)
 
 
 _ROWS = {

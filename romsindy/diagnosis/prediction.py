@@ -9,6 +9,8 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import Prediction, name_of
+from romsindy.diagnosis.nuisance import offsets
+from romsindy.effects import Bias
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
@@ -36,7 +38,8 @@ def predict(
 
     The motion after is ``near`` one that is known, if any: that of other samples of the record.
     """
-    before = _simulated(model, (), record)
+    # The zero of the sensor is as free as the start.
+    before = _simulated(model, (offsets([record]),), record)
     known = {} if near is None else {name: near}
     return follow(Prediction(record, before, before, name), model, parts, known)
 
@@ -81,6 +84,8 @@ def _followed(
     model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory | None
 ) -> Array:
     same = [p.elsewhere(record.t) for p in parts]
+    if not any(isinstance(p.effect, Bias) for p in same):
+        same.append(offsets([record]))
     with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
         return _simulated(model, same, record, near)
 

@@ -73,6 +73,8 @@ class DiagnosisReport:
         Of the model, as its reference record shows it.
     notes : tuple of str
         What else was found, a sentence each.
+    small : bool
+        Whether what is named changes less than matters.
     """
 
     verdict: Verdict
@@ -92,6 +94,7 @@ class DiagnosisReport:
     interrupted: bool = False
     form: FormError = NO_FORM_ERROR
     notes: tuple[str, ...] = ()
+    small: bool = False
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
@@ -101,10 +104,10 @@ class DiagnosisReport:
     @property
     def moved(self) -> tuple[FoundEffect, ...]:
         """Values that the simulation was unsure of and that moved, beside the effects."""
-        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal.unit)
+        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal)
 
     def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
-        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal.unit)
+        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal)
 
     @property
     def next_best(self) -> Hypothesis | None:
@@ -163,7 +166,7 @@ class DiagnosisReport:
     def lines(self, left: str) -> list[str]:
         """The lines of the finding, with what is left in other words."""
         difference = words.difference(self.differences, self.tolerance, self.nominal.unit)
-        if self.best.names and self.verdict != "none" and not self._differ:
+        if self.best.names and self.verdict != "none" and not (self._differ or self.small):
             difference += words.single_swings(self._log_odds(self.base))
         lines = [
             difference,
@@ -197,19 +200,24 @@ class DiagnosisReport:
                 return f"{nothing}."
             return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best
-        odds = f" ({words.odds(self._log_odds(other), titles(other))})" if other else ""
-        if len(self.rivals) > 1:
-            others = ", or ".join(titles(h) for h in self.rivals[1:])
-            if self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
+        odds = ""
+        if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
+            odds = f" ({words.odds(self._log_odds(other), titles(other))})"
+        others = ", or ".join(titles(h) for h in self.rivals[1:])
+        if others and self.verdict == "named":  # values of the simulation come first
+            also += f" {others[0].upper()}{others[1:]} would do as well."
+        elif others:
+            if odds and self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
                 odds = f"{odds[:-1]}, by the fitted records alone)"
             closing = self._closing("The first closes")
             return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
-        if len(self.best.moved) > 1 and not self.best.effects:
+        if len(self.effects) > 1 and not self.best.effects:
             also += (
                 " One cause may stand behind both, such as a viscoelastic support or a small mass"
                 " that vibrates along; decays at another frequency would tell."
             )
-        return f"{found}{odds}. {self._closing(closes)}{also}"
+        small = " It is small: less than what tests repeat to." if self.small else ""
+        return f"{found}{odds}. {self._closing(closes)}{small}{also}"
 
     def _closing(self, closes: str) -> str:
         return words.closing(self.gap, self.tolerance, closes)

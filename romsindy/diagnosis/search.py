@@ -122,7 +122,7 @@ class Search:
             best, seen = self._best_of(base)
         except KeyboardInterrupt:
             seen, interrupted = [base, *self.done[1:]], True  # the first is the base
-            best = self._ranked(seen)[0]
+            best = self.ranked(seen)[0]
         # An effect beside values that moved is no rival of these alone unless it gains something.
         seen = [h for h in seen if not self._beside(h.at(base.form), base)]
         if not self.remainder(best).explained:
@@ -131,8 +131,8 @@ class Search:
             seen += more
             best = next((h for h in more if self._worth(best, h)), best)
         alike = [h for h in seen if len(h.effects) == len(best.effects)]
-        best = self.settled(self._ranked([best, *alike])[0])
-        best = self._ranked([best, *alike])[0]
+        best = self.settled(self.ranked([best, *alike])[0])
+        best = self.ranked([best, *alike])[0]
         compared = sorted((h.at(best.form) for h in seen), key=lambda h: h.score)
         return Finding(self.rivals(best, compared), compared, base.at(best.form), interrupted)
 
@@ -146,7 +146,7 @@ class Search:
             tried = self._one_more(best, screening)
             if best is base and tried and not self.remainder(tried[0]).explained:
                 pairs = [*self._pairs(screening), *self._beside_hum(screening)]
-                tried = self._ranked([*tried, *pairs])
+                tried = self.ranked([*tried, *pairs])
             seen += tried
             if not tried or not self._worth(best, tried[0]):
                 break
@@ -160,7 +160,7 @@ class Search:
             margin = 0.0 if best.forced else EQUIVALENT
             most = len(best.effects) + 1
             instead = [h for h in seen if 0 < len(h.effects) <= most and not h.moved]
-            other = self._ranked([best, *instead])[0]
+            other = self.ranked([best, *instead])[0]
             if other.score + margin < best.at(other.form).score:
                 best = other
         best, tried = self._pruned(best, seen)
@@ -225,9 +225,9 @@ class Search:
         if not singles or now - singles[0].chi_squared < 0.5 * needed:
             return []
         trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
-        tried = self._ranked(self.fitted(trials))
-        tried = self._ranked([*self.polished(tried[:3]), *tried[3:]])
-        return self._ranked([self.settled(tried[0]), *tried[1:]])
+        tried = self.ranked(self.fitted(trials))
+        tried = self.ranked([*self.polished(tried[:3]), *tried[3:]])
+        return self.ranked([self.settled(tried[0]), *tried[1:]])
 
     def _survivors(self, singles: Sequence[Screened]) -> list[Screened]:
         """The best effects and what resembles them, and a second start for the leaders."""
@@ -308,7 +308,7 @@ class Search:
         while len(best.effects) > 1:
             fewer = self.without_one(best, seen + known)
             seen += fewer
-            shortest = self._ranked(fewer)[0]
+            shortest = self.ranked(fewer)[0]
             if self._worth(shortest, best):
                 break
             best = shortest
@@ -329,7 +329,7 @@ class Search:
 
     def finding(self, best: Hypothesis, found: Finding) -> Finding:
         """The same finding without what was better than another hypothesis, now the best."""
-        (best,) = self._ranked([best])
+        (best,) = self.ranked([best])
         others = (h.at(best.form) for h in found.compared)
         worse = sorted((h for h in others if h.score >= best.score), key=lambda h: h.score)
         compared = [best, *worse]
@@ -350,14 +350,14 @@ class Search:
                     trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
         return self.fitted(trials)
 
-    def _ranked(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def ranked(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Best first, with at least the form error of the model."""
         return ranked(hypotheses, self.form)
 
     def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
         """Where nothing closes the gap: as few effects as explain nearly as much."""
         best = min(seen, key=lambda h: h.solution.chi_squared * WORTH ** len(h.effects))
-        return self._ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
+        return self.ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
 
     def rivals(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Different hypotheses that the data do not tell apart from the best, best first."""

@@ -1,82 +1,210 @@
-"""The verdict of a diagnosis: does it matter, is it explained, by what, and what is left?"""
+"""The verdict of a diagnosis, by one rule.
+
+What needs no effect is asked first: what the measurement itself may add, and other values of the
+model. Where that leaves nothing beyond the tolerance it is the answer, "none" or "named" by
+whether the change of the values matters; else an effect is, if it is sure and leaves nothing that
+matters. An effect may be told although it is small only where no tolerance was stated, and where it
+is beyond doubt.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
+from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.form import FormError
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.verdict import CLOSED, PREDICTED, SAME_SIZE
+from romsindy.fit.verdict import (
+    CLOSED,
+    EQUIVALENT,
+    LEFT_OVER,
+    MOSTLY_CLOSED,
+    NAMED_ABOVE,
+    PREDICTED,
+    SAME_SIZE,
+    SMALL_ABOVE,
+)
 
 Verdict = Literal["none", "named", "ambiguous", "unknown"]
 Left = Literal["noise", "tolerance", "form", "little", "effect"]
 
 
+@dataclass(frozen=True)
+class Explanation:
+    """A hypothesis with what it leaves and what it changes.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    left : Adequacy
+        Of the records that it was fitted to.
+    gap : Gap
+        Before and after, on what took no part.
+    whole : Gap
+        The same on whole records.
+    lacking : bool
+        Whether the model lacks something that it names: no value of the model.
+    """
+
+    hypothesis: Hypothesis
+    left: Adequacy
+    gap: Gap
+    whole: Gap
+    lacking: bool
+
+    @property
+    def sureness(self) -> float:
+        """Standard errors, as they are told, by which its least sure strength is off zero."""
+        grow = max(self.left.ratio, 1.0) if self.hypothesis.form == NO_FORM_ERROR else 1.0
+        return self.hypothesis.sureness / grow
+
+    @property
+    def closed(self) -> float:
+        """Part of the squared gap that closes; on all if what took no part shows none."""
+        return (self.gap if self.gap.before > PREDICTED else self.whole).closed
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether noise is left alone, of what was fitted and of what took no part."""
+        return self.left.explained and self.gap.after <= PREDICTED
+
+    def leaves(self, tolerance: Tolerance, form: FormError) -> Left:
+        """What it leaves; see `left_over`."""
+        return left_over(self.hypothesis, self.left, self.gap, tolerance, form)
+
+    def changes(self, tolerance: Tolerance) -> bool:
+        """Whether what it changes of the simulation matters; its own motions have no noise."""
+        return _beyond(self.whole.changes, tolerance)
+
+    def differs(self, other: Explanation, tolerance: Tolerance) -> bool:
+        """Whether it differs from another one by more than a tolerance."""
+        return _beyond(self.whole.changes_from(other.whole), tolerance)
+
+
+def _off_zero(found: Explanation, without: Hypothesis) -> float:
+    """Standard errors that it is off zero, by what it gains; none if it is not sure by its own."""
+    a, b = found.hypothesis, without.at(found.hypothesis.form)
+    return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
+
+
+def _beyond(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
+    return any(change.exceeds(tolerance) for change in changes)
+
+
 def left_over(
     best: Hypothesis, left: Adequacy, gap: Gap, tolerance: Tolerance, form: FormError
 ) -> Left:
-    """What the best hypothesis leaves.
+    """What a hypothesis leaves.
 
-    "noise"; "tolerance": less than what was said not to matter; "form": as much as the model leaves
-    of the record that it was identified from; "little": next to nothing of the gap, and less than
-    the noise; "effect": more, a further effect.
+    "noise"; "tolerance": less than what does not matter; "form": as much as the model leaves of the
+    record that it was identified from; "little": next to nothing of the gap, and less than the
+    noise; "effect": more, a further effect.
     """
     if left.explained and gap.after <= PREDICTED:
         return "noise"
     told = gap.unseen or left.ratio <= PREDICTED
     if told and gap.after <= PREDICTED and gap.closed >= CLOSED:
         return "little"
-    # By default next to nothing is tolerated, less than a difference at equal amplitude can show.
-    stated = tolerance.source != DEFAULT
-    if stated and not any(d.exceeds(tolerance) for d in gap.differences_after):
+    if gap.leaves_within(tolerance):
         return "tolerance"
     return "form" if best.needs <= form.times(SAME_SIZE) else "effect"
 
 
-def verdict_of(
-    best: Hypothesis,
-    rivals: Sequence[Hypothesis],
-    left: Adequacy,
-    gap: Gap,
-    tolerance: Tolerance,
-    form: FormError,
-    matters: bool,
-    improves: bool,
-) -> Verdict:
-    """Weigh the best hypothesis, its rivals, and what it leaves.
+@dataclass(frozen=True)
+class Answer:
+    """A verdict, the explanation that it is about, and whether what it names is small."""
 
-    Parameters
+    verdict: Verdict
+    explanation: Explanation
+    small: bool = False
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What decides, with what it is decided by.
+
+    Attributes
     ----------
-    best : Hypothesis
-    rivals : sequence of Hypothesis
-        What the data do not tell apart from the best, itself first.
-    left : Adequacy
-        What the best leaves of the records it was fitted to.
-    gap : Gap
-        Before and after, on what took no part.
+    as_it_was : Gap
+        Of the simulation, on whole records.
+    nothing, linear : Hypothesis
+        What the measurement may add, alone and with linear stiffness and damping.
     tolerance : Tolerance
-        Differences that do not matter.
     form : FormError
         Of the model, as its reference record shows it.
-    matters : bool
-        Whether the simulation as it was is surely beyond the tolerance in any record.
-    improves : bool
-        Whether it is materially better with the best.
-
-    Returns
-    -------
-    "none", "named", "ambiguous" or "unknown"
-        Stiffness and damping that move together may have one cause that is in no catalogue: a
-        viscoelastic support, a small mass that vibrates along.
     """
-    if left_over(best, left, gap, tolerance, form) == "effect":
-        return "unknown" if matters else "none"
-    if not best.names:
-        return "none"
-    if not improves:
-        return "unknown" if matters else "none"
-    return "ambiguous" if len(rivals) > 1 or len(best.moved) > 1 else "named"
+
+    as_it_was: Gap
+    nothing: Hypothesis
+    linear: Hypothesis
+    tolerance: Tolerance
+    form: FormError
+
+    def answer(self, plain: Explanation, effect: Explanation | None) -> Answer:
+        """Weigh what needs no effect, and the best effect, if one was found."""
+        if effect is not None and self._beyond_doubt(effect, plain):
+            small = not (self._surely_beyond or effect.changes(self.tolerance))
+            return Answer("named", effect, small)
+        seen_through = effect is not None and self._sees_through(plain, effect)
+        if self._enough(plain) and not seen_through:
+            moved = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
+            if not (moved and self._matters(plain)):
+                return Answer("none", plain)
+            # What values leave may be small, and an effect as likely all the same.
+            rival = effect is not None and self._likelier(effect, plain, -EQUIVALENT)
+            sole = plain.gap.closed >= MOSTLY_CLOSED and not rival
+            return Answer("named" if sole else "ambiguous", plain)
+        if effect is not None and self._explains(effect):
+            named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
+            return Answer(named if self._matters(effect) else "none", effect)
+        nearest = plain if effect is None else effect
+        return Answer("unknown" if self._surely_beyond else "none", nearest)
+
+    @property
+    def _surely_beyond(self) -> bool:
+        return _beyond(self.as_it_was.differences_before, self.tolerance)
+
+    def _enough(self, plain: Explanation) -> bool:
+        """Whether values and nuisances leave nothing beyond the tolerance."""
+        if plain.leaves_noise:
+            return True
+        closed = plain.gap.closed >= MOSTLY_CLOSED or not plain.hypothesis.names
+        return closed and plain.leaves(self.tolerance, self.form) in ("tolerance", "form")
+
+    def _sees_through(self, plain: Explanation, effect: Explanation) -> bool:
+        """Whether an effect that is distinctly likelier says that more than a tolerance is left."""
+        likelier = self._likelier(effect, plain, EQUIVALENT)
+        return likelier and effect.differs(plain, self.tolerance)
+
+    def _likelier(self, effect: Explanation, plain: Explanation, by: float) -> bool:
+        """Whether an effect explains, and is likelier than what needs none."""
+        a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.form)
+        return self._explains(effect) and effect.lacking and a.score < b.score - by
+
+    def _explains(self, effect: Explanation) -> bool:
+        """Whether it closes some of the gap, and leaves nothing that matters."""
+        leaves, gap = effect.leaves(self.tolerance, self.form), effect.gap
+        much = gap.after > LEFT_OVER and not gap.leaves_within(self.tolerance)
+        return leaves != "effect" and not much and effect.closed > 0
+
+    def _matters(self, found: Explanation) -> bool:
+        """Whether the simulation as it was is beyond the tolerance, by its cycles or by this."""
+        if self._surely_beyond:
+            return True
+        sure = _off_zero(found, self.nothing) >= SMALL_ABOVE
+        return sure and found.changes(self.tolerance)
+
+    def _beyond_doubt(self, effect: Explanation, plain: Explanation) -> bool:
+        """Whether an effect is there although what it explains does not matter."""
+        return (
+            self.tolerance.source == DEFAULT
+            and effect.closed >= MOSTLY_CLOSED
+            and effect.leaves_noise
+            and _off_zero(effect, self.linear) >= SMALL_ABOVE
+            and self._likelier(effect, plain, 0.0)
+        )

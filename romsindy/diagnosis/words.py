@@ -124,7 +124,7 @@ def _odds(log_odds: float) -> str:
 
 def closing(gap: Gap, tolerance: Tolerance, what: str) -> str:
     """How much of the gap closes, on what took no part if there is such."""
-    if not gap.matters(tolerance) and gap.before < PREDICTED:
+    if gap.within(tolerance) and gap.before < PREDICTED:
         return f"On {gap.where} the noise hides what it changes."
     share = {0: "nothing", 100: "all"}.get(round(100 * gap.closed), percent(gap.closed))
     return f"{what} {share} of the gap on {gap.where}."

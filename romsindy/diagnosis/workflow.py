@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,18 +13,27 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
 from romsindy.diagnosis.held_out import parted
+from romsindy.diagnosis.innocent import innocent, other_values
 from romsindy.diagnosis.judged import Judges
-from romsindy.diagnosis.prediction import follow, motions_of, predict
+from romsindy.diagnosis.nuisance import nuisances
+from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
-from romsindy.diagnosis.verdict import verdict_of
+from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import LinearFrequency, Viscous
-from romsindy.effects.base import Effect, Scales
+from romsindy.effects.base import Effect, Parameter, Scales
 from romsindy.fit.coefficient import Coefficient, extended, in_place
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
-from romsindy.fit.verdict import NOTHING_LEFT, PREDICTED, ROUNDED, SHARED, UNJUDGED
+from romsindy.fit.verdict import (
+    AS_WELL,
+    NEARLY_WHOLE,
+    NOTHING_LEFT,
+    ROUNDED,
+    SHARED,
+    UNJUDGED,
+)
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -36,8 +46,12 @@ def diagnose_model(
     tolerances: Mapping[str, float],
     options: Options,
     form: FormError = NO_FORM_ERROR,
+    own_values: bool = True,
 ) -> DiagnosisReport:
-    """Find, name and add what a reduced model lacks; arguments as those of `diagnose`."""
+    """Find, name and add what a reduced model lacks; arguments as those of `diagnose`.
+
+    ``own_values`` says whether its coefficients are values of the simulation, not of its reduction.
+    """
     check_request(model, measured, held_out, free, tolerances)
     everything = [*measured, *([] if held_out is None else [held_out])]
     records = sharing_drift(checked_records(model, everything, options.floor))
@@ -56,7 +70,9 @@ def diagnose_model(
     looked_for = (*catalogue, *known)
     search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
     exact = replace(search, free=()).hypothesis([])
-    found = Finding([exact], [exact], exact) if _agree(search, exact, as_it_was) else search.run()
+    slack = replace(search, free=nuisances(records)).hypothesis([])
+    agree = _agree(search, slack, as_it_was)
+    found = Finding([exact], [exact], exact) if agree else search.run()
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
     if not found.interrupted:
         judges = Judges(search, exact, judged, unseen=bool(tests))
@@ -64,25 +80,22 @@ def diagnose_model(
         found = judges.useful(found) if tests else _with_plain_values(found)
         if judges.blind:
             tests, judged = {}, {name_of(i): record for i, record in enumerate(records)}
-    best = found.rivals[0] if found.interrupted else _snapped(search, found.rivals[0])
-    # Odds are those of the values as they are told.
-    alike = [h for h in found.compared if len(h.effects) == len(best.effects)]
-    near_by = search.rivals(best, [h.at(best.form) for h in alike])[1:]
-    others = {h.names: h.at(best.form) for h in (*found.rivals[1:], *near_by)}
-    rivals = [best, *others.values()]
-    left = search.remainder(best)
-    near = motions_of(best)
-    predictions = [
-        predict(model, best.parts, r, name, near.get(name)) for name, r in judged.items()
-    ]
-    gap = Gap(tuple(predictions), bool(tests))
-    matters, improves = as_it_was.matters(options.tolerance), gap.improves(options.tolerance)
-    if _sure(best, (exact, found.base), options.tolerance) and gap.after <= PREDICTED:
-        matters = improves = True
-    if matters and not improves and best.parts:  # what was held out may not reach where it matters
-        after = (follow(p, model, best.parts, near) for p in as_it_was.predictions)
-        improves = replace(as_it_was, predictions=tuple(after)).improves(options.tolerance)
-    verdict = verdict_of(best, rivals, left, gap, options.tolerance, form, matters, improves)
+    others = other_values(model, options.catalogue, tolerances) if own_values else ()
+    values = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
+    explained = partial(_explained, search, judged, bool(tests), as_it_was, values)
+    linear = plain = slack
+    if not (agree or found.interrupted):
+        linear, plain = innocent(search, others)
+    best = found.rivals[0]
+    effect = explained(_snapped(search, best, judged)) if best.names else None
+    rule = Rule(as_it_was, slack, linear, options.tolerance, form)
+    answer = rule.answer(explained(_without_small(plain, model, options.tolerance)), effect)
+    verdict, chosen = answer.verdict, answer.explanation
+    best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
+    rivals = _rivals(search, best, found, plain if chosen is effect else None)
+    several = len(best.blamed) > 1 if not best.effects else len(best.moved) > 1
+    if verdict == "named" and (several or (chosen is effect and len(rivals) > 1)):
+        verdict = "ambiguous"
     added = best.parts
     if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
         added, gap = (), gap.unchanged()
@@ -95,8 +108,8 @@ def diagnose_model(
         added=added,
         best=best,
         rivals=tuple(rivals),
-        compared=tuple(found.compared),
-        base=found.base,
+        compared=tuple(sorted((h.at(best.form) for h in found.compared), key=lambda h: h.score)),
+        base=found.base.at(best.form),
         remainder=left,
         gap=gap,
         differences=as_it_was.differences_before,
@@ -105,7 +118,59 @@ def diagnose_model(
         scales=all_scales,
         interrupted=found.interrupted,
         form=form,
+        small=answer.small,
     )
+
+
+def _explained(
+    search: Search,
+    judged: Mapping[str, Record],
+    unseen: bool,
+    as_it_was: Gap,
+    values: frozenset[str],
+    hypothesis: Hypothesis,
+) -> Explanation:
+    """A hypothesis with what it leaves and changes; ``values`` are names of those of the model."""
+    near, given = motions_of(hypothesis), (search.model, hypothesis.parts)
+    predictions = [predict(*given, r, name, near.get(name)) for name, r in judged.items()]
+    whole = [follow(p, *given, near) for p in as_it_was.predictions]
+    return Explanation(
+        hypothesis,
+        search.remainder(hypothesis),
+        Gap(tuple(predictions), unseen),
+        replace(as_it_was, predictions=tuple(whole)),
+        lacking=not values.issuperset(hypothesis.names),
+    )
+
+
+def _rivals(
+    search: Search, best: Hypothesis, found: Finding, plain: Hypothesis | None
+) -> Sequence[Hypothesis]:
+    """What the data do not tell apart from the best, itself first; odds of values as told.
+
+    ``plain`` is what values of the model do, where these are not the best.
+    """
+    if plain is None:
+        effects = [h for h in (*found.rivals, *found.compared) if h.effects]
+        return search.rivals(best, [h.at(best.form) for h in effects])
+    alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [plain]
+    near_by = search.rivals(best, [h.at(best.form) for h in alike])[1:]
+    others = {h.names: h.at(best.form) for h in (*found.rivals[1:], *near_by)}
+    return [best, *(h for names, h in others.items() if names and names != best.names)]
+
+
+def _without_small(plain: Hypothesis, model: ReducedModel, tolerance: Tolerance) -> Hypothesis:
+    """The same, that says nothing of values that moved within the tolerance, beside others."""
+    most = {"linear_frequency": 2 * tolerance.frequency, "viscous": tolerance.damping}
+    keys = {"linear_frequency": "omega^2", "viscous": "c_linear"}
+    values = {p.effect.name: float(p.strengths[0, 0]) for p in plain.parts[: plain.n_free]}
+    small = tuple(
+        name
+        for name in plain.moved
+        if name in most
+        and abs(values[name]) <= most[name] * abs(model.coefficients.get(keys[name], 0.0))
+    )
+    return plain if len(small) == len(plain.moved) else replace(plain, unsaid=small)
 
 
 def _with_plain_values(found: Finding) -> Finding:
@@ -129,28 +194,17 @@ def _parted(
     return [learns for learns, _ in pairs], {**judges, **tests}
 
 
-def _agree(search: Search, exact: Hypothesis, as_it_was: Gap) -> bool:
-    """Whether the simulation as it was is within the tolerance of all records.
+def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
+    """Whether there is nothing to look for in the simulation as it was.
 
-    A tolerance that was asked for says what matters. Where it is but the default, what repeats with
-    the vibration must not stand out of the noise either.
+    It is within a tolerance that was asked for, or leaves noise alone with what a measurement may
+    add.
     """
     tolerance = search.options.tolerance
-    if as_it_was.matters(tolerance):
-        return False
-    if tolerance.source != DEFAULT:
+    if tolerance.source != DEFAULT and as_it_was.within(tolerance):
         return True
-    left = search.remainder(exact)
+    left = search.remainder(slack)
     return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
-
-
-def _sure(best: Hypothesis, plainer: Sequence[Hypothesis], tolerance: Tolerance) -> bool:
-    """Whether an effect is there beyond doubt, in swings too few for a difference to be sure.
-
-    A tolerance that was asked for covers what repeats of a test differ by, which is sure, too.
-    """
-    odds = min(h.at(best.form).score for h in plainer) - best.score
-    return bool(best.effects) and tolerance.source == DEFAULT and odds > 2 * UNJUDGED
 
 
 def smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
@@ -179,23 +233,58 @@ def unsure_parts(
     return tuple(parts)
 
 
-def _snapped(search: Search, best: Hypothesis) -> Hypothesis:
-    """Round exponents back to those of the textbook where the data do not object."""
-    fixed = [with_textbook_exponent(p) for p in best.effects]
-    if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
-        return best
-    trial = search.unsure_as(best).hypothesis(fixed).at(best.form)
-    rise = trial.solution.chi_squared - best.solution.chi_squared
-    return trial if trial.solution.converged and rise < ROUNDED else best
+def _snapped(search: Search, best: Hypothesis, judged: Mapping[str, Record]) -> Hypothesis:
+    """Round exponents to whole numbers where the data do not object, that of the textbook first."""
+    for whole in (with_textbook_exponent, with_whole_exponent):
+        fixed = [whole(p) for p in best.effects]
+        if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
+            continue
+        trial = search.unsure_as(best).hypothesis(fixed).at(best.form)
+        rise = trial.solution.chi_squared - best.solution.chi_squared
+        if trial.solution.converged and (
+            rise < ROUNDED * best.excess
+            or (_nearly(best.effects, fixed) and _as_well(search, trial, best, judged))
+        ):
+            return trial
+    return best
+
+
+def _nearly(parts: Sequence[Part], fixed: Sequence[Part]) -> bool:
+    """Whether exponents are next to the whole numbers that they were fixed at."""
+    pairs = [
+        (a.effect.value("exponent"), b.effect.value("exponent"))
+        for a, b in zip(parts, fixed, strict=True)
+        if a is not b
+    ]
+    return all(abs(x - n) <= NEARLY_WHOLE * abs(n) for x, n in pairs)
+
+
+def _as_well(
+    search: Search, trial: Hypothesis, best: Hypothesis, judged: Mapping[str, Record]
+) -> bool:
+    """Whether what took no part is foretold as well."""
+    after, before = (
+        float(np.sqrt(np.sum(misfit_of(search.model, h, judged) ** 2))) for h in (trial, best)
+    )
+    return after <= AS_WELL * before
 
 
 def with_textbook_exponent(part: Part) -> Part:
     """The same with its exponent held at that of the textbook."""
-    known = [
-        replace(p, low=p.starts[0], high=p.starts[0]) if p.name == "exponent" else p
+    return _at_exponent(part, lambda p: p.starts[0])
+
+
+def with_whole_exponent(part: Part) -> Part:
+    """The same with its exponent held at the next whole number."""
+    return _at_exponent(part, lambda p: float(round(part.effect.value(p.name))))
+
+
+def _at_exponent(part: Part, value: Callable[[Parameter], float]) -> Part:
+    held = [
+        replace(p, low=value(p), high=value(p)) if p.name == "exponent" else p
         for p in part.parameters
     ]
-    if known == list(part.parameters):
+    if held == list(part.parameters):
         return part
-    shape = np.clip(part.shape, [p.low for p in known], [p.high for p in known])
-    return replace(part.shaped(shape), parameters=tuple(known))
+    shape = np.clip(part.shape, [p.low for p in held], [p.high for p in held])
+    return replace(part.shaped(shape), parameters=tuple(held))

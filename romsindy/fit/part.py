@@ -32,12 +32,15 @@ class Part:
         One set for all records, or one for each.
     tolerance : float or None
         Standard deviation of a strength known beforehand to be near 0.
+    most : float
+        Largest strength to either side.
     """
 
     effect: Effect
     parameters: tuple[Parameter, ...]
     strengths: Array
     tolerance: float | None = None
+    most: float = np.inf
 
     @classmethod
     def of(
@@ -104,9 +107,9 @@ class Part:
     def limits(self) -> tuple[Array, Array]:
         """Least and largest of all values."""
         signed = self.effect.sign * self.shared if self.effect.n_shared else self.effect.sign
-        least = np.where(signed, 0.0, np.full(self.strengths.shape, -np.inf)).ravel()
+        least = np.where(signed, 0.0, np.full(self.strengths.shape, -self.most)).ravel()
         low = np.array([*least, *(p.low for p in self.parameters)])
-        high = np.array([*np.full(len(least), np.inf), *(p.high for p in self.parameters)])
+        high = np.array([*np.full(len(least), self.most), *(p.high for p in self.parameters)])
         return low, high
 
     def by_value(self, of: str, arguments: tuple, record: int) -> Array:

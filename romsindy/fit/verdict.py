@@ -81,9 +81,13 @@ REVERSED_IS_BETTER, REVERSED_IS_NO_WORSE = 0.5, 1.02
 # Difference of minus twice the logarithm of the evidence up to which hypotheses are not told
 # apart: odds of exp(7 / 2) = 33 to 1 ("strong" on the scale of R. Kass, A. Raftery, JASA 90, 1995).
 EQUIVALENT = 7.0
-# Rise of chi-square up to which an exponent is rounded to that of the textbook: two standard
-# errors of one value.
-ROUNDED = 4.0
+# Rise of chi-square up to which values that moved do as one effect does: two standard errors of
+# one value.
+AS_ONE = 4.0
+# Rise of chi-square up to which an exponent is a whole number, three standard errors of one value;
+# the part of the whole number within which it is one as well, where that foretells what took no
+# part as well: its error may be larger by this factor, to which the level of noise is known.
+ROUNDED, NEARLY_WHOLE, AS_WELL = 9.0, 0.01, 1.05
 # By which two good predictions of data that took no part may differ, each by its errors of form,
 # and how much surer an effect must be than values that moved where nothing took no part.
 AS_GOOD, UNJUDGED = 2 * EQUIVALENT, 2 * EQUIVALENT
@@ -105,17 +109,25 @@ SAME_SIZE = 2.0
 # `EXPLAINED`, and as much again for the errors of the fitted values and of the amplitudes beyond.
 PREDICTED = 1.25
 # Part of the squared gap that closes where what is left, if it is less than the noise, is no sign
-# of a further effect.
-CLOSED = 0.99
+# of a further effect; and that must close before values of the model, or what is small, are told.
+CLOSED, MOSTLY_CLOSED = 0.99, 0.9
+# Standard errors that the strength of what is named must be off zero: 1 in 400 by chance; and of
+# what is named although it is smaller than tests repeat to: 1 in 1.7 million.
+NAMED_ABOVE, SMALL_ABOVE = 3.0, 5.0
+# Times the noise beyond which nothing is named, unless what is left is within the tolerance.
+LEFT_OVER = 2.0
+# What the measurement itself may add without being wrong: change of the gain, and curvature of the
+# sensor (the part of the largest amplitude that the square adds there).
+KNOWN_GAIN, KNOWN_CURVATURE = 0.01, 0.01
 # A gap that an effect may leave in the screening, where its shape is but a guess.
 SCREENED = 0.01
 # Disagreement that does not matter, as a part of the largest amplitude: 74 dB, what the best
 # sensors reach.
 FLOOR = 2e-4
-# Differences that do not matter where nothing else is said: relative, of frequency and of damping
-# ratio at equal amplitude, and the rms of the waveform over the largest amplitude (74 dB). A tenth
-# of what the weakest effects of the trials do to either.
-SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-4, 1e-2, FLOOR
+# Differences that do not matter where nothing else is said, those to which tests repeat: relative,
+# of frequency and of damping ratio at equal amplitude, and the rms of the waveform, where phase and
+# amplitude agree, over the largest amplitude.
+SAME_FREQUENCY, SAME_DAMPING, SAME_SIGNAL = 1e-3, 5e-2, 1e-2
 # The widest that repeats, a reference or bands may make these: what differs by more, or is known no
 # better, is not determined there. A damping ratio is where its band is within `DETERMINED`; another
 # frequency by 2 % is another structure; a waveform that is off by 10 % is another motion.

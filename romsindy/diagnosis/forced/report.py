@@ -41,11 +41,11 @@ class ForcedReport(DiagnosisReport):
     @property
     def moved(self) -> tuple[FoundEffect, ...]:
         """Values that the simulation was unsure of and that moved, beside the effects."""
-        return moved_of(self.best, self.rivals, 1.0, self.nominal.unit)
+        return moved_of(self.best, self.rivals, 1.0, self.nominal)
 
     def _found(self, hypothesis: Any) -> tuple[FoundEffect, ...]:
         # Their covariance is that by the noise that is left.
-        return effects_of(hypothesis, self.rivals, 1.0, self.nominal.unit)
+        return effects_of(hypothesis, self.rivals, 1.0, self.nominal)
 
     @property
     def left(self) -> Left:

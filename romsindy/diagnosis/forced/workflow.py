@@ -38,7 +38,7 @@ from romsindy.fit.forced.drives import (
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
-from romsindy.fit.verdict import ABOVE_NOISE, CLOSED, EQUIVALENT, PREDICTED, ROUNDED
+from romsindy.fit.verdict import ABOVE_NOISE, AS_ONE, CLOSED, EQUIVALENT, NAMED_ABOVE, PREDICTED
 from romsindy.physics.driven import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
@@ -136,7 +136,8 @@ def _report(
     elif not best.names:
         verdict = "none"
     else:
-        verdict = "ambiguous" if len(rivals) > 1 or len(best.moved) > 1 else "named"
+        several = len(rivals) > 1 or len(best.moved) > 1
+        verdict = "ambiguous" if several or best.sureness < NAMED_ABOVE else "named"
     added = best.parts if best.names else ()
     return ForcedReport(
         verdict=verdict,
@@ -167,7 +168,7 @@ def _rivals(
     for h in found:
         near = h.score - best.score < EQUIVALENT
         # Values that moved do what one effect does, as those of a mass where a gain is fitted.
-        near |= not h.effects and h.misfit - best.misfit < ROUNDED
+        near |= not h.effects and h.misfit - best.misfit < AS_ONE
         more = {*h.names, *h.moved} > {*best.names, *best.moved}
         # One effect may stand for values that moved.
         if near and h.names and not more and len(h.effects) <= max(len(best.effects), 1):

@@ -170,7 +170,8 @@ class Rounds:
         test = decays[-1] if self.held_out else None
         chosen = replace(self.options, max_effects=most, catalogue=(*self.general, *effects))
         training = decays[: self.n_training]
-        return diagnose_model(self.model, training, test, self.unsure, {}, chosen, self.form)
+        known = chosen, self.form, False
+        return diagnose_model(self.model, training, test, self.unsure, {}, *known)
 
     def placed(
         self,

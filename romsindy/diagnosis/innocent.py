@@ -1,0 +1,65 @@
+"""What needs no effect: what the measurement itself may add, and other values of the model.
+
+An offset, a gain and a curvature of the sensor within what is known of them are nuisances: they
+are fitted, and nobody is told that anything is missing. With them the values of the model, linear
+stiffness and damping, then each other coefficient, are asked before any effect is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.nuisance import nuisances
+from romsindy.diagnosis.screening import part_of, screen
+from romsindy.diagnosis.search import Search
+from romsindy.effects.base import Effect
+from romsindy.fit.coefficient import Coefficient
+from romsindy.fit.record import scales
+from romsindy.fit.verdict import NOTHING_LEFT
+from romsindy.physics.driven import inputs_of
+from romsindy.physics.model import ReducedModel
+
+_LINEAR = ("omega^2", "c_linear")
+_TRIED = 3  # of the coefficients, those that the screening puts first
+
+
+def other_values(
+    model: ReducedModel, catalogue: Sequence[Effect], known: Collection[str]
+) -> tuple[Coefficient, ...]:
+    """Each coefficient of a model that may be another, but for those that are ``known``.
+
+    It goes by the name of the effect that has the same law, if there is one.
+    """
+    laws = {e.term(): e.name for e in catalogue}
+    names = {law.key: name for law, name in laws.items() if law is not None}
+    taken = {*_LINEAR, *known, *(term.key for term in inputs_of(model))}
+    return tuple(
+        Coefficient(term, names.get(term.key, "coefficient"))
+        for term in model.terms
+        if term.key not in taken
+    )
+
+
+def innocent(search: Search, values: Sequence[Coefficient]) -> tuple[Hypothesis, Hypothesis]:
+    """The best that nuisances and values of the model do, first the linear values alone.
+
+    One more of ``values`` is asked where more than noise is left.
+    """
+    search = replace(search, free=(*search.free, *nuisances(search.records)), done=[])
+    linear = search.settled(search.hypothesis([]))
+    left = search.remainder(linear)
+    enough = left.explained and left.ratio < NOTHING_LEFT
+    if enough or not (values and linear.solution.finite):
+        linear = linear.settled(search.form)
+        return linear, linear
+    known = scales(search.records)
+    parts, names = linear.solution.parts, {v.variant: v for v in values}
+    found = screen(search.model, parts, list(names.values()), search.records, known)
+    first = [s for s in found.singles() if np.isfinite(s.chi_squared)][:_TRIED]
+    trials = search.fitted([[part_of(s, known, len(search.records))] for s in first])
+    best = search.ranked([linear, *trials])[0]
+    return linear.at(best.form), best
