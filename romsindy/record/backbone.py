@@ -6,25 +6,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import uniform_filter1d
 
 from romsindy.record.decay import Decay
+from romsindy.record.events import CROSSING, PEAK, LocalValues, Scatter
+from romsindy.record.signals import noise_std
+from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.spectrum import Spectrum, lines_between
+from romsindy.record.trend import Pace, Trend
 from romsindy.typing import Array
 
-# Half-width of the local fits in cycles, and their degrees: a sine is a cubic (quartic) to 2e-4
-# (1e-5) over this arc round its zero (its peak), and what is left is even (odd) there and harmless.
-_ARC = 1 / 8
-_CROSSING_DEGREE, _PEAK_DEGREE = 3, 4
-# Degrees in the cycle number: of crossing times, and of logarithms of peaks, which are straighter.
-_TIME_DEGREE, _SIZE_DEGREE = 4, 2
-# Errors of neighbours are correlated by this much at most.
-_MOST_ALIKE = 0.8
-# A part of the largest amplitude that stands for none at all.
-_NO_PEAK = 1e-12
 # Squared amplitudes must differ by this part of the least: further than a hundred times what they
 # span, nothing but noise is extrapolated.
 _LEVER = 0.01
+_ROUNDING = 1e-6  # of the largest amplitude
+_SHAPE = 1e-5  # of an amplitude, that local polynomials are off by
+_WHITE = np.ones(1)
+_SIZES = 10 ** np.linspace(-1.5, 3, 19)
+_TIMES = 10 ** np.linspace(-4, 1, 21)
 # A cycle whose own frequency has a larger relative standard error judges no model.
 CERTAIN = 0.01
 
@@ -103,242 +104,116 @@ def joined(backbones: Sequence[Backbone]) -> Backbone:
     return Backbone(**values, unit=backbones[0].unit)
 
 
-def extract_backbone(decay: Decay, *, cycles: int = 12) -> Backbone:
-    """Read amplitude, frequency and damping ratio of every cycle off a decay.
-
-    Zero crossings and peaks are the roots and extremes of polynomials fitted to the samples an
-    eighth of a cycle to either side, which averages the noise. Crossing times and peaks are then
-    followed along the decay by polynomials in the cycle number over the neighbouring cycles, and
-    evaluated at the middle of each cycle: the maximum of a cycle comes a quarter period early.
-    Records of few samples a cycle are interpolated first.
-
-    Parameters
-    ----------
-    decay : Decay
-        One channel. Its free part is found; what lies below the noise is left out.
-    cycles : int
-        Number of neighbouring cycles behind each value, at least 2: more of them average more
-        noise, fewer follow faster changes.
-
-    Returns
-    -------
-    Backbone
-
-    Raises
-    ------
-    ValueError
-        If the decay has several channels, fewer than three cycles, or grows.
-
-    Notes
-    -----
-    Measured (``benchmarks/identification.py``) on an oscillator of 1 % decrement a cycle:
-    frequency error at most 3e-5 without noise, 2e-4 in the median at 35 dB.
-    """
-    if cycles < 2:
+def extract_backbone(decay, *, cycles=None):
+    if cycles is not None and cycles < 2:
         raise ValueError(f"cycles = {cycles!r} must be at least 2")
     record = decay.single().free()
     fine = record.upsampled()
-    repeats = (len(fine.t) - 1) / (len(record.t) - 1)  # interpolated samples are not independent
-    up, down = fine.crossings
-    period = np.gradient(fine.t[up])
-    rise = _roots(fine, fine.t[up], period, repeats)
-    fall = _roots(fine, fine.t[down], period[: len(down)], repeats)
-    n = min(len(rise.at) - 1, len(fall.at))
-    rise, fall = rise.first(n + 1), fall.first(n)
-    top = _peaks(fine, rise.at[:n], fall.at, repeats)
-    bottom = _peaks(fine, fall.at, rise.at[1:], repeats)
-    return _follow(rise, fall, top, bottom, cycles, record.unit)
-
-
-_Followed = tuple[Array, Array, float]  # values, their standard errors, and the excess of these
-
-
-@dataclass(frozen=True)
-class _Points:
-    """Events of a decay: when, how high, and the standard error of the one that matters."""
-
-    at: Array
-    value: Array
-    std: Array
-
-    def first(self, n: int) -> _Points:
-        return _Points(self.at[:n], self.value[:n], self.std[:n])
-
-
-def _roots(decay: Decay, guess: Array, period: Array, repeats: float) -> _Points:
-    at = guess
-    # The guess is off by up to a sample and the filter's distortion: centre the fit and repeat.
+    number, at = _half_cycles(fine)
+    period = 2 * np.gradient(at)
+    cycle = float(np.median(period))
+    centre = number[:-1] + 0.25
+    level = noise_std(record.signal) * (cycle / (2 * np.pi)) ** record.derivative
+    # first look
+    peak = LocalValues.of(fine, (at[1:] + at[:-1]) / 2, period[1:], PEAK)
+    size = np.maximum(np.abs(peak.value), level * peak.gain)
+    level = max(level, _ROUNDING * size.max())
+    rough = np.log(uniform_filter1d(size, 3))
+    pace = Pace.of(centre, rough, -np.gradient(rough, centre))
+    sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, pace, 5, _SIZES, cycles)
+    pace = Pace.of(centre, sizes(centre)[0], -sizes(centre, 1)[0])
+    for _ in range(4):
+        crossing = LocalValues.of(fine, at, period, CROSSING)
+        slope = 2 * np.pi / period * np.exp(sizes(number)[0])
+        slope *= np.clip(uniform_filter1d(np.abs(crossing.slope) / slope, 9), 0.5, 2.0)
+        step = np.resize([1.0, -1.0], len(at)) * crossing.value / slope
+        at = at - np.clip(step, -period / 8, period / 8)
+    # noise
+    times = _Times(number, at, crossing.gain * level / slope, _WHITE, pace, cycles)
+    noise = _noise(record, number, times, level)
+    one, other = (Scatter.of(noise, cycle, fine.dt, k, len(at)) for k in (CROSSING, PEAK))
+    floor = _ROUNDING * size.max()
+    times = _Times(number, at, np.hypot(crossing.gain * np.hypot(one.std, floor) / slope, _SHAPE * period / 6), one.alike, pace, cycles)
+    # peaks
+    decrement = -sizes(centre, 1)[0]
+    middle = times.peaks(centre)
+    rate = times(centre, 1)[0]
+    peak = LocalValues.of(fine, middle - rate * decrement / (4 * np.pi**2), rate, PEAK)
+    swing = np.resize([1.0, -1.0], len(centre)) * peak.value
+    side = np.resize([1.0, -1.0], len(centre))
     for _ in range(2):
-        fits = [
-            _LocalFit.of(decay, t, _ARC * T, _CROSSING_DEGREE)
-            for t, T in zip(at, period, strict=True)
-        ]
-        at = np.array([fit.root(fit.coefficients) for fit in fits])
-    slopes = np.array([fit.slope(t) for fit, t in zip(fits, at, strict=True)])
-    errors = np.array([fit.std(t) for fit, t in zip(fits, at, strict=True)])
-    # No crossing is off by more than its cycle, however flat the noise makes a fit.
-    std = errors / np.maximum(np.abs(slopes), errors / period)
-    return _Points(at, np.zeros_like(at), std * np.sqrt(repeats))
+        expected = sizes.sided(centre, side)
+        std = np.hypot(peak.gain * np.hypot(other.std, floor) / np.exp(expected), _SHAPE)
+        sizes = Trend.through(centre, expected + np.clip(swing / np.exp(expected) - 1, -1,1), std, other.alike, pace, 5, _SIZES, cycles)
+    return _read(number, times, sizes, record.unit)
 
 
-def _peaks(decay: Decay, start: Array, end: Array, repeats: float) -> _Points:
-    fits = [
-        _LocalFit.of(decay, (a + b) / 2, 2 * _ARC * (b - a), _PEAK_DEGREE)
-        for a, b in zip(start, end, strict=True)
-    ]
-    at = np.array([fit.root(chebyshev.chebder(fit.coefficients)) for fit in fits])
-    value = np.array([fit(t) for fit, t in zip(fits, at, strict=True)])
-    std = np.array([fit.std(t) for fit, t in zip(fits, at, strict=True)])
-    return _Points(at, value, std * np.sqrt(repeats))
+class _Times:
+    def __init__(self, number, at, std, alike, pace, cycles):
+        self.first, self.cycle = at[0], (at[-1] - at[0]) / (number[-1] - number[0])
+        self.trend = Trend.through(number, (at - self.first) / self.cycle - number, std / self.cycle, alike, pace, 3, _TIMES, cycles)
+
+    def __call__(self, number, derivative=0, side=0.0):
+        value, std = self.trend(number, derivative, side)
+        line = number if derivative == 0 else 1.0
+        return (self.first if derivative == 0 else 0.0) + self.cycle * (value + line), self.cycle * std
+
+    def peaks(self, centre):
+        s = np.resize([1.0, -1.0], len(centre))
+        before, after = (self.cycle * (self.trend.sided(centre + o * 0.25, o * -s) + centre + o * .25) for o in (-1, 1))
+        return self.first + (before + after) / 2
 
 
-@dataclass(frozen=True)
-class _LocalFit:
-    """Least-squares polynomial through the samples round one instant."""
+def _noise(record, number, times, level):
+    n = number[-1]
+    first = max(0.0, min(n / 2, n - 16.0), n - 64)
+    whole = np.arange(np.ceil(first), n + 0.25, 0.5)
+    at = times(whole)[0]
+    phase = make_interp_spline(at, 2 * np.pi * whole, 3)
+    part = record.between(at[0], at[-1])
+    spline = HarmonicSpline.along(phase, part.t, part.signal, 2.0)
+    rest = part.signal - spline(part.t)[0]
+    cycle = (at[-1] - at[0]) / (whole[-1] - whole[0])
+    spectrum = Spectrum.between_harmonics(*lines_between(rest, cycle / record.dt), cycle)
+    lowest = 1 / (7 * cycle)
+    k = record.derivative
 
-    centre: float
-    half_width: float
-    coefficients: Array
-    covariance: Array
+    def heard(frequency):
+        r = (frequency / lowest) ** 8
+        kept = (r / (1 + r)) ** (2 * k)
+        return spectrum(frequency) / (2 * np.pi * frequency) ** (2 * k) * kept * (frequency < 0.5 / record.dt)
 
-    @classmethod
-    def of(cls, decay: Decay, centre: float, half_width: float, degree: int) -> _LocalFit:
-        half_width = max(half_width, (degree + 2) / 2 * decay.dt)
-        low, high = np.searchsorted(decay.t, [centre - half_width, centre + half_width])
-        low = max(0, min(low, len(decay.t) - degree - 2))
-        high = max(high, low + degree + 2)
-        x = (decay.t[low:high] - centre) / half_width
-        basis = chebyshev.chebvander(x, degree)
-        inverse = np.linalg.inv(basis.T @ basis)
-        coefficients = inverse @ (basis.T @ decay.q[low:high])
-        misfit = decay.q[low:high] - basis @ coefficients
-        variance = misfit @ misfit / max(len(x) - degree - 1, 1)
-        return cls(centre, half_width, coefficients, inverse * variance)
-
-    def __call__(self, t: float) -> float:
-        return float(chebyshev.chebval((t - self.centre) / self.half_width, self.coefficients))
-
-    def slope(self, t: float) -> float:
-        derivative = chebyshev.chebder(self.coefficients)
-        x = (t - self.centre) / self.half_width
-        return float(chebyshev.chebval(x, derivative)) / self.half_width
-
-    def root(self, coefficients: Array) -> float:
-        """Real root nearest to the centre, within the fit; the centre where there is none."""
-        roots = chebyshev.chebroots(coefficients)
-        real = roots.real[np.abs(roots.imag) < 1e-9]
-        x = real[np.argmin(np.abs(real))] if len(real) else 0.0
-        return self.centre + self.half_width * float(np.clip(x, -1, 1))
-
-    def std(self, t: float) -> float:
-        """Standard error of the fit at t."""
-        x = (t - self.centre) / self.half_width
-        row = chebyshev.chebvander(x, len(self.coefficients) - 1)[0]
-        return float(np.sqrt(row @ self.covariance @ row))
+    return heard
 
 
-def _follow(
-    rise: _Points, fall: _Points, top: _Points, bottom: _Points, cycles: int, unit: str | None
-) -> Backbone:
-    n = len(fall.at)
-    middle = np.arange(n) + 0.5  # in cycles; up-crossings are at 0, 1, ..., down-crossings at 1/2
-    value, slope = 0, 1
-    t = _along(rise.at, rise.std, 0.0, middle, cycles, value, _TIME_DEGREE)[0]
-    rising = _along(rise.at, rise.std, 0.0, middle, cycles, slope, _TIME_DEGREE)
-    falling = _along(fall.at, fall.std, 0.5, middle, cycles, slope, _TIME_DEGREE)
-    period, period_std = _mean(rising, falling)
-    high = _peaks_along(top.value, top.std, 0.25, middle, cycles)
-    low = _peaks_along(-bottom.value, bottom.std, 0.75, middle, cycles)
-    amplitude, amplitude_std = _mean(high, low)
-    swing = top.value - bottom.value
-    swing = np.maximum(swing, _NO_PEAK * swing.max())
-    swing_std = np.hypot(top.std, bottom.std) / swing
-    log_decay = _along(np.log(swing), swing_std, 0.5, middle, cycles, slope, _SIZE_DEGREE)
-    decrement, decrement_std = -log_decay[0], log_decay[1]
+def _read(number, times, sizes, unit):
+    middle = np.arange(len(number) // 2) + 0.5
+    t = times(middle, 0, 1.0)[0]
+    period, period_std = times(middle, 1)
+    high, low = (np.exp(sizes(middle, 0, s)[0]) for s in (1.0, -1.0))
+    rows = [sizes.rows(middle, 0, s) for s in (1.0, -1.0)]
+    amplitude = (high + low) / 2
+    share = (high / (high + low))[:, None]
+    relative = sizes.of_rows(share * rows[0] + (1 - share) * rows[1])[1]
+    places = (middle - 0.25, 1.0), (middle + 0.25, -1.0)
+    top, bottom = (np.exp(sizes(m, 0, s)[0]) for m, s in places)
+    share = (top / (top + bottom))[:, None]
+    rows = [sizes.rows(m, 1, s) for m, s in places]
+    slope, slope_std = sizes.of_rows(share * rows[0] + (1 - share) * rows[1])
     frequency = 2 * np.pi / period
     return Backbone(
-        t=t,
-        amplitude=amplitude,
-        frequency=frequency,
-        damping_ratio=decrement / np.hypot(2 * np.pi, decrement),
-        positive_peak=high[0],
-        negative_peak=-low[0],
-        amplitude_std=amplitude_std,
+        t=t, amplitude=amplitude, frequency=frequency, damping_ratio=-slope / np.hypot(2 * np.pi, slope),
+        positive_peak=high, negative_peak=-low, amplitude_std=amplitude * relative,
         frequency_std=frequency * period_std / period,
-        damping_ratio_std=decrement_std / (2 * np.pi),
+        damping_ratio_std=slope_std * (2 * np.pi) ** 2 / np.hypot(2 * np.pi, slope) ** 3,
         unit=unit,
     )
 
 
-def _peaks_along(size: Array, std: Array, first: float, at: Array, cycles: int) -> _Followed:
-    """Sizes of peaks followed by their logarithm, which stays positive however fast they decay."""
-    size = np.maximum(size, np.maximum(std, _NO_PEAK * size.max()))
-    log_size, log_std, excess = _along(np.log(size), std / size, first, at, cycles, 0, _SIZE_DEGREE)
-    return np.exp(log_size), np.exp(log_size) * log_std, excess
-
-
-def _mean(one: _Followed, other: _Followed) -> tuple[Array, Array]:
-    """Mean of two values half a cycle apart, and its standard error.
-
-    Errors that the samples round an event show are independent. What exceeds them is noise near
-    the frequency of the vibration, and is the same half a cycle later.
-    """
-    common = 1 - 1 / (one[2] * other[2])
-    variance = one[1] ** 2 + other[1] ** 2 + 2 * common * one[1] * other[1]
-    return (one[0] + other[0]) / 2, np.sqrt(variance) / 2
-
-
-def _along(
-    x: Array, std: Array, first: float, at: Array, cycles: int, derivative: int, degree: int
-) -> _Followed:
-    """Value or slope of x against the cycle number, by local polynomials, and its standard error.
-
-    Last comes how much larger the error is than that by the noise round single events.
-
-    ``first`` is the cycle number of x[0].
-    """
-    number = first + np.arange(len(x))
-    width = min(cycles, len(x))
-    degree = min(degree, width - 1, max(1, width - 2))
-    result, misfits = np.empty((2, len(at))), np.empty((len(at), width))
-    for i, centre in enumerate(at):
-        low = int(np.clip(np.round(centre - first - (width - 1) / 2), 0, len(x) - width))
-        inside = slice(low, low + width)
-        powers = np.vander((number[inside] - centre) / width, degree + 1, increasing=True)
-        inverse = np.linalg.pinv(powers)
-        weights = inverse[derivative] / width**derivative
-        result[:, i] = weights @ x[inside], np.sqrt(np.sum((weights * std[inside]) ** 2))
-        misfit = x[inside] - powers @ (inverse @ x[inside])
-        misfits[i] = misfit / np.maximum(std[inside], np.finfo(float).tiny)
-    spare = width - degree - 1
-    if spare <= 0:
-        return result[0], result[1], 1.0
-    excess = _excess(np.mean(misfits**2, axis=1) * width / spare, len(x) / width * spare)
-    if excess > 1:
-        excess *= _persistence(misfits, np.eye(width) - powers @ inverse)
-    return result[0], excess * result[1], excess
-
-
-def _persistence(misfits: Array, left: Array) -> float:
-    """How much larger a mean of errors is because neighbours err alike; 1 at least.
-
-    That of an autoregression of the first order. Its coefficient is what neighbouring misfits
-    (n, width) have in common beyond what polynomials leave of independent errors: ``left`` maps
-    errors to misfits.
-    """
-    own, next_one = np.sum(misfits**2), np.sum(misfits[:, 1:] * misfits[:, :-1])
-    expected = np.trace(left, 1) / np.trace(left)
-    alike = float(np.clip(next_one / own - expected, 0.0, _MOST_ALIKE))
-    return float(np.sqrt((1 + alike) / (1 - alike)))
-
-
-def _excess(variance: Array, freedom: float) -> float:
-    """How much larger than expected events scatter about the local polynomials; 1 at least.
-
-    The expected standard errors know the noise within a fraction of a cycle alone. That of
-    coloured noise is larger from one cycle to the next. ``variance`` of the windows is relative,
-    with so many degrees of freedom in all.
-    """
-    pooled = float(np.median(variance))
-    chance = 4 * np.sqrt(2 / freedom)
-    return float(np.sqrt(pooled)) if pooled > 1 + chance else 1.0
+def _half_cycles(decay):
+    """Cycle numbers of all crossings of whole cycles, up and down in turn, and when about."""
+    up, down = decay.crossings
+    n = min(len(up) - 1, len(down))
+    at = np.empty(2 * n + 1)
+    at[::2], at[1::2] = decay.t[up[: n + 1]], decay.t[down[:n]]
+    return np.arange(2 * n + 1) / 2, at
