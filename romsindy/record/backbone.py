@@ -120,7 +120,7 @@ def extract_backbone(decay, *, cycles=None):
     level = max(level, _ROUNDING * size.max())
     rough = np.log(uniform_filter1d(size, 3))
     pace = Pace.of(centre, rough, -np.gradient(rough, centre))
-    sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, pace, 5, _SIZES, cycles)
+    sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, pace, 7, _SIZES, cycles)
     pace = Pace.of(centre, sizes(centre)[0], -sizes(centre, 1)[0])
     for _ in range(4):
         crossing = LocalValues.of(fine, at, period, CROSSING)
@@ -130,7 +130,7 @@ def extract_backbone(decay, *, cycles=None):
         at = at - np.clip(step, -period / 8, period / 8)
     # noise
     times = _Times(number, at, crossing.gain * level / slope, _WHITE, pace, cycles)
-    noise = _noise(record, number, times, level)
+    noise = _noise(record, fine.dt, number, times)
     one, other = (Scatter.of(noise, cycle, fine.dt, k, len(at)) for k in (CROSSING, PEAK))
     floor = _ROUNDING * size.max()
     times = _Times(number, at, np.hypot(crossing.gain * np.hypot(one.std, floor) / slope, _SHAPE * period / 6), one.alike, pace, cycles)
@@ -144,14 +144,14 @@ def extract_backbone(decay, *, cycles=None):
     for _ in range(2):
         expected = sizes.sided(centre, side)
         std = np.hypot(peak.gain * np.hypot(other.std, floor) / np.exp(expected), _SHAPE)
-        sizes = Trend.through(centre, expected + np.clip(swing / np.exp(expected) - 1, -1,1), std, other.alike, pace, 5, _SIZES, cycles)
+        sizes = Trend.through(centre, expected + np.clip(swing / np.exp(expected) - 1, -1,1), std, other.alike, pace, 7, _SIZES, cycles)
     return _read(number, times, sizes, record.unit)
 
 
 class _Times:
     def __init__(self, number, at, std, alike, pace, cycles):
         self.first, self.cycle = at[0], (at[-1] - at[0]) / (number[-1] - number[0])
-        self.trend = Trend.through(number, (at - self.first) / self.cycle - number, std / self.cycle, alike, pace, 3, _TIMES, cycles)
+        self.trend = Trend.through(number, (at - self.first) / self.cycle - number, std / self.cycle, alike, pace, 5, _TIMES, cycles)
 
     def __call__(self, number, derivative=0, side=0.0):
         value, std = self.trend(number, derivative, side)
@@ -164,7 +164,7 @@ class _Times:
         return self.first + (before + after) / 2
 
 
-def _noise(record, number, times, level):
+def _noise(record, dt, number, times):
     n = number[-1]
     first = max(0.0, min(n / 2, n - 16.0), n - 64)
     whole = np.arange(np.ceil(first), n + 0.25, 0.5)
@@ -181,7 +181,7 @@ def _noise(record, number, times, level):
     def heard(frequency):
         r = (frequency / lowest) ** 8
         kept = (r / (1 + r)) ** (2 * k)
-        return spectrum(frequency) / (2 * np.pi * frequency) ** (2 * k) * kept * (frequency < 0.5 / record.dt)
+        return spectrum(frequency) * record.dt / dt / (2 * np.pi * frequency) ** (2 * k) * kept * (frequency < 0.5 / record.dt)
 
     return heard
 

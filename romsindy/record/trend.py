@@ -17,7 +17,7 @@ from scipy.linalg import cholesky_banded, eigh, solve_banded
 
 from romsindy.typing import Array
 
-_DEGREE, _ORDER = 5, 3  # of the splines, and of the derivative that is small where they are smooth
+_DEGREE, _ORDER = 5, 4  # of the splines, and of the derivative that is small where they are smooth
 _MOST = 80  # intervals between knots
 # The scatter of the events counts like so many more that scatter as the noise says.
 _TRUST = 10.0
