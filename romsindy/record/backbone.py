@@ -15,7 +15,7 @@ from romsindy.record.events import CROSSING, PEAK, LocalValues, Scatter
 from romsindy.record.signals import noise_std
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.record.spectrum import Spectrum, lines_between
-from romsindy.record.trend import Pace, Trend
+from romsindy.record.trend import Curves, Pace, Trend
 from romsindy.typing import Array
 
 # Squared amplitudes must differ by this part of the least: further than a hundred times what they
@@ -113,14 +113,14 @@ def extract_backbone(decay, *, cycles=None):
     period = 2 * np.gradient(at)
     cycle = float(np.median(period))
     centre = number[:-1] + 0.25
-    level = noise_std(record.signal) * (cycle / (2 * np.pi)) ** record.derivative
+    level = noise_std(record.signal) * (cycle / (2 * np.pi)) ** record.derivative * np.sqrt(record.dt / fine.dt)
     # first look
     peak = LocalValues.of(fine, (at[1:] + at[:-1]) / 2, period[1:], PEAK)
     size = np.maximum(np.abs(peak.value), level * peak.gain)
     level = max(level, _ROUNDING * size.max())
     rough = np.log(uniform_filter1d(size, 3))
     pace = Pace.of(centre, rough, -np.gradient(rough, centre))
-    sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, pace, 7, _SIZES, cycles)
+    sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, Curves.at(pace, 7), _SIZES, cycles)
     pace = Pace.of(centre, sizes(centre)[0], -sizes(centre, 1)[0])
     for _ in range(4):
         crossing = LocalValues.of(fine, at, period, CROSSING)
@@ -129,11 +129,12 @@ def extract_backbone(decay, *, cycles=None):
         step = np.resize([1.0, -1.0], len(at)) * crossing.value / slope
         at = at - np.clip(step, -period / 8, period / 8)
     # noise
-    times = _Times(number, at, crossing.gain * level / slope, _WHITE, pace, cycles)
+    curves = Curves.at(pace, 5)
+    times = _Times(number, at, crossing.gain * level / slope, _WHITE, curves, cycles)
     noise = _noise(record, fine.dt, number, times)
     one, other = (Scatter.of(noise, cycle, fine.dt, k, len(at)) for k in (CROSSING, PEAK))
     floor = _ROUNDING * size.max()
-    times = _Times(number, at, np.hypot(crossing.gain * np.hypot(one.std, floor) / slope, _SHAPE * period / 6), one.alike, pace, cycles)
+    times = _Times(number, at, np.hypot(crossing.gain * np.hypot(one.std, floor) / slope, _SHAPE * period / 6), one.alike, curves, cycles)
     # peaks
     decrement = -sizes(centre, 1)[0]
     middle = times.peaks(centre)
@@ -141,17 +142,18 @@ def extract_backbone(decay, *, cycles=None):
     peak = LocalValues.of(fine, middle - rate * decrement / (4 * np.pi**2), rate, PEAK)
     swing = np.resize([1.0, -1.0], len(centre)) * peak.value
     side = np.resize([1.0, -1.0], len(centre))
+    curves = Curves.at(pace, 7)
     for _ in range(2):
         expected = sizes.sided(centre, side)
         std = np.hypot(peak.gain * np.hypot(other.std, floor) / np.exp(expected), _SHAPE)
-        sizes = Trend.through(centre, expected + np.clip(swing / np.exp(expected) - 1, -1,1), std, other.alike, pace, 7, _SIZES, cycles)
+        sizes = Trend.through(centre, expected + np.clip(swing / np.exp(expected) - 1, -1,1), std, other.alike, curves, _SIZES, cycles)
     return _read(number, times, sizes, record.unit)
 
 
 class _Times:
-    def __init__(self, number, at, std, alike, pace, cycles):
+    def __init__(self, number, at, std, alike, curves, cycles):
         self.first, self.cycle = at[0], (at[-1] - at[0]) / (number[-1] - number[0])
-        self.trend = Trend.through(number, (at - self.first) / self.cycle - number, std / self.cycle, alike, pace, 5, _TIMES, cycles)
+        self.trend = Trend.through(number, (at - self.first) / self.cycle - number, std / self.cycle, alike, curves, _TIMES, cycles)
 
     def __call__(self, number, derivative=0, side=0.0):
         value, std = self.trend(number, derivative, side)
@@ -192,14 +194,15 @@ def _read(number, times, sizes, unit):
     period, period_std = times(middle, 1)
     high, low = (np.exp(sizes(middle, 0, s)[0]) for s in (1.0, -1.0))
     rows = [sizes.rows(middle, 0, s) for s in (1.0, -1.0)]
+    def _mixed(share, rows): return tuple(share * x + (1 - share) * y for x, y in zip(*rows))
     amplitude = (high + low) / 2
     share = (high / (high + low))[:, None]
-    relative = sizes.of_rows(share * rows[0] + (1 - share) * rows[1])[1]
+    relative = sizes.of_rows(_mixed(share, rows))[1]
     places = (middle - 0.25, 1.0), (middle + 0.25, -1.0)
     top, bottom = (np.exp(sizes(m, 0, s)[0]) for m, s in places)
     share = (top / (top + bottom))[:, None]
     rows = [sizes.rows(m, 1, s) for m, s in places]
-    slope, slope_std = sizes.of_rows(share * rows[0] + (1 - share) * rows[1])
+    slope, slope_std = sizes.of_rows(_mixed(share, rows))
     frequency = 2 * np.pi / period
     return Backbone(
         t=t, amplitude=amplitude, frequency=frequency, damping_ratio=-slope / np.hypot(2 * np.pi, slope),

@@ -23,7 +23,6 @@ _MOST = 80  # intervals between knots
 _TRUST = 10.0
 _POWERS = (-1, 0, 1, 2)  # of the amplitude, that half-cycles of either side differ by
 _SLOWEST = 0.25  # part of the mean pace, below which it is noise
-_RIDGE = 1e-13
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,14 @@ class Pace:
     def log_size_at(self, number: Array) -> Array:
         return np.interp(number, self.number, self.log_size)
 
+    def powers(self, number: Array, derivative: int) -> Array:
+        """Powers of the size, (n, 4), none above one, or their slopes."""
+        powers = np.array(_POWERS)
+        log_size = self.log_size_at(number)[:, None]
+        log_size = log_size - np.where(powers < 0, self.log_size.min(), 0.0)
+        found = np.exp(powers * log_size)
+        return -powers * self.rate_at(number)[:, None] * found if derivative else found
+
     def knots(self) -> Array:
         """Of splines: dense where the cycles are, and where the size changes; a cycle at least."""
         density = self.rate / np.mean(self.rate) + 1
@@ -60,26 +67,70 @@ class Pace:
 
 
 @dataclass(frozen=True)
+class Curves:
+    """Smooth curves before any data: splines that split into polynomials and what is rough.
+
+    A curve is ``knots`` (k,) with coefficients flat @ a + rough @ b. Its fourth derivative, in units
+    of the pace, has a squared integral of b @ b.
+    """
+
+    pace: Pace
+    knots: Array
+    flat: Array
+    rough: Array
+
+    @classmethod
+    def at(cls, pace: Pace, power: int) -> Curves:
+        """Whose derivative of this order and fewer is of order one where they go with the pace."""
+        knots = pace.knots()
+        x, w = np.polynomial.legendre.leggauss(_DEGREE - _ORDER + 1)
+        inner = knots[_DEGREE : len(knots) - _DEGREE]
+        half = np.diff(inner) / 2
+        at = (((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * x).ravel()
+        weight = (half[:, None] * w).ravel() / pace.rate_at(at) ** power
+        bend = np.sqrt(weight)[:, None] * _splines(knots, at, _ORDER)
+        _, size, modes = np.linalg.svd(bend)
+        n = bend.shape[1] - _ORDER
+        return cls(pace, knots, modes[n:].T, modes[:n].T / size[:n])
+
+    def rows(self, number: Array, derivative: int, side: Array) -> tuple[Array, Array]:
+        """What values are of the polynomials, with what sides differ by, and of what is rough."""
+        splines = _splines(self.knots, number, derivative)
+        uneven = self.pace.powers(number, derivative)
+        return np.column_stack([splines @ self.flat, side[:, None] * uneven]), splines @ self.rough
+
+
+def _splines(knots: Array, number: Array, derivative: int) -> Array:
+    return np.asarray(BSpline(knots, np.eye(len(knots) - _DEGREE - 1), _DEGREE)(number, derivative))
+
+
+@dataclass(frozen=True)
 class Trend:
     """A smooth function of the cycle number, one for either side of the vibration.
 
     Attributes
     ----------
-    pace : Pace
-    knots : (k,) array
-    values : (m, g) array
-        Coefficients for every roughness that was tried.
-    modes, spread : (m, m) and (m, g) arrays
-        Their covariance is modes @ diag(spread) @ modes.T.
+    curves : Curves
+    fixed : (p, g) array
+        Coefficients of polynomials and sides, for every roughness that was tried.
+    free : (m, g) array
+        Those of the modes of what is rough.
+    triangle : (p, p), along : (p, m), modes : (k, m) arrays
+    spread : (m, g) array
+        Variance of the modes.
+    scale : (g,) array
     weight : (g,) array
         Probability of every roughness.
     """
 
-    pace: Pace
-    knots: Array
-    values: Array
+    curves: Curves
+    fixed: Array
+    free: Array
+    root: Array
+    along: Array
     modes: Array
     spread: Array
+    scale: Array
     weight: Array
 
     @classmethod
@@ -89,42 +140,42 @@ class Trend:
         y: Array,
         std: Array,
         alike: Array,
-        pace: Pace,
-        power: int,
+        curves: Curves,
         roughness: Array,
         cycles: int | None = None,
     ) -> Trend:
         """Follow values y (n,) with standard errors, at half-cycles in turn.
 
         ``alike`` are the correlations of the errors with those 0, 1, 2, ... events later.
-        The ``power`` derivative...
         """
-        knots = pace.knots()
-        design = _rows(number, knots, pace, 0, np.resize([1.0, -1.0], len(number)))
-        white = _whitened(np.column_stack([design, y]) / std[:, None], alike)
-        design, y = white[:, :-1], white[:, -1]
-        penalty = _penalty(knots, pace, power, design.shape[1])
-        gram = design.T @ design
+        fixed, rough = curves.rows(number, 0, np.resize([1.0, -1.0], len(number)))
+        white = _whitened(np.column_stack([fixed, rough, y]) / std[:, None], alike)
+        fixed, rough, y = np.split(white, [fixed.shape[1], white.shape[1] - 1], axis=1)
         # A priori halves differ by less than their size.
-        extra = np.r_[np.zeros(design.shape[1] - len(_POWERS)), np.ones(len(_POWERS))]
-        gram += np.diag(extra + _RIDGE * np.diag(gram).max())
-        stiffness, modes = eigh(penalty, gram)
-        n_free = np.sum(extra == 0) - _ORDER
-        stiffness = np.where(np.arange(len(stiffness)) < len(stiffness) - n_free, 0.0, stiffness)
-        stiffness = np.maximum(stiffness, 0.0)[:, None]
-        part = (modes.T @ (design.T @ y))[:, None]
-        shrink = 1 / (1 + stiffness / roughness**2)
-        rest = y @ y - np.sum(part**2 * shrink, axis=0)
-        rest = np.maximum(rest, 0.0)
-        freedom = _TRUST + len(y) - _ORDER - len(_POWERS)
-        surprise = freedom * np.log(_TRUST + rest) - np.sum(np.log(shrink), axis=0)
-        surprise += 2 * n_free * np.log(roughness)
+        prior = np.eye(len(_POWERS), fixed.shape[1], _ORDER)
+        basis, triangle = np.linalg.qr(np.concatenate([fixed, prior]))
+        basis = basis[: len(y)]
+        known, y0 = basis.T @ rough, basis.T @ y
+        gram = rough.T @ rough - known.T @ known
+        pull = (rough.T @ y - known.T @ y0)[:, 0]
+        left = float(np.sum(y**2) - np.sum(y0**2))
+        size, modes = eigh(gram)
+        size = np.maximum(size, 0.0)[:, None]
+        part = (modes.T @ pull)[:, None]
+        spread = 1 / (size + roughness**-2.0)
+        rest = np.maximum(left - np.sum(part**2 * spread, axis=0), 0.0)
+        freedom = _TRUST + len(y) - fixed.shape[1]
+        surprise = freedom * np.log(_TRUST + rest) + np.sum(np.log1p(size * roughness**2), axis=0)
         weight = np.exp(-(surprise - surprise.min()) / 2)
         if cycles is not None:
-            used = np.abs(shrink.sum(axis=0) - len(_POWERS) - _ORDER * max(len(y) / 2 / cycles, 1))
-            weight = (np.arange(len(roughness)) == np.argmin(used)).astype(float)
+            used = np.sum(size * spread, axis=0) + _ORDER
+            wanted = max(_ORDER * len(y) / 2 / cycles, _ORDER)
+            weight = (np.arange(len(roughness)) == np.argmin(np.abs(used - wanted))).astype(float)
+        root = np.linalg.inv(triangle)
+        free = part * spread
+        along = known @ modes
         scale = (_TRUST + rest) / freedom
-        return cls(pace, knots, modes @ (part * shrink), modes, shrink * scale, weight / weight.sum())
+        return cls(curves, root @ (y0 - along @ free), free, root, along, modes, spread * scale, scale, weight / weight.sum())
 
     def __call__(self, number: Array, derivative: int = 0, side: float = 0.0) -> tuple[Array, Array]:
         """Value or slope at cycle numbers (n,), and its standard error: of one side, or the mean."""
@@ -132,44 +183,20 @@ class Trend:
 
     def sided(self, number: Array, side: Array) -> Array:
         """Values at cycle numbers (n,), each of a side of its own."""
-        rows = _rows(number, self.knots, self.pace, 0, side)
-        return self.of_rows(rows)[0]
+        return self.of_rows(self.curves.rows(number, 0, side))[0]
 
-    def rows(self, number: Array, derivative: int, side: float) -> Array:
+    def rows(self, number: Array, derivative: int, side: float) -> tuple[Array, Array]:
         """What a value or slope is of the coefficients."""
-        return _rows(number, self.knots, self.pace, derivative, np.full(len(number), side))
+        return self.curves.rows(number, derivative, np.full(len(number), side))
 
-    def of_rows(self, rows: Array) -> tuple[Array, Array]:
-        each = rows @ self.values
+    def of_rows(self, rows: tuple[Array, Array]) -> tuple[Array, Array]:
+        fixed, rough = rows[0], rows[1] @ self.modes
+        each = fixed @ self.fixed + rough @ self.free
         mean = each @ self.weight
-        variance = (rows @ self.modes) ** 2 @ self.spread + (each - mean[:, None]) ** 2
-        return mean, np.sqrt(variance @ self.weight)
-
-
-def _rows(number: Array, knots: Array, pace: Pace, derivative: int, side: Array) -> Array:
-    splines = BSpline(knots, np.eye(len(knots) - _DEGREE - 1), _DEGREE)(number, derivative)
-    powers = np.array(_POWERS)
-    # Relative to the least size where it grows towards it: no column exceeds one.
-    log_size = pace.log_size_at(number)[:, None]
-    log_size = log_size - np.where(powers < 0, pace.log_size.min(), 0.0)
-    uneven = np.exp(powers * log_size)
-    if derivative:
-        uneven = -powers * pace.rate_at(number)[:, None] * uneven
-    return np.column_stack([splines, side[:, None] * uneven])
-
-
-def _penalty(knots: Array, pace: Pace, power: int, size: int) -> Array:
-    """Integral of the squared third derivative, in units of the pace."""
-    x, w = np.polynomial.legendre.leggauss(_DEGREE - _ORDER + 2)
-    inner = knots[_DEGREE : len(knots) - _DEGREE]
-    half = np.diff(inner) / 2
-    at = ((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * x
-    bend = BSpline(knots, np.eye(len(knots) - _DEGREE - 1), _DEGREE)(at.ravel(), _ORDER)
-    weight = (half[:, None] * w).ravel() / pace.rate_at(at.ravel()) ** power
-    found = np.zeros((size, size))
-    n = bend.shape[1]
-    found[:n, :n] = bend.T @ (weight[:, None] * bend)
-    return found
+        certain = fixed @ self.root
+        variance = np.sum(certain**2, axis=1)[:, None] * self.scale
+        variance = variance + (rough - certain @ self.along) ** 2 @ self.spread
+        return mean, np.sqrt((variance + (each - mean[:, None]) ** 2) @ self.weight)
 
 
 def _whitened(x: Array, alike: Array) -> Array:
@@ -179,4 +206,4 @@ def _whitened(x: Array, alike: Array) -> Array:
         return x
     band = np.repeat(alike[:, None], len(x), axis=1)
     factor = cholesky_banded(band, lower=True)
-    return solve_banded((len(alike) - 1, 0), factor, x)
+    return np.asarray(solve_banded((len(alike) - 1, 0), factor, x))
