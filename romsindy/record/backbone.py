@@ -23,6 +23,7 @@ from romsindy.typing import Array
 _LEVER = 0.01
 _ROUNDING = 1e-6  # of the largest amplitude
 _SHAPE = 1e-5  # of an amplitude, that local polynomials are off by
+_ENDS, _FORGETS = 0.05, 0.6
 _WHITE = np.ones(1)
 _SIZES = 10 ** np.linspace(-1.5, 3, 19)
 _TIMES = 10 ** np.linspace(-4, 1, 21)
@@ -118,23 +119,28 @@ def extract_backbone(decay, *, cycles=None):
     peak = LocalValues.of(fine, (at[1:] + at[:-1]) / 2, period[1:], PEAK)
     size = np.maximum(np.abs(peak.value), level * peak.gain)
     level = max(level, _ROUNDING * size.max())
-    rough = np.log(uniform_filter1d(size, 3))
+    rough = np.convolve(np.log(size), [0.25, 0.5, 0.25], "same")
+    rough[0], rough[-1] = 2 * rough[1] - rough[2], 2 * rough[-2] - rough[-3]
     pace = Pace.of(centre, rough, -np.gradient(rough, centre))
     sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, Curves.at(pace, 7), _SIZES, cycles)
     pace = Pace.of(centre, sizes(centre)[0], -sizes(centre, 1)[0])
-    for _ in range(4):
-        crossing = LocalValues.of(fine, at, period, CROSSING)
-        slope = 2 * np.pi / period * np.exp(sizes(number)[0])
-        slope *= np.clip(uniform_filter1d(np.abs(crossing.slope) / slope, 9), 0.5, 2.0)
-        step = np.resize([1.0, -1.0], len(at)) * crossing.value / slope
-        at = at - np.clip(step, -period / 8, period / 8)
+    expected = np.exp(sizes(number)[0])
+    curves = Curves.at(pace, 5)
+    for _ in range(2):
+        at, std = _crossings(fine, at, period, expected)
+        times = _Times(number, at, std * level, _WHITE, curves, cycles)
+        period = times(number, 1)[0]
+    at, std = _crossings(fine, at, period, expected)
+    # Interpolation knows nothing of what is beyond the ends.
+    def edge(at, period):
+        apart = np.minimum(at - fine.t[0], fine.t[-1] - at) / record.dt
+        return (fine is not record) * _ENDS * (2 * np.pi * record.dt / period) ** 2 * _FORGETS**apart
     # noise
     curves = Curves.at(pace, 5)
-    times = _Times(number, at, crossing.gain * level / slope, _WHITE, curves, cycles)
     noise = _noise(record, fine.dt, number, times)
     one, other = (Scatter.of(noise, cycle, fine.dt, k, len(at)) for k in (CROSSING, PEAK))
     floor = _ROUNDING * size.max()
-    times = _Times(number, at, np.hypot(crossing.gain * np.hypot(one.std, floor) / slope, _SHAPE * period / 6), one.alike, curves, cycles)
+    times = _Times(number, at, np.hypot(std * np.hypot(one.std, floor), (_SHAPE + edge(at, period)) * period / 6), one.alike, curves, cycles)
     # peaks
     decrement = -sizes(centre, 1)[0]
     middle = times.peaks(centre)
@@ -145,9 +151,19 @@ def extract_backbone(decay, *, cycles=None):
     curves = Curves.at(pace, 7)
     for _ in range(2):
         expected = sizes.sided(centre, side)
-        std = np.hypot(peak.gain * np.hypot(other.std, floor) / np.exp(expected), _SHAPE)
+        std = np.hypot(peak.gain * np.hypot(other.std, floor) / np.exp(expected), _SHAPE + edge(middle, rate))
         sizes = Trend.through(centre, expected + np.clip(swing / np.exp(expected) - 1, -1,1), std, other.alike, curves, _SIZES, cycles)
     return _read(number, times, sizes, record.unit)
+
+
+def _crossings(fine, at, period, expected):
+    slope = 2 * np.pi / period * expected
+    sides = np.resize([1.0, -1.0], len(at))
+    for _ in range(3):
+        local = LocalValues.of(fine, at, period, CROSSING)
+        ratio = np.clip(sides * local.slope / slope, 0.5, 2.0)
+        at = at - np.clip(sides * local.value / (slope * ratio), -period / 8, period / 8)
+    return at, local.gain / (slope * uniform_filter1d(ratio, 9))
 
 
 class _Times:

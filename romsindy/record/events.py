@@ -19,8 +19,9 @@ from romsindy.typing import Array
 
 # Half-width of the local fits in cycles, and their degrees: a sine is a cubic (quartic) to 2e-4
 # (1e-5) over this arc round its zero (its peak), and what is left is even (odd) there and harmless.
-_ARC = 1 / 8
+_ARC = 0.15
 CROSSING, PEAK = 3, 4
+_FADED = 1.0
 _TOGETHER = 256  # fits at a time
 _LAGS = 128  # half-cycles, beyond which errors are not alike
 _ALONE = 0.03  # correlations that do not matter
@@ -53,12 +54,14 @@ def _fitted(decay: Decay, at: Array, period: Array, degree: int) -> tuple[Array,
     inside = index < high[:, None]
     index = np.minimum(index, n - 1)
     x = (decay.t[index] - at[:, None]) / half[:, None]
-    basis = chebyshev.chebvander(np.where(inside, x, 0.0), degree) * inside[..., None]
+    basis = chebyshev.chebvander(np.where(inside, x, 0.0), degree)
+    # Weights that fade out: samples that come and go at the ends move nothing.
+    faded = basis * (inside * np.maximum(_FADED - x**2, 0.0) ** 2)[..., None]
     centre = chebyshev.chebvander(np.zeros(1), degree)[0]
     tilt = chebyshev.chebval(0.0, chebyshev.chebder(np.eye(degree + 1)))
-    square = basis.transpose(0, 2, 1) @ basis
+    square = basis.transpose(0, 2, 1) @ faded
     wanted = np.broadcast_to(np.stack([centre, tilt], axis=1), (len(at), degree + 1, 2))
-    weights = basis @ np.linalg.solve(square, wanted)
+    weights = faded @ np.linalg.solve(square, wanted)
     value, slope = np.einsum("nk,nkj->jn", decay.q[index], weights)
     return value, slope / half, np.sqrt(np.sum(weights[..., 0] ** 2, axis=1))
 
@@ -83,9 +86,9 @@ class Scatter:
         """Of n values half a ``cycle`` apart, fitted to samples every ``dt`` seconds."""
         count = max(int(_ARC * cycle / dt), degree // 2 + 1)
         x = np.arange(-count, count + 1) / (count + 0.5)
-        weights = chebyshev.chebvander(np.zeros(1), degree)[0] @ np.linalg.pinv(
-            chebyshev.chebvander(x, degree)
-        )
+        basis = chebyshev.chebvander(x, degree)
+        faded = basis * (_FADED - x**2)[:, None] ** 2
+        weights = faded @ np.linalg.solve(basis.T @ faded, chebyshev.chebvander([0.0], degree)[0])
         highest = min(0.5 / dt, _HIGHEST / cycle)
         frequency = (np.arange(_FREQUENCIES) + 0.5) / _FREQUENCIES * highest
         angle = 2 * np.pi * dt * frequency[:, None] * np.arange(1, count + 1)

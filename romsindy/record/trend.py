@@ -21,7 +21,8 @@ _DEGREE, _ORDER = 5, 4  # of the splines, and of the derivative that is small wh
 _MOST = 80  # intervals between knots
 # The scatter of the events counts like so many more that scatter as the noise says.
 _TRUST = 10.0
-_POWERS = (-1, 0, 1, 2)  # of the amplitude, that half-cycles of either side differ by
+_POWERS = (-1, 0, 1, 2, 3, 4)  # of the amplitude, that half-cycles of either side differ by
+_MARGIN = 0.5  # cycles, beyond the first and the last peak
 _SLOWEST = 0.25  # part of the mean pace, below which it is noise
 
 
@@ -36,7 +37,13 @@ class Pace:
     @classmethod
     def of(cls, number: Array, log_size: Array, rate: Array) -> Pace:
         """With a rate that is never less than a part of the mean one."""
-        mean = max(log_size.max() - log_size.min(), 1.0) / (number[-1] - number[0])
+        ends = number[[0, -1]] + [-_MARGIN, _MARGIN]
+        beyond = log_size[[0, -1]] + _MARGIN * rate[[0, -1]] * [1, -1]
+        number, log_size, rate = (
+            np.concatenate([end[:1], x, end[1:]])
+            for end, x in ((ends, number), (beyond, log_size), (rate[[0, -1]], rate))
+        )
+        mean = max(np.ptp(log_size), 1.0) / np.ptp(number)
         return cls(number, log_size - log_size.max(), np.maximum(rate, _SLOWEST * mean))
 
     def rate_at(self, number: Array) -> Array:
