@@ -23,6 +23,7 @@ from romsindy.typing import Array
 _LEVER = 0.01
 _ROUNDING = 1e-6  # of the largest amplitude
 _SHAPE = 1e-5  # of an amplitude, that local polynomials are off by
+_TIME, _SIZE = 5, 5
 _ENDS, _FORGETS = 0.05, 0.6
 _WHITE = np.ones(1)
 _SIZES = 10 ** np.linspace(-1.5, 3, 19)
@@ -122,10 +123,10 @@ def extract_backbone(decay, *, cycles=None):
     rough = np.convolve(np.log(size), [0.25, 0.5, 0.25], "same")
     rough[0], rough[-1] = 2 * rough[1] - rough[2], 2 * rough[-2] - rough[-3]
     pace = Pace.of(centre, rough, -np.gradient(rough, centre))
-    sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, Curves.at(pace, 7), _SIZES, cycles)
+    sizes = Trend.through(centre, np.log(size), peak.gain * level / size, _WHITE, Curves.at(pace, _SIZE, 2 * _SIZE - 1), _SIZES, cycles)
     pace = Pace.of(centre, sizes(centre)[0], -sizes(centre, 1)[0])
     expected = np.exp(sizes(number)[0])
-    curves = Curves.at(pace, 5)
+    curves = Curves.at(pace, _TIME, 2 * _TIME - 3)
     for _ in range(2):
         at, std = _crossings(fine, at, period, expected)
         times = _Times(number, at, std * level, _WHITE, curves, cycles)
@@ -136,7 +137,7 @@ def extract_backbone(decay, *, cycles=None):
         apart = np.minimum(at - fine.t[0], fine.t[-1] - at) / record.dt
         return (fine is not record) * _ENDS * (2 * np.pi * record.dt / period) ** 2 * _FORGETS**apart
     # noise
-    curves = Curves.at(pace, 5)
+    curves = Curves.at(pace, _TIME, 2 * _TIME - 3)
     noise = _noise(record, fine.dt, number, times)
     one, other = (Scatter.of(noise, cycle, fine.dt, k, len(at)) for k in (CROSSING, PEAK))
     floor = _ROUNDING * size.max()
@@ -148,7 +149,7 @@ def extract_backbone(decay, *, cycles=None):
     peak = LocalValues.of(fine, middle - rate * decrement / (4 * np.pi**2), rate, PEAK)
     swing = np.resize([1.0, -1.0], len(centre)) * peak.value
     side = np.resize([1.0, -1.0], len(centre))
-    curves = Curves.at(pace, 7)
+    curves = Curves.at(pace, _SIZE, 2 * _SIZE - 1)
     for _ in range(2):
         expected = sizes.sided(centre, side)
         std = np.hypot(peak.gain * np.hypot(other.std, floor) / np.exp(expected), _SHAPE + edge(middle, rate))

@@ -17,11 +17,11 @@ from scipy.linalg import cholesky_banded, eigh, solve_banded
 
 from romsindy.typing import Array
 
-_DEGREE, _ORDER = 5, 4  # of the splines, and of the derivative that is small where they are smooth
+_DEGREE = 5  # of the splines
 _MOST = 80  # intervals between knots
 # The scatter of the events counts like so many more that scatter as the noise says.
 _TRUST = 10.0
-_POWERS = (-1, 0, 1, 2, 3, 4)  # of the amplitude, that half-cycles of either side differ by
+_POWERS = (-1, 0, 1, 2, 3, 4, 5)  # of the amplitude, that half-cycles of either side differ by
 _MARGIN = 0.5  # cycles, beyond the first and the last peak
 _SLOWEST = 0.25  # part of the mean pace, below which it is noise
 
@@ -87,17 +87,17 @@ class Curves:
     rough: Array
 
     @classmethod
-    def at(cls, pace: Pace, power: int) -> Curves:
+    def at(cls, pace: Pace, order: int, power: int) -> Curves:
         """Whose derivative of this order and fewer is of order one where they go with the pace."""
         knots = pace.knots()
-        x, w = np.polynomial.legendre.leggauss(_DEGREE - _ORDER + 1)
+        x, w = np.polynomial.legendre.leggauss(_DEGREE - order + 1)
         inner = knots[_DEGREE : len(knots) - _DEGREE]
         half = np.diff(inner) / 2
         at = (((inner[1:] + inner[:-1]) / 2)[:, None] + half[:, None] * x).ravel()
         weight = (half[:, None] * w).ravel() / pace.rate_at(at) ** power
-        bend = np.sqrt(weight)[:, None] * _splines(knots, at, _ORDER)
+        bend = np.sqrt(weight)[:, None] * _splines(knots, at, order)
         _, size, modes = np.linalg.svd(bend)
-        n = bend.shape[1] - _ORDER
+        n = bend.shape[1] - order
         return cls(pace, knots, modes[n:].T, modes[:n].T / size[:n])
 
     def rows(self, number: Array, derivative: int, side: Array) -> tuple[Array, Array]:
@@ -159,7 +159,8 @@ class Trend:
         white = _whitened(np.column_stack([fixed, rough, y]) / std[:, None], alike)
         fixed, rough, y = np.split(white, [fixed.shape[1], white.shape[1] - 1], axis=1)
         # A priori halves differ by less than their size.
-        prior = np.eye(len(_POWERS), fixed.shape[1], _ORDER)
+        order = curves.flat.shape[1]
+        prior = np.eye(len(_POWERS), fixed.shape[1], order)
         basis, triangle = np.linalg.qr(np.concatenate([fixed, prior]))
         basis = basis[: len(y)]
         known, y0 = basis.T @ rough, basis.T @ y
@@ -175,8 +176,8 @@ class Trend:
         surprise = freedom * np.log(_TRUST + rest) + np.sum(np.log1p(size * roughness**2), axis=0)
         weight = np.exp(-(surprise - surprise.min()) / 2)
         if cycles is not None:
-            used = np.sum(size * spread, axis=0) + _ORDER
-            wanted = max(_ORDER * len(y) / 2 / cycles, _ORDER)
+            used = np.sum(size * spread, axis=0) + order
+            wanted = max(order * len(y) / 2 / cycles, order)
             weight = (np.arange(len(roughness)) == np.argmin(np.abs(used - wanted))).astype(float)
         root = np.linalg.inv(triangle)
         free = part * spread
