@@ -1,37 +1,42 @@
 """Crossings of zero and turning points of a decay, each from the samples round it.
 
-Values of polynomials fitted to an eighth of a cycle on either side: linear in the samples, so that
-noise biases nothing. Where to look is told by what is known of the decay as a whole.
+Values of polynomials fitted to the samples near an instant: linear in them, so that noise biases
+nothing. Where to look is told by what is known of the decay as a whole.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.signal.windows import parzen
+from scipy.ndimage import uniform_filter1d
 
 from romsindy.record.decay import Decay
-from romsindy.record.spectrum import Spectrum
 from romsindy.typing import Array
 
-# Half-width of the local fits in cycles, and their degrees: a sine is a cubic (quartic) to 2e-4
-# (1e-5) over this arc round its zero (its peak), and what is left is even (odd) there and harmless.
-_ARC = 0.15
+# Half-width of the local fits in cycles, and their degrees: a sine is a cubic (quartic) to 4e-4
+# (4e-5) over this arc round its zero (its peak), and what is left is even (odd) there and harmless.
+ARC = 0.15
 CROSSING, PEAK = 3, 4
-_FADED = 1.0
 _TOGETHER = 256  # fits at a time
-_LAGS = 128  # half-cycles, beyond which errors are not alike
-_ALONE = 0.03  # correlations that do not matter
-# Frequencies of noise that local values hear, in fundamentals, and how many are looked at.
-_HIGHEST, _FREQUENCIES = 30, 3000
+_RIDGE = 1e-10  # of the weight of a sample: an arc at the end of a record holds half of them
+# Error of band-limited interpolation at an end, over amplitude and (omega dt)^2, and what is left
+# of it a sample farther inside; measured on sines.
+_END, _FORGETS = 0.05, 0.6
 
 
 @dataclass(frozen=True)
 class LocalValues:
-    """Values of local polynomials, their slopes, and the error of each in units of white noise."""
+    """Values of local polynomials.
+
+    Attributes
+    ----------
+    value, slope : (n,) arrays
+        Unit of q, and per s.
+    gain : (n,) array
+        Standard error of the value in white noise of standard deviation one.
+    """
 
     value: Array
     slope: Array
@@ -45,60 +50,64 @@ class LocalValues:
         return cls(*(np.concatenate(x) for x in zip(*found, strict=True)))
 
 
+def faded(x: Array, degree: int) -> tuple[Array, Array]:
+    """Polynomials at places x (..., k) of an arc from -1 to 1, and the same times weights.
+
+    The weights fade out: samples that come and go at the ends of an arc move nothing.
+    """
+    basis = chebyshev.chebvander(np.clip(x, -1, 1), degree)
+    return basis, basis * (np.maximum(1 - x**2, 0.0) ** 2)[..., None]
+
+
 def _fitted(decay: Decay, at: Array, period: Array, degree: int) -> tuple[Array, Array, Array]:
-    half = np.maximum(_ARC * period, (degree + 2) / 2 * decay.dt)
-    n = len(decay.t)
-    low = np.clip(np.ceil((at - half - decay.t[0]) / decay.dt).astype(int), 0, n - degree - 2)
-    high = np.clip(np.floor((at + half - decay.t[0]) / decay.dt).astype(int) + 1, low + degree + 2, n)
-    index = low[:, None] + np.arange(np.max(high - low))
-    inside = index < high[:, None]
-    index = np.minimum(index, n - 1)
+    half = np.maximum(ARC * period, (degree + 4) / 2 * decay.dt)
+    first = np.floor((at - half - decay.t[0]) / decay.dt).astype(int)
+    index = first[:, None] + np.arange(int(2 * half.max() / decay.dt) + 3)
+    inside = (index >= 0) & (index < len(decay.t))
+    index = np.clip(index, 0, len(decay.t) - 1)
     x = (decay.t[index] - at[:, None]) / half[:, None]
-    basis = chebyshev.chebvander(np.where(inside, x, 0.0), degree)
-    # Weights that fade out: samples that come and go at the ends move nothing.
-    faded = basis * (inside * np.maximum(_FADED - x**2, 0.0) ** 2)[..., None]
-    centre = chebyshev.chebvander(np.zeros(1), degree)[0]
-    tilt = chebyshev.chebval(0.0, chebyshev.chebder(np.eye(degree + 1)))
-    square = basis.transpose(0, 2, 1) @ faded
-    wanted = np.broadcast_to(np.stack([centre, tilt], axis=1), (len(at), degree + 1, 2))
-    weights = faded @ np.linalg.solve(square, wanted)
+    basis, weighted = faded(np.where(inside, x, 1.0), degree)
+    centre = np.eye(degree + 1)
+    wanted = np.stack([chebyshev.chebval(0.0, c) for c in (centre, chebyshev.chebder(centre))], 1)
+    square = basis.transpose(0, 2, 1) @ weighted + _RIDGE * np.eye(degree + 1)
+    weights = weighted @ np.linalg.solve(square, np.broadcast_to(wanted, (len(at), *wanted.shape)))
     value, slope = np.einsum("nk,nkj->jn", decay.q[index], weights)
     return value, slope / half, np.sqrt(np.sum(weights[..., 0] ** 2, axis=1))
 
 
-@dataclass(frozen=True)
-class Scatter:
-    """What noise does to local values: standard deviation over their gain, and correlations.
+def sides(n: int) -> Array:
+    """1, -1, 1, ..., (n,): the sides of half-cycles in turn."""
+    return np.resize([1.0, -1.0], n)
 
-    Attributes
-    ----------
-    std : float
-        Unit of q.
-    alike : (k,) array
-        Correlation with the value 0, 1, ... half-cycles later.
+
+def half_cycles(decay: Decay) -> tuple[Array, Array]:
+    """Numbers of the crossings of whole cycles, up and down in turn, and when they are, about."""
+    up, down = decay.crossings
+    n = min(len(up) - 1, len(down))
+    at = np.empty(2 * n + 1)
+    at[::2], at[1::2] = decay.t[up[: n + 1]], decay.t[down[:n]]
+    return np.arange(2 * n + 1) / 2, at
+
+
+def crossings_near(
+    decay: Decay, at: Array, period: Array, amplitude: Array
+) -> tuple[Array, Array]:
+    """When q crosses zero, up and down in turn, (n,), and its standard error in unit noise.
+
+    By Newton's method; a slope that noise has spoilt is replaced by that of the amplitude.
     """
+    slope = 2 * np.pi / period * amplitude
+    for _ in range(3):
+        local = LocalValues.of(decay, at, period, CROSSING)
+        ratio = np.clip(sides(len(at)) * local.slope / slope, 0.5, 2.0)
+        step = sides(len(at)) * local.value / (slope * ratio)
+        at = at - np.clip(step, -period / 8, period / 8)
+    return at, local.gain / (slope * uniform_filter1d(ratio, 9))
 
-    std: float
-    alike: Array
 
-    @classmethod
-    def of(cls, noise: Spectrum, cycle: float, dt: float, degree: int, n: int) -> Scatter:
-        """Of n values half a ``cycle`` apart, fitted to samples every ``dt`` seconds."""
-        count = max(int(_ARC * cycle / dt), degree // 2 + 1)
-        x = np.arange(-count, count + 1) / (count + 0.5)
-        basis = chebyshev.chebvander(x, degree)
-        faded = basis * (_FADED - x**2)[:, None] ** 2
-        weights = faded @ np.linalg.solve(basis.T @ faded, chebyshev.chebvander([0.0], degree)[0])
-        highest = min(0.5 / dt, _HIGHEST / cycle)
-        frequency = (np.arange(_FREQUENCIES) + 0.5) / _FREQUENCIES * highest
-        angle = 2 * np.pi * dt * frequency[:, None] * np.arange(1, count + 1)
-        passed = (weights[count] + 2 * np.cos(angle) @ weights[count + 1 :]) ** 2
-        power = noise(frequency) * passed
-        lag = np.arange(min(n, _LAGS))
-        shared = np.cos(np.pi * cycle * lag[:, None] * frequency) @ power
-        alike = (-1.0) ** lag * shared / shared[0]  # neighbours are on opposite sides
-        if n > _LAGS:
-            alike *= parzen(2 * _LAGS - 1)[_LAGS - 1 :]
-        if np.abs(alike[1:]).max(initial=0.0) < _ALONE:
-            alike = alike[:1]
-        return cls(float(np.sqrt(shared[0] / passed.sum())), alike)
+def interpolation_error(decay: Decay, fine: Decay, at: Array, period: Array) -> Array:
+    """Of interpolated samples at times ``at`` (n,), over the amplitude: large near the ends."""
+    if fine is decay:
+        return np.zeros(len(at))
+    apart = np.minimum(at - fine.t[0], fine.t[-1] - at) / decay.dt
+    return _END * (2 * np.pi * decay.dt / period) ** 2 * _FORGETS ** np.maximum(apart, 0)
