@@ -51,7 +51,7 @@ def noise_behind(decay: Decay, number: Array, at: Array) -> Power:
     def integrated(frequency: Array) -> Array:
         # Cubic splines take off what is slower than two of their knots.
         slow = (slowest / frequency) ** 8
-        kept = 1 / ((2 * np.pi * frequency) * (1 + slow) ** 2) ** (2 * times) if times else 1.0
+        kept = ((2 * np.pi * frequency) * (1 + slow)) ** (-2 * times) if times else 1.0
         return decay.dt * spectrum(frequency) * kept * (frequency < highest)
 
     return integrated

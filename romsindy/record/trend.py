@@ -228,12 +228,13 @@ class Trend:
         part = modes.T @ (rough.T @ y) - along.T @ known
         variance = 1 / (size + roughness**-2.0)
         rest = np.sum(y**2) - np.sum(known**2) - np.sum(part**2 * variance, axis=0)
-        scale = (_TRUST + np.maximum(rest, 0.0)) / (_TRUST + len(y))
+        freedom = _TRUST + max(len(y) - fixed.shape[1], 0)
+        scale = (_TRUST + np.maximum(rest, 0.0)) / freedom
         root, free = np.linalg.inv(triangle), part * variance
         if cycles is None:
             # The restricted likelihood, with an inverse gamma distribution of the scale.
             surprise = np.sum(np.log1p(size * roughness**2), axis=0)
-            surprise += (_TRUST + len(y)) * np.log(scale)
+            surprise += freedom * np.log(scale)
             weight = np.exp(-(surprise - surprise.min()) / 2)
         else:
             order = len(curves.tame)
