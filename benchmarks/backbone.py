@@ -13,7 +13,6 @@ follow the cycles. Nothing is shared with the method.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -125,7 +124,10 @@ def known(law: str, quantity: str, rng: np.random.Generator) -> KnownDecay:
     while True:
         ratio = float(np.exp(rng.uniform(np.log(1e-3), np.log(6e-2))))
         cycles = float(np.exp(rng.uniform(np.log(8), np.log(150))))
-        snr_db, rate = float(rng.uniform(30, 60)), float(np.exp(rng.uniform(np.log(16), np.log(90))))
+        snr_db, rate = (
+            float(rng.uniform(30, 60)),
+            float(np.exp(rng.uniform(np.log(16), np.log(90)))),
+        )
         viscous = 0.0 if law in ("viscous", "friction") else ratio * float(rng.uniform(0, 0.25))
         # A velocity does not tell where an asymmetric vibration has its middle.
         square = float(rng.uniform(-0.15, 0.15)) * (quantity == "displacement")
@@ -225,12 +227,12 @@ class Score:
     lost: int
 
 
-def score(case: KnownDecay, draws: int, seed: int, read: Callable = rs.extract_backbone) -> Score:
+def score(case: KnownDecay, draws: int, seed: int) -> Score:
     """Read so many noisy draws of one decay."""
     frequency, damping, first, lost = [], [], [], 0
     for i in range(draws):
         noisy = case.noisy(np.random.default_rng([seed, i]))
-        b, true = read(noisy), case.truth
+        b, true = rs.extract_backbone(noisy), case.truth
         k = np.argmin(np.abs(b.t[:, None] - true.t), axis=1)
         same = np.abs(b.t - true.t[k]) < 0.4 * 2 * np.pi / true.frequency[k]
         lost += int(np.sum(~same))

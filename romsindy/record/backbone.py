@@ -178,7 +178,9 @@ def _first_sizes(
     log_size[[0, -1]] = 2 * log_size[[1, -2]] - log_size[[2, -3]]
     pace = Pace.of(swing, log_size, -np.gradient(log_size, swing))
     std = peak.gain * max(white, rounding) / size
-    found = Trend.through(swing, np.log(size), std, _WHITE, Curves.of_sizes(pace), _OF_SIZES, cycles)
+    found = Trend.through(
+        swing, np.log(size), std, _WHITE, Curves.of_sizes(pace), _OF_SIZES, cycles
+    )
     pace = Pace.of(swing, found(swing)[0], -found(swing, 1)[0])
     return found, pace, (max(white, rounding), rounding)
 
@@ -245,7 +247,9 @@ class _Times:
             period = times(number, 1)[0]
         return times
 
-    def __call__(self, number: Array, derivative: int = 0, side: float = 0.0) -> tuple[Array, Array]:
+    def __call__(
+        self, number: Array, derivative: int = 0, side: float = 0.0
+    ) -> tuple[Array, Array]:
         """Time at, or period of, cycle numbers (n,), and its standard error."""
         off, std = self.trend(number, derivative, side)
         return self._timed(off, number, derivative), self._cycle * std

@@ -89,9 +89,7 @@ def half_cycles(decay: Decay) -> tuple[Array, Array]:
     return np.arange(2 * n + 1) / 2, at
 
 
-def crossings_near(
-    decay: Decay, at: Array, period: Array, amplitude: Array
-) -> tuple[Array, Array]:
+def crossings_near(decay: Decay, at: Array, period: Array, amplitude: Array) -> tuple[Array, Array]:
     """When q crosses zero, up and down in turn, (n,), and its standard error in unit noise.
 
     By Newton's method; a slope that noise has spoilt is replaced by that of the amplitude.

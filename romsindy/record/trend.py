@@ -245,7 +245,9 @@ class Trend:
         weight /= weight.sum()
         return cls(curves, fixed, free, modes, root, along, variance * scale, scale, weight)
 
-    def __call__(self, number: Array, derivative: int = 0, side: float = 0.0) -> tuple[Array, Array]:
+    def __call__(
+        self, number: Array, derivative: int = 0, side: float = 0.0
+    ) -> tuple[Array, Array]:
         """Value or slope at cycle numbers (n,) and its standard error: of a side, or the mean."""
         return self._of(self.curves.rows(number, derivative, np.full(len(number), side)))
 
@@ -256,7 +258,9 @@ class Trend:
     def mixed(self, two: Sequence[tuple[Array, int, float]], share: Array) -> tuple[Array, Array]:
         """Mean of two values (number, derivative, side), the first with this share (n,)."""
         one, other = (self.curves.rows(n, d, np.full(len(n), side)) for n, d, side in two)
-        rows = [share[:, None] * x + (1 - share[:, None]) * y for x, y in zip(one, other, strict=True)]
+        rows = [
+            share[:, None] * x + (1 - share[:, None]) * y for x, y in zip(one, other, strict=True)
+        ]
         return self._of((rows[0], rows[1]))
 
     def _of(self, rows: tuple[Array, Array]) -> tuple[Array, Array]:
