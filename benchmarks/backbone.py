@@ -271,13 +271,13 @@ def told(scores: list[Score]) -> str:
     frequency, damping = (np.concatenate([getattr(s, n) for s in scores]) for n in
                           ("frequency", "damping"))  # fmt: skip
     bias, std = (np.concatenate([getattr(s, n) for s in scores]) for n in ("bias", "bias_std"))
-    sure = np.maximum(np.abs(bias) - 2 * std, 0)
+    sure = 100 * np.maximum(np.abs(bias) - 2 * std, 0)
     return (
         f"{within(frequency):.1f} % of frequencies, {within(damping):.1f} % of damping ratios of"
         f" {len(frequency)} cycles within two standard errors; damping of the first {FIRST} cycles"
         f" {100 * np.mean(bias):+.2f} % off in the mean, {100 * np.median(np.abs(bias)):.2f} % in"
-        f" the median, {100 * sure.max():.2f} % at most for sure, {100 * np.mean(sure > 0.02):.0f} %"
-        f" of them over 2 %; {sum(s.lost for s in scores)} cycles lost"
+        f" the median, {sure.max():.2f} % at most for sure, {100 * np.mean(sure > 2):.0f} % of them"
+        f" over 2 %; {sum(s.lost for s in scores)} cycles lost"
     )
 
 

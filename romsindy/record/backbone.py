@@ -25,8 +25,8 @@ from romsindy.typing import Array
 
 # How much of what is local polynomials err by, and rounding: of the amplitude, of the largest one.
 _SHAPE, _ROUNDING = 1e-5, 1e-6
-# Roughness that is tried: of logarithms of sizes and of times in cycles, per e-fold of the amplitude.
-# Laws of damping have 1 to 10, laws of stiffness the relative change of the frequency.
+# Roughness that is tried, of logarithms of sizes and of times in cycles, per e-fold of the
+# amplitude. Laws of damping have 1 to 10, laws of stiffness the relative change of the frequency.
 _OF_SIZES, _OF_TIMES = 10 ** np.linspace(-1.5, 3, 19), 10 ** np.linspace(-4, 1, 21)
 _WHITE = np.ones(1)
 # Squared amplitudes must differ by this part of the least: further than a hundred times what they
@@ -165,7 +165,7 @@ def extract_backbone(decay: Decay, *, cycles: int | None = None) -> Backbone:
 def _first_sizes(
     record: Decay, fine: Decay, number: Array, about: Array, cycles: int | None
 ) -> tuple[Trend, Pace, tuple[float, float]]:
-    """Sizes of the peaks between crossings, the pace of the decay, and the noise: white, rounding."""
+    """Sizes of the peaks, the pace of the decay, and levels of white noise and of rounding."""
     swing, period = number[:-1] + 0.25, 2 * np.gradient(about)
     cycle = float(np.median(period))
     white = noise_std(record.signal) * np.sqrt(record.dt / fine.dt)

@@ -63,7 +63,7 @@ class Pace:
                 (rate, (0.0, 0.0)),
             )
         )
-        mean = max(np.ptp(log_size), 1.0) / np.ptp(number)
+        mean = max(float(np.ptp(log_size)), 1.0) / (number[-1] - number[0])
         return cls(number, log_size - log_size.max(), np.maximum(rate, _SLOWEST * mean))
 
     def rate_at(self, number: Array) -> Array:
@@ -79,7 +79,7 @@ class Pace:
 
     def knots(self) -> Array:
         """Of splines: where the cycles are and where the amplitude changes, half of them each."""
-        span = np.ptp(self.number)
+        span = float(self.number[-1] - self.number[0])
         density = (self.rate / np.mean(self.rate) + 1) / 2 * min(span, _MOST) / span
         density = np.minimum(density, _DENSEST)
         steps = (density[1:] + density[:-1]) / 2 * np.diff(self.number)
@@ -239,7 +239,7 @@ class Trend:
         else:
             order = len(curves.tame)
             values = order + np.sum(size * variance, axis=0)
-            nearest = np.argmin(np.abs(values - order * max(np.ptp(number) / cycles, 1)))
+            nearest = np.argmin(np.abs(values - order * max((number[-1] - number[0]) / cycles, 1)))
             weight = np.eye(len(roughness))[nearest]
         fixed = root @ (known - along @ free)
         weight /= weight.sum()
