@@ -25,7 +25,9 @@ from romsindy.typing import Array
 # the knots of the smooth motion that is taken off.
 _LEAST, _MOST, _KNOTS = 16, 64, 2.0
 _LAGS = 128  # half-cycles, beyond which errors are not alike
-_ALONE = 0.03  # correlations that do not matter
+# Correlations that do not matter, and what every value has of its own, so that rounding does not
+# make them impossible.
+_ALONE, _OWN = 0.03, 1e-6
 # Frequencies of noise that are heard, in fundamentals, and how many are looked at.
 _HIGHEST, _FREQUENCIES = 30, 3000
 
@@ -90,5 +92,6 @@ class Scatter:
         if not shared[0] > 0 or np.abs(shared[1:]).max(initial=0.0) < _ALONE * shared[0]:
             return cls(std, np.ones(1))
         alike = sides(len(lag)) * shared / shared[0]
+        alike[1:] *= 1 - _OWN
         # A window whose spectrum is positive leaves the correlations possible.
         return cls(std, alike * parzen(2 * _LAGS - 1)[_LAGS - 1 :] if n > _LAGS else alike)
