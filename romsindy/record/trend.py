@@ -241,7 +241,8 @@ class Trend:
         else:
             order = len(curves.tame)
             values = order + np.sum(size * variance, axis=0)
-            nearest = np.argmin(np.abs(values - order * max((number[-1] - number[0]) / cycles, 1)))
+            wanted = max(2 * (number[-1] - number[0]) / cycles, order)  # a straight line each
+            nearest = np.argmin(np.abs(values - wanted))
             weight = np.eye(len(roughness))[nearest]
         fixed = root @ (known - along @ free)
         weight /= weight.sum()
