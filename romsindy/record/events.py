@@ -20,6 +20,7 @@ from romsindy.typing import Array
 ARC = 0.15
 CROSSING, PEAK = 3, 4
 _TOGETHER = 256  # fits at a time
+_RANGE = 4.0  # of the periods of a decay, either way
 _RIDGE = 1e-10  # of the weight of a sample: an arc at the end of a record holds half of them
 # Error of band-limited interpolation at an end, over amplitude and (omega dt)^2, and what is left
 # of it a sample farther inside; measured on sines.
@@ -45,6 +46,9 @@ class LocalValues:
     @classmethod
     def of(cls, decay: Decay, at: Array, period: Array, degree: int) -> LocalValues:
         """At times ``at`` (n,), where a cycle takes ``period`` (n,)."""
+        usual = abs(float(np.median(period)))  # noise makes no arc longer than a few cycles
+        period = np.clip(period, usual / _RANGE, usual * _RANGE)
+        at = np.clip(at, decay.t[0], decay.t[-1])
         parts = [slice(i, i + _TOGETHER) for i in range(0, len(at), _TOGETHER)]
         found = [_fitted(decay, at[p], period[p], degree) for p in parts]
         return cls(*(np.concatenate(x) for x in zip(*found, strict=True)))

@@ -42,6 +42,8 @@ def noise_behind(decay: Decay, number: Array, at: Array) -> Power:
     n = number[-1]
     first = np.searchsorted(number, max(0.0, min(n / 2, n - _LEAST), n - _MOST))
     at, number = at[first:], number[first:]
+    later = np.diff(np.maximum.accumulate(at), prepend=-np.inf) > 0
+    at, number = at[later], number[later]
     part = decay.between(at[0], at[-1])
     phase = make_interp_spline(at, 2 * np.pi * number, 3)
     motion = HarmonicSpline.along(phase, part.t, part.signal, _KNOTS)

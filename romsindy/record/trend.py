@@ -29,7 +29,7 @@ _TAME = 10.0
 _POWERS, _UNEVEN = (-1, 0, 1, 2, 3, 4, 5), 0.1
 # The scatter of the events counts like so many more that scatter as the noise says.
 _TRUST = 10.0
-_EVERY = 10 ** np.linspace(-6, 9, 61)  # roughness, where it is a number of cycles that is wanted
+_EVERY = 10 ** np.linspace(-6, 4, 41)  # roughness, where it is a number of cycles that is wanted
 _MARGIN = 0.5  # cycles, beyond the first and the last event
 _SLOWEST = 0.25  # part of the mean pace: slower is noise
 
