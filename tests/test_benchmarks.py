@@ -60,6 +60,28 @@ def test_small_benchmark_of_a_curved_sensor(benchmark):
     assert np.isfinite(y).all() and len(y) > 100
 
 
+@benchmark_of("backbone")
+def test_backbones_of_decays_that_start_fast(benchmark):
+    """Drag, friction and an acceleration: bars hold the truth, and the first cycles have no bias.
+
+    Neighbouring cycles err alike: a decay is worth some five of them, and five draws some 25, of
+    which 95 % less three standard errors are 82 %.
+    """
+    shapes = {
+        ("displacement", 12.0, 40.0): benchmark.Oscillator(drag=0.07, cube=0.2),
+        ("displacement", 9.0, 50.0): benchmark.Oscillator(friction=0.011, square=0.1),
+        ("acceleration", 12.0, 50.0): benchmark.Oscillator(viscous=0.02),
+    }
+    for (quantity, cycles, snr_db), shape in shapes.items():
+        case = benchmark.decayed("", shape, quantity, cycles, snr_db)
+        score = benchmark.score(case, 5, 0)
+        assert score.lost == 0
+        assert benchmark.within(score.frequency) > 82, quantity
+        assert benchmark.within(score.damping) > 82, quantity
+        # Two per cent are asked for, beside what five draws know.
+        assert np.all(np.abs(score.bias) < 0.02 + 2 * score.bias_std), quantity
+
+
 @benchmark_of("bands")
 def test_a_band_that_is_known(benchmark):
     low, high = np.array([0.0, 0.0, 0.0]), np.array([1.0, 2.0, 3.0])
