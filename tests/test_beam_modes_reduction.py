@@ -143,6 +143,7 @@ def test_orbits_are_those_of_the_beam(share):
     assert shift == pytest.approx(orbit.frequency[0] / orbit.linear_frequency - 1, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_orbits_near_one_to_three_need_the_second_mode():
     beam = Beam.cantilever(
         elements=12,

@@ -15,6 +15,7 @@ def plain(elements: int = 16) -> Beam:
     return Beam.cantilever(elements=elements, gravity=0.0, tip_mass=0.0, spring_stiffness=0.0)
 
 
+@pytest.mark.slow
 def test_shift_of_the_bare_cantilever_is_that_of_the_elastica() -> None:
     beam = plain()
     shares = [0.1, 0.4]
@@ -26,6 +27,7 @@ def test_shift_of_the_bare_cantilever_is_that_of_the_elastica() -> None:
     assert orbits.unrest.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_orbit_closes_when_it_is_followed_for_a_whole_period() -> None:
     beam = Beam.cantilever(elements=12, alpha=0.0, eta=0.0)
     orbits = beam.normal_mode([0.2 * beam.length], progress=False)
@@ -36,6 +38,7 @@ def test_orbit_closes_when_it_is_followed_for_a_whole_period() -> None:
     assert np.abs(q[200] - q[0]).max() < 1e-4 * np.abs(q[0]).max()
 
 
+@pytest.mark.slow
 def test_small_orbits_of_the_default_beam_agree_with_reduced_model_and_decay() -> None:
     beam = Beam.cantilever(elements=12, alpha=0.3)
     orbits = beam.normal_mode([0.03 * beam.length, 0.04 * beam.length], progress=False)
@@ -63,6 +66,7 @@ def test_mode_two_ends_at_its_internal_resonance() -> None:
         beam.normal_mode([0.1 * beam.length], mode=2, progress=False)
 
 
+@pytest.mark.slow
 def test_interrupt_keeps_the_orbits_that_were_found(monkeypatch: pytest.MonkeyPatch) -> None:
     beam = plain(6)
     tips = [0.05 * beam.length, 0.1 * beam.length]

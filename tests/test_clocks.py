@@ -41,6 +41,7 @@ def named(decays: list[rs.Decay], held_out: rs.Decay | None = None) -> tuple:
     return effect, report.best.effects[0].effect
 
 
+@pytest.mark.slow
 def test_a_bolt_that_loosens_within_the_second_record_does_so_once():
     """Simulated with the instant at 134 s on the clock of both records."""
     found, effect = named(two(lambda t: 8.0 * (t > 134.0)))
@@ -54,6 +55,7 @@ def test_a_bolt_that_loosens_between_two_records_is_told_from_one_that_loosens_i
     assert 112.0 < effect.origin < 130.0 and effect.length == 0
 
 
+@pytest.mark.slow
 def test_a_drift_goes_on_from_record_to_record():
     """Linear in the time from the first release on; the third decay takes no part."""
     later = decay(0.8, 160.0, lambda t: 0.1 * (t - 100.0), 3)
@@ -62,6 +64,7 @@ def test_a_drift_goes_on_from_record_to_record():
     assert effect.origin == 100.0
 
 
+@pytest.mark.slow
 def test_records_that_all_start_anew_know_no_common_time():
     """Each softens by the same law since its own release."""
     decays = [decay(a, 0.0, lambda t: 0.4 * t, i) for i, a in enumerate((1.0, 0.7))]

@@ -81,6 +81,7 @@ def test_the_answer_comes_first(run, tmp_path):
     assert f"In short: {found.short.model.equation()}" in lines
 
 
+@pytest.mark.slow
 def test_same_seed_same_numbers(run):
     first, second = (run("identify", "--example", "--seed", 4, "--plain").output for _ in range(2))
     assert first == second != run("identify", "--example", "--seed", 5, "--plain").output
@@ -179,6 +180,7 @@ def test_amplitudes_without_a_cycle(run):
     assert result.exit_code == 2 and "amplitude = (100.0, 200.0) holds no cycle" in result.stderr
 
 
+@pytest.mark.slow
 def test_measured_velocity(run, measured):
     result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
                  "--weighted", "--column", "mode1b_v", "--time", "mode1b_t", "--full")  # fmt: skip
@@ -189,6 +191,7 @@ def test_measured_velocity(run, measured):
     assert "mode 1" in used and "mode 2 at 40" in left_out
 
 
+@pytest.mark.slow
 def test_a_record_of_several_modes_is_identified_by_one(run, measured):
     """Run a of the clamped beam: its second mode rings along, and no longer spoils the first."""
     options = ["--column", "mode1a_v", "--time", "mode1a_t", "--unit", "m/s"]
@@ -199,6 +202,7 @@ def test_a_record_of_several_modes_is_identified_by_one(run, measured):
     assert "Frequency and damping" in result.output and "Regressions alone" not in result.output
 
 
+@pytest.mark.slow
 def test_where_no_motion_follows_the_regressions_are_left(run, monkeypatch):
     def refuse(*_, **__):
         raise TrajectoryError("no motion follows the record")
@@ -285,6 +289,7 @@ def test_text_in_a_number_column_empty_and_missing_files(run, tmp_path):
         assert result.exit_code == 2 and message in result.output
 
 
+@pytest.mark.slow
 def test_millimetres_get_a_hint(run, tmp_path):
     decay = example_decay(40.0, 1)
     table = np.stack([decay.t, 1000 * decay.q], axis=1)

@@ -171,6 +171,7 @@ def test_columns_are_chosen_as_for_one_coordinate(run):
     assert result.exit_code == 2 and "choose with --column" in result.stderr
 
 
+@pytest.mark.slow
 def test_one_coordinate_is_the_command_as_it_is(run):
     plain = ["identify", "--example", "--plain", "--report", "one.html"]
     assert run(*plain, "--coordinates", 1).output == run(*plain).output
@@ -187,6 +188,7 @@ def test_a_motion_that_is_not_found_is_refused_with_a_remedy(run, monkeypatch):
     assert "fewer coordinates, more channels (--column) or another --release" in result.stderr
 
 
+@pytest.mark.slow
 def test_several_files_and_an_interrupt_that_keeps_what_is_done(run, folder, monkeypatch):
     found, identify = [], coupled_module.identify_coupled
 
@@ -251,6 +253,7 @@ def test_many_samples_a_cycle_are_decimated():
     assert off.max() < 4e-3 and off.std() < 1e-3
 
 
+@pytest.mark.slow
 def test_an_interrupt_within_a_file_keeps_what_was_found(run, folder, monkeypatch):
     """Ctrl-C in the second round of terms: a page, a note, and the exit code of an interrupt."""
     whole, rounds = coupled_module.identify_coupled, []

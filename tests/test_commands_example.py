@@ -50,6 +50,7 @@ def test_records_are_those_of_the_equations(written):
     assert simulated.q == pytest.approx(again.q, abs=1e-9)  # nine digits are written
 
 
+@pytest.mark.slow
 def test_what_is_hidden_is_named(written):
     folder, _ = written
     model = ReducedModel.from_json((folder / "model.json").read_text())
@@ -72,6 +73,7 @@ def test_the_beam_and_its_sensors_belong_together(written):
     assert measured.q[0, -1] == pytest.approx(beam.length / 3, rel=0.02)
 
 
+@pytest.mark.slow
 def test_nothing_is_overwritten_unasked(tmp_path):
     """Refused before anything is written; files of other names stay in any case."""
     (tmp_path / "decay.csv").write_text("mine")

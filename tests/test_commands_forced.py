@@ -175,6 +175,7 @@ def test_a_base_in_g_and_a_part_of_the_record(run, folder):
     assert "1500 samples" in " ".join(found["notes"])
 
 
+@pytest.mark.slow
 def test_two_inputs_of_one_kind(run, folder):
     left, right = multisine(5), multisine(6)
     q = response(lambda t: GAIN * left(t) - 0.5 * right(t), 7)

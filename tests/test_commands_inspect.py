@@ -81,6 +81,7 @@ def test_json_alone_on_the_standard_output(run, record, tmp_path):
     assert (tmp_path / "page.html").is_file()
 
 
+@pytest.mark.slow
 def test_the_command_that_comes_next_works(run, record, tmp_path):
     """Mode and releases as they were printed; coefficients within four errors of the truth."""
     printed = run("inspect", "test.csv").output
@@ -113,6 +114,7 @@ def test_one_mode_and_one_release_by_choice(run, record, tmp_path):
     assert refused.exit_code == 2 and "test.csv: mode = 7 is none of the modes" in refused.stderr
 
 
+@pytest.mark.slow
 def test_many_files_one_table_one_page(run, tmp_path):
     """One of them cannot be read: its sentence is in the table, and the others are done."""
     for i in (1, 2):
@@ -136,6 +138,7 @@ def test_many_files_one_table_one_page(run, tmp_path):
     assert (tmp_path / "run1_report.html").is_file() and (tmp_path / "run2_report.html").is_file()
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
     """Of the file that was being identified the regressions, and the files before it."""
     for i in (1, 2, 3):
@@ -219,6 +222,7 @@ def test_several_channels(run, tmp_path):
     assert "channels base (+0.1) and left tip (+1) together" in result.output
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("header", "name", "options"),
     [

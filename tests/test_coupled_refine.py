@@ -100,6 +100,7 @@ def test_coefficients_from_one_sensor():
     assert fit.adequacy == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_what_is_missing_shows_at_the_harmonics(two_sensors):
     lacking = {k: v for k, v in START.items() if k != "V q1^2 q2"}
     fit = refine(CoupledModel.from_coefficients(lacking, unit="m"), two_sensors.decays)
@@ -183,6 +184,7 @@ def test_a_decay_that_took_no_part_is_predicted_from_its_first_samples(identifie
     assert np.all(missed < 1.3 * 0.01 * decay.signal.std(axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [90, 120, 300])
 def test_the_state_of_vibrations_that_beat(samples):
     """From 4, 6 and 15 cycles: from the state that the beating sensor suggests, one is lost."""
@@ -194,6 +196,7 @@ def test_the_state_of_vibrations_that_beat(samples):
     assert np.sqrt(np.mean(missed**2)) < 1.3 * 0.01 * other.signal.std()
 
 
+@pytest.mark.slow
 def test_one_sensor_of_masses_that_differ():
     """What the sensor shows is scaled: an added mass restores what two equations share."""
     fit = identify_coupled(decays(22, [1.0, 0.6]), coordinates=2)
@@ -205,6 +208,7 @@ def test_one_sensor_of_masses_that_differ():
     np.testing.assert_allclose(omega, [10.0, 20.7], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_decay_in_which_one_mode_is_silent():
     """The second was released in its second mode: nothing rings near 10 Hz."""
     fit = identify_coupled(decays(23, SHAPES, starts=((0.8, 0.4), (0.0, 0.6))), coordinates=2)

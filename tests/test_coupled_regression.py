@@ -90,6 +90,7 @@ def test_terms_and_coefficients_of_clean_decays(shapes, ratio):
     assert estimator.model_.unit == "m"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shapes", "ratio"), [(TWO, 2.73), (ONE, 2.07)])
 def test_a_fit_starts_from_noisy_decays(shapes, ratio):
     several = decays(shapes, ratio)
@@ -112,6 +113,7 @@ def test_a_fit_starts_from_noisy_decays(shapes, ratio):
     assert np.abs(off).max() < 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", [1, 2], ids=["velocity", "acceleration"])
 def test_inertia_from_what_sensors_measure(quantity):
     library = ROMLibrary((3,), (1, 2, 3), modes=2)
@@ -123,6 +125,7 @@ def test_inertia_from_what_sensors_measure(quantity):
     assert abs(found["V q1^2 q2"]) < 0.01
 
 
+@pytest.mark.slow
 def test_one_sensor_of_masses_that_differ():
     """In the unit of a sensor that shows 0.6 of q2, that has the mass 1 / 0.36."""
     library = ROMLibrary((), (1, 2, 3), modes=2, masses=True)
@@ -166,6 +169,7 @@ def fitted(three_decays):
     return HarmonicSINDy(STIFF, SPARSE, fixed=known).fit(three_decays[:2])
 
 
+@pytest.mark.slow
 def test_the_estimator_keeps_to_the_contract(fitted, three_decays):
     assert fitted.model_.coefficients["gamma_3 [q1]"] == 900.0
     assert fitted.coef_.shape == (len(STIFF.terms),)
@@ -180,6 +184,7 @@ def test_the_estimator_keeps_to_the_contract(fitted, three_decays):
     assert abs(errors(model, 2.07)["V q1^2 q2"]) < 0.05
 
 
+@pytest.mark.slow
 def test_grids_search_it(three_decays):
     grid = {"library__damping": [(), ("linear",)]}
     search = GridSearchCV(

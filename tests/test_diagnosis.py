@@ -105,7 +105,12 @@ HIDDEN = {
 }
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+QUICK = ("cubic_stiffness", "gain", "saturation")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=[pytest.mark.slow] * (x not in QUICK)) for x in HIDDEN]
+)
 def test_a_hidden_effect_is_named_with_its_value(name):
     truth = HIDDEN[name][1]
     result = report_of(name)
@@ -150,6 +155,7 @@ def test_mass_is_told_beside_stiffness_and_damping_that_moved():
     assert ("added_mass",) in result.equivalent and result.verdict == "ambiguous"
 
 
+@pytest.mark.slow
 def test_what_is_gone_after_the_first_swings_is_named():
     """Neither cycles at equal amplitude nor what was held out show it: the first eighth does."""
     damping = {"c_linear": 0.05 * OMEGA}
@@ -167,12 +173,14 @@ def test_nothing_hidden_is_found():
     assert verdicts == ["none", "none"]
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named():
     result = report(force=lambda t, q, v: 0.004 * abs(v) * v + 20.0 * q**3)
     assert {e.name for e in result.effects} == {"quadratic_drag", "cubic_stiffness"}
     assert result.gap.after < 1.1
 
 
+@pytest.mark.slow
 def test_hum_stands_for_no_stiffness_and_has_other_harmonics_elsewhere():
     """Stiffness was "fitted beside" it, and lines of the held-out record "a further effect"."""
 
@@ -191,6 +199,7 @@ def test_hum_stands_for_no_stiffness_and_has_other_harmonics_elsewhere():
     assert result.effects[1].values["strength"] == pytest.approx(0.01 * OMEGA**2, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_effect_in_no_catalogue_is_unknown():
     """A stiffness that ripples with displacement and comes and goes in time."""
 
@@ -229,6 +238,7 @@ def test_an_effect_of_the_users_own():
     assert [e.name for e in result.effects] == ["fourth_power"]
 
 
+@pytest.mark.slow
 def test_exact_models_and_tolerances():
     """Nothing free: a moved frequency is an effect; with a tolerance on gamma_3 it is no effect."""
     *learn, test = three(changed={"omega^2": 1.004 * OMEGA**2})
@@ -242,6 +252,7 @@ def test_exact_models_and_tolerances():
     assert result.model.coefficients["gamma_3"] == pytest.approx(0.21 * OMEGA**2, rel=0.01)
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_numbers_of_one():
     *learn, test = three(**HIDDEN["quadratic_drag"][0])
     catalogue = [e for e in CATALOGUE if e.family == "damping"]
@@ -314,6 +325,7 @@ def test_drag_is_in_phase_with_the_velocity_whatever_was_measured(quantity):
     assert_allclose(missing.q, np.hypot(missing.q, missing.q_dot) * np.sin(missing.phase), atol=0.2)
 
 
+@pytest.mark.slow
 def test_the_side_of_a_stop_is_reported():
     """In the sentence, the table and the JSON text: a stop below is met at negative q."""
     hidden = three(force=lambda t, q, v: -0.02 * OMEGA**2 * max(-q - 0.4, 0.0))
@@ -405,6 +417,7 @@ def test_reversed_sign_is_told_apart_from_an_effect(name, snr_db):
         checked_records(MODEL, reversed_sign(good), 2e-4)
 
 
+@pytest.mark.slow
 def test_sign_is_not_blamed_without_reason():
     """Asymmetric effects are none, nor has a symmetric model a sign, nor noise an asymmetry."""
     for force in (
@@ -421,6 +434,7 @@ def test_sign_is_not_blamed_without_reason():
     checked_records(MODEL, reversed_sign(three(snr_db=12)), 2e-4)
 
 
+@pytest.mark.slow
 def test_other_sampling_is_no_matter():
     fine = report_of("quadratic_drag")
     *learn, test = three(**HIDDEN["quadratic_drag"][0])
@@ -461,6 +475,7 @@ def test_pendulum_lacks_dry_friction(measured):
     assert "with the velocity: damping" in readings["By phase"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("run", "start"), [("21338", 9.5), ("21337", 26.5)])
 def test_ship_lacks_quadratic_damping(measured, run, start):
     content = np.load(measured / "kvlcc2_roll_decay.npz")
@@ -576,6 +591,7 @@ def test_the_command_names_options_and_files(tmp_path, monkeypatch, options, mes
     assert done.stderr.splitlines()[-1].startswith(f"Error: {message}")
 
 
+@pytest.mark.slow
 def test_clamped_beam_has_another_linear_frequency(measured):
     """Run a against the model of run b: 2 to 2.6 Hz lower at the start, the stiffening stays."""
     content = np.load(measured / "cc_beam_bristol.npz")
@@ -608,6 +624,7 @@ def test_pictures_say_what_was_measured():
     assert figures["amplitude"].axes[-1].get_xlabel() == "amplitude of the velocity (mm/s)"
 
 
+@pytest.mark.slow
 def test_what_took_part_in_a_fit_does_not_judge_it():
     """Fits of short records were weighed a second time by the same samples: more values won."""
     short = decay(1.0, seed=1, force=lambda t, q, v: 0.02 * abs(v) * v).between(0, 1.2)
@@ -617,6 +634,7 @@ def test_what_took_part_in_a_fit_does_not_judge_it():
     assert "quadratic_drag" in {name for names in result.equivalent for name in names}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "effect", "law", "truth"),
     [
@@ -637,6 +655,7 @@ def test_what_a_model_has_already_may_be_too_much(key, effect, law, truth):
     assert found.values["strength"] == pytest.approx(-truth / 2, abs=error)
 
 
+@pytest.mark.slow
 def test_simulation_with_friction_is_reduced_with_it():
     """Without it the reduction missed its own series by 50 %, and nothing mattered any more."""
     force = lambda t, q, v: 0.2 * np.tanh(v / 1e-3)  # noqa: E731
@@ -662,6 +681,7 @@ def test_remedy_for_a_unit_works(unit, remedy):
         diagnose(model, rs.Decay(record.t, record.q, unit="m"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.78, 0.6])
 def test_hum_is_found_beside_what_hides_it(limit):
     """A sensor that saturates was named alone: the pairs that promised most held no hum."""

@@ -71,6 +71,7 @@ def report(heavier):
     return rs.diagnose(BEAM, heavier[:2], sensors=SEEN.sensors, held_out=heavier[2])
 
 
+@pytest.mark.slow
 def test_hidden_mass_is_named_weighed_and_put_back(report):
     assert report.verdict == "named" and report.names == ("added_mass",)
     (mass,) = report.effects
@@ -86,6 +87,7 @@ def test_hidden_mass_is_named_weighed_and_put_back(report):
     assert "Missing: more mass at the tip" in report.sentence
 
 
+@pytest.mark.slow
 def test_report_is_written(report, tmp_path):
     report.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text()
@@ -95,6 +97,7 @@ def test_report_is_written(report, tmp_path):
     assert "added_mass" in (tmp_path / "table.csv").read_text()
 
 
+@pytest.mark.slow
 def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     """A fault of a sensor and an effect at once: both are named, and the effect is right."""
     spoilt = [rs.Decay(d.t, d.q * [1, 1.06, 1, 1, 1], unit="m") for d in heavier]
@@ -104,6 +107,7 @@ def test_improved_beam_keeps_a_faulty_sensor_out(heavier):
     assert [e.label for e in report.sensor_errors] == ["y(0.12)", "y(0.28)", "y(0.36)", "y(0.45)"]
 
 
+@pytest.mark.slow
 def test_what_a_beam_leaves_on_its_reference_does_not_matter():
     """A beam 1 % too soft misses its own reference by as much: that was refused."""
     truth = BEAM.with_effect(StifferBending(0.01))
@@ -124,6 +128,7 @@ class MiddleDamper(Damper):
     mounting = AtPoint(0.225)
 
 
+@pytest.mark.slow
 def test_a_force_of_ones_own_is_found():
     """At mid-span a damper acts along another curve than at the tip, which drops faster."""
     truth = BEAM.with_effect(Damper().on_beam(0.02, AtPoint(0.225)))
@@ -338,6 +343,7 @@ def test_other_units_are_noticed(heavier):
     )
 
 
+@pytest.mark.slow
 def test_recipe_and_model_are_those_of_the_verdict(heavier):
     """A drift in time is no property of a beam: it is said, and nothing else is put in its place.
 
@@ -359,6 +365,7 @@ def test_recipe_and_model_are_those_of_the_verdict(heavier):
     assert len(report.model.effects) == len(BEAM.effects) + len(there)
 
 
+@pytest.mark.slow
 def test_a_parameter_within_its_tolerance_is_no_effect():
     """1 % of bending stiffness, of which the standard deviation is 1 %: it follows the data."""
     truth = BEAM.with_effect(StifferBending(0.01))
@@ -399,6 +406,7 @@ def test_tolerances_become_standard_deviations():
     assert [e.mass for e in heavy.effects if isinstance(e, PointMass)] == [pytest.approx(0.0012)]
 
 
+@pytest.mark.slow
 def test_a_beam_that_cannot_be_simulated_ends_in_unknown(heavier, monkeypatch):
     def fails(*arguments, **options):
         raise NoEquilibriumError("no equilibrium found")
@@ -419,6 +427,7 @@ def test_a_beam_that_cannot_be_simulated_ends_in_unknown(heavier, monkeypatch):
     assert "could not be simulated with this: no equilibrium found" in report.sentence
 
 
+@pytest.mark.slow
 def test_a_record_may_start_in_the_middle_of_a_swing(heavier):
     """A quarter of a cycle after the release it was refused; the mass found is the same."""
     late = [d.between(0.04) for d in heavier[:2]]
@@ -427,6 +436,7 @@ def test_a_record_may_start_in_the_middle_of_a_swing(heavier):
     assert report.model.effects[-1].mass == pytest.approx(4e-4, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_beam_of_another_length_lacks_no_mass():
     """0.5 % longer than said: it was "named: more mass at the tip"."""
     truth = BEAM.with_effect(Longer(0.005))
@@ -435,6 +445,7 @@ def test_a_beam_of_another_length_lacks_no_mass():
     assert report.names != ("added_mass",) and ("length",) in report.equivalent
 
 
+@pytest.mark.slow
 def test_command_line_reads_a_beam(heavier, tmp_path):
     """Of more elements than are simulated."""
     table = np.column_stack([heavier[0].t, heavier[0].q])

@@ -64,6 +64,7 @@ def test_a_release_at_the_tip_is_no_effect(seed):
     assert max(e.after for e in report.sensor_errors) < 1.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [False, True], ids=["read", "given"])
 def test_a_hidden_mass_is_found_after_a_release_at_the_tip(given):
     truth = BEAM.with_effect(PointMass(4e-4))
@@ -97,6 +98,7 @@ SPAN_SEEN = InstrumentedBeam(
 MIDDLE = SPAN.point_load((0.0, 1.0), at=LENGTH / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "name"), [(None, ()), (4e-3, ("viscous",))], ids=["nothing", "damper"]
 )

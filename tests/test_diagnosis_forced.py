@@ -72,6 +72,7 @@ def test_drag_is_named_with_its_strength():
         assert picture.figure().axes
 
 
+@pytest.mark.slow
 def test_the_gain_of_the_input_is_wrong(right):
     report = rs.diagnose(model(**{"gain [force]": 1.9}), right)
     (gain,) = report.effects
@@ -94,6 +95,7 @@ def test_an_input_that_the_model_does_not_have_is_fitted():
     assert any("gain and delay are fitted" in note for note in report.notes)
 
 
+@pytest.mark.slow
 def test_a_mass_is_told_from_stiffness_by_a_known_gain():
     """Where the gain is fitted, and all is linear, stiffness and damping may be others as well."""
     heavy = record(5, mass=1.01)

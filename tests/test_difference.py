@@ -87,7 +87,7 @@ def test_the_part_where_a_difference_is_largest_has_its_amplitudes():
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.9, 0.99])
-@pytest.mark.parametrize("cycles", [20, 80])
+@pytest.mark.parametrize("cycles", [20, pytest.param(80, marks=pytest.mark.slow)])
 def test_standard_errors_are_the_scatter_over_seeds(colour, cycles):
     """40 records: an rms is known to 11 %.
 

@@ -77,6 +77,7 @@ def test_it_is_a_term_of_a_reduced_model_and_survives_json():
     assert energy[0] - energy[-1] == pytest.approx(lost, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_it_is_named_in_a_reduced_model():
     t = np.arange(0, 12, 0.005)
     decays = [
@@ -91,6 +92,7 @@ def test_it_is_named_in_a_reduced_model():
     assert OneWaySpring() in report.model.terms
 
 
+@pytest.mark.slow
 def test_it_is_simulated_and_named_on_a_beam():
     beam = Beam.cantilever(elements=8)
     effect = OneWaySpring()

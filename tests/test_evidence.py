@@ -17,7 +17,7 @@ import romsindy as rs
 from romsindy.diagnosis.evidence import Hypothesis, ranked, weights
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.verdict import left_over, verdict_of
+from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
@@ -67,6 +67,7 @@ def fitted(decays, *names):
     return Hypothesis.of(MODEL, fit(MODEL, parts, records, iterations=30), 2, records), records
 
 
+@pytest.mark.slow
 def test_likelihood_is_that_of_a_dense_gaussian():
     """Columns by the matrix exponential, covariance in full, generalised least squares."""
     decay = wandering(3, 3e-4)
@@ -167,6 +168,7 @@ def trials(size):
     return np.array(found, float).T
 
 
+@pytest.mark.slow
 def test_odds_are_honest_where_the_model_wanders():
     """Of two damping laws beside process noise of a known size, which errors of 3e-4 hide."""
     z, right, odds, blind, blind_odds, size = trials(3e-4)
@@ -186,51 +188,109 @@ def test_odds_are_honest_where_the_model_wanders():
 LEAVES = FormError(jump=3e-4, structure=1e-3)
 
 
-def verdict_for(
-    *, needs=NO_FORM_ERROR, explained=True, form=NO_FORM_ERROR, names=("drag",), **more
+BEYOND = Tolerance(signal=0.01)
+
+
+def change(exceeds):
+    """A difference that exceeds any tolerance, or none."""
+    return SimpleNamespace(exceeds=lambda _: exceeds)
+
+
+def explanation(
+    names=("drag",),
+    *,
+    score=0.0,
+    misfit=0.0,
+    sureness=9.0,
+    needs=NO_FORM_ERROR,
+    explained=True,
+    ratio=1.2,
+    after=1.0,
+    closed=0.95,
+    unseen=False,
+    within=False,
+    changes=True,
+    lacking=True,
 ):
-    """The verdict on stand-ins that hold what it looks at, and nothing else."""
-    options = {"after": 1.0, "rivals": 1, "moved": (), "improves": True, "matters": True}
-    options |= {"closed": 0.9, "ratio": 1.2, "unseen": False} | more
-    best = SimpleNamespace(needs=needs, names=names, moved=options["moved"])
-    gap = SimpleNamespace(
-        after=options["after"],
-        differences_after=(SimpleNamespace(exceeds=lambda _: options.get("exceeds", True)),),
-        closed=options["closed"],
-        unseen=options["unseen"],
+    """An explanation on stand-ins that hold what the rule looks at, and nothing else."""
+    found = SimpleNamespace(
+        names=names, score=score, misfit=misfit, sureness=sureness, needs=needs, form=LEAVES
     )
-    tolerance = Tolerance(source=options.get("source", "default"))
-    left = SimpleNamespace(explained=explained, ratio=options["ratio"])
-    given = (best, [best] * options["rivals"], left, gap, tolerance, form)
-    verdict = verdict_of(*given, options["matters"], options["improves"])
-    return verdict, left_over(best, left, gap, tolerance, form)
+    found.at = lambda _: found
+    gap = SimpleNamespace(
+        before=9.0, after=after, closed=closed, unseen=unseen, leaves_within=lambda _: within
+    )
+    whole = SimpleNamespace(
+        closed=closed, changes=[change(changes)], changes_from=lambda _: [change(not within)]
+    )
+    left = SimpleNamespace(explained=explained, ratio=ratio)
+    return Explanation(found, left, gap, whole, lacking)
 
 
-def test_the_verdict_asks_what_is_left():
+# What needs no effect leaves more than the noise and the tolerance.
+OPEN = {
+    "names": (),
+    "score": 100.0,
+    "explained": False,
+    "needs": LEAVES,
+    "after": 5.0,
+    "closed": 0.0,
+}
+
+
+def verdict_for(plain=None, effect=None, *, beyond=True, tolerance=BEYOND, form=NO_FORM_ERROR):
+    """The verdict on a gap that is beyond the tolerance or not, and whether it is small."""
+    as_it_was = SimpleNamespace(differences_before=[change(beyond)])
+    without = explanation((), misfit=100.0).hypothesis
+    rule = Rule(as_it_was, without, without, tolerance, form)
+    answer = rule.answer(plain or explanation(**OPEN), effect)
+    return answer.verdict + (", small" if answer.small else "")
+
+
+def test_what_a_hypothesis_leaves():
     """Noise, what does not matter, or as much as the model leaves of its own reference record."""
+
+    def left(form=NO_FORM_ERROR, **given):
+        return explanation(**given).leaves(BEYOND, form)
+
     wrong = {"explained": False, "after": 5.0, "needs": LEAVES}
-    assert verdict_for() == ("named", "noise")
-    assert verdict_for(**wrong) == ("unknown", "effect")
-    assert verdict_for(**wrong, form=LEAVES) == ("named", "form")
-    assert verdict_for(**wrong, form=LEAVES.times(0.6)) == ("named", "form")
-    assert verdict_for(**wrong, form=FormError(1e-3, 1e-4)) == ("unknown", "effect")
-    assert verdict_for(**wrong, source="stated", exceeds=False) == ("named", "tolerance")
-    assert verdict_for(**wrong, source="stated") == ("unknown", "effect")
+    assert left() == "noise"
+    assert left(**wrong) == "effect"
+    assert left(LEAVES, **wrong) == left(LEAVES.times(0.6), **wrong) == "form"
+    assert left(FormError(1e-3, 1e-4), **wrong) == "effect"
+    assert left(**wrong, within=True) == "tolerance"
     little = {"explained": False, "needs": LEAVES, "closed": 0.999}
-    assert verdict_for(**little) == ("named", "little")
-    assert verdict_for(**little, after=1.5) == ("unknown", "effect")
-    assert verdict_for(**little, ratio=1.5) == ("unknown", "effect")
-    assert verdict_for(**little, ratio=1.5, unseen=True) == ("named", "little")
-    # The default tolerance is too small to be seen in the noise.
-    assert verdict_for(**wrong, exceeds=False) == ("unknown", "effect")
+    assert left(**little) == "little"
+    assert left(**little | {"after": 1.5}) == left(**little | {"ratio": 1.5}) == "effect"
+    assert left(**little | {"ratio": 1.5, "unseen": True}) == "little"
 
 
-def test_an_effect_is_named_only_where_it_matters_and_helps():
-    assert verdict_for(names=()) == ("none", "noise")
-    assert verdict_for(improves=False, matters=False) == ("none", "noise")
-    assert verdict_for(improves=False) == ("unknown", "noise")
-    assert verdict_for(rivals=2) == ("ambiguous", "noise")
-    assert verdict_for(moved=("linear_frequency", "viscous")) == ("ambiguous", "noise")
+def test_an_effect_is_named_where_it_is_sure_and_leaves_nothing_that_matters():
+    stated = Tolerance(source="stated")
+    assert verdict_for(effect=explanation()) == "named"
+    assert verdict_for() == "unknown" and verdict_for(beyond=False) == "none"
+    # More than twice the noise forbids a name, unless it is within the tolerance.
+    much = {"explained": False, "after": 5.0, "needs": LEAVES}
+    assert verdict_for(effect=explanation(**much)) == "unknown"
+    assert verdict_for(effect=explanation(**much, within=True)) == "named"
+    # Three standard errors are asked for.
+    assert verdict_for(effect=explanation(sureness=2.9), tolerance=stated) == "ambiguous"
+    # What is small is told beyond doubt, and where no tolerance was stated.
+    small = explanation(changes=False)
+    assert verdict_for(effect=small, beyond=False) == "named, small"
+    assert verdict_for(effect=small, beyond=False, tolerance=stated) == "none"
+    hardly = explanation(changes=False, misfit=80.0)  # gains 20, less than five standard errors
+    assert verdict_for(effect=hardly, beyond=False) == "none"
+
+
+def test_values_of_the_model_come_before_effects():
+    values = {"names": ("linear_frequency",), "lacking": False}
+    assert verdict_for(explanation(**values)) == "named"
+    assert verdict_for(explanation(**values, changes=False), beyond=False) == "none"
+    # An effect that is as likely leaves it open, and one that is distinctly likelier is named.
+    alike = explanation(score=1.0, closed=0.8)
+    assert verdict_for(explanation(**values), alike) == "ambiguous"
+    assert verdict_for(explanation(**values, score=50.0), explanation()) == "named"
 
 
 def test_without_a_motion_nothing_is_weighed():

@@ -278,6 +278,7 @@ def test_the_response_to_a_harmonic_force_is_told_before_the_test(smooth):
     assert by_model.amplitude.max() == pytest.approx(peak, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_sensitive_motion_is_fitted_in_pieces():
     """Four times the cubic force: whole records have many minima, one of them 62 errors off."""
     t = DT * np.arange(4000)

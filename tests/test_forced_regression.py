@@ -38,6 +38,7 @@ def errors(model):
     return np.array([model.coefficients[k] / v - 1 for k, v in TRUTH.items()])
 
 
+@pytest.mark.slow
 def test_duffing_under_a_multisine_and_its_fit(record):
     u, q = record[:2]
     estimator = HarmonicSINDy(DUFFING).fit(q, T, u=u)
@@ -49,6 +50,7 @@ def test_duffing_under_a_multisine_and_its_fit(record):
     assert np.abs(misses(fit, CUBIC)).max() < 3
 
 
+@pytest.mark.slow
 def test_a_forced_vibration_is_as_good_as_its_arrays(record):
     u, q = record[:2]
     by_arrays = HarmonicSINDy(DUFFING).fit(np.column_stack([q, record[2]]), T, u)

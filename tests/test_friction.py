@@ -93,6 +93,7 @@ def test_averaged_friction_knows_how_it_follows_the_acceleration(share):
     np.testing.assert_allclose(slope, (force(h) - force(-h)) / (2 * h), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_decays_that_end_at_rest_are_diagnosed_and_predicted():
     """Friction ends the vibration after a few cycles, and holds the mass away from the middle."""
     t = np.arange(0, 8, 0.0025)

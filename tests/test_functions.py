@@ -300,6 +300,7 @@ def test_what_is_found_is_kept_in_a_file(example, tmp_path):
         rs.Identification.from_json(rs.Estimate.to_json(example))
 
 
+@pytest.mark.slow
 def test_seeds_are_arguments(example):
     same = rs.identify(rs.example_decay(35.0, 11))
     assert str(same) == str(example)
@@ -332,6 +333,7 @@ def test_the_simplest_structure_is_at_the_head(coefficients, start, name):
     assert abs(1482 - (low + high) / 2) < 1.5 * (high - low)
 
 
+@pytest.mark.slow
 def test_structures_that_differ_only_outside_the_range():
     """q^9 is 1e-6 of the force at 0.2 m: what is said there is the same, and beyond nothing is."""
     same, other = (rs.identify(decay(STIFF | more, start=0.2)) for more in ({}, {"gamma_9": 300.0}))
@@ -342,6 +344,7 @@ def test_structures_that_differ_only_outside_the_range():
     assert "Nothing is known beyond q = -0.1" in str(other)
 
 
+@pytest.mark.slow
 def test_dry_friction_is_named():
     found = rs.identify(decay(STIFF | {"c_coulomb": 2.0, "c_linear": 0.2}))
     assert ", c_coulomb: (1 + h(q))" in str(found)
@@ -349,6 +352,7 @@ def test_dry_friction_is_named():
     assert found.interval("c_coulomb")[0] < 2.0 < found.interval("c_coulomb")[1]
 
 
+@pytest.mark.slow
 def test_a_known_coefficient_stays():
     found = rs.identify(decay(STIFF), fixed={"omega^2": 1482.0})
     assert found.model.coefficients["omega^2"] == 1482.0
@@ -389,6 +393,7 @@ def test_two_structures_in_one_fit_are_refused():
         rs.identify([decay(STIFF, seconds=4.0), other])
 
 
+@pytest.mark.slow
 def test_fewer_cycles_than_terms():
     """Four cycles: the functions are known roughly, and that is said."""
     found = rs.identify(decay(STIFF, seconds=0.7, snr_db=45))
@@ -400,6 +405,7 @@ def test_fewer_cycles_than_terms():
     assert (k.high - k.low)[0] > 5
 
 
+@pytest.mark.slow
 def test_a_bead_on_a_wire_is_explained():
     """y = x^2 / 2: h = x^2, K = omega^2 x. Ten cycles; a false alarm happens once in 100."""
     explained = 0
@@ -425,12 +431,14 @@ def bead(seconds, seed, snr_db=40.0):
     return add_noise(rs.Decay(t, x, unit="m"), snr_db, seed)
 
 
+@pytest.mark.slow
 def test_noise_alone_is_no_departure_from_the_equation():
     """20 dB: what the noise hides is not told as another mode."""
     found = rs.identify(decay(STIFF, snr_db=20, seed=3))
     assert not any("departs" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_a_simulation_is_limited_by_the_model():
     found = rs.identify(decay(STIFF | {"gamma_15": 40.0}, snr_db=None))
     k = found.stiffness([-0.5, 0.5])

@@ -27,6 +27,7 @@ def pulled(amplitude, exponent):
     return solve_ivp(rates, (0, T[-1]), [amplitude, 0.0], t_eval=T, rtol=1e-9, atol=1e-10).y[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [3.0, 4.0])
 def test_the_exponent_of_a_magnet_is_found(exponent):
     decays = [

@@ -133,6 +133,7 @@ def vibration(n=20 * 120, amplitude=1.0):
     return State(t, q, v, -(OMEGA**2) * q, 0.0, OMEGA)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_force_along_a_decay_is_that_of_the_inner_state(name):
     effect, rates, force, _, _ = CASES[name]
@@ -235,6 +236,7 @@ def test_where_a_joint_stuck_is_no_matter_of_the_amplitude_now():
     np.testing.assert_allclose(by_v[end] * OMEGA, 0.0, atol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_simulation_is_that_of_the_inner_state(name):
     true = motion(name, 1.0)
@@ -253,7 +255,10 @@ def test_simulation_is_that_of_the_inner_state(name):
     assert np.abs(residual).max() < 1e-6 * OMEGA**2
 
 
-@pytest.mark.parametrize("name", CASES)
+SLOW = [pytest.param(x, marks=[pytest.mark.slow] * (x != "maxwell")) for x in CASES]
+
+
+@pytest.mark.parametrize("name", SLOW)
 @pytest.mark.parametrize("seed", [1])
 def test_it_is_named(name, seed):
     decays = [
@@ -285,6 +290,7 @@ def test_joint_that_was_relaxed_slips_later_on_its_first_stroke():
         np.testing.assert_allclose(found, way * expected, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_joint_that_was_relaxed_at_the_release_is_named():
     """Sliders of large limits, loaded by the way from the release alone, stay where they slip."""
     slips = 1.4 * (np.arange(16) + 0.5) / 16
@@ -301,6 +307,7 @@ def test_joint_that_was_relaxed_at_the_release_is_named():
     assert found.values == pytest.approx(truth, rel=0.1)
 
 
+@pytest.mark.slow
 def test_tuned_mass_is_named_where_records_begin_after_the_release():
     """The mass is neither at rest nor in a steady vibration then: it may be anywhere."""
     decays = []

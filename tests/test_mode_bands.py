@@ -106,6 +106,7 @@ def test_bands_in_an_interaction_are_those_of_shooting(tongue, before, monkeypat
     )
 
 
+@pytest.mark.slow
 def test_beyond_a_fold_there_is_nothing(tongue):
     (fold,) = tongue.folds
     own, rate = tongue.amplitude[: fold + 1, 0], tongue.frequency[: fold + 1]

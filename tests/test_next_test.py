@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
@@ -71,6 +72,7 @@ def rivals_of(found):
     return [Rival.of(MODEL, h, found.records, 0) for h in found.rivals]
 
 
+@pytest.mark.slow
 def test_the_advised_test_names_what_was_ambiguous():
     # q^2 q_dot and q_dot^3 take the same energy from a harmonic motion: a third harmonic, below
     # the noise at these amplitudes, is all that tells them apart.
@@ -89,6 +91,7 @@ def test_the_advised_test_names_what_was_ambiguous():
     assert after.best.names == ("amplitude_damping",)
 
 
+@pytest.mark.slow
 def test_what_no_test_can_tell_apart_is_said_so():
     # For a Duffing oscillator a gain g of the sensor is a cubic stiffness over g^2, at any release.
     found = report(cubic)
@@ -131,6 +134,7 @@ def test_a_rival_follows_its_own_motion():
         assert rival.misfit(own, HIGHER) < 1e-6
 
 
+@pytest.mark.slow
 def test_no_test_is_advised_where_none_is_needed():
     assert report(nothing).next_test is None
 
@@ -140,6 +144,7 @@ def test_all_tests_that_are_known_can_be_simulated():
     assert all(found.advised([test]) is not None for test in EXPERIMENTS)
 
 
+@pytest.mark.slow
 def test_where_nothing_explains_the_data_the_test_shows_what_comes_nearest():
     # A spring that yields at once is not looked for.
     found = report(strange)

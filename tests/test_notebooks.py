@@ -40,6 +40,7 @@ def test_there_are_notebooks() -> None:
 
 
 @each
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive:UserWarning")
 def test_notebook_runs(
     path: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch

@@ -42,6 +42,7 @@ def one_to_three():
     return rs.diagnose(MODEL, decay(k=600.0), catalogue=FEW)
 
 
+@pytest.mark.slow
 def test_a_mode_in_resonance_is_named_and_added(one_to_three):
     report = one_to_three
     assert (report.verdict, report.left, report.effects) == ("named", "noise", ())
@@ -58,6 +59,7 @@ def test_a_mode_in_resonance_is_named_and_added(one_to_three):
     assert report.interaction.resonance.amplitude == pytest.approx(there, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_gap_shrinks_on_equal_footing(one_to_three):
     found, gap = one_to_three.interaction, one_to_three.gap
     assert found.before > 10 > 1.25 > found.after
@@ -65,6 +67,7 @@ def test_the_gap_shrinks_on_equal_footing(one_to_three):
     assert f"one coordinate leaves {found.before:.2g} times the noise" in one_to_three.sentence
 
 
+@pytest.mark.slow
 def test_words_table_json_and_page_agree(one_to_three, tmp_path):
     report = one_to_three
     content = json.loads(report.to_json())
@@ -82,12 +85,14 @@ def test_words_table_json_and_page_agree(one_to_three, tmp_path):
     assert repr(report).startswith("<InteractionReport: named")
 
 
+@pytest.mark.slow
 def test_a_resonance_of_one_to_two():
     report = rs.diagnose(MODEL, decay(2.07, power=(2, 1), k=500.0, seed=1), catalogue=FEW)
     assert report.verdict == "named" and "through a 1:2 resonance" in report.sentence
     assert [t.key for t in report.interaction.couplings] == ["V q1^2 q2"]
 
 
+@pytest.mark.slow
 def test_a_mode_may_take_part_without_a_ratio():
     report = rs.diagnose(MODEL, decay(2.41, power=(2, 1), k=1500.0), catalogue=FEW)
     assert report.verdict == "named" and "takes part (V q1^2 q2" in report.sentence
@@ -100,6 +105,7 @@ def test_a_mode_that_only_rings_is_a_second_mode():
     assert [e.name for e in report.effects] == ["second_mode"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [3.1, 2.6])
 def test_it_is_not_blamed_for_what_is_missing(ratio):
     """Friction that no catalogue holds is left; that the mode has no part in it is said."""
@@ -114,6 +120,7 @@ def test_friction_beside_a_mode_that_only_rings():
     assert {e.name for e in report.effects} == {"second_mode", "dry_friction"}
 
 
+@pytest.mark.slow
 def test_one_mode_is_not_looked_at_twice(monkeypatch):
     """Hum, and what is missing of the one mode: the report is what it was."""
     monkeypatch.setattr(other_mode, "interaction_of", None)
@@ -130,6 +137,7 @@ def test_one_mode_is_not_looked_at_twice(monkeypatch):
     assert rs.diagnose(MODEL, humming, catalogue=(*FEW, Hum())).verdict == "unknown"
 
 
+@pytest.mark.slow
 def test_the_clamped_beam_lacks_its_third_mode(measured, monkeypatch):
     """The first mode crosses a fifth of 376 Hz near 1 mm: 0.8 s about that, smooth laws alone."""
     for kinds in ("_ALONE", "_TOGETHER"):

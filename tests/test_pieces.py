@@ -82,6 +82,7 @@ def test_one_piece_is_the_record(record):
     np.testing.assert_array_equal(piece.residuals[0], whole.residuals[0])
 
 
+@pytest.mark.slow
 def test_a_report_of_pieces_says_so(record):
     """Tones and decays are told once; a simulation starts with each piece, and is told as one."""
     model = CoupledModel.from_coefficients(TRUTH, unit="m")
@@ -111,6 +112,7 @@ def test_pieces_about_double_until_they_are_whole(record):
     assert 2**0.5 <= growth[0] <= 2**1.5
 
 
+@pytest.mark.slow
 def test_an_interaction_that_is_passed_through_is_found():
     """One velocity channel; the measured motion at the start has no harmonics and no phase lock."""
     rng, decays = np.random.default_rng(8), []
@@ -163,6 +165,7 @@ def curved():
     return decays, identify_coupled(decays[:2])
 
 
+@pytest.mark.slow
 def test_sensors_that_show_products_are_seen_through(curved):
     decays, fit = curved
     parts = {p.effect.variant: p.strengths[0, 0] for p in fit.solution.parts}
@@ -178,6 +181,7 @@ def test_sensors_that_show_products_are_seen_through(curved):
     assert np.all(missed.std(axis=0) < 0.02 * decays[2].q.std(axis=0))
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_was_found(curved):
     decays, _ = curved
     rounds = []

@@ -31,11 +31,13 @@ def fit() -> rs.Fit:
     return refine(regressed(decay), decay)
 
 
+@pytest.mark.slow
 def test_backbone_is_ten_times_better_than_regression(fit: rs.Fit) -> None:
     error = np.abs(fit.model.backbone(AMPLITUDES) / EXAMPLE_MODEL.backbone(AMPLITUDES) - 1)
     assert np.median(error) < 2e-5
 
 
+@pytest.mark.slow
 def test_adequacy_is_one_for_the_right_structure_and_not_for_another(fit: rs.Fit) -> None:
     assert 0.97 < fit.adequacy < 1.03
     decay = fit.decays[0]
@@ -43,6 +45,7 @@ def test_adequacy_is_one_for_the_right_structure_and_not_for_another(fit: rs.Fit
     assert refine(rs.HarmonicSINDy(library).fit(decay).model_, decay).adequacy > 2
 
 
+@pytest.mark.slow
 def test_errors_are_of_the_size_that_is_stated(fit: rs.Fit) -> None:
     truth = EXAMPLE_MODEL.coefficients
     for name, error in fit.standard_errors.items():
@@ -70,6 +73,7 @@ def test_covariance_of_white_noise_is_that_of_least_squares() -> None:
     np.testing.assert_allclose(list(fit.standard_errors.values()), expected[:2], rtol=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measured", ["velocity", "acceleration"])
 def test_other_quantities_are_fitted_as_measured(measured: str) -> None:
     clean = rs.example_decay()
@@ -84,6 +88,7 @@ def test_other_quantities_are_fitted_as_measured(measured: str) -> None:
     assert np.median(error) < 5e-5
 
 
+@pytest.mark.slow
 def test_two_decays_share_coefficients_and_fixed_ones_stay() -> None:
     decays = [noisy(seed) for seed in (1, 2)]
     one = refine(EXAMPLE_MODEL, decays[0], fixed=("omega^2",))
@@ -108,6 +113,7 @@ def test_any_coefficient_of_the_model_can_stay() -> None:
     assert fit.model.coefficients["c_|q_dot|^1.7"] == 0.05
 
 
+@pytest.mark.slow
 def test_a_wrong_structure_is_fitted_as_well_as_it_can_be() -> None:
     """Where Gauss-Newton's method does not settle: no worse than from the best start there is."""
     decay = noisy(0)
@@ -119,6 +125,7 @@ def test_a_wrong_structure_is_fitted_as_well_as_it_can_be() -> None:
     assert found.chi_squared == pytest.approx(again.chi_squared, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_offset_of_the_sensor_is_found() -> None:
     decay = noisy(4)
     shifted = rs.Decay(decay.t, decay.q + 0.01, unit=decay.unit)
@@ -127,6 +134,7 @@ def test_offset_of_the_sensor_is_found() -> None:
     assert 0.97 < fit.adequacy < 1.03
 
 
+@pytest.mark.slow
 def test_bad_input_is_named() -> None:
     decay = noisy(0)
     with pytest.raises(ValueError, match=r"fixed names \['gamma_9'\]"):
@@ -150,6 +158,7 @@ def within(fit: rs.Fit, sigmas: float = 4.5) -> bool:
     return all(abs(fit.model.coefficients[k] - truth[k]) < sigmas * s for k, s in pairs)
 
 
+@pytest.mark.slow
 def test_a_clipped_sensor_is_noticed_and_left_out() -> None:
     decay = noisy(5, 45)
     clipped = rs.Decay(decay.t, np.clip(decay.q, -1.5, 1.5), unit="m")
@@ -159,6 +168,7 @@ def test_a_clipped_sensor_is_noticed_and_left_out() -> None:
     assert not any("stick" in note for note in refine(EXAMPLE_MODEL, decay).notes)
 
 
+@pytest.mark.slow
 def test_a_second_vibration_is_named() -> None:
     decay = noisy(6, 45)
     hum = 0.02 * np.sin(2 * np.pi * 17.7 * decay.t)
@@ -172,12 +182,14 @@ def test_a_second_vibration_is_named() -> None:
     assert not refine(EXAMPLE_MODEL, decay).notes
 
 
+@pytest.mark.slow
 def test_ten_decibels_of_noise_give_large_but_true_errors() -> None:
     fit = refine(EXAMPLE_MODEL, noisy(7, 10))
     assert within(fit)
     assert fit.verdict.explained
 
 
+@pytest.mark.slow
 def test_three_cycles_give_an_answer_with_its_uncertainty() -> None:
     decay = noisy(8).between(0.0, 4.8)
     model = rs.ReducedModel.from_coefficients(
@@ -189,6 +201,7 @@ def test_three_cycles_give_an_answer_with_its_uncertainty() -> None:
     assert refine(model, decay).verdict.ratio > 1
 
 
+@pytest.mark.slow
 def test_a_model_that_becomes_singular_on_the_way_is_refused_with_a_remedy() -> None:
     singular = {**EXAMPLE_MODEL.coefficients, "Upsilon_3": -0.4, "Upsilon_5": 0.0}
     model = rs.ReducedModel.from_coefficients(singular, unit="m")
@@ -196,6 +209,7 @@ def test_a_model_that_becomes_singular_on_the_way_is_refused_with_a_remedy() -> 
         refine(model, noisy(0), fixed=("Upsilon_3", "Upsilon_5"))
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_was_fitted() -> None:
     lines: list[str] = []
 
@@ -209,6 +223,7 @@ def test_an_interrupt_keeps_what_was_fitted() -> None:
     assert fit.model.coefficients["omega^2"] == pytest.approx(36, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_robust_loss_forgives_outliers() -> None:
     decay = noisy(10, 40)
     q = decay.q.copy()
@@ -221,6 +236,7 @@ def test_robust_loss_forgives_outliers() -> None:
     assert errors[1] < errors[0]
 
 
+@pytest.mark.slow
 def test_bootstrap_confirms_the_covariance() -> None:
     t = np.arange(0, 30, 0.02)
     model = rs.ReducedModel.from_coefficients({"omega^2": 36.0, "gamma_3": 3.0, "c_linear": 0.1})
@@ -240,6 +256,7 @@ def test_bootstrap_confirms_the_covariance() -> None:
         rs.bootstrap(fit, 1)
 
 
+@pytest.mark.slow
 def test_band_is_the_spread_of_refits() -> None:
     """Backbones of bootstrap repetitions scatter as the band says."""
     fit = refine(EXAMPLE_MODEL, noisy(11))

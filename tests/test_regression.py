@@ -48,6 +48,7 @@ def test_clean_decay_gives_the_exact_coefficients(clean):
     assert model.amplitude_range == pytest.approx((0.0248, 1.792), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_backbone_errors_asked_for(clean):
     """1e-6 with derivatives, 2e-5 from displacement alone, 6e-4 at 35 dB; default settings."""
     assert backbone_error(HarmonicSINDy().fit(clean).model_) < 1e-6
@@ -61,6 +62,7 @@ def test_the_inertia_terms_are_what_it_takes(clean):
     assert backbone_error(stiffness) > 1e3 * backbone_error(HarmonicSINDy().fit(clean).model_)
 
 
+@pytest.mark.slow
 def test_velocity_alone():
     """The same motion measured by a vibrometer."""
     decay = example_decay()
@@ -69,6 +71,7 @@ def test_velocity_alone():
     assert backbone_error(model) < 2e-3
 
 
+@pytest.mark.slow
 def test_known_coefficients_stay_and_help():
     noisy = example_decay(35.0, 3)
     fixed = HarmonicSINDy(fixed={"omega^2": 36.0, "gamma_2": 2.0}).fit(noisy).model_

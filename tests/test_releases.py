@@ -106,6 +106,7 @@ def test_joined_pendulums_come_apart(measured, order, joint):
         assert release.end - begin == pytest.approx(single.end, abs=0.7)
 
 
+@pytest.mark.slow
 def test_measured_records_are_one_release_each(measured):
     with np.load(measured / "double_beam_train.npz") as content:
         for v in content["v"].T:

@@ -61,6 +61,7 @@ def test_a_note_is_kept_in_the_file(tmp_path):
     assert "ring at 1:2" in str(rs.Estimate.load(tmp_path / "fit.json"))
 
 
+@pytest.mark.slow
 def test_the_nearest_of_all_records_is_told():
     """Small motions stay 0.6 % away; only the larger ones come upon the ratio."""
     near, far = (0.8, 0.5), (0.1, 0.5)
@@ -70,6 +71,7 @@ def test_the_nearest_of_all_records_is_told():
     assert both.ratio == pytest.approx(2.0, rel=2e-3) and both.off < alone.off
 
 
+@pytest.mark.slow
 def test_nothing_is_told_where_there_is_nothing():
     fit = fitted(2.41 * 1.01)
     assert fit.resonances == () and "ring at" not in str(fit)

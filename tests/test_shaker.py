@@ -103,6 +103,7 @@ def test_a_motion_after_a_lag_is_exact(way):
     assert np.abs(found - q).max() < 1e-8 * np.abs(q).max()
 
 
+@pytest.mark.slow
 def test_a_multisine_has_its_transfer_function_and_that_of_the_lag():
     """In the middle, where neither the start nor the ends of the samples are felt."""
     rng = np.random.default_rng(2)
@@ -125,6 +126,7 @@ def test_a_lag_needs_samples():
 # -- the power ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_duffing_moves_under_a_cubed_force_as_in_another_integrator():
     """One column of u is for both; that other is good to 2e-9 here."""
     force = multisine(4)[1]
@@ -204,6 +206,7 @@ def test_a_lag_of_two_samples_is_named():
     assert fit.verdict.explained and np.abs(misses(fit)).max() < 3.5
 
 
+@pytest.mark.slow
 def test_a_lag_and_a_delay_that_the_record_does_not_tell_apart_are_ambiguous():
     """A tenth of a sample: of the force a lag takes (omega tau)^2 / 2 < 0.1 %, less than noise."""
     u, force = multisine(8, high=7.0)
@@ -214,6 +217,7 @@ def test_a_lag_and_a_delay_that_the_record_does_not_tell_apart_are_ambiguous():
     assert {("input_lag",), ("input_delay",)} <= {*report.equivalent}
 
 
+@pytest.mark.slow
 def test_a_force_with_a_part_that_is_cubed_is_named():
     u, force = multisine(9)
     q = duffing(lambda t: force(t) + CUBED * force(t) ** 3, PART)[0]
@@ -225,6 +229,7 @@ def test_a_force_with_a_part_that_is_cubed_is_named():
     assert found.values["strength"] == pytest.approx(GAIN * CUBED, abs=4 * error)
 
 
+@pytest.mark.slow
 def test_an_ideal_shaker_is_no_alarm():
     u, force = multisine(10)
     report = rs.diagnose(KNOWN, record(duffing(force, PART)[0], u[: len(PART)], 120004))

@@ -70,6 +70,7 @@ def test_modes_that_are_not_there(motion):
         plot_modal_responses(motion, 11)
 
 
+@pytest.mark.slow
 def test_normal_mode_goes_on_the_axes_of_a_backbone(beam):
     orbits = beam.normal_mode([0.02], progress=False)
     ax = plt.figure().add_subplot()

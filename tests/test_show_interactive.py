@@ -97,6 +97,7 @@ def test_under_the_pointer_are_the_numbers_of_the_cycles(backbone):
     assert not shown and "frequency %{x:.6~g} Hz" in model["hovertemplate"]
 
 
+@pytest.mark.slow
 def test_a_page_from_the_command_stands_alone(run, tmp_path):
     """The numbers are those of the JSON, plotly is in it once, and nothing is fetched or sent."""
     result = run("identify", "--example", "--plain", "--interactive", "--json", "all.json")
@@ -125,6 +126,7 @@ def test_a_page_from_the_command_stands_alone(run, tmp_path):
     assert all(json.loads(b) == [known] for b in buttons)
 
 
+@pytest.mark.slow
 def test_pages_are_static_unless_asked_otherwise(run, tmp_path):
     run("identify", "--example", "--plain")
     page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
@@ -145,6 +147,7 @@ def test_without_plotly_a_command_says_what_to_install_before_any_work(
     )
 
 
+@pytest.mark.slow
 def test_a_method_without_plotly_says_what_to_install(tmp_path, monkeypatch):
     seen = rs.inspect(rs.example_decay(35.0, 0))
     monkeypatch.setitem(sys.modules, "plotly", None)
@@ -153,6 +156,7 @@ def test_a_method_without_plotly_says_what_to_install(tmp_path, monkeypatch):
     assert not (tmp_path / "page.html").exists()
 
 
+@pytest.mark.slow
 def test_an_inspection_shows_level_and_amplitude_of_the_ridge(tmp_path):
     seen = rs.inspect(rs.example_decay(35.0, 0))
     seen.to_html(tmp_path / "page.html", interactive=True)
@@ -166,6 +170,7 @@ def test_an_inspection_shows_level_and_amplitude_of_the_ridge(tmp_path):
     np.testing.assert_array_equal(shown["frequency", "Hz"][0], ridge.frequency)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_shows_motions_where_one_can_zoom(tmp_path):
     """Before and after in time, and the cycles of both; the plane of the phase stays an image."""
     real = rs.ReducedModel.from_coefficients(

@@ -110,6 +110,7 @@ def test_parts_with_their_bands_or_an_upper_limit():
     assert ax.lines[0].get_label() == "inertia at most" and np.all(band(ax)[1] == 0)
 
 
+@pytest.mark.slow
 def test_decay_damping_magnitudes_and_residuals(backbone):
     decay = example_decay(35.0, 0)
     free = decay.free()

@@ -67,6 +67,7 @@ def test_a_linear_oscillator_to_rounding(linear, measured, rate, phased):
     assert fit.chain.phase == pytest.approx(0.2 if phased else 0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phased", [True, False])
 def test_a_duffing_oscillator_with_folds_and_unstable_orbits(duffing, phased):
     w, f, q, stable = duffing
@@ -149,6 +150,7 @@ def test_derivatives_against_finite_differences():
         assert exact[:, i] == pytest.approx(slope, rel=1e-6, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_errors_hold_the_truth(duffing):
     w, f, q, _ = duffing
     truth = np.array([*TRUE.values(), GAIN, PHASE])
@@ -162,6 +164,7 @@ def test_errors_hold_the_truth(duffing):
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow
 def test_the_band_holds_a_level_that_took_no_part(duffing):
     """Its stable points beside the folds, each measured anew; the larger response of two."""
     w, f, q, _ = duffing
@@ -323,6 +326,7 @@ def test_more_coefficients_than_points_tell(linear):
         rs.fit_steady(twice, w, 0.05 * w, -1j + 0 * w, gain=1.0, phase=0.0)
 
 
+@pytest.mark.slow
 def test_a_measured_beam_its_fourth_level_foretold(measured):
     folder = Path(__file__).resolve().parents[1] / "benchmarks"
     file = measured / "stepped_sine_beam_eth.npz"

@@ -48,6 +48,7 @@ def plain(system):
     return {c.name: c for c in identify_all(system.decay, system.backbone, system.omega)}
 
 
+@pytest.mark.slow
 def test_the_system_is_the_paper_s(system):
     """Frequencies as printed in the paper; sag about 0.02 L."""
     assert_allclose(system.modes.omega[:2], [38.5, 165.9], rtol=1e-3)
@@ -119,6 +120,7 @@ def test_measured_decay_without_noise_is_the_modal_coordinate(system):
     assert np.abs(clean.q - q).max() < 0.02 * np.abs(q).max()
 
 
+@pytest.mark.slow
 def test_trials_run_on_a_dask_cluster(system):
     distributed = pytest.importorskip(
         "distributed", reason="dask.distributed is not installed: pip install romsindy[dask]"
@@ -185,6 +187,7 @@ def small(monkeypatch):
     return lambda *args: CliRunner().invoke(main, ["study", "--quick", "--seeds", "2", *args])
 
 
+@pytest.mark.slow
 def test_command_writes_report_tables_and_figures(small, tmp_path, system, plain, monkeypatch):
     monkeypatch.setattr(story, "simulate_system", lambda *args, **kwargs: system)
     result = small("--out", str(tmp_path))

@@ -44,6 +44,7 @@ def recorded(noise: np.ndarray) -> Record:
     return Record.of(rs.Decay(T, CLEAN.q + noise), 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [white, red])
 def test_false_alarms_come_as_often_as_stated(kind):
     """Of 400 residuals that are noise, within what a binomial law allows in 999 of 1000 tests."""

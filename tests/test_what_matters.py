@@ -32,6 +32,7 @@ def no_search(monkeypatch):
     monkeypatch.setattr(search.Search, "run", refuse)
 
 
+@pytest.mark.slow
 def test_a_difference_within_the_stated_tolerance_is_none(no_search):
     run = decay(1.0, changed=OTHER, duration=LONG)
     found = diagnose(MODEL, run, tolerance={"damping": 0.2})
@@ -39,6 +40,7 @@ def test_a_difference_within_the_stated_tolerance_is_none(no_search):
     assert "nothing that matters" in found.sentence and "tolerance: " in found.sentence
 
 
+@pytest.mark.slow
 def test_the_same_difference_matters_without_one():
     found = diagnose(MODEL, decay(1.0, changed=OTHER))
     assert found.verdict != "none" and "They differ: " in str(found)
@@ -46,6 +48,7 @@ def test_the_same_difference_matters_without_one():
     assert sizes == pytest.approx([1 / 1.1 - 1], abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_file_against_itself_is_none(no_search):
     run = decay(1.0, changed=OTHER, snr_db=60)
     known = model_of_simulation(run)
@@ -102,6 +105,7 @@ def test_parts_that_learn_and_judge_span_the_amplitudes(cycles):
     assert not np.any(learns.whitened(x) * judges.whitened(x))
 
 
+@pytest.mark.slow
 def test_a_record_that_died_long_ago_is_held_out_where_it_lives():
     """Its last quarter was held out, and refused: it holds no cycles."""
     friction = decay(1.0, force=lambda t, q, v: 5.0 * np.tanh(v / 0.01))
@@ -114,6 +118,7 @@ def test_numbers_in_words():
     assert odds(400.0, "play") == "odds above 1000000 : 1 against the next, play"
 
 
+@pytest.mark.slow
 def test_the_sentence_the_table_and_the_files_say_the_same(tmp_path):
     found = diagnose(MODEL, decay(1.0, changed=OTHER))
     lines = found.sentence.splitlines()
@@ -181,6 +186,7 @@ def run(*arguments):
     return CliRunner().invoke(main, ["diagnose", "--model", "model.json", *arguments])
 
 
+@pytest.mark.slow
 def test_the_command_line_knows_tolerance_repeats_and_reference(files, no_search):
     known = ["--repeats", "b.csv", "--repeats", "a.csv", "--reference", "b.csv"]
     result = run("--measured", "a.csv", "--tolerance", "damping=0.2", *known, "--json", "a.json")

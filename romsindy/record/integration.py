@@ -13,7 +13,7 @@ from romsindy.typing import Array
 # Knots of the midline, in cycles: it follows slow noise and leaves the vibration alone. Knots
 # farther apart tell how far it can be trusted: what both disagree about is of the
 # size of the true error.
-_CYCLES, _CHECK = 3.5, 5.0
+MIDLINE, _CHECK = 3.5, 5.0
 # Of the amplitude: an end where the midline is known no better is left out, half a cycle at most;
 # farther inside it is as good as anywhere.
 _SPOILT, _LONGEST = 0.01, 0.5
@@ -36,7 +36,7 @@ def displacement(x: Array, dt: float, frequency: float, times: int) -> tuple[Arr
 
 
 def integrate(
-    x: Array, dt: float, frequency: float, times: int = 1, cycles: float = _CYCLES
+    x: Array, dt: float, frequency: float, times: int = 1, cycles: float = MIDLINE
 ) -> Array:
     """Integrate one channel (n,) of a free decay over time and remove the drift.
 
