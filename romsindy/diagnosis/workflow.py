@@ -70,9 +70,7 @@ def diagnose_model(
     looked_for = (*catalogue, *known)
     search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
     exact = replace(search, free=()).hypothesis([])
-    slack = exact  # of a model that has no motion here, which the search refuses
-    if exact.solution.finite:
-        slack = replace(search, free=nuisances(records)).hypothesis([])
+    slack = replace(search, free=nuisances(records)).hypothesis([])
     agree = _agree(search, slack, as_it_was)
     found = Finding([exact], [exact], exact) if agree else search.run()
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
@@ -203,6 +201,8 @@ def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
     add.
     """
     tolerance = search.options.tolerance
+    if not slack.solution.finite:  # it has no motion near that of the records
+        return False
     if tolerance.source != DEFAULT and as_it_was.within(tolerance):
         return True
     left = search.remainder(slack)
