@@ -38,8 +38,7 @@ def predict(
 
     The motion after is ``near`` one that is known, if any: that of other samples of the record.
     """
-    # The zero of the sensor is as free as the start.
-    before = _simulated(model, (offsets([record]),), record)
+    before = _followed(model, (), record, None)
     known = {} if near is None else {name: near}
     return follow(Prediction(record, before, before, name), model, parts, known)
 
@@ -84,6 +83,7 @@ def _followed(
     model: ReducedModel, parts: Sequence[Part], record: Record, near: Trajectory | None
 ) -> Array:
     same = [p.elsewhere(record.t) for p in parts]
+    # The zero of the sensor is as free as the start.
     if not any(isinstance(p.effect, Bias) for p in same):
         same.append(offsets([record]))
     with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all

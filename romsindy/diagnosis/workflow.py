@@ -201,6 +201,8 @@ def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
     add.
     """
     tolerance = search.options.tolerance
+    if not slack.solution.finite:  # it has no motion near that of the records
+        return False
     if tolerance.source != DEFAULT and as_it_was.within(tolerance):
         return True
     left = search.remainder(slack)
