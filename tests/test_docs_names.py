@@ -287,8 +287,8 @@ def test_the_readme_of_an_index_has_no_relative_link():
     """By the substitutions of pyproject.toml, which make the long description of the wheel."""
     tools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
     text = readme = (ROOT / "README.md").read_text()
-    for each in tools["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
-        text = re.sub(each["pattern"], each["replacement"], text)
+    for one in tools["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+        text = re.sub(one["pattern"], one["replacement"], text)
     links = re.compile(r"\]\(([^)]*)\)|\]\[|\b(?:href|src)=")
     whole = [link for link in links.findall(readme) if link.startswith("http")]
     assert links.findall(text) == whole and len(whole) > 1
