@@ -37,6 +37,10 @@ def decay(ratio=3.1, start=(0.8, 0.3), power=(3, 1), k=0.0, friction=0.0, hum=0.
     return rs.Decay(t, q + hum * np.sin(2 * np.pi * 50 * t + 0.3) + noise, unit="m")
 
 
+# Friction is not viscous damping by more than this, but by less than tests repeat to.
+FINE = {"frequency": 1e-4, "damping": 1e-2, "signal": 2e-4}
+
+
 @pytest.fixture(scope="module")
 def one_to_three():
     return rs.diagnose(MODEL, decay(k=600.0), catalogue=FEW)
@@ -109,7 +113,7 @@ def test_a_mode_that_only_rings_is_a_second_mode():
 @pytest.mark.parametrize("ratio", [3.1, 2.6])
 def test_it_is_not_blamed_for_what_is_missing(ratio):
     """Friction that no catalogue holds is left; that the mode has no part in it is said."""
-    report = rs.diagnose(MODEL, decay(ratio, friction=3.0), catalogue=FEW)
+    report = rs.diagnose(MODEL, decay(ratio, friction=3.0), catalogue=FEW, tolerance=FINE)
     assert report.verdict == "unknown" and report.model.coefficients.keys() == COEFFICIENTS.keys()
     assert f"a mode at {10 * ratio:.4g} Hz rings along, and is not seen to" in report.sentence
 
@@ -134,7 +138,8 @@ def test_one_mode_is_not_looked_at_twice(monkeypatch):
     monkeypatch.setattr(module, "with_other_mode", lambda found, options: found)
     assert rs.diagnose(linear, one, catalogue=FEW).to_json() == report.to_json()
     humming = decay(start=(0.8, 0.0), hum=0.02, friction=3.0)
-    assert rs.diagnose(MODEL, humming, catalogue=(*FEW, Hum())).verdict == "unknown"
+    found = rs.diagnose(MODEL, humming, catalogue=(*FEW, Hum()), tolerance=FINE)
+    assert found.verdict == "unknown"
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.fitted import Fit
 from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import LEFT_OVER
 from romsindy.physics.model import ReducedModel
 from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
@@ -44,7 +45,8 @@ def with_other_mode(report: DiagnosisReport, options: Options) -> DiagnosisRepor
     unknown = report.verdict == "unknown"
     if report.interrupted or not (unknown or _in_doubt(report)):
         return report
-    model, notes = report.nominal if unknown else report.model, []
+    open_ = unknown or report.gap.after > LEFT_OVER
+    model, notes = report.nominal if open_ else report.model, []
     for ringing in _ringing(report.records)[:_MOST]:
         decays = [_at_rest(report.records[i].decay) for i in ringing.numbers]
         own, other, _ = ringing
@@ -69,11 +71,15 @@ def _with(
 
 
 def _in_doubt(report: DiagnosisReport) -> bool:
-    """Whether what stands for another vibration explains the records beside other effects alone."""
+    """Whether what stands for another vibration explains the records beside other effects alone.
+
+    Or whether it leaves much, although that is tolerated: a mode in resonance comes and goes.
+    """
     names = {part.effect.name for part in report.best.effects}
     beside = {"second_mode"} | look_alikes("second_mode", CATALOGUE)
     found = report.verdict in ("named", "ambiguous")
-    return found and len(names) > 1 and bool(names & beside)
+    much = len(names) > 1 or report.gap.after > LEFT_OVER
+    return found and much and bool(names & beside)
 
 
 def _ringing(records: Sequence[Record]) -> list[_Ringing]:
