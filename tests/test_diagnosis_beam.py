@@ -515,7 +515,7 @@ def test_any_beam_is_read_from_a_file(tmp_path):
         ),
         ("young = 70e9", 'young = "steel"', "young = 'steel' must be a number"),
         ("length = 0.3\n", "", "missing a required argument: 'length'"),
-        ("elements = 8", "elements = 8.5", "elements must be a positive whole number"),
+        ("elements = 8", "elements = 8.5", "elements must be a whole number from 1 to 10000"),
         ("[beam.rectangle]", "[beam.round]", "unexpected keyword argument 'left'"),
         ("[sensors]", "[beam.section]\nEI = 1.0\n[sensors]", "two sections"),
         ("[0.1, 0.15]", '["a", 0.15]', "must be a number"),

@@ -26,7 +26,7 @@ def test_the_equation_of_a_file_is_shown_without_sympy(run, tmp_path, monkeypatc
     result = run("export", "m.json", "--to", "text")
     assert result.exit_code == 0 and result.output == f"{EXAMPLE_MODEL}\n"
     result = run("export", "m.json", "--to", "c")
-    assert result.exit_code == 2 and "pip install sympy" in result.stderr
+    assert result.exit_code == 2 and 'pip install "romsindy[export]"' in result.stderr
 
 
 @pytest.mark.parametrize(

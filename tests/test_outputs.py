@@ -278,7 +278,7 @@ def test_a_page_that_fails_costs_no_result(run, tmp_path, monkeypatch, failure, 
     monkeypatch.setattr(identify_module, "write_identification", fail)
     (tmp_path / "page.html").write_text("old")
     result = run("identify", "decay.csv", "--plain", "--report", "page.html", "--force",
-                 "--model", "m.json")  # fmt: skip
+                 "--full", "--model", "m.json")  # fmt: skip
     assert result.exit_code == code and "omega^2" in result.stdout
     assert "Report: not written" in result.stdout and "Model: m.json" in result.stdout
     assert f"page.html was not written: {why}" in result.stderr

@@ -143,7 +143,7 @@ def test_without_plotly_a_command_says_what_to_install_before_any_work(
     assert result.exit_code == 2 and not list(tmp_path.glob("*.html"))
     assert result.stderr == (
         "Error: interactive figures need plotly, which is not installed:"
-        " python -m pip install plotly\n"
+        ' python -m pip install "romsindy[interactive]"\n'
     )
 
 
@@ -151,7 +151,7 @@ def test_without_plotly_a_command_says_what_to_install_before_any_work(
 def test_a_method_without_plotly_says_what_to_install(tmp_path, monkeypatch):
     seen = rs.inspect(rs.example_decay(35.0, 0))
     monkeypatch.setitem(sys.modules, "plotly", None)
-    with pytest.raises(ValueError, match="python -m pip install plotly"):
+    with pytest.raises(ValueError, match=r'pip install "romsindy\[interactive\]"$'):
         seen.to_html(tmp_path / "page.html", interactive=True)
     assert not (tmp_path / "page.html").exists()
 

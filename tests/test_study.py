@@ -123,7 +123,7 @@ def test_measured_decay_without_noise_is_the_modal_coordinate(system):
 @pytest.mark.slow
 def test_trials_run_on_a_dask_cluster(system):
     distributed = pytest.importorskip(
-        "distributed", reason="dask.distributed is not installed: pip install romsindy[dask]"
+        "distributed", reason="dask.distributed is not installed: pip install 'romsindy[dask]'"
     )
     local = next(trials(system.motion, system.backbone, [4]))
     with (

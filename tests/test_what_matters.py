@@ -71,8 +71,9 @@ def test_a_fit_knows_what_it_leaves(no_search):
     )
     fit = refine(plain, run)
     left = Difference.of(fit.records[0], fit.records[0].signal - fit.residuals[0])
-    assert left.exceeds(Tolerance(1e-4, 1e-2, 2e-4))
-    found = diagnose(fit, decay(1.0, seed=2))
+    fine = {"frequency": 1e-4, "damping": 1e-2, "signal": 2e-4}
+    assert left.exceeds(Tolerance(**fine))
+    found = diagnose(fit, decay(1.0, seed=2), tolerance=fine)
     assert found.verdict == "none" and "its own reference record" in found.sentence
 
 

@@ -26,6 +26,7 @@ from romsindy.regression.comparison import (
 from romsindy.show.identification_page import IdentificationReport
 from romsindy.text import bar
 
+USUAL_ORDER, USUAL_DAMPING = 5, ("linear",)  # of regressions, where nothing else is asked for
 # Parts of the largest amplitude below which a decay is identified, one after the other, where the
 # fit of more of it breaks down.
 _QUIETER = (1.0, 0.5, 0.25)
@@ -45,6 +46,12 @@ class Settings:
     plain: bool
     weighted: bool
     curvature: float
+
+    @property
+    def chosen(self) -> bool:
+        """Whether something was asked of the regressions, which then is at fault if they fail."""
+        usual = (self.order, self.damping) == (USUAL_ORDER, USUAL_DAMPING)
+        return not usual or bool(self.fix or self.harmonics or self.cutoff)
 
 
 def analysed(
@@ -83,7 +90,7 @@ def analysed(
         recipe.set_params(projection__harmonics=settings.harmonics)
     choices = (settings.order, settings.damping, settings.fix, recipe)
     four, broken = _regressions(conditioned, backbone, choices)
-    if broken is not None and (settings.harmonics or settings.cutoff):  # what was asked for
+    if broken is not None and settings.chosen:
         raise broken
     found, trouble, interrupted = None, "", False
     columns: list[Judged] = list(four.values())

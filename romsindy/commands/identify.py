@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from romsindy.commands.analysis import Settings, analysed
+from romsindy.commands.analysis import USUAL_DAMPING, USUAL_ORDER, Settings, analysed
 from romsindy.commands.coupled import (
     Coordinates,
     CoupledResult,
@@ -120,7 +120,7 @@ _HEADINGS = {
 @click.option("--release", type=int, help="Number of the release, see inspect.  [default: all]")
 @click.option(
     "--order",
-    default=5,
+    default=USUAL_ORDER,
     show_default=True,
     help="Highest order of stiffness and inertia in regressions and with --input; the"
     " identification of decays finds its own.",
@@ -128,7 +128,7 @@ _HEADINGS = {
 @click.option(
     "--damping",
     multiple=True,
-    default=("linear",),
+    default=USUAL_DAMPING,
     show_default=True,
     type=click.Choice(list(DAMPING)),
     help="Kind of damping in regressions and with --input; may be repeated.",

@@ -76,7 +76,7 @@ interactive_option = click.option(
     "--interactive",
     is_flag=True,
     callback=_needs_plotly,
-    help="Figures of pages zoom and show what is under the pointer (pip install plotly).",
+    help="Figures of pages zoom and show what is under the pointer (needs romsindy[interactive]).",
 )
 
 full_option = click.option(

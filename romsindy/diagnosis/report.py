@@ -286,7 +286,7 @@ class DiagnosisReport:
         path : str or Path
         interactive : bool
             Whether figures zoom and show what is under the pointer; needs plotly:
-            ``pip install plotly``.
+            ``pip install "romsindy[interactive]"``.
         """
         from romsindy.show.page import write_page  # draws: only where a page is asked for
 

@@ -63,7 +63,7 @@ class Inspection(Findings):
             A command line that identifies the record, for the steps that come next.
         interactive : bool
             Whether figures zoom and show what is under the pointer; needs plotly:
-            ``pip install plotly``.
+            ``pip install "romsindy[interactive]"``.
         """
         from romsindy.inspection.page import write
 

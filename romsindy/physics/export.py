@@ -236,7 +236,8 @@ def sympy_module() -> Any:
         return import_module("sympy")
     except ImportError:
         raise ValueError(
-            "to export a model needs sympy, which is not installed: python -m pip install sympy"
+            "to export a model needs sympy, which is not installed: python -m pip install"
+            ' "romsindy[export]"'
         ) from None
 
 

@@ -575,7 +575,7 @@ class ReducedModel(TermSum):
 
         Inputs are functions of the real symbol t, such as ``Function("force")(t - 0.002)``.
 
-        Needs sympy: ``pip install sympy``.
+        Needs sympy: ``pip install "romsindy[export]"``.
 
         Returns
         -------

@@ -53,7 +53,8 @@ def check_plotly() -> None:
         import_module("plotly")
     except ImportError:
         raise ValueError(
-            "interactive figures need plotly, which is not installed: python -m pip install plotly"
+            "interactive figures need plotly, which is not installed: python -m pip install"
+            ' "romsindy[interactive]"'
         ) from None
 
 

@@ -180,5 +180,5 @@ def library(module: str, path: Path) -> Any:
     except ImportError:
         raise ValueError(
             f"{path}: to read it needs {module}, which is not installed: python -m pip install"
-            f" {module}"
+            ' "romsindy[formats]"'
         ) from None

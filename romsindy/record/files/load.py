@@ -44,8 +44,8 @@ def load_recording(
     """Read what sensors gave from a file of any common kind, converted to SI units.
 
     Text (CSV in any dress), NPY, NPZ, MATLAB, HDF5, WAV, universal files (UFF 55 and 58), TDMS,
-    LVM, XLSX; some need ``pip install h5py pyuff nptdms openpyxl``. Or SEP005 dictionaries that
-    another package has read.
+    LVM, XLSX; some need ``pip install "romsindy[formats]"``. Or SEP005 dictionaries that another
+    package has read.
 
     Parameters
     ----------
