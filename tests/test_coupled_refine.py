@@ -247,7 +247,8 @@ def test_a_sensor_on_a_node_and_a_ratio_that_only_looks_rational():
 def test_what_cannot_be_identified(identified):
     fit, decay = identified
     # Strongest first, by the share in the decay in which it has least: 0.65 and 0.50.
-    with pytest.raises(ValueError, match=r"= 7, but what rings .* is 20\.7 Hz, (9\.99|10).* Hz: ask"):
+    rings = r"coordinates = 7, but what rings .* is 20\.7 Hz, (9\.99|10).* Hz: ask"
+    with pytest.raises(ValueError, match=rings):
         identify_coupled(decay, coordinates=7)
     with pytest.raises(ValueError, match="coordinates = 'two': give 'auto' or a whole number"):
         identify_coupled(decay, coordinates="two")
