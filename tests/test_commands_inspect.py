@@ -217,7 +217,7 @@ def test_several_channels(run, tmp_path):
     refused = run("identify", "two.csv")
     assert refused.exit_code == 2 and "choose with --column" in refused.stderr
     assert "['base', 'left tip']" in refused.stderr
-    result = run(*shlex.split(commands[0]), "--weighted")
+    result = run(*shlex.split(commands[0]), "--weighted", "--full")
     assert result.exit_code == 0 and "in channels base and left tip" in result.output
     assert "channels base (+0.1) and left tip (+1) together" in result.output
 
@@ -263,7 +263,7 @@ def test_negative_damping_is_not_printed_without_a_word(run, tmp_path):
     t = np.arange(0, 5, 0.004)
     write(tmp_path / "dry.csv", t, "t [s],q [m]", model.simulate(0.1, 0.0, t).q)
     result = run("identify", "dry.csv", "--plain", "--order", 3,
-                 "--damping", "linear", "--damping", "quadratic")  # fmt: skip
+                 "--damping", "linear", "--damping", "quadratic", "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert re.search(r"^c_quadratic +1/m +-\d", result.output, re.M)
     assert re.search(r"IC-ROM: its c_quadratic is negative: a force that would supply energy",

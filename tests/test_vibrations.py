@@ -202,3 +202,26 @@ def test_drift_is_no_vibration(kind):
     (found,) = find_vibrations(x - x.mean(), 1 / RATE)
     assert found.mean_frequency == pytest.approx(40.0, rel=2e-3)
     assert 0.8 < found.share <= 1
+
+
+@pytest.mark.parametrize("ratio", [1.9, 2.07, 3.1])
+def test_mode_that_dies_away_early_is_found(ratio):
+    """Two hundred cycles of a mode; of another, 20 dB weaker, nothing is left by the middle."""
+    t = np.arange(0, 20, 1 / 200)
+    weak = tone(10.0 * ratio, 0.01, 0.1, t=t)[0]
+    x = tone(10.0, 0.005, t=t)[0] + weak
+    x += 0.002 * np.random.default_rng(7).standard_normal(len(t))
+    first, second = find_vibrations(x, 1 / 200)
+    assert second.mean_frequency == pytest.approx(10.0 * ratio, rel=2e-3)
+    # At the start, where both are loud, the fits give up to 7e-4 of the first to the second.
+    assert second.share == pytest.approx(weak @ x / (x @ x), abs=1e-3)  # of 0.0018 to 0.0028
+    assert not (first.harmonics or second.harmonics)
+
+
+def test_mode_that_comes_and_goes_is_not_steady():
+    """As one that gets its energy from another, and gives it back."""
+    size = 0.1 * (1 - 0.8 * np.cos(2 * np.pi * (T - 0.5) / 2))
+    x = tone(40.0, 0.003)[0] + size * np.cos(2 * np.pi * 83.0 * T) + noise(1e-3)
+    low, high = find_vibrations(x, 1 / RATE)
+    assert not (low.steady or high.steady)
+    assert high.mean_frequency == pytest.approx(83.0, rel=1e-3)

@@ -36,8 +36,10 @@ _CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 40
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
 _RESONANT = 0.01
-# A tone is steady where its amplitude falls by less than this while the vibration falls by more.
-_STEADY, _FALLEN = 0.1, 0.5
+# A tone is steady where its amplitude falls by less than this and is hardly ever (a tenth of the
+# time) below this part of its highest, while another falls by more. A mode that gets its energy
+# from another comes and goes.
+_STEADY, _EVEN, _FALLEN = 0.1, 0.5, 0.5
 # Where tones make up less than this of a signal, it is looked at as one short vibration.
 _MOST_OF_IT = 0.5
 # Samples a cycle of the highest frequency that stands out of the noise.
@@ -205,7 +207,7 @@ def find_vibrations(
         found[own] = replace(of, harmonics=harmonics, share=of.share + share[id(ridge)])
     falls = any(_fall(v.tone) < _FALLEN for v in found)
     whole = dt * float(np.sum(_vibrating(x, ridges, dt) ** 2))
-    found = [replace(v, steady=falls and _fall(v.tone) > 1 - _STEADY, signal=whole) for v in found]
+    found = [replace(v, steady=falls and _is_steady(v.tone), signal=whole) for v in found]
     return tuple(sorted(found, key=lambda v: v.mean_frequency))
 
 
@@ -214,7 +216,8 @@ def decimation(x: Array, dt: float) -> int:
 
     Of a signal with very many samples the strongest tone, and what lies below it, is kept.
     """
-    size = min(len(x), max(len(x) // 50, 4096))
+    # Pieces, since a window over all of it would not see what has died away by its middle.
+    size = max(len(x) // 50, min(len(x) // 8, 4096), min(len(x), 64))
     f, power = welch(x, 1 / dt, nperseg=size)
     floor = max(_STANDS_OUT * np.median(power), 1e-9 * power.max())
     highest = f[np.flatnonzero(power > floor)[-1]] if power.max() > floor else f[-1]
@@ -345,6 +348,12 @@ def _fall(ridge: Ridge) -> float:
     """Amplitude at the end over that at the start."""
     n = max(len(ridge.t) // 10, 1)
     return float(np.mean(ridge.amplitude[-n:]) / np.mean(ridge.amplitude[:n]))
+
+
+def _is_steady(ridge: Ridge) -> bool:
+    """Whether it neither falls nor comes and goes."""
+    low, high = np.quantile(ridge.amplitude, [0.1, 0.9])
+    return bool(_fall(ridge) > 1 - _STEADY and low > _EVEN * high)
 
 
 def _damping(ridge: Ridge, part: Array) -> float:
