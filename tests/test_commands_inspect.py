@@ -86,7 +86,7 @@ def test_the_command_that_comes_next_works(run, record, tmp_path):
     """Mode and releases as they were printed; coefficients within four errors of the truth."""
     printed = run("inspect", "test.csv").output
     command = re.findall(r"^  (romsindy identify .*)$", printed, re.M)[0]
-    result = run(*shlex.split(command)[1:], "--json", "found.json")
+    result = run(*shlex.split(command)[1:], "--full", "--json", "found.json")
     assert result.exit_code == 0, result.output
     assert result.output.startswith("Used: mode 1 at 5.")
     assert "releases 1 and 2. Left out: mode 2 at 23.7" in result.output
@@ -129,6 +129,7 @@ def test_many_files_one_table_one_page(run, tmp_path):
     assert "Identified: 2 files, 2 of them explained to the noise." in result.output
     content = json.loads((tmp_path / "all.json").read_text())
     assert [c["file"] for c in content] == ["run1.csv", "broken.csv", "run2.csv"]
+    assert content[1].pop("made_by") == "romsindy identify --json"
     assert content[1] == {"file": "broken.csv", "error": "broken.csv: the file is empty"}
     first, last = content[0]["linear"], content[2]["linear"]
     error = np.hypot(first["frequency_std"], last["frequency_std"])

@@ -218,6 +218,17 @@ def test_mode_that_dies_away_early_is_found(ratio):
     assert not (first.harmonics or second.harmonics)
 
 
+def test_tone_of_few_cycles_a_window_is_heard():
+    """Twelve cycles: the tone fills its octave, and no bin of it may count as noise."""
+    t = np.arange(0, 2, 1e-3)
+    modes = [(6.2, 0.006, 0.005), (26.4, 0.01, 2e-3), (72.0, 0.01, 1e-3)]
+    x = sum(tone(*mode, t=t)[0] for mode in modes)
+    x += 7e-5 * np.random.default_rng(4).standard_normal(len(t))
+    found = find_vibrations(x, 1e-3)
+    # Twelve cycles at 35 dB know the slowest to some 1e-3.
+    np.testing.assert_allclose([v.mean_frequency for v in found], [6.2, 26.4, 72.0], rtol=3e-3)
+
+
 def test_mode_that_comes_and_goes_is_not_steady():
     """As one that gets its energy from another, and gives it back."""
     size = 0.1 * (1 - 0.8 * np.cos(2 * np.pi * (T - 0.5) / 2))

@@ -38,6 +38,7 @@ _BINS = 10  # of the search, to either side
 _KNOTS, _FINE_KNOTS, _COARSE_KNOTS = 6.0, 4.0, 24.0
 _LEAST_CYCLES = 4.0  # of the lowest frequency
 _FEWEST_SAMPLES = 24  # of an octave
+_LOBE = 4  # lines over which a Hann window spreads a tone
 _MEDIAN = 0.83  # of the amplitude of noise in a line of a spectrum, over its rms
 
 
@@ -245,11 +246,13 @@ def _picture(
     t = (np.arange(len(pieces)) * step + (size - 1) / 2) * level.dt
     amplitude = np.abs(np.fft.rfft(pieces * window, fine, axis=1)) * (2 / window.sum())
     near = (f > level.low / 1.6) & (f < min(1.6 * level.high, 0.49 / level.dt))
-    noise = np.median(amplitude[:, near], axis=1) / _MEDIAN
+    # A tone of few cycles a window fills most of its octave: then the lower bins are the noise.
+    line = round(fine / size)
+    share = 0.5 if np.count_nonzero(near) > 2 * _LOBE * line else 0.25
+    noise = np.quantile(amplitude[:, near], share, axis=1) / np.sqrt(-np.log(1 - share))
     own = (f >= max(level.low, _LEAST_CYCLES / duration)) & (f < level.high)
     if np.any(own):
         # A tone is a peak: what only rises towards slow frequencies is drift.
-        line = round(fine / size)
         peak = amplitude >= maximum_filter1d(amplitude, 2 * line + 1, axis=1)
         clear = peak & (amplitude > _CLEAR * noise[:, None])
         yield t, f[own], amplitude[:, own], clear[:, own]

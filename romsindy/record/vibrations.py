@@ -39,7 +39,7 @@ _RESONANT = 0.01
 # A tone is steady where its amplitude falls by less than this and is hardly ever (a tenth of the
 # time) below this part of its highest, while another falls by more. A mode that gets its energy
 # from another comes and goes.
-_STEADY, _EVEN, _FALLEN = 0.1, 0.5, 0.5
+_STEADY, _EVEN, _FALLEN = 0.1, 0.7, 0.5
 # Where tones make up less than this of a signal, it is looked at as one short vibration.
 _MOST_OF_IT = 0.5
 # Samples a cycle of the highest frequency that stands out of the noise.
