@@ -53,6 +53,7 @@ def test_small_benchmark(benchmark):
         assert number <= asked, name
 
 
+@pytest.mark.slow
 @benchmark_of("curved_sensor")
 def test_small_benchmark_of_a_curved_sensor(benchmark):
     one = benchmark.trial(3, cycles=40.0)
@@ -142,6 +143,7 @@ def test_arrays_are_made_once(benchmark, tmp_path):
     assert len(made) == 1
 
 
+@pytest.mark.slow
 @benchmark_of("trials")
 def test_a_trial_on_a_few_cycles(benchmark):
     """All rows of one noise come out, and its bands hold what an exact structure determines."""

@@ -102,6 +102,7 @@ def test_what_no_test_can_tell_apart_is_said_so():
     assert "a calibration of the sensor" in found.next_test.sentence
 
 
+@pytest.mark.slow
 def test_the_cheapest_of_the_tests_that_tell_is_advised():
     tests = [AGAIN, replace(HIGHER, cost=2.0), replace(HIGHER, cost=3.0, amplitude=3.0)]
     assert report(damping).advised(tests).test == tests[1]
@@ -140,6 +141,7 @@ def test_no_test_is_advised_where_none_is_needed():
     assert report(nothing).next_test is None
 
 
+@pytest.mark.slow
 def test_all_tests_that_are_known_can_be_simulated():
     found = report(damping)
     assert all(found.advised([test]) is not None for test in EXPERIMENTS)
