@@ -71,3 +71,18 @@ def test_known_coefficients_stay():
     some = FEW | {"gamma_2": 0.0}
     short = shortened(model(some), shaken(some), REACH, {"omega^2": 40.0})
     assert short.model.coefficients["omega^2"] == 40.0 and "omega^2" not in short.bands
+
+
+def test_the_unit_of_q_changes_nothing():
+    """Micrometres read in m: q^4 of the inertia is 1e-24 beside its 1."""
+    some = FEW | {"gamma_2": 0.0, "gamma_5": 0.0, "Upsilon_4": 0.0, "Upsilon_5": 0.0}
+    micro = 1e-6
+
+    def small(m):
+        size = [micro ** (term.dimension[0] - 1) for term in m.terms]
+        return rs.ReducedModel(m.terms, tuple(np.divide(m.values, size)), "m")
+
+    few = shortened(model(some), shaken(some), REACH, {})
+    same = shortened(small(model(some)), [*map(small, shaken(some))], np.multiply(micro, REACH), {})
+    assert few.follows and same.follows
+    assert same.model.coefficients == pytest.approx(small(few.model).coefficients, rel=1e-6)

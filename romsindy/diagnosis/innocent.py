@@ -44,22 +44,21 @@ def other_values(
     )
 
 
-def innocent(search: Search, values: Sequence[Coefficient]) -> tuple[Hypothesis, Hypothesis]:
-    """The best that nuisances and values of the model do, first the linear values alone.
+def innocent(search: Search, values: Sequence[Coefficient]) -> list[Hypothesis]:
+    """What nuisances and the linear values do; where more gains, that beside one more of ``values``.
 
-    One more of ``values`` is asked where more than noise is left.
+    One more is asked where more than noise is left.
     """
     search = replace(search, free=(*search.free, *nuisances(search.records)), done=[])
     linear = search.settled(search.hypothesis([]))
     left = search.remainder(linear)
     enough = left.explained and left.ratio < NOTHING_LEFT
     if enough or not (values and linear.solution.finite):
-        linear = linear.settled(search.form)
-        return linear, linear
+        return [linear.settled(search.form)]
     known = scales(search.records)
     parts, names = linear.solution.parts, {v.variant: v for v in values}
     found = screen(search.model, parts, list(names.values()), search.records, known)
     first = [s for s in found.singles() if np.isfinite(s.chi_squared)][:_TRIED]
     trials = search.fitted([[part_of(s, known, len(search.records))] for s in first])
     best = search.ranked([linear, *trials])[0]
-    return linear.at(best.form), best
+    return [linear.at(best.form), *([best] if best.effects else [])]

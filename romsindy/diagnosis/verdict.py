@@ -92,6 +92,13 @@ def _off_zero(found: Explanation, without: Hypothesis) -> float:
     return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
 
 
+def _said(found: Explanation) -> tuple[int, float]:
+    """How much it says is not as in the simulation, the likelier first."""
+    h = found.hypothesis
+    said = {p.effect.name for p in h.effects}.union(h.moved).difference(h.unsaid)
+    return len(said), h.score
+
+
 def _beyond(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
     return any(change.exceeds(tolerance) for change in changes)
 
@@ -145,25 +152,39 @@ class Rule:
     tolerance: Tolerance
     form: FormError
 
-    def answer(self, plain: Explanation, effect: Explanation | None) -> Answer:
-        """Weigh what needs no effect, and the best effect, if one was found."""
-        if effect is not None and self._beyond_doubt(effect, plain):
+    def answer(self, values: Sequence[Explanation], effect: Explanation | None) -> Answer:
+        """Weigh what needs no effect, linear values alone first, and the best effect, if any.
+
+        Of values that are enough the fewest are told, though more be likelier: no coefficient of a
+        model is so well known that another value of it would gain nothing.
+        """
+        likeliest = min(values, key=lambda found: found.hypothesis.score)
+        enough = [found for found in values if self._enough(found)]
+        plain = min(enough, key=_said, default=likeliest)
+        moved = bool(enough) and self._moved(plain)
+        # Beside values that moved and are enough, a further effect is no headline.
+        plainer = effect is not None and not (moved and _said(plain)[0] < _said(effect)[0])
+        if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
             return Answer("named", effect, small)
-        seen_through = effect is not None and self._sees_through(plain, effect)
-        if self._enough(plain) and not seen_through:
-            moved = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
-            if not (moved and self._matters(plain)):
+        seen_through = effect is not None and self._sees_through(plain, likeliest, effect)
+        if enough and not seen_through:
+            if not moved:
                 return Answer("none", plain)
-            # What values leave may be small, and an effect as likely all the same.
-            rival = effect is not None and self._likelier(effect, plain, -EQUIVALENT)
-            sole = plain.gap.closed >= MOSTLY_CLOSED and not rival
+            # What values leave may be small, and one effect as likely all the same.
+            rival = effect is not None and plainer and self._likelier(effect, plain, -EQUIVALENT)
+            sole = plain.closed >= MOSTLY_CLOSED and not rival
             return Answer("named" if sole else "ambiguous", plain)
         if effect is not None and self._explains(effect):
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
             return Answer(named if self._matters(effect) else "none", effect)
         nearest = plain if effect is None else effect
         return Answer("unknown" if self._surely_beyond else "none", nearest)
+
+    def _moved(self, plain: Explanation) -> bool:
+        """Whether values are surely others, and it matters."""
+        sure = bool(plain.hypothesis.names) and plain.sureness >= NAMED_ABOVE
+        return sure and self._matters(plain)
 
     @property
     def _surely_beyond(self) -> bool:
@@ -174,11 +195,13 @@ class Rule:
         if plain.leaves_noise:
             return True
         closed = plain.gap.closed >= MOSTLY_CLOSED or not plain.hypothesis.names
-        return closed and plain.leaves(self.tolerance, self.form) in ("tolerance", "form")
+        return closed and plain.leaves(self.tolerance, self.form) != "effect"
 
-    def _sees_through(self, plain: Explanation, effect: Explanation) -> bool:
+    def _sees_through(
+        self, plain: Explanation, likeliest: Explanation, effect: Explanation
+    ) -> bool:
         """Whether an effect that is distinctly likelier says that more than a tolerance is left."""
-        likelier = self._likelier(effect, plain, EQUIVALENT)
+        likelier = self._likelier(effect, likeliest, EQUIVALENT)
         return likelier and effect.differs(plain, self.tolerance)
 
     def _likelier(self, effect: Explanation, plain: Explanation, by: float) -> bool:

@@ -83,16 +83,16 @@ def diagnose_model(
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     values = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
     explained = partial(_explained, search, judged, bool(tests), as_it_was, values)
-    linear = plain = slack
-    if not (agree or found.interrupted):
-        linear, plain = innocent(search, others)
+    settled = agree or found.interrupted
+    plain = [slack] if settled else innocent(search, others)
     best = found.rivals[0]
     effect = explained(_snapped(search, best, judged)) if best.names else None
-    rule = Rule(as_it_was, slack, linear, options.tolerance, form)
-    answer = rule.answer(explained(_without_small(plain, model, options.tolerance)), effect)
+    rule = Rule(as_it_was, slack, plain[0], options.tolerance, form)
+    told = partial(_without_small, model, options.tolerance)
+    answer = rule.answer([explained(told(h)) for h in plain], effect)
     verdict, chosen = answer.verdict, answer.explanation
     best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
-    rivals = _rivals(search, best, found, plain if chosen is effect else None)
+    rivals = _rivals(search, best, found, plain[-1] if chosen is effect else None)
     several = len(best.blamed) > 1 if not best.effects else len(best.moved) > 1
     if verdict == "named" and (several or (chosen is effect and len(rivals) > 1)):
         verdict = "ambiguous"
@@ -159,7 +159,7 @@ def _rivals(
     return [best, *(h for names, h in others.items() if names and names != best.names)]
 
 
-def _without_small(plain: Hypothesis, model: ReducedModel, tolerance: Tolerance) -> Hypothesis:
+def _without_small(model: ReducedModel, tolerance: Tolerance, plain: Hypothesis) -> Hypothesis:
     """The same, that says nothing of values that moved within the tolerance, beside others."""
     most = {"linear_frequency": 2 * tolerance.frequency, "viscous": tolerance.damping}
     keys = {"linear_frequency": "omega^2", "viscous": "c_linear"}

@@ -255,8 +255,11 @@ def _undamped(
         return np.concatenate(curves) if possible else np.full(len(target.value), np.nan)
 
     unit = np.eye(len(terms))
-    by_value = [ReducedModel(tuple(terms), tuple(row)) for row in unit]
-    functions = [np.concatenate([m.stiffness(q) / q, m.inertia(q) - 1]) for m in by_value]
+    # Of the terms themselves: beside the 1 of an inertia, q^4 of a micrometre in m is rounded away.
+    at_rest = np.zeros_like(q)
+    functions = [
+        np.concatenate([t.stiffness(q) / q + at_rest, t.inertia(q) + at_rest]) for t in terms
+    ]
     table = np.zeros((len(target.value), len(terms)))
     table[len(a) :] = np.array(functions).T[: len(target.value) - len(a)]
     # About the model itself, as near as so many terms come to its functions.
