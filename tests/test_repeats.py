@@ -94,7 +94,9 @@ def test_nuisances_stay_within_what_is_known():
     records = [Record.loud(again(gain=1.05, offset=0.3, curvature=0.03), 2e-4)]
     parts = unsure_parts(MODEL, ("omega^2", "c_linear"), {}, scales(records), 1)
     options = Options((), 0.01, 1, 2e-4, 1, lambda _: None)
-    _, found = innocent(Search(MODEL, records, parts, options), ())
+    search = Search(MODEL, records, parts, options)
+    slack = replace(search, free=nuisances(records)).hypothesis([])
+    _, found = innocent(search, slack, ())
     values = {p.effect.name: float(p.strengths[0, 0]) for p in found.parts}
     reach = np.abs(records[0].signal).max()
     assert abs(values["gain"]) <= 0.01 and abs(values["sensor_nonlinearity"]) * reach <= 0.01

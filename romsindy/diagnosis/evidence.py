@@ -145,15 +145,21 @@ class Hypothesis:
         free = (i for i in self.changed if self.parts[i].effect.name not in self.unsaid)
         return (*effects, *free)
 
+    @property
+    def innocent(self) -> tuple[int, ...]:
+        """Which of the parts are what a measurement may add, as far as it may."""
+        return tuple(i for i in range(len(self.parts)) if self._as_it_may_be(i))
+
     def _as_it_may_be(self, index: int) -> bool:
         """Whether an effect is one of the measurement, not surely beyond what is known of it."""
         most = allowed(self.parts[index].effect, self.reach)
-        if most == 0.0:
-            return False
+        return most > 0 and self.at_least(index) <= most
+
+    def at_least(self, index: int) -> float:
+        """How large a strength surely is, of one of the parts."""
         where = self.solution.slices()[index]
         error = float(np.sqrt(self.covariance[where, where][0, 0]))
-        size = float(np.abs(self.parts[index].strengths).max())
-        return size - NAMED_ABOVE * error <= most
+        return float(np.abs(self.parts[index].strengths).max()) - NAMED_ABOVE * error
 
     @property
     def sureness(self) -> float:

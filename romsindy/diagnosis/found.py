@@ -12,6 +12,7 @@ from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.part import Part
+from romsindy.fit.verdict import NAMED_ABOVE
 from romsindy.physics.model import ReducedModel
 
 _STRENGTH = "strength"
@@ -88,6 +89,18 @@ def moved_of(
     """Values that the simulation was unsure of and that moved, beside what is missing."""
     found = [i for i in hypothesis.changed if i not in hypothesis.blamed]
     return tuple(_effect(hypothesis, i, rivals, ratio, model) for i in found)
+
+
+def of_the_measurement(
+    hypothesis: Hypothesis, ratio: float, model: ReducedModel
+) -> tuple[FoundEffect, ...]:
+    """What the measurement surely adds, of what it may add without being wrong."""
+    told = (_effect(hypothesis, i, [hypothesis], ratio, model) for i in hypothesis.innocent)
+    return tuple(
+        e
+        for e in told
+        if any(abs(v) > NAMED_ABOVE * e.standard_errors[k] for k, v in e.values.items())
+    )
 
 
 def beyond_errors(hypothesis: Hypothesis) -> bool:

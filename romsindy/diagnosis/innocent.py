@@ -44,21 +44,22 @@ def other_values(
     )
 
 
-def innocent(search: Search, values: Sequence[Coefficient]) -> list[Hypothesis]:
-    """What nuisances and the linear values do; where more gains, that beside one more of ``values``.
+def innocent(search: Search, slack: Hypothesis, values: Sequence[Coefficient]) -> list[Hypothesis]:
+    """What nuisances do, with linear values beside, and with one more of ``values`` if it gains.
 
-    One more is asked where more than noise is left.
+    ``slack`` is what nuisances do. One more value is asked where more than noise is left.
     """
     search = replace(search, free=(*search.free, *nuisances(search.records)), done=[])
     linear = search.settled(search.hypothesis([]))
     left = search.remainder(linear)
     enough = left.explained and left.ratio < NOTHING_LEFT
     if enough or not (values and linear.solution.finite):
-        return [linear.settled(search.form)]
+        linear = linear.settled(search.form)
+        return [slack.at(linear.form), linear]
     known = scales(search.records)
     parts, names = linear.solution.parts, {v.variant: v for v in values}
     found = screen(search.model, parts, list(names.values()), search.records, known)
     first = [s for s in found.singles() if np.isfinite(s.chi_squared)][:_TRIED]
     trials = search.fitted([[part_of(s, known, len(search.records))] for s in first])
     best = search.ranked([linear, *trials])[0]
-    return [linear.at(best.form), *([best] if best.effects else [])]
+    return [slack.at(best.form), linear.at(best.form), *([best] if best.effects else [])]

@@ -17,7 +17,14 @@ from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.found import FoundEffect, beyond_errors, effects_of, moved_of, titles
+from romsindy.diagnosis.found import (
+    FoundEffect,
+    beyond_errors,
+    effects_of,
+    moved_of,
+    of_the_measurement,
+    titles,
+)
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
@@ -30,7 +37,7 @@ from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
 from romsindy.record.files.whole import whole
-from romsindy.text import TextTable
+from romsindy.text import TextTable, listed
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -190,7 +197,7 @@ class DiagnosisReport:
     @property
     def _missing(self) -> str:
         if self.verdict == "none":
-            return f"nothing that {'these data show' if self._differ else 'matters'}."
+            return self._nothing
         found = " and ".join(map(str, self.effects))
         also = "".join(f" Fitted beside it: {e}." for e in self.moved)
         closes = "They close" if len(self.effects) > 1 else "It closes"
@@ -218,6 +225,15 @@ class DiagnosisReport:
             )
         small = " It is small: less than what tests repeat to." if self.small else ""
         return f"{found}{odds}. {self._closing(closes)}{small}{also}"
+
+    @property
+    def _nothing(self) -> str:
+        if not self._differ:
+            return "nothing that matters."
+        added = of_the_measurement(self.best, self.remainder.ratio, self.nominal)
+        if not added:
+            return "nothing that these data show."
+        return f"nothing: a measurement may add what differs ({listed([str(e) for e in added])})."
 
     def _closing(self, closes: str) -> str:
         return words.closing(self.gap, self.tolerance, closes)

@@ -92,11 +92,16 @@ def _off_zero(found: Explanation, without: Hypothesis) -> float:
     return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
 
 
-def _said(found: Explanation) -> tuple[int, float]:
-    """How much it says is not as in the simulation, the likelier first."""
+def _said(found: Explanation) -> int:
+    """How much it says is not as in the simulation."""
     h = found.hypothesis
-    said = {p.effect.name for p in h.effects}.union(h.moved).difference(h.unsaid)
-    return len(said), h.score
+    return len({p.effect.name for p in h.effects}.union(h.moved).difference(h.unsaid))
+
+
+def _plainest(found: Explanation) -> tuple[int, bool, float]:
+    """The least of several says the fewest values, linear ones first; of two alike the likelier."""
+    h = found.hypothesis
+    return _said(found), bool(h.effects and h.moved), h.score
 
 
 def _beyond(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
@@ -153,17 +158,17 @@ class Rule:
     form: FormError
 
     def answer(self, values: Sequence[Explanation], effect: Explanation | None) -> Answer:
-        """Weigh what needs no effect, linear values alone first, and the best effect, if any.
+        """Weigh what needs no effect, and the best effect, if any.
 
-        Of values that are enough the fewest are told, though more be likelier: no coefficient of a
-        model is so well known that another value of it would gain nothing.
+        Of what is enough the fewest values that moved are told, though more be likelier: no
+        coefficient of a model is so well known that another value of it would gain nothing.
         """
         likeliest = min(values, key=lambda found: found.hypothesis.score)
         enough = [found for found in values if self._enough(found)]
-        plain = min(enough, key=_said, default=likeliest)
+        plain = min(enough, key=_plainest, default=likeliest)
         moved = bool(enough) and self._moved(plain)
         # Beside values that moved and are enough, a further effect is no headline.
-        plainer = effect is not None and not (moved and _said(plain)[0] < _said(effect)[0])
+        plainer = effect is not None and not (moved and _said(plain) < _said(effect))
         if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
             return Answer("named", effect, small)
@@ -173,7 +178,7 @@ class Rule:
                 return Answer("none", plain)
             # What values leave may be small, and one effect as likely all the same.
             rival = effect is not None and plainer and self._likelier(effect, plain, -EQUIVALENT)
-            sole = plain.closed >= MOSTLY_CLOSED and not rival
+            sole = not rival and (plain.leaves_noise or plain.closed >= MOSTLY_CLOSED)
             return Answer("named" if sole else "ambiguous", plain)
         if effect is not None and self._explains(effect):
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"

@@ -81,18 +81,18 @@ def diagnose_model(
         if judges.blind:
             tests, judged = {}, {name_of(i): record for i, record in enumerate(records)}
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
-    values = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
-    explained = partial(_explained, search, judged, bool(tests), as_it_was, values)
+    own = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
+    explained = partial(_explained, search, judged, bool(tests), as_it_was, own)
     settled = agree or found.interrupted
-    plain = [slack] if settled else innocent(search, others)
+    plain = [slack] if settled else innocent(search, slack, others)
+    values = [_without_small(h, model, options.tolerance) for h in plain]
     best = found.rivals[0]
     effect = explained(_snapped(search, best, judged)) if best.names else None
-    rule = Rule(as_it_was, slack, plain[0], options.tolerance, form)
-    told = partial(_without_small, model, options.tolerance)
-    answer = rule.answer([explained(told(h)) for h in plain], effect)
+    rule = Rule(as_it_was, values[0], values[:2][-1], options.tolerance, form)
+    answer = rule.answer([explained(h) for h in values], effect)
     verdict, chosen = answer.verdict, answer.explanation
     best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
-    rivals = _rivals(search, best, found, plain[-1] if chosen is effect else None)
+    rivals = _rivals(search, best, found, values[-1] if chosen is effect else None)
     several = len(best.blamed) > 1 if not best.effects else len(best.moved) > 1
     if verdict == "named" and (several or (chosen is effect and len(rivals) > 1)):
         verdict = "ambiguous"
@@ -127,10 +127,10 @@ def _explained(
     judged: Mapping[str, Record],
     unseen: bool,
     as_it_was: Gap,
-    values: frozenset[str],
+    own: frozenset[str],
     hypothesis: Hypothesis,
 ) -> Explanation:
-    """A hypothesis with what it leaves and changes; ``values`` are names of those of the model."""
+    """A hypothesis with what it leaves and changes; ``own`` are names of values of the model."""
     near, given = motions_of(hypothesis), (search.model, hypothesis.parts)
     predictions = [predict(*given, r, name, near.get(name)) for name, r in judged.items()]
     whole = [follow(p, *given, near) for p in as_it_was.predictions]
@@ -139,7 +139,7 @@ def _explained(
         search.remainder(hypothesis),
         Gap(tuple(predictions), unseen),
         replace(as_it_was, predictions=tuple(whole)),
-        lacking=not values.issuperset(hypothesis.names),
+        lacking=not own.issuperset(hypothesis.names),
     )
 
 
@@ -159,16 +159,17 @@ def _rivals(
     return [best, *(h for names, h in others.items() if names and names != best.names)]
 
 
-def _without_small(model: ReducedModel, tolerance: Tolerance, plain: Hypothesis) -> Hypothesis:
-    """The same, that says nothing of values that moved within the tolerance, beside others."""
+def _without_small(plain: Hypothesis, model: ReducedModel, tolerance: Tolerance) -> Hypothesis:
+    """The same; of several values that moved it says what is surely beyond the tolerance."""
     most = {"linear_frequency": 2 * tolerance.frequency, "viscous": tolerance.damping}
     keys = {"linear_frequency": "omega^2", "viscous": "c_linear"}
-    values = {p.effect.name: float(p.strengths[0, 0]) for p in plain.parts[: plain.n_free]}
+    names = [p.effect.name for p in plain.parts[: plain.n_free]]
     small = tuple(
         name
         for name in plain.moved
         if name in most
-        and abs(values[name]) <= most[name] * abs(model.coefficients.get(keys[name], 0.0))
+        and plain.at_least(names.index(name))
+        <= most[name] * abs(model.coefficients.get(keys[name], 0.0))
     )
     return plain if len(small) == len(plain.moved) else replace(plain, unsaid=small)
 
