@@ -92,11 +92,11 @@ def test_the_advised_test_names_what_was_ambiguous():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="another gamma_3 comes first, the gain is told beside it")
 def test_what_no_test_can_tell_apart_is_said_so():
     # For a Duffing oscillator a gain g of the sensor is a cubic stiffness over g^2, at any release.
     found = report(lambda q, v: 15.0 * q**3)
-    assert set(found.equivalent) == {("cubic_stiffness",), ("gain",)}
+    assert found.verdict == "ambiguous"
+    assert found.equivalent == (("cubic_stiffness",), ("gain",))  # a value comes first
     assert not found.next_test.enough
     assert found.next_test.sentence.startswith("no test that was simulated would separate")
     assert "a calibration of the sensor" in found.next_test.sentence
@@ -169,6 +169,6 @@ def test_of_a_beam_the_amplitude_is_that_of_the_sensor_that_moves_most():
 
 def test_an_effect_that_comes_out_as_nothing_is_no_rival():
     # Added mass lowers a frequency; where it is higher, none is what fits best.
-    learn = [decay(a, lambda q, v: 0.002 * OMEGA**2 * q, seed) for seed, a in enumerate((1.0, 0.6))]
+    learn = [decay(a, lambda q, v: 0.004 * OMEGA**2 * q, seed) for seed, a in enumerate((1.0, 0.6))]
     catalogue = (MoreMass(), LinearFrequency())
     assert rs.diagnose(MODEL, learn, catalogue=catalogue).equivalent == (("linear_frequency",),)

@@ -183,6 +183,11 @@ class Hypothesis:
         return tuple(self.parts[i].effect.name for i in self.blamed)
 
     @property
+    def said(self) -> set[str]:
+        """Names of all that is not as in the simulation."""
+        return {p.effect.name for p in self.effects}.union(self.moved).difference(self.unsaid)
+
+    @property
     def beyond(self) -> tuple[str, ...]:
         """Names of the values that moved by more than their tolerances let expect."""
         known = [(p.effect.name, p.tolerance, p.strengths) for p in self.parts[: self.n_free]]

@@ -22,6 +22,7 @@ from romsindy.fit.record import scales
 from romsindy.fit.verdict import NOTHING_LEFT
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
 
 _LINEAR = ("omega^2", "c_linear")
 _TRIED = 3  # of the coefficients, those that the screening puts first
@@ -45,9 +46,9 @@ def other_values(
 
 
 def innocent(search: Search, slack: Hypothesis, values: Sequence[Coefficient]) -> list[Hypothesis]:
-    """What nuisances do, with linear values beside, and with one more of ``values`` if it gains.
+    """What nuisances do, ``slack``, linear values beside, and these with one more of ``values``.
 
-    ``slack`` is what nuisances do. One more value is asked where more than noise is left.
+    One more value is asked where more than noise is left.
     """
     search = replace(search, free=(*search.free, *nuisances(search.records)), done=[])
     linear = search.settled(search.hypothesis([]))
@@ -59,7 +60,11 @@ def innocent(search: Search, slack: Hypothesis, values: Sequence[Coefficient]) -
     known = scales(search.records)
     parts, names = linear.solution.parts, {v.variant: v for v in values}
     found = screen(search.model, parts, list(names.values()), search.records, known)
-    first = [s for s in found.singles() if np.isfinite(s.chi_squared)][:_TRIED]
-    trials = search.fitted([[part_of(s, known, len(search.records))] for s in first])
-    best = search.ranked([linear, *trials])[0]
-    return [slack.at(best.form), linear.at(best.form), *([best] if best.effects else [])]
+    singles = [s for s in found.singles() if np.isfinite(s.chi_squared)]
+    # A quadratic force acts to second order in its strength, which the screening does not see.
+    second = [s for s in singles[_TRIED:] if s.effect.term() == Stiffness(2)]
+    asked = [*singles[:_TRIED], *second]
+    trials = search.fitted([[part_of(s, known, len(search.records))] for s in asked])
+    ranked = search.ranked([linear, *(h for h in trials if h.solution.finite)])
+    form = ranked[0].form
+    return [slack.at(form), linear.at(form), *(h for h in ranked if h.effects)]

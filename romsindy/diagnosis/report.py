@@ -119,9 +119,9 @@ class DiagnosisReport:
     @property
     def next_best(self) -> Hypothesis | None:
         """The best of what was compared that says something else than the best."""
-        said = set(self.best.names)
-        others = (h for h in self.compared if not said <= set(h.names))
-        return next(others, None) if said else None
+        # More, beside all that the best says, is no alternative to it.
+        others = (h for h in self.compared if h.names and not self.best.said <= h.said)
+        return next(others, None) if self.best.names else None
 
     @property
     def odds(self) -> float:

@@ -367,15 +367,10 @@ class Search:
         most = len(best.effects) + bool(instead)
         for h in seen:
             near = h.score - best.score < EQUIVALENT
-            more = _said(h) > _said(best)
+            more = h.said > best.said
             if near and not more and len(h.effects) <= most and h.names:
                 found.setdefault(frozenset(h.names), h)
         return list(found.values()) if best.names else [best]
-
-
-def _said(h: Hypothesis) -> set[str]:
-    """Names of all that is not as in the simulation."""
-    return {p.effect.name for p in h.effects}.union(h.moved)
 
 
 def _same_effects(a: Hypothesis, b: Hypothesis) -> bool:

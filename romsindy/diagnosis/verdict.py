@@ -73,6 +73,10 @@ class Explanation:
         """Whether noise is left alone, of what was fitted and of what took no part."""
         return self.left.explained and self.gap.after <= PREDICTED
 
+    def needs_fewer(self, other: Explanation) -> bool:
+        """Whether it says fewer things than another one has effects."""
+        return len(self.hypothesis.said) < len(other.hypothesis.effects)
+
     def leaves(self, tolerance: Tolerance, form: FormError) -> Left:
         """What it leaves; see `left_over`."""
         return left_over(self.hypothesis, self.left, self.gap, tolerance, form)
@@ -92,16 +96,10 @@ def _off_zero(found: Explanation, without: Hypothesis) -> float:
     return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
 
 
-def _said(found: Explanation) -> int:
-    """How much it says is not as in the simulation."""
-    h = found.hypothesis
-    return len({p.effect.name for p in h.effects}.union(h.moved).difference(h.unsaid))
-
-
 def _plainest(found: Explanation) -> tuple[int, bool, float]:
     """The least of several says the fewest values, linear ones first; of two alike the likelier."""
     h = found.hypothesis
-    return _said(found), bool(h.effects and h.moved), h.score
+    return len(h.said), bool(h.effects and h.moved), h.score
 
 
 def _beyond(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
@@ -167,8 +165,8 @@ class Rule:
         enough = [found for found in values if self._enough(found)]
         plain = min(enough, key=_plainest, default=likeliest)
         moved = bool(enough) and self._moved(plain)
-        # Beside values that moved and are enough, a further effect is no headline.
-        plainer = effect is not None and not (moved and _said(plain) < _said(effect))
+        # Beside values that moved and are enough, several effects are no headline.
+        plainer = effect is not None and not (moved and plain.needs_fewer(effect))
         if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
             return Answer("named", effect, small)

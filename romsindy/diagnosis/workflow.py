@@ -92,9 +92,9 @@ def diagnose_model(
     answer = rule.answer([explained(h) for h in values], effect)
     verdict, chosen = answer.verdict, answer.explanation
     best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
-    rivals = _rivals(search, best, found, values[-1] if chosen is effect else None)
+    rivals = _rivals(search, best, found, values, chosen is effect)
     several = len(best.blamed) > 1 if not best.effects else len(best.moved) > 1
-    if verdict == "named" and (several or (chosen is effect and len(rivals) > 1)):
+    if verdict == "named" and (several or len(rivals) > 1):
         verdict = "ambiguous"
     added = best.parts
     if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
@@ -144,16 +144,17 @@ def _explained(
 
 
 def _rivals(
-    search: Search, best: Hypothesis, found: Finding, plain: Hypothesis | None
+    search: Search, best: Hypothesis, found: Finding, values: Sequence[Hypothesis], is_effect: bool
 ) -> Sequence[Hypothesis]:
     """What the data do not tell apart from the best, itself first; odds of values as told.
 
-    ``plain`` is what values of the model do, where these are not the best.
+    ``values`` are what values of the model do; of effects the best of these is a rival alone.
     """
-    if plain is None:
-        effects = [h for h in (*found.rivals, *found.compared) if h.effects]
+    if not is_effect:
+        effects = [h for h in (*values, *found.rivals, *found.compared) if h.effects]
         return search.rivals(best, [h.at(best.form) for h in effects])
-    alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [plain]
+    likeliest = min(values, key=lambda h: h.score)
+    alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [likeliest]
     near_by = search.rivals(best, [h.at(best.form) for h in alike])[1:]
     others = {h.names: h.at(best.form) for h in (*found.rivals[1:], *near_by)}
     return [best, *(h for names, h in others.items() if names and names != best.names)]
