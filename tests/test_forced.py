@@ -14,6 +14,7 @@ from romsindy.fit.fitted import _undetermined
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.signs import stand_ins
 from romsindy.physics.input import Input
+from romsindy.show.plots import plot_forced_response
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 5e3, 3.0
 DT = 0.01
@@ -311,6 +312,13 @@ def test_where_the_response_leaves_the_data_it_is_told(smooth):
         or np.mean(band.beyond != (band.amplitude > 1.02 * most)) < 0.05
     )  # that of the first harmonic, and half of peak to peak
     assert "Note: beyond the amplitudes of the data" in str(band)
+    # Drawn: the curve of the orbits passes through the band, as far as there is one.
+    ax = plot_forced_response(band)
+    curve = np.concatenate([line.get_xydata() for line in ax.lines[:1]])
+    drawn = np.interp(band.frequency[:5] / (2 * np.pi), *curve.T)
+    np.testing.assert_allclose(drawn, band.amplitude[:5], rtol=3e-3)  # straight between orbits
+    assert len(ax.collections) == 2  # bands of the larger and of the smaller response
+    assert ax.get_ylabel() == "amplitude of the first harmonic (m)"
     assert "Beyond the amplitudes of the data" in str(rs.forced_response(fit.model, 2.0, span))
 
 

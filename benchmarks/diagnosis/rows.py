@@ -27,8 +27,12 @@ class Row:
     one: Callable[[int, Path], dict]
 
 
-def reduced(kind: str) -> Callable[[int, Path], dict]:
-    """Trials of one kind of the generator."""
+# What sensors of the trials could tell: far below what tests repeat to.
+FINE = {"frequency": 1e-4, "damping": 1e-2, "signal": 2e-4}
+
+
+def reduced(kind: str, tolerance: dict[str, float] | None = None) -> Callable[[int, Path], dict]:
+    """Trials of one kind of the generator, with the default tolerance or a stated one."""
 
     def one(seed: int, folder: Path) -> dict:
         trial, truth = trial_of(kind, seed, folder), truth_of(kind, seed, folder)
@@ -36,7 +40,7 @@ def reduced(kind: str) -> Callable[[int, Path], dict]:
         def diagnosis():
             decays = trial.decays()
             held_out = decays.pop() if trial.held_out else None
-            return rs.diagnose(trial.model, decays, held_out=held_out)
+            return rs.diagnose(trial.model, decays, held_out=held_out, tolerance=tolerance)
 
         return asked_of(diagnosis, truth)
 
@@ -104,7 +108,8 @@ ROWS = {
     for row in (
         *map(_null, KINDS),
         Row("hidden", 200, "92 / 97 / at most 1 %, 1.3 names in a set", reduced("hidden")),
-        Row("weak", 50, "65 / 88 / at most 4 %, 1.3 names in a set", reduced("weak")),
+        Row("weak", 50, 'right, or "none"; named and wrong at most 4 %', reduced("weak")),
+        Row("weak_fine", 50, "65 / 88 / at most 4 %, 1.3 names in a set", reduced("weak", FINE)),
         Row("itself", 50, '"none" in all', against_itself),
         Row("example", 50, '"none" in all', other_seed),
         Row("repeats", len(REPEATS), '"none" in all', repeated),

@@ -63,12 +63,15 @@ class ForcedBand:
         What the band does not know.
     goes_on : bool
         Whether there is a band beyond the amplitudes of the data, as of few terms that are given.
+    rate : int
+        How often q is differentiated to give what is measured.
     """
 
     frequency: Array
     response: ForcedResponse
     notes: tuple[str, ...]
     goes_on: bool
+    rate: int
     _curve: Array  # (3, n): frequencies, amplitudes, and those of q itself along the response
     _drawn: Array  # (2, n_draws, n): the same, displaced
     _scatter: Array  # (n_draws,): of the sensor, added to an amplitude
@@ -126,6 +129,18 @@ class ForcedBand:
     def high(self) -> Array:
         """Upper end of the 95 % band, (n,)."""
         return self._upper.high
+
+    @property
+    def along(self) -> Array:
+        """Amplitudes of ``response``, folds and all, as they are measured, (n_orbits,)."""
+        first = np.abs(self.response.coefficients[:, 1])
+        return np.asarray(first * self.response.frequency**self.rate)
+
+    @property
+    def unit(self) -> str | None:
+        """Of the amplitudes."""
+        of_q = self.response.unit
+        return of_q and of_q + ("", "/s", "/s^2")[self.rate]
 
     @property
     def beyond(self) -> NDArray[np.bool_]:
@@ -235,6 +250,7 @@ def forced_band(
         response,
         (*([response.leaves] if response.leaves else []), *notes),
         goes_on,
+        rate,
         np.array([on, first * on**rate, size_of_q]),
         np.array([w, a * w**rate]),
         noise * rng.standard_normal(_DRAWS),

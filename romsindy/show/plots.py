@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate, curves_near
 from romsindy.fit.fitted import Fit
+from romsindy.fit.forced_band import ForcedBand
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone
@@ -267,15 +268,22 @@ def plot_branch(
         if len(lines) > 1:
             style = {"color": f"C{i}", "ls": ("-", "--", ":")[i % 3], "label": f"{label}, q{i + 1}"}
         ax.plot(branch.frequency / (2 * np.pi), amplitude, lw=1, **style)
-    _mark(ax, branch, branch.folds, "fold")
+    folds = np.asarray(branch.folds, int)
+    _mark(ax, branch.frequency[folds], lines[:, folds], "fold")
     ax.legend(loc="best", frameon=False)
     return ax
 
 
 def plot_forced_response(
-    response: ForcedResponse, *, label: str = "", color: str = "C0", ax: Axes | None = None
+    response: ForcedResponse | ForcedBand,
+    *,
+    label: str = "",
+    color: str = "C0",
+    ax: Axes | None = None,
 ) -> Axes:
     """Amplitude of forced orbits against frequency: stable solid, unstable dashed.
+
+    Of a `ForcedBand`, the first harmonic of what is measured, with its 95 % band.
 
     Dotted is what lies beyond the amplitudes of the data behind the model, stable or not.
 
@@ -284,23 +292,39 @@ def plot_forced_response(
 
     Parameters
     ----------
-    response : ForcedResponse
+    response : ForcedResponse or ForcedBand
     label : str
         Goes before "stable" and "unstable" in the legend; the force if it is not given.
     color : str
         Of the curve, or of that of the first coordinate: the others are "C1", "C2", ...
     """
     ax = _orbit_axes(response, ax)
-    force = listed([f"{f:.3g}" for f in np.atleast_1d(response.force)])
-    label = label or f"{force} {response.unit or '[q]'}/s$^2$,"
-    lines = response.amplitude.reshape(len(response), -1).T
+    if isinstance(response, ForcedBand):
+        ax.set_ylabel(with_unit("amplitude of the first harmonic", response.unit))
+        _forced_band(ax, response, color)
+        orbits, amplitudes = response.response, response.along
+    else:
+        orbits, amplitudes = response, response.amplitude
+    force = listed([f"{f:.3g}" for f in np.atleast_1d(orbits.force)])
+    label = label or f"{force} {orbits.unit or '[q]'}/s$^2$,"
+    lines = amplitudes.reshape(len(orbits), -1).T
     for i, amplitude in enumerate(lines):
         own = f"{label} q{i + 1}" if len(lines) > 1 else label
-        _stretches(ax, response, amplitude, own, color if i == 0 else f"C{i}")
-    for kind in dict.fromkeys(b.kind for b in response.bifurcations):
-        _mark(ax, response, [b.index for b in response.bifurcations if b.kind == kind], kind)
+        _stretches(ax, orbits, amplitude, own, color if i == 0 else f"C{i}")
+    for kind in dict.fromkeys(b.kind for b in orbits.bifurcations):
+        where = [b.index for b in orbits.bifurcations if b.kind == kind]
+        _mark(ax, orbits.frequency[where], lines[:, where], kind)
     ax.legend(loc="best", frameon=False)
     return ax
+
+
+def _forced_band(ax: Axes, band: ForcedBand, color: str) -> None:
+    """The bands of the larger and of the smaller response, where there are two."""
+    hz = band.frequency / (2 * np.pi)
+    lower = band.at(band.frequency, "lower")
+    ax.fill_between(hz, band.low, band.high, color=color, alpha=0.25, lw=0, label="95 %")
+    two = lower.amplitude < band.amplitude
+    ax.fill_between(hz, lower.low, lower.high, where=two, color=color, alpha=0.25, lw=0)
 
 
 def _stretches(
@@ -323,20 +347,19 @@ _KINDS = (("stable", "-"), ("unstable", "--"), ("beyond the data", ":"))
 _MARKERS = {"fold": "o", "branch point": "s", "period doubling": "^", "Neimark-Sacker": "D"}
 
 
-def _orbit_axes(orbits: PeriodicOrbits, ax: Axes | None) -> Axes:
+def _orbit_axes(orbits: PeriodicOrbits | ForcedBand, ax: Axes | None) -> Axes:
     ax = given_or_new(ax)
     ax.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", orbits.unit))
     return ax
 
 
-def _mark(ax: Axes, orbits: PeriodicOrbits, points: ArrayLike, kind: str) -> None:
-    points = np.asarray(points, int)
-    if len(points):
+def _mark(ax: Axes, omega: Array, lines: Array, kind: str) -> None:
+    """Mark orbits at some frequencies (n,) on the lines (n_coordinates, n)."""
+    if len(omega):
         label = None if kind in ax.get_legend_handles_labels()[1] else kind
         look: dict[str, Any] = {"color": "C3", "mfc": "white", "ms": 5, "label": label}
-        amplitude = orbits.amplitude[points].reshape(len(points), -1)  # of each coordinate
-        hz = np.repeat(orbits.frequency[points] / (2 * np.pi), amplitude.shape[1])
-        ax.plot(hz, amplitude.ravel(), _MARKERS[kind], **look)
+        hz = np.tile(omega / (2 * np.pi), len(lines))
+        ax.plot(hz, lines.ravel(), _MARKERS[kind], **look)
 
 
 def _symbol(key: str) -> str:
