@@ -1,6 +1,7 @@
 """One structure measured twice, by an oscillator and noise that share nothing with the package.
 
-The simulation is what `rs.identify` makes of the first run. The second has another start, offset
+The simulation is what `rs.identify` makes of the first run, bands included, as `identify --save`
+writes it. The second has another start, offset
 and gain, and its structure has moved by as much as tests repeat to: nothing is to be named. Or it
 has moved by more: then the value that moved is the headline.
 """
@@ -45,11 +46,6 @@ def pair_of(kind: str, seed: int) -> tuple[rs.Decay, rs.Decay]:
         measured = zero + gain * (q + noise)
         runs.append(rs.Decay(t / (_TURN * hertz), size * measured, unit="m"))
     return runs[0], runs[1]
-
-
-def identified(run: rs.Decay) -> rs.ReducedModel:
-    """What a user has of the first run: the model alone, as `identify --save` writes it."""
-    return rs.identify(run).model
 
 
 def _moved(nominal: Nominal, frequency: float, damping: float) -> _Moved:

@@ -11,7 +11,7 @@ from generator import trial_of, truth_of
 from marked import asked_of
 from measured import REPEATS, against_repeat
 from noises import KINDS
-from repeats import MOVED, identified, pair_of
+from repeats import MOVED, pair_of
 
 import romsindy as rs
 from romsindy.diagnosis.simulated import model_of_simulation
@@ -88,7 +88,7 @@ def twice(kind: str) -> Callable[[int, Path], dict]:
 
     def one(seed: int, folder: Path) -> dict:
         first, second = pair_of(kind, seed)
-        model = identified(first)
+        model = rs.identify(first)
         truth = {"effects": MOVED[kind], "strength": kind, "noise": "35 dB"}
         return asked_of(lambda: rs.diagnose(model, second), truth)
 
