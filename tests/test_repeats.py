@@ -83,6 +83,22 @@ def test_an_effect_within_the_default_is_named_and_small_but_not_within_a_stated
     assert stated.verdict == "none" and not stated.small
 
 
+def test_the_error_of_a_strength_is_the_same_in_every_unit():
+    """Its exponent is held at 2: an error of it would be an error of a power of the unit."""
+    force = lambda t, q, v: 0.002 * abs(v) * v  # noqa: E731
+    run = decay(0.9, force=force, duration=LONG)
+    found = []
+    for unit in (1.0, 1e-4):
+        size = {t.key: unit ** (t.dimension[0] - 1) for t in MODEL.terms}
+        model = rs.ReducedModel.from_coefficients({k: NOMINAL[k] / size[k] for k in size})
+        result = diagnose(model, rs.Decay(run.t, unit * run.q), catalogue=[AirDrag()])
+        (drag,) = result.effects
+        assert drag.values["exponent"] == 2 and drag.standard_errors["exponent"] == 0
+        found.append([drag.values["strength"] * unit, drag.standard_errors["strength"] * unit])
+    assert found[0][1] < 0.05 * found[0][0]
+    assert_allclose(found[1], found[0], rtol=0.01)  # steps of the fit end elsewhere
+
+
 def test_a_gain_beyond_what_is_known_is_an_effect():
     found = diagnose(MODEL, again(gain=1.05, snr_db=60), catalogue=SMALL)
     assert found.best.names == ("gain",), found

@@ -1,9 +1,9 @@
 """One structure measured twice, by an oscillator and noise that share nothing with the package.
 
 The simulation is what `rs.identify` makes of the first run, bands included, as `identify --save`
-writes it. The second has another start, offset
-and gain, and its structure has moved by as much as tests repeat to: nothing is to be named. Or it
-has moved by more: then the value that moved is the headline.
+writes it. The second has another start, offset and gain, and its structure has moved by as much as
+tests repeat to: nothing is to be named. Or it has moved by more: then the value that moved is the
+headline.
 """
 
 from __future__ import annotations

@@ -39,9 +39,11 @@ from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.fit.estimate import Estimate
+from romsindy.fit.functions.identification import Identification
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.serial import read_json
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
@@ -283,7 +285,10 @@ def _model(path: Path) -> ReducedModel | Estimate:
         model = model_of(text)
         if not isinstance(model, ReducedModel):
             raise ValueError("a model of several coordinates is not diagnosed: isolate one mode")
-        return Estimate.from_json(text) if '"covariance"' in text else model
+        held = read_json(text)
+        if "structures" in held:
+            return Identification.from_json(text)
+        return Estimate.from_json(text) if "covariance" in held else model
 
 
 def _series(path: Path, unit: str | None) -> Decay:

@@ -98,8 +98,8 @@ def diagnose(
         Difference that does not matter: relative, of the frequency; or of "frequency", "damping"
         (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
         amplitude). Where the simulation is within it, nothing is looked for. By default what
-        tests repeat to: 0.1 %, 5 % and 1 %, or ``floor`` if that is more; what is smaller is told
-        only where an effect is there beyond doubt.
+        tests repeat to: 0.1 %, 5 % and 1 %, or ``floor`` if that is more, or what an `Estimate`
+        itself is known to; what is smaller is told only where an effect is there beyond doubt.
     repeats : sequence of Decay, optional
         The same test, measured two times or more: what these differ by does not matter.
     reference : Decay or sequence of Decay, optional
@@ -194,7 +194,8 @@ def diagnose(
         given = given.or_more(of_repeats(again, floor))
     form = NO_FORM_ERROR
     if estimate is not None:
-        given = given.or_more(of_estimate(estimate, _largest(simulation, several)))
+        if tolerance is None:
+            given = given.or_more(of_estimate(estimate, _largest(simulation, several)))
         references += estimate.decays if isinstance(estimate, Fit) else ()
     if references:
         left, form = of_references(simulation, references, floor)

@@ -205,11 +205,24 @@ class Hypothesis:
         else:
             parts, known = solution.parts, prior_cost(solution.parts)
             misfit = (solution.chi_squared - known) / self.excess + known
-        covariance = system.covariance()[:n, :n]
+        covariance = _given(system.covariance()[:n, :n], parts)
         rise, price, moved = price_of_free(system, solution.parts, self.n_free, self.n_samples)
         for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
             price += price_of(part, covariance[where, where], self.n_samples)
         return Worth(misfit + rise, price, moved, parts, covariance)
+
+
+def _given(covariance: Array, parts: Sequence[Part]) -> Array:
+    """Covariance of the values of parts where shape values that are held are known."""
+    held: list[bool] = []
+    for part in parts:
+        held += [False] * part.strengths.size + [p.low == p.high for p in part.parameters]
+    if not any(held):
+        return covariance
+    cross = covariance[:, held]
+    known = covariance - cross @ np.linalg.pinv(cross[held], hermitian=True) @ cross.T
+    known[held] = known[:, held] = 0.0
+    return known
 
 
 class Worth(NamedTuple):
@@ -260,7 +273,7 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
     price = 0.0
     for p, variance in zip(part.parameters, np.diag(covariance), strict=True):
         prior = p.spread or (p.high - p.low) / np.sqrt(2 * np.pi)
-        if prior > 0:  # one that is rounded to the textbook's costs nothing
+        if p.low < p.high:  # one that is rounded to the textbook's costs nothing
             price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
     return price
 

@@ -83,11 +83,11 @@ class Explanation:
 
     def changes(self, tolerance: Tolerance) -> bool:
         """Whether what it changes of the simulation matters; its own motions have no noise."""
-        return _beyond(self.whole.changes, tolerance)
+        return _matter(self.whole.changes, tolerance)
 
     def differs(self, other: Explanation, tolerance: Tolerance) -> bool:
         """Whether it differs from another one by more than a tolerance."""
-        return _beyond(self.whole.changes_from(other.whole), tolerance)
+        return _matter(self.whole.changes_from(other.whole), tolerance)
 
 
 def _off_zero(found: Explanation, without: Hypothesis) -> float:
@@ -102,8 +102,9 @@ def _plainest(found: Explanation) -> tuple[int, bool, float]:
     return len(h.said), bool(h.effects and h.moved), h.score
 
 
-def _beyond(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
-    return any(change.exceeds(tolerance) for change in changes)
+def _matter(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
+    """Whether motions without noise differ by more than a tolerance, as a whole or in a part."""
+    return any(not c.within(tolerance) or c.exceeds(tolerance) for c in changes)
 
 
 def left_over(
@@ -182,7 +183,8 @@ class Rule:
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
             return Answer(named if self._matters(effect) else "none", effect)
         nearest = plain if effect is None else effect
-        return Answer("unknown" if self._surely_beyond else "none", nearest)
+        more = nearest.leaves(self.tolerance, self.form) == "effect"
+        return Answer("unknown" if self._surely_beyond or more else "none", nearest)
 
     def _moved(self, plain: Explanation) -> bool:
         """Whether values are surely others, and it matters."""
@@ -191,7 +193,7 @@ class Rule:
 
     @property
     def _surely_beyond(self) -> bool:
-        return _beyond(self.as_it_was.differences_before, self.tolerance)
+        return any(d.exceeds(self.tolerance) for d in self.as_it_was.differences_before)
 
     def _enough(self, plain: Explanation) -> bool:
         """Whether values and nuisances leave nothing beyond the tolerance."""

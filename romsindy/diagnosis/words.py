@@ -67,9 +67,15 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
         over += ", where they differ most" if worst is not differences[which] else ""
         return f"They differ: {_sizes(worst, sure)} {over} ({known})."
     worst = differences[which]  # all of it: chance is smaller there than in a part
-    errors = {k: abs(getattr(worst, k)) + getattr(worst, f"{k}_std") for k in KINDS}
-    within = listed([f"{percent(errors[k])} {_WHERE[k]}" for k in KINDS])
-    return f"They agree within {within} {_over(worst, unit)} ({known})."
+    bounds = {k: abs(getattr(worst, k)) + getattr(worst, f"{k}_std") for k in KINDS}
+    told = {k: f"{percent(bounds[k])} {_WHERE[k]}" for k in KINDS}
+    agree = [text for k, text in told.items() if bounds[k] <= getattr(tolerance, k)]
+    may_differ = [text for text in told.values() if text not in agree]
+    over = _over(worst, unit)
+    if not may_differ:
+        return f"They agree within {listed(agree)} {over} ({known})."
+    unsure = f"may differ by {listed(may_differ)}, which these records do not determine ({known})."
+    return f"They agree within {listed(agree)} {over}, and {unsure}" if agree else f"They {unsure}"
 
 
 def single_swings(log_odds: float) -> str:
