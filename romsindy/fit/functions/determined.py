@@ -43,7 +43,7 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
         yield (
             f"every {cycles:.0f} cycles the motion departs from any such equation by"
             f" {_percent(fitted.jump)} of its amplitude: another mode takes part, the sensor"
-            " drifts, or something that is no function of q"
+            " drifts, its noise is slow, or something is no function of q"
         )
     if found.verdict.structured and fitted.noise > BY_CHANCE:
         yield (
@@ -126,6 +126,10 @@ def _misfit(found: Identification, fitted: Fitted, records: Sequence[Record]) ->
             "the records are nearly free of noise, and what limits the fit is the equation, which"
             f" misses the signal by {found.adequacy * size:.1g} of its largest value (rms);"
             f" {counted}"
+        )
+    if found.verdict.explained:
+        return (
+            f"the noise is coloured, neighbouring samples err alike, and {counted}, were it white"
         )
     return f"the misfit is larger than the noise of the records, and {counted}"
 
