@@ -4,10 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal
 
 import romsindy as rs
+from romsindy.commands.main import main
 from romsindy.fit.functions import evidence, prior
 from romsindy.fit.functions.cone import lifted, nearest
 from romsindy.fit.functions.dispersion import dispersion
@@ -454,3 +456,15 @@ def test_draws_belong_to_the_fit():
     draws = draw(found, 4000, np.random.default_rng(0))
     spread = draws.std(axis=0)
     assert np.all(np.abs(draws.mean(axis=0) - found.series.values) <= 0.3 * spread)
+
+
+def test_the_few_terms_of_a_saved_file_are_exported(example, tmp_path):
+    """What identify shows; a file that holds no identification is refused by the option's name."""
+    example.save(tmp_path / "found.json")
+    (tmp_path / "model.json").write_text(example.model.to_json())
+    run = lambda name: CliRunner().invoke(  # noqa: E731
+        main, ["export", str(tmp_path / name), "--to", "text", "--short"]
+    )
+    assert run("found.json").stdout.strip() == str(example.short.model)
+    refused = run("model.json")
+    assert refused.exit_code == 2 and "--short is of what identify --save wrote" in refused.output

@@ -19,6 +19,7 @@ from romsindy.commands.measurement import Choice, decays_in
 from romsindy.commands.options import (
     INPUTS,
     READING,
+    estimate_of,
     full_option,
     interactive_option,
     model_of,
@@ -39,11 +40,9 @@ from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.fit.estimate import Estimate
-from romsindy.fit.functions.identification import Identification
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import read_json
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
@@ -285,10 +284,7 @@ def _model(path: Path) -> ReducedModel | Estimate:
         model = model_of(text)
         if not isinstance(model, ReducedModel):
             raise ValueError("a model of several coordinates is not diagnosed: isolate one mode")
-        held = read_json(text)
-        if "structures" in held:
-            return Identification.from_json(text)
-        return Estimate.from_json(text) if "covariance" in held else model
+        return estimate_of(text) or model
 
 
 def _series(path: Path, unit: str | None) -> Decay:

@@ -8,12 +8,14 @@ from typing import Any
 
 import click
 
-from romsindy.commands.options import model_of, text_of
+from romsindy.commands.options import estimate_of, model_of, text_of
 from romsindy.commands.outputs import Output, WritingCommand, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
+from romsindy.fit.functions.identification import Identification
 from romsindy.physics import coupled_export
 from romsindy.physics import export as single_export
 from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import read_json
 from romsindy.record.files.load import named
 from romsindy.text import listed
@@ -39,8 +41,11 @@ _COMMENT = {"matlab": "%", "c": "//", "sympy": "#", "text": "#"}
     default=_STDOUT,
     help="File to write.  [default: print it]",
 )
+@click.option(
+    "--short", is_flag=True, help="The few terms that identify shows, of what it wrote by --save."
+)
 @click.option("--name", help="Name of the function.  [default: that of the output, or rhs]")
-def export(file: Path, language: str, output: Path, name: str | None) -> None:
+def export(file: Path, language: str, output: Path, short: bool, name: str | None) -> None:
     """Write the equation of motion in FILE for MATLAB, C or sympy, or as text.
 
     FILE is a model (JSON) as identify --model or --save, Fit.save or diagnose --json writes it.
@@ -49,7 +54,7 @@ def export(file: Path, language: str, output: Path, name: str | None) -> None:
     """
     text = text_of(file)
     with named(f"{file}"):
-        model = _model(text)
+        model = _short(text) if short else _model(text)
     name = name or ("rhs" if output == _STDOUT else output.stem)
     with named(f"{file}"):
         code = _code(model, language, name)
@@ -87,6 +92,24 @@ def _model(text: str) -> AnyModel:
             ' "model" into a file of its own'
         )
     return model_of(json.dumps(content["model"]))
+
+
+def _short(text: str) -> ReducedModel:
+    """The few terms that follow what was identified.
+
+    Raises
+    ------
+    ValueError
+        If the text holds no identification, or no few terms follow.
+    """
+    found = estimate_of(text)
+    if not isinstance(found, Identification):
+        raise ValueError(
+            "--short is of what identify --save wrote: leave it out for any other file"
+        )
+    if not found.short.follows:
+        raise ValueError(f"{found.off()}: leave out --short, and all terms are written")
+    return found.short.model
 
 
 def _outside(effects: list[dict[str, Any]]) -> list[str]:

@@ -10,7 +10,10 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from romsindy.fit.estimate import Estimate
+from romsindy.fit.functions.identification import Identification
 from romsindy.physics.coupled import AnyModel, model_from_json
+from romsindy.physics.serial import read_json
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
 
@@ -161,6 +164,20 @@ def model_of(text: str) -> AnyModel:
     if not any(term.has("stiffness") for term in model.terms):
         raise ValueError("the model has no stiffness: give omega^2 at least")
     return model
+
+
+def estimate_of(text: str) -> Estimate | None:
+    """What is known of the model in a JSON text; None of a model alone.
+
+    Raises
+    ------
+    ValueError
+        If entries are missing, or do not belong together.
+    """
+    content = read_json(text)
+    if "structures" in content:
+        return Identification.from_json(text)
+    return Estimate.from_json(text) if "covariance" in content else None
 
 
 def text_of(path: Path) -> str:

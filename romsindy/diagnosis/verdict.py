@@ -128,10 +128,11 @@ def left_over(
 
 @dataclass(frozen=True)
 class Answer:
-    """A verdict, the explanation that it is about, and whether what it names is small."""
+    """A verdict, the explanation that it is about, what does as well, and whether it is small."""
 
     verdict: Verdict
     explanation: Explanation
+    rival: Explanation | None = None
     small: bool = False
 
 
@@ -170,15 +171,15 @@ class Rule:
         plainer = effect is not None and not (moved and plain.needs_fewer(effect))
         if effect is not None and plainer and self._beyond_doubt(effect, likeliest):
             small = not (self._surely_beyond or effect.changes(self.tolerance))
-            return Answer("named", effect, small)
+            return Answer("named", effect, small=small)
         seen_through = effect is not None and self._sees_through(plain, likeliest, effect)
         if enough and not seen_through:
             if not moved:
                 return Answer("none", plain)
             # What values leave may be small, and one effect as likely all the same.
-            rival = effect is not None and plainer and self._likelier(effect, plain, -EQUIVALENT)
-            sole = not rival and (plain.leaves_noise or plain.closed >= MOSTLY_CLOSED)
-            return Answer("named" if sole else "ambiguous", plain)
+            alike = effect is not None and plainer and self._likelier(effect, plain, -EQUIVALENT)
+            sole = not alike and (plain.leaves_noise or plain.closed >= MOSTLY_CLOSED)
+            return Answer("named" if sole else "ambiguous", plain, effect if alike else None)
         if effect is not None and self._explains(effect):
             named: Verdict = "named" if effect.sureness >= NAMED_ABOVE else "ambiguous"
             return Answer(named if self._matters(effect) else "none", effect)

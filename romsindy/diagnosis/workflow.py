@@ -92,7 +92,9 @@ def diagnose_model(
     answer = rule.answer([explained(h) for h in values], effect)
     verdict, chosen = answer.verdict, answer.explanation
     best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
-    rivals = _rivals(search, best, found, values, chosen is effect)
+    rivals = [*_rivals(search, best, found, values, chosen is effect)]
+    if answer.rival is not None and answer.rival.hypothesis.names not in {h.names for h in rivals}:
+        rivals.append(answer.rival.hypothesis.at(best.form))
     several = len(best.blamed) > 1 if not best.effects else len(best.moved) > 1
     if verdict == "named" and (several or len(rivals) > 1):
         verdict = "ambiguous"
