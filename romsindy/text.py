@@ -22,6 +22,7 @@ _ARGUMENT = re.compile(
     r"""(?:'([^']*)'|([^\s'",;:()]*[^\s'",;:().]))?"""
 )
 _FIXED = re.compile(r"\bfixed\['([^']+)'\] = ")  # as a message names a known coefficient
+_LARGE = 1e7  # from here on numbers are written with an exponent
 _PREFIXES = {-1: "m", -2: "u", -3: "n", -4: "p"}
 
 
@@ -71,14 +72,18 @@ def _starts_with_a_number(cell: str) -> bool:
 
 def with_error(value: float, error: float) -> list[str]:
     """A value to the digits that its error leaves, and the error with two digits."""
-    if not 1e-4 <= abs(value) < 1e7:
+    if not 1e-4 <= abs(value) < _LARGE:
         return [f"{value:.4g}", f"{error:.2g}"]
     return [f"{value:.{_decimals(error, value)}f}", f"{error:.2g}"]
 
 
 def with_band(value: float, low: float, high: float) -> list[str]:
     """A value and its 95 % interval, to the digits that this leaves."""
-    n = _decimals((high - low) / 4, value)
+    error = (high - low) / 4
+    n = _decimals(error, value)
+    if abs(value) >= _LARGE and error > 0:  # digits that the band does not leave would be shown
+        digits = min(max(math.floor(math.log10(abs(value) / error)) + 2, 2), 9)
+        return [f"{value:.{digits}g}", f"{low:.{digits}g} to {high:.{digits}g}"]
     return [f"{value:.{n}f}", f"{low:.{n}f} to {high:.{n}f}"]
 
 

@@ -15,7 +15,7 @@ from romsindy.commands import analysis
 from romsindy.commands import identify as identify_module
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
-from romsindy.text import aligned, as_options, quantity, with_error
+from romsindy.text import aligned, as_options, quantity, with_band, with_error
 
 RATE = 250.0  # Hz
 MODEL = ReducedModel.from_coefficients(
@@ -298,6 +298,10 @@ def test_numbers_and_tables_as_text():
         "long name       -  more",
     ]
     assert with_error(36.00123, 0.0123) == ["36.001", "0.012"]
+    # A quarter of a band is its standard error: two digits of that, however many the number has.
+    assert with_band(36.00123, 35.9, 36.1) == ["36.001", "35.900 to 36.100"]
+    large = with_band(657803836738.0, 657262067055.0, 687172700036.0)
+    assert large == ["6.58e+11", "6.57e+11 to 6.87e+11"]
     sizes = [quantity(v, "m") for v in (3.3e-4, 0.02, 1.5, 2e-8, 0.0)]
     assert sizes == ["330 um", "20 mm", "1.5 m", "20 nm", "0 m"]
     assert quantity(1e-3, "[q]") == "0.001 [q]" and quantity(-2e-3, "rad") == "-2 mrad"

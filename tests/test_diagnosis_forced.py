@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.diagnosis import ForcedReport
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, MoreMass, Viscous
+from romsindy.physics.input import Input
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 3e4, 2.0
 DT = 0.01
@@ -86,6 +87,17 @@ def test_the_chain_is_late():
     (late,) = report.effects
     assert late.name == "input_delay" and report.verdict == "named"
     assert late.values["delay"] == pytest.approx(0.004, abs=4 * late.standard_errors["delay"])
+
+
+def test_an_input_that_is_not_held_has_no_strength_and_is_named(right):
+    """Held inputs are late by half a sample, 9 degrees at 5 Hz: an effect without any value."""
+    terms = [Input("force", "hold", 0.0, "N") if isinstance(t, Input) else t for t in model().terms]
+    held = rs.ReducedModel(tuple(terms), model().values, "m")
+    report = rs.diagnose(held, right, catalogue=FEW)
+    assert report.verdict == "named" and report.best.names == ("input_between_samples",)
+    (found,) = report.effects
+    assert found.values == {} and found.relative is None
+    assert "an input that is not what was assumed between its samples" in report.sentence
 
 
 def test_an_input_that_the_model_does_not_have_is_fitted():

@@ -39,6 +39,7 @@ from romsindy.commands.outputs import (
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.on_beam import load_beam
+from romsindy.diagnosis.tolerance import KINDS
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.driven import inputs_of
@@ -83,6 +84,8 @@ def _sizes(_: click.Context, option: click.Parameter, values: tuple[str, ...]) -
                 f"{value!r} is not NAME=SIZE with a relative size, such as"
                 f" {'damping' if alone else 'gamma_3'}=0.05"
             )
+        if alone and name not in KINDS:
+            raise click.BadParameter(f"{name!r} in {value!r} is none of {', '.join(KINDS)}")
         sizes[name] = size
     return sizes
 

@@ -14,6 +14,7 @@ from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import NAMED_ABOVE
 from romsindy.physics.model import ReducedModel
+from romsindy.typing import Array
 
 _STRENGTH = "strength"
 _VALUES = {"linear_frequency": "linear stiffness", "viscous": "damping proportional to speed"}
@@ -149,16 +150,16 @@ def _effect(
         float(weight),
         part.effect.advice,
         dict(zip(names, [_units(part, model.unit)[i] for i in shown], strict=True)),
-        *_relative(part, float(std[0]), model),
+        *_relative(part, std, model),
     )
 
 
-def _relative(part: Part, std: float, model: ReducedModel) -> tuple[float | None, float | None]:
+def _relative(part: Part, std: Array, model: ReducedModel) -> tuple[float | None, float | None]:
     """Change of a value of the model as a part of it, and its error."""
     is_value = isinstance(part.effect, (Coefficient, LinearFrequency, Viscous))
     law = part.effect.term()
     now = model.coefficients.get(law.key, 0.0) if is_value and law is not None else 0.0
-    return (float(part.strengths[0, 0]) / now, std / abs(now)) if now else (None, None)
+    return (float(part.strengths[0, 0]) / now, float(std[0]) / abs(now)) if now else (None, None)
 
 
 def _with_error(value: float, error: float) -> str:
