@@ -193,7 +193,7 @@ BEYOND = Tolerance(signal=0.01)
 
 def change(exceeds):
     """A difference that exceeds any tolerance, or none."""
-    return SimpleNamespace(exceeds=lambda _: exceeds)
+    return SimpleNamespace(exceeds=lambda _: exceeds, within=lambda _: not exceeds)
 
 
 def explanation(
@@ -217,6 +217,8 @@ def explanation(
         names=names, score=score, misfit=misfit, sureness=sureness, needs=needs, form=LEAVES
     )
     found.at = lambda _: found
+    found.effects, found.moved = (names, ()) if lacking else ((), names)
+    found.said = set(names)
     gap = SimpleNamespace(
         before=9.0, after=after, closed=closed, unseen=unseen, leaves_within=lambda _: within
     )
@@ -243,7 +245,7 @@ def verdict_for(plain=None, effect=None, *, beyond=True, tolerance=BEYOND, form=
     as_it_was = SimpleNamespace(differences_before=[change(beyond)])
     without = explanation((), misfit=100.0).hypothesis
     rule = Rule(as_it_was, without, without, tolerance, form)
-    answer = rule.answer(plain or explanation(**OPEN), effect)
+    answer = rule.answer([plain or explanation(**OPEN)], effect)
     return answer.verdict + (", small" if answer.small else "")
 
 
@@ -268,7 +270,9 @@ def test_what_a_hypothesis_leaves():
 def test_an_effect_is_named_where_it_is_sure_and_leaves_nothing_that_matters():
     stated = Tolerance(source="stated")
     assert verdict_for(effect=explanation()) == "named"
-    assert verdict_for() == "unknown" and verdict_for(beyond=False) == "none"
+    # "None" is not said of what leaves more than the tolerance, surely so or not.
+    assert verdict_for() == verdict_for(beyond=False) == "unknown"
+    assert verdict_for(explanation(**OPEN, within=True), beyond=False) == "none"
     # More than twice the noise forbids a name, unless it is within the tolerance.
     much = {"explained": False, "after": 5.0, "needs": LEAVES}
     assert verdict_for(effect=explanation(**much)) == "unknown"

@@ -163,10 +163,15 @@ class Hypothesis:
 
     @property
     def sureness(self) -> float:
-        """Standard errors by which the least sure of the strengths that are blamed is off zero."""
+        """Standard errors by which the least sure of the strengths that are blamed is off zero.
+
+        An effect without any value, such as another course between samples, has none to ask.
+        """
         found = [np.inf]
         for i in self.blamed:
             where, n = self.solution.slices()[i], self.parts[i].strengths.size
+            if not n:
+                continue
             x, covariance = self.parts[i].values[:n], self.covariance[where, where][:n, :n]
             squared = float(x @ np.linalg.pinv(covariance, hermitian=True) @ x)
             found.append(max(squared, 0.0) ** 0.5)
