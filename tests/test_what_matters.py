@@ -1,6 +1,7 @@
 """Which differences matter, what takes no part, and the words for it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from romsindy.diagnosis import diagnose, search
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.held_out import SHORTEST, parted
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.tolerance import WIDEST, Tolerance
 from romsindy.diagnosis.what_matters import of_repeats, stated
 from romsindy.diagnosis.words import odds, percent
 from romsindy.fit.record import Record
@@ -82,6 +83,27 @@ def test_tolerances_of_several_sources():
     assert one.or_more(other) == Tolerance(0.1, 0.2, 0.0, "stated and repeats")
     assert stated(0.5).frequency == 0.5 and stated(one) is one
     assert Tolerance().or_more(other).source == "repeats"
+
+
+def test_a_model_is_known_less_well_where_its_record_was_quiet():
+    """What is known at the quiet end allows nothing at the loud one; power weighs in between."""
+    amplitude = np.array([0.001, 0.01])
+    quiet = Tolerance(source="bands", bands={"frequency": np.array([amplitude, [0.01, 0.0]])})
+    assert quiet.over(0.001, 0.001).frequency == pytest.approx(0.01)
+    assert quiet.over(0.01, 0.01).frequency == Tolerance().frequency
+    assert quiet.over(0.001, 0.001).damping == Tolerance().damping
+    # Linear in the amplitude and weighed by its square on a logarithmic scale: the integral of
+    # 0.01 (10 - x) / 9 x dx over that of x dx, x from 1 to 10; 2 % for the 20 points.
+    mean = 0.01 / 9 * (10 * 99 / 2 - 999 / 3) / (99 / 2)
+    assert quiet.over(0.001, 0.01).frequency == pytest.approx(mean, rel=0.02)
+    off = Difference((0.001, 0.001), 0.005, 1e-5, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert off.within(quiet) and not off.exceeds(quiet)
+    loud = replace(off, amplitude=(0.01, 0.01))
+    assert loud.exceeds(quiet) and not loud.within(quiet)
+    # More than makes it another structure determines nothing.
+    wide = Tolerance(source="bands", bands={"frequency": np.array([amplitude, [0.5, 0.5]])})
+    assert wide.over(0.001, 0.01).frequency == WIDEST["frequency"]
+    assert wide.over(0.001, 0.01).undetermined[0][:2] == ("frequency", "bands")
 
 
 @pytest.mark.parametrize("cycles", [SHORTEST - 2, 24, 59])

@@ -8,6 +8,7 @@ the scatter of the cycles themselves, whatever the colour of the noise.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -119,7 +120,8 @@ class Difference:
 
     def within(self, tolerance: Tolerance) -> bool:
         """Whether its values are within a tolerance, sure or not."""
-        return all(_size(getattr(self, kind)) <= getattr(tolerance, kind) for kind in KINDS)
+        here = tolerance.over(*self.amplitude)
+        return all(_size(getattr(self, kind)) <= getattr(here, kind) for kind in KINDS)
 
     def excess(self, tolerance: Tolerance) -> float:
         """By how many standard errors the worst of its values is beyond a tolerance."""
@@ -130,7 +132,7 @@ class Difference:
         value, std = getattr(self, kind), getattr(self, f"{kind}_std")
         if np.isnan(value):
             return -np.inf  # the signal says it
-        beyond = abs(value) - getattr(tolerance, kind) / np.sqrt(self.share)
+        beyond = abs(value) - getattr(tolerance.over(*self.amplitude), kind) / np.sqrt(self.share)
         return float(beyond / max(std, np.finfo(float).tiny))
 
     def largest(self, tolerance: Tolerance) -> Difference:
@@ -147,6 +149,14 @@ class Difference:
         least = [abs(getattr(self, k)) - SURE * getattr(self, f"{k}_std") for k in KINDS]
         usual = [getattr(Tolerance(), k) for k in KINDS]
         return float(np.nanmax(np.divide(least, usual)))
+
+
+def over_all(tolerance: Tolerance, differences: Sequence[Difference]) -> Tolerance:
+    """A tolerance for the cycles of several differences together."""
+    if not differences:
+        return tolerance
+    lows, highs = zip(*(d.amplitude for d in differences), strict=True)
+    return tolerance.over(min(lows), max(highs))
 
 
 def _size(value: float) -> float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.difference import Difference, over_all
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
@@ -172,6 +172,7 @@ class DiagnosisReport:
 
     def lines(self, left: str) -> list[str]:
         """The lines of the finding, with what is left in other words."""
+        tolerance = over_all(self.tolerance, self.differences)
         difference = words.difference(self.differences, self.tolerance, self.nominal.unit)
         if self.best.names and self.verdict != "none" and not (self._differ or self.small):
             difference += words.single_swings(self._log_odds(self.base))
@@ -179,7 +180,7 @@ class DiagnosisReport:
             difference,
             f"Missing: {self._missing}",
             f"Left: {left}",
-            *(f"Note: {note}" for note in (*words.undetermined(self.tolerance), *self.notes)),
+            *(f"Note: {note}" for note in (*words.undetermined(tolerance), *self.notes)),
         ]
         if self.interrupted:
             n = len(self.compared)
@@ -269,7 +270,11 @@ class DiagnosisReport:
             "sentence": self.sentence,
             "interrupted": self.interrupted,
             "differences": [_without_parts(d) for d in self.differences],
-            "tolerance": vars(self.tolerance),
+            "tolerance": {
+                k: v
+                for k, v in vars(over_all(self.tolerance, self.differences)).items()
+                if k != "bands"
+            },
             "effects": [vars(e) for e in self.effects],
             "moved": [vars(e) for e in self.moved],
             "equivalent": [list(names) for names in self.equivalent],

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from romsindy.fit.verdict import (
     SAME_DAMPING,
@@ -13,10 +15,13 @@ from romsindy.fit.verdict import (
     WIDEST_FREQUENCY,
     WIDEST_SIGNAL,
 )
+from romsindy.typing import Array
 
 KINDS = ("frequency", "damping", "signal")
 WIDEST = dict(zip(KINDS, (WIDEST_FREQUENCY, WIDEST_DAMPING, WIDEST_SIGNAL), strict=True))
 DEFAULT = "default"
+_LEAST = 1e-3  # of the largest amplitude: below, nothing has any weight
+_POINTS = 20
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,9 @@ class Tolerance:
         Where each comes from by itself, where that is not the same for all.
     undetermined : tuple of (str, str, float)
         Kind, source and size of what was too wide, for records that do not determine it.
+    bands : mapping of str to (2, n) array
+        Of "frequency" and "damping": amplitudes, and what a model itself is known to there; see
+        `over`.
     """
 
     frequency: float = SAME_FREQUENCY
@@ -46,6 +54,7 @@ class Tolerance:
     source: str = DEFAULT
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
     undetermined: tuple[tuple[str, str, float], ...] = field(default=(), compare=False)
+    bands: Mapping[str, Array] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         for name in KINDS:
@@ -69,7 +78,22 @@ class Tolerance:
             source=" and ".join(known) or DEFAULT,
             sources={k: of.source_of(k) for k, of in larger.items()},
             undetermined=(*self.undetermined, *other.undetermined),
+            bands={**self.bands, **other.bands},
         )
+
+    def over(self, low: float, high: float) -> Tolerance:
+        """The same for cycles of these amplitudes: more where a model is known less well.
+
+        Louder cycles tell more about a frequency or a damping, in proportion to their power.
+        """
+        if not self.bands:
+            return self
+        ends = np.geomspace(max(low, _LEAST * high), high, _POINTS)
+        a = np.sqrt(ends[1:] * ends[:-1])
+        sizes = dict.fromkeys(KINDS, 0.0)
+        for kind, (amplitude, size) in self.bands.items():
+            sizes[kind] = float(np.average(np.interp(a, amplitude, size), weights=a**2))
+        return replace(self, bands={}).or_more(Tolerance.read_off(sizes, "bands"))
 
     @classmethod
     def read_off(cls, sizes: Mapping[str, float], source: str) -> Tolerance:

@@ -12,7 +12,7 @@ from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.prediction import predict
-from romsindy.diagnosis.tolerance import KINDS, Tolerance
+from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import SURE
@@ -82,13 +82,19 @@ def of_references(
 
 
 def of_estimate(estimate: Estimate, largest: float) -> Tolerance:
-    """How far the curves of an estimate may be off, up to an amplitude (unit of q)."""
+    """How far the curves of an estimate may be off, at amplitudes up to one (unit of q)."""
     band = estimate.band(np.geomspace(_FROM * largest, largest, 12))
-    frequency = band.frequency_std / band.frequency
-    damping = np.abs(band.damping_ratio_std / band.damping_ratio)
-    widest = [_BAND * float(np.nanmax(x, initial=0.0)) for x in (frequency, damping)]
-    sizes = dict(zip(KINDS, (*widest, 0.0), strict=True))
-    return Tolerance.read_off(sizes, "bands")
+    off = {
+        "frequency": band.frequency_std / band.frequency,
+        "damping": np.abs(band.damping_ratio_std / band.damping_ratio),
+    }
+    bands = {}
+    for kind, part in off.items():
+        known = np.isfinite(part)
+        if np.any(known):
+            bands[kind] = np.array([band.amplitude[known], _BAND * part[known]])
+    usual = dict.fromkeys(KINDS, DEFAULT)
+    return Tolerance(0.0, 0.0, 0.0, "bands", sources=usual, bands=bands)
 
 
 def _largest(differences: Sequence[Difference], source: str) -> Tolerance:

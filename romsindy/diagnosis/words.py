@@ -62,11 +62,13 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
             )
         return f"They agree within {percent(worst.signal)} of the amplitude {over}."
     sure = [k for k in KINDS if worst.excess_of(k, tolerance) > SURE]
-    known = _known(tolerance, sure or KINDS)
     if sure:
+        known = _known(tolerance.over(*worst.amplitude), sure)
         over += ", where they differ most" if worst is not differences[which] else ""
         return f"They differ: {_sizes(worst, sure)} {over} ({known})."
     worst = differences[which]  # all of it: chance is smaller there than in a part
+    tolerance = tolerance.over(*worst.amplitude)
+    known = _known(tolerance, KINDS)
     bounds = {k: abs(getattr(worst, k)) + getattr(worst, f"{k}_std") for k in KINDS}
     told = {k: f"{percent(bounds[k])} {_WHERE[k]}" for k in KINDS}
     agree = [text for k, text in told.items() if bounds[k] <= getattr(tolerance, k)]

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from romsindy.diagnosis.checks import check_request, checked_records
+from romsindy.diagnosis.difference import over_all
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
@@ -85,7 +86,8 @@ def diagnose_model(
     explained = partial(_explained, search, judged, bool(tests), as_it_was, own)
     settled = agree or found.interrupted
     plain = [slack] if settled else innocent(search, slack, others)
-    values = [_without_small(h, model, options.tolerance) for h in plain]
+    usual = over_all(options.tolerance, as_it_was.differences_before)
+    values = [_without_small(h, model, usual) for h in plain]
     best = found.rivals[0]
     effect = explained(_snapped(search, best, judged)) if best.names else None
     rule = Rule(as_it_was, values[0], values[:2][-1], options.tolerance, form)
