@@ -101,7 +101,7 @@ class Tolerance:
         narrow = {k: min(size, WIDEST[k]) for k, size in sizes.items()}
         wide = tuple((k, source, size) for k, size in sizes.items() if size > WIDEST[k])
         by_default = {k: DEFAULT for k, *_ in wide}
-        return cls(**narrow, source=source, sources=by_default, undetermined=wide)
+        return cls(**narrow, source=source, sources=by_default, undetermined=wide, bands={})
 
 
 def _is_size(value: object) -> bool:
