@@ -211,6 +211,7 @@ def explanation(
     within=False,
     changes=True,
     lacking=True,
+    agrees=False,
 ):
     """An explanation on stand-ins that hold what the rule looks at, and nothing else."""
     found = SimpleNamespace(
@@ -223,7 +224,10 @@ def explanation(
         before=9.0, after=after, closed=closed, unseen=unseen, leaves_within=lambda _: within
     )
     whole = SimpleNamespace(
-        closed=closed, changes=[change(changes)], changes_from=lambda _: [change(not within)]
+        closed=closed,
+        changes=[change(changes)],
+        changes_from=lambda _: [change(not within)],
+        differences_after=[change(not agrees)],
     )
     left = SimpleNamespace(explained=explained, ratio=ratio)
     return Explanation(found, left, gap, whole, lacking)
@@ -273,6 +277,10 @@ def test_an_effect_is_named_where_it_is_sure_and_leaves_nothing_that_matters():
     # "None" is not said of what leaves more than the tolerance, surely so or not.
     assert verdict_for() == verdict_for(beyond=False) == "unknown"
     assert verdict_for(explanation(**OPEN, within=True), beyond=False) == "none"
+    # Whole records say it where nothing moved, whatever short stretches show.
+    assert verdict_for(explanation(**OPEN, agrees=True), beyond=False) == "none"
+    moved = OPEN | {"names": ("linear_frequency",), "lacking": False}
+    assert verdict_for(explanation(**moved, agrees=True), beyond=False) == "unknown"
     # More than twice the noise forbids a name, unless it is within the tolerance.
     much = {"explained": False, "after": 5.0, "needs": LEAVES}
     assert verdict_for(effect=explanation(**much)) == "unknown"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -148,11 +149,11 @@ class Gap:
 
     def within(self, tolerance: Tolerance) -> bool:
         """Whether the simulation as it was is within a tolerance, and no part surely beyond."""
-        return _within(self.differences_before, tolerance)
+        return within(self.differences_before, tolerance)
 
     def leaves_within(self, tolerance: Tolerance) -> bool:
         """The same with the effects added."""
-        return _within(self.differences_after, tolerance)
+        return within(self.differences_after, tolerance)
 
     def __repr__(self) -> str:
         where = "held out" if self.unseen else "fitted"
@@ -173,7 +174,8 @@ class Gap:
         return rows
 
 
-def _within(differences: tuple[Difference, ...], tolerance: Tolerance) -> bool:
+def within(differences: Sequence[Difference], tolerance: Tolerance) -> bool:
+    """Whether all differences are within a tolerance, and no part is surely beyond."""
     return all(d.within(tolerance) and not d.exceeds(tolerance) for d in differences)
 
 

@@ -45,12 +45,16 @@ def other_values(
     )
 
 
-def innocent(search: Search, slack: Hypothesis, values: Sequence[Coefficient]) -> list[Hypothesis]:
+def innocent(
+    search: Search, slack: Hypothesis, base: Hypothesis, values: Sequence[Coefficient]
+) -> list[Hypothesis]:
     """What nuisances do, ``slack``, linear values beside, and these with one more of ``values``.
 
-    One more value is asked where more than noise is left.
+    One more value is asked where more than noise is left. Fits begin with the linear values of
+    ``base``, without nuisances: beside these a frequency that is far off is not found by itself.
     """
-    search = replace(search, free=(*search.free, *nuisances(search.records)), done=[])
+    started = base.solution.parts[: base.n_free] if base.solution.finite else search.free
+    search = replace(search, free=(*started, *nuisances(search.records)), done=[])
     linear = search.settled(search.hypothesis([]))
     left = search.remainder(linear)
     enough = left.explained and left.ratio < NOTHING_LEFT

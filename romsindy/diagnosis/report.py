@@ -68,6 +68,8 @@ class DiagnosisReport:
         Before and after, on what took no part.
     differences : tuple of Difference
         Of the simulation as it was, from every record as a whole.
+    whole : tuple of Difference
+        The same of what was found.
     tolerance : Tolerance
         What does not matter.
     records : tuple of Record
@@ -102,6 +104,7 @@ class DiagnosisReport:
     form: FormError = NO_FORM_ERROR
     notes: tuple[str, ...] = ()
     small: bool = False
+    whole: tuple[Difference, ...] = ()
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
@@ -135,7 +138,8 @@ class DiagnosisReport:
     @property
     def left(self) -> Left:
         """What is left: noise, what does not matter, the form of the model, or more than that."""
-        return left_over(self.best, self.remainder, self.gap, self.tolerance, self.form)
+        given = (self.remainder, self.gap, self.whole, self.tolerance, self.form)
+        return left_over(self.best, *given)
 
     @property
     def equivalent(self) -> tuple[tuple[str, ...], ...]:

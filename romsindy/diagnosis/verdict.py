@@ -16,7 +16,7 @@ from typing import Literal
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.gap import Gap, within
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.verdict import (
@@ -79,7 +79,8 @@ class Explanation:
 
     def leaves(self, tolerance: Tolerance, form: FormError) -> Left:
         """What it leaves; see `left_over`."""
-        return left_over(self.hypothesis, self.left, self.gap, tolerance, form)
+        whole = self.whole.differences_after
+        return left_over(self.hypothesis, self.left, self.gap, whole, tolerance, form)
 
     def changes(self, tolerance: Tolerance) -> bool:
         """Whether what it changes of the simulation matters; its own motions have no noise."""
@@ -108,9 +109,14 @@ def _matter(changes: Sequence[Difference], tolerance: Tolerance) -> bool:
 
 
 def left_over(
-    best: Hypothesis, left: Adequacy, gap: Gap, tolerance: Tolerance, form: FormError
+    best: Hypothesis,
+    left: Adequacy,
+    gap: Gap,
+    whole: Sequence[Difference],
+    tolerance: Tolerance,
+    form: FormError,
 ) -> Left:
-    """What a hypothesis leaves.
+    """What a hypothesis leaves, of data that took no part and, ``whole``, of every record.
 
     "noise"; "tolerance": less than what does not matter; "form": as much as the model leaves of the
     record that it was identified from; "little": next to nothing of the gap, and less than the
@@ -121,9 +127,11 @@ def left_over(
     told = gap.unseen or left.ratio <= PREDICTED
     if told and gap.after <= PREDICTED and gap.closed >= CLOSED:
         return "little"
-    if gap.leaves_within(tolerance):
+    # Slow noise has a waveform in short stretches. Where nothing is blamed whole records say it.
+    if gap.leaves_within(tolerance) or (whole and not best.names and within(whole, tolerance)):
         return "tolerance"
-    return "form" if best.needs <= form.times(SAME_SIZE) else "effect"
+    known = form != NO_FORM_ERROR  # of a reference record, if there was one
+    return "form" if known and best.needs <= form.times(SAME_SIZE) else "effect"
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def diagnose_model(
     own = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
     explained = partial(_explained, search, judged, bool(tests), as_it_was, own)
     settled = agree or found.interrupted
-    plain = [slack] if settled else innocent(search, slack, others)
+    plain = [slack] if settled else innocent(search, slack, found.base, others)
     usual = over_all(options.tolerance, as_it_was.differences_before)
     values = [_without_small(h, model, usual) for h in plain]
     best = found.rivals[0]
@@ -123,6 +123,7 @@ def diagnose_model(
         interrupted=found.interrupted,
         form=form,
         small=answer.small,
+        whole=chosen.whole.differences_after,
     )
 
 
