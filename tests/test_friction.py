@@ -105,3 +105,44 @@ def test_decays_that_end_at_rest_are_diagnosed_and_predicted():
     assert report.verdict == "named" and report.best.names == ("dry_friction",)
     assert report.effects[0].values["strength"] == pytest.approx(25.0, rel=0.01)
     assert report.gap.after < 1.2
+
+
+def half_swings(x, omega, zeta, friction, t):
+    """Closed form of a linear oscillator with viscous and dry friction, half a swing at a time."""
+    damped, off = omega * np.sqrt(1 - zeta**2), friction / omega**2
+    q, start = np.zeros_like(t), 0.0
+    while abs(x) > off:
+        side = np.sign(x)
+        s = t[(t >= start) & (t < start + np.pi / damped)] - start
+        swing = np.cos(damped * s) + zeta * omega / damped * np.sin(damped * s)
+        q[(t >= start) & (t < start + np.pi / damped)] = side * off + (x - side * off) * swing * (
+            np.exp(-zeta * omega * s)
+        )
+        x = side * off - (x - side * off) * np.exp(-zeta * omega * np.pi / damped)
+        start += np.pi / damped
+    q[t >= start] = x
+    return q
+
+
+def test_friction_and_viscous_damping_are_told_apart_where_the_motion_is_quiet():
+    """Made smooth at the largest speed, friction took 4 % of the viscous damping to itself."""
+    omega, zeta, friction = 75.4, 0.002, 0.15
+    t = np.arange(5000) / 500
+    q = half_swings(0.01, omega, zeta, friction, t)
+    noise = np.sqrt(np.mean(q**2)) * 10 ** (-50 / 20)
+    decay = rs.Decay(t, q + noise * np.random.default_rng(8).standard_normal(5000))
+    found = rs.identify(decay)
+    truth = {"omega^2": omega**2, "c_linear": 2 * zeta * omega, "c_coulomb": friction}
+    bands = found.short.bands
+    assert bands.keys() == truth.keys()
+    for name, value in truth.items():
+        low, high = bands[name]
+        # A band of 95 % is 2 standard errors to either side; 4 are missed once in 16,000.
+        assert low - (high - low) / 2 < value < high + (high - low) / 2
+    assert np.ptp(bands["c_linear"]) < 0.02 * truth["c_linear"]
+    fit = rs.refine(
+        rs.ReducedModel.from_coefficients({name: 1.1 * v for name, v in truth.items()}), decay
+    )
+    assert all(
+        abs(fit.model.coefficients[k] - v) < 4 * fit.standard_errors[k] for k, v in truth.items()
+    )

@@ -40,8 +40,9 @@ from romsindy.record.noise import Noise
 from romsindy.record.vibrations import Resonance
 from romsindy.typing import Array
 
-# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`.
-_SMOOTHING = 0.01
+# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
+# quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
+_SMOOTHING = 0.003
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
 # decides, and no digit of its values matters.
 _ROUGH = 1e-3

@@ -45,7 +45,6 @@ _LARGEST = 1e15  # amplitude, or its inverse, of which all powers of the series 
 # Of the draws, those of the structure at the head are so many at least: what is printed of it lies
 # within its band.
 _HEAD = _DRAWS // 5
-_SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
 
 
 def identify(
@@ -205,7 +204,7 @@ def _with_forces(
 
     Beside it, what the data cannot tell from it with one force more.
     """
-    left = [_force(name, richest.series) for name in _FORCES]
+    left = [DAMPING[name] for name in _FORCES]
     while left:
         more = [_tried(richest, richest.series.widened([f]), records, say) for f in left]
         gains = np.array([2 * (evidence - richest.log_evidence()) for _, evidence in more])
@@ -239,11 +238,6 @@ def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[
         if np.isfinite(evidence[sizes]):
             found.append(fitted)
     return found[::-1]
-
-
-def _force(name: str, series: Series) -> Term:
-    reach, rate, _ = series.scales
-    return DAMPING[name].regularised(_SMOOTHING * reach * rate)
 
 
 def _assembled(
@@ -282,7 +276,7 @@ def _assembled(
     pooled = _exactly(terms, np.concatenate(samples), fixed)
     middle = _exactly(head.series.terms(), head.series.taylor(own), fixed).mean(axis=0)
     model = ReducedModel(
-        _sharp(head.series.terms()),
+        head.series.terms(),
         tuple(middle),
         records[0].decay.unit,
         (0.0, head.series.scales.reach),
@@ -299,7 +293,7 @@ def _assembled(
         (),
         structures,
         structures[at],
-        _sharp(terms),
+        tuple(terms),
         pooled,
         _exactly(terms, _among(terms, richest, widest), fixed),
         (float(min(q.min() for q in motions)), float(max(q.max() for q in motions))),
@@ -324,15 +318,10 @@ def _among(terms: Sequence[Term], found: Fitted, draws: Array) -> Array:
     return samples
 
 
-def _sharp(terms: Sequence[Term]) -> tuple[Term, ...]:
-    """Terms without what makes their jumps smooth for a fit."""
-    sharp = {law.key: law for law in map(DAMPING.get, _FORCES) if law is not None}
-    return tuple(sharp.get(t.key, t) for t in terms)
-
-
 def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
     """Measured minus one simulation of each record, from the start that suits all of it."""
-    series = found.series.moved(values)
+    quietest = min(b.window.amplitude for b in found.blocks)
+    series = found.series.moved(values).near(quietest)
     states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
     left: list[Array] = []
     for i, record in enumerate(records):

@@ -30,6 +30,8 @@ from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.typing import Array
 
+_SMOOTHING = 0.01  # of dry friction, as a part of the largest speed
+
 
 class Sizes(NamedTuple):
     """Number of terms of each series; 0 leaves inertia or the change of damping out."""
@@ -56,7 +58,7 @@ class Series:
     scales : Scales
     sizes : Sizes
     forces : tuple of Term
-        Further damping, such as dry friction, smooth at the speeds of the record.
+        Further damping, such as dry friction, which `near` makes smooth.
     values : (n,) array
         k, then r, then c, then d, then strengths of the forces, all of order one; at last those of
         the sensor, which are no part of the equation.
@@ -106,6 +108,15 @@ class Series:
         *equation, sensor = self.split(self.values)
         values = np.concatenate([*equation, np.zeros(len(forces)), sensor])
         return replace(self, forces=(*self.forces, *forces), values=values)
+
+    def near(self, amplitude: float) -> Series:
+        """The same for motions of an amplitude: friction turns round smoothly at their speeds.
+
+        At a smoothness for the largest, quiet motions would see less friction than there is.
+        """
+        speed = amplitude * self.scales.rate
+        smooth = [f if f.smooth else f.regularised(_SMOOTHING * speed) for f in self.forces]
+        return replace(self, forces=tuple(smooth))
 
     @cached_property
     def _functions(self) -> tuple[Array, Array, Array]:

@@ -111,7 +111,7 @@ def linearised(
 
 
 def _block(series: Series, window: Window, record: Record) -> Block:
-    m = window.motion
+    m, series = window.motion, series.near(window.amplitude)
     response = respond(series, m, series.by_parameter(*nodes(m)))
     x = sampled(m, record.derivative)[:, 0]
     shown, slope = series.shown(x, record.derivative, window.record)
