@@ -42,6 +42,7 @@ _KNOWN = (*CHAIN, "gain")  # seen where the gain of the input is known
 _TURN = 2 * math.pi
 _SAMPLES, _SNR_DB, _SUBSTEPS = 20, 40.0, 8
 _CREEP = 2e-3
+_FAR = 1e3  # amplitudes, from which nothing comes back
 _CHANGED = {"medium": 0.03, "strong": 0.1}  # of the gain of the input
 
 
@@ -75,9 +76,21 @@ def hidden_in(seed: int) -> str:
     return EFFECTS[order[seed % len(EFFECTS)]]
 
 
+class Escaped(Exception):
+    """A motion that grows without end, as of a spring that softens: nobody records it."""
+
+
 def trial_of(seed: int, null: bool) -> Trial:
-    """Draw one trial."""
+    """Draw one trial, again where its motion escapes."""
     rng = np.random.default_rng([7, int(null), seed])
+    while True:
+        try:
+            return _drawn(rng, seed, null)
+        except Escaped:
+            continue
+
+
+def _drawn(rng: np.random.Generator, seed: int, null: bool) -> Trial:
     nominal = Nominal.drawn(rng)
     name = "" if null else hidden_in(seed)
     strength = str(rng.choice(["medium", "strong"]))
@@ -162,7 +175,10 @@ def driven(
         return [v, -(force + 0.5 * slope * v * v) / mass]
 
     options = {"rtol": 1e-8, "atol": 1e-10, "max_step": 0.4, "t_eval": t}
-    return solve_ivp(rates, (t[0], t[-1]), [0.0, 0.0], "DOP853", **options).y[0]
+    found = solve_ivp(rates, (t[0], t[-1]), [0.0, 0.0], "DOP853", **options)
+    if not found.success:
+        raise Escaped
+    return found.y[0]
 
 
 def held(nominal: Nominal, push: Callable[[float], float], t: np.ndarray) -> np.ndarray:
@@ -184,6 +200,8 @@ def held(nominal: Nominal, push: Callable[[float], float], t: np.ndarray) -> np.
             v4, a4 = v + h * a3, acceleration(q + h * v3, v + h * a3, force)
             q += h / 6 * (v + 2 * v2 + 2 * v3 + v4)
             v += h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        if not abs(q) < _FAR:
+            raise Escaped
     return np.array(found)
 
 

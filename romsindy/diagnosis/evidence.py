@@ -165,13 +165,15 @@ class Hypothesis:
     def sureness(self) -> float:
         """Standard errors by which the least sure of the strengths that are blamed is off zero.
 
-        An effect without any value, such as another course between samples, has none to ask.
+        An effect without any value, such as another course between samples, has none to ask; where
+        a mass was at the start of a record says nothing about the mass.
         """
         found = [np.inf]
         for i in self.blamed:
-            where, n = self.solution.slices()[i], self.parts[i].strengths.size
+            n = self.parts[i].effect.n_shared or self.parts[i].strengths.size
             if not n:
                 continue
+            where = self.solution.slices()[i]
             x, covariance = self.parts[i].values[:n], self.covariance[where, where][:n, :n]
             squared = float(x @ np.linalg.pinv(covariance, hermitian=True) @ x)
             found.append(max(squared, 0.0) ** 0.5)

@@ -104,16 +104,6 @@ def of_the_measurement(
     )
 
 
-def beyond_errors(hypothesis: Hypothesis) -> bool:
-    """Whether each effect that is blamed has a strength of more than two standard errors."""
-    slices, std = hypothesis.solution.slices(), np.sqrt(np.diag(hypothesis.covariance))
-    return all(
-        bool(np.any(np.abs(strengths) > 2 * std[slices[i]][: len(strengths)]))
-        for i in hypothesis.blamed
-        for strengths in [hypothesis.parts[i].strengths.ravel()]
-    )
-
-
 def titles(hypothesis: Hypothesis) -> str:
     """Labels of what a hypothesis says is missing."""
     effects = [hypothesis.parts[i].effect for i in hypothesis.blamed]
@@ -159,14 +149,16 @@ def _relative(part: Part, std: Array, model: ReducedModel) -> tuple[float | None
     is_value = isinstance(part.effect, (Coefficient, LinearFrequency, Viscous))
     law = part.effect.term()
     now = model.coefficients.get(law.key, 0.0) if is_value and law is not None else 0.0
-    return (float(part.strengths[0, 0]) / now, float(std[0]) / abs(now)) if now else (None, None)
+    size = abs(now)  # of a negative one, too, more is higher
+    return (float(part.strengths[0, 0]) / size, float(std[0]) / size) if now else (None, None)
 
 
 def _with_error(value: float, error: float) -> str:
     if not error > 0:
         return f"{value:.4g}"
     digits = max(int(np.floor(np.log10(max(abs(value), 1e-300) / error))) + 2, 2)
-    return f"{value:.{min(digits, 8)}g} +- {error:.2g}"
+    told, spread = float(f"{value:.{min(digits, 8)}g}"), float(f"{error:.2g}")
+    return f"{told:.10g} +- {spread:g}"
 
 
 def _units(part: Part, of_q: str | None) -> list[str]:

@@ -19,7 +19,6 @@ from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.found import (
     FoundEffect,
-    beyond_errors,
     effects_of,
     moved_of,
     of_the_measurement,
@@ -33,7 +32,7 @@ from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text
 from romsindy.record.files.whole import whole
@@ -208,7 +207,7 @@ class DiagnosisReport:
         closes = "They close" if len(self.effects) > 1 else "It closes"
         if self.verdict == "unknown":
             nothing = "nothing in the catalogue explains it"
-            if not (found and beyond_errors(self.best) and self.gap.closed > 0):
+            if not (found and self.best.sureness >= NAMED_ABOVE and self.gap.closed > 0):
                 return f"{nothing}."
             return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best

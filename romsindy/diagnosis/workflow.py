@@ -97,7 +97,8 @@ def diagnose_model(
     rivals = [*_rivals(search, best, found, values, chosen is effect)]
     if answer.rival is not None and answer.rival.hypothesis.names not in {h.names for h in rivals}:
         rivals.append(answer.rival.hypothesis.at(best.form))
-    several = len(best.blamed) > 1 if not best.effects else len(best.moved) > 1
+    # Of values of the model several are no headline; what it lacks is, whatever moved beside it.
+    several = not chosen.lacking and len(best.blamed if not best.effects else best.moved) > 1
     if verdict == "named" and (several or len(rivals) > 1):
         verdict = "ambiguous"
     added = best.parts
