@@ -31,6 +31,7 @@ def test_nonlinear_decay_follows_the_exact_backbone(clean):
     np.testing.assert_allclose(b.damping_ratio, zeta, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_noise_of_35_db(seed):
     b = extract_backbone(example_decay(35.0, seed))
@@ -47,7 +48,9 @@ def test_noise_of_35_db(seed):
         assert 0.6 < np.sqrt(np.median(pull**2) / 0.455) < 1.7, name
 
 
-@pytest.mark.parametrize("colour", [0, 1, 2])
+@pytest.mark.parametrize(
+    "colour", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
+)
 def test_standard_errors_hold_in_coloured_noise(colour):
     """Of power 1/f^colour at 30 dB, on a linear decay, whose frequency and damping are known.
 
@@ -111,7 +114,7 @@ def test_linear_frequency_where_nothing_decays():
     assert b.linear_frequency() == pytest.approx(2 * np.pi * 8, rel=1e-4)
 
 
-@pytest.mark.parametrize("rate", [0.3, 0.6])
+@pytest.mark.parametrize("rate", [0.3, pytest.param(0.6, marks=pytest.mark.slow)])
 def test_falling_frequency_of_an_asymmetric_decay(rate):
     """As of a clamped beam under its weight: 1.8 f to f, and the centre moves with amplitude^2."""
     t = np.arange(8000) * 0.005
@@ -156,6 +159,7 @@ def test_measured_clamped_beam(measured):
     assert np.std(last) < 2  # 2.8 samples a cycle, interpolated
 
 
+@pytest.mark.slow
 def test_more_cycles_average_more_noise():
     """A number of cycles that is asked for: the bars of the middle fall with it, all but steadily.
 

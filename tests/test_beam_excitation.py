@@ -92,7 +92,9 @@ def steady(beam: Beam, omega: float, samples: int = 48, **drive) -> complex:
     return 2.0 / samples * np.sum(tip * np.exp(-1j * omega * motion.t[last]))
 
 
-@pytest.mark.parametrize("ratio", [0.5, 1.0, 5.2])  # below, at and above mode 1; mode 2 is at 5.3
+@pytest.mark.parametrize(
+    "ratio", [0.5, 1.0, pytest.param(5.2, marks=pytest.mark.slow)]
+)  # below, at and above mode 1; mode 2 is at 5.3
 @pytest.mark.parametrize("name", ["tip", "inside", "base"])
 def test_small_force_gives_the_linear_frequency_response(name, ratio):
     """Amplitude and phase, against the sum over modes with Rayleigh damping.

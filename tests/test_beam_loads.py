@@ -132,6 +132,7 @@ def test_dashpot_damps_small_modal_motion():
     assert_allclose(rate, 0.5 * 0.05 * 4, rtol=0.01)  # first order in c / omega
 
 
+@pytest.mark.slow
 def test_drag_damps_in_proportion_to_amplitude():
     """d a/dt = -(4 / 3 pi) omega k int |phi|^3 ds a^2, averaged over a cycle."""
     drag = AirDrag().on_beam(1.0)  # k = 1 per unit length and mass

@@ -34,8 +34,10 @@ def following(model, q):
     ("reach", "order", "tolerance"),
     [
         (0.0071, 9, 1e-6),  # the tip moves by 0.1 L; left are 1.1e-7 of V, 3e-9 of the inertia
-        (0.0142, 9, 4e-5),  # 0.2 L; 1.4e-5 and 7e-7: the spring is about as short as this motion
-        (0.0214, 9, 4e-4),  # 0.3 L; 1.2e-4 and 1.3e-5
+        pytest.param(
+            0.0142, 9, 4e-5, marks=pytest.mark.slow
+        ),  # 0.2 L; 1.4e-5 and 7e-7: the spring is about as short as this motion
+        pytest.param(0.0214, 9, 4e-4, marks=pytest.mark.slow),  # 0.3 L; 1.2e-4 and 1.3e-5
     ],
 )
 def test_the_model_of_one_mode_is_on_the_curve_where_the_second_follows(
@@ -131,7 +133,7 @@ def orbit_frequency(model, start, omega):
     return np.pi / turn
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3])
+@pytest.mark.parametrize("share", [0.1, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_orbits_are_those_of_the_beam(share):
     beam = Beam.cantilever(elements=12)
     orbit = beam.normal_mode([share * beam.length], progress=False)
@@ -164,6 +166,7 @@ def test_orbits_near_one_to_three_need_the_second_mode():
     assert abs((one.backbone([start[0]])[0] / omega - 1) / shift - 1) > 0.05
 
 
+@pytest.mark.slow
 def test_motion_of_two_modes_is_that_of_the_beam():
     beam = Beam.cantilever(elements=12, alpha=0.0, eta=0.0)
     two = beam.reduce(modes=(1, 2), order=7, amplitude=(0.0125, 0.003))

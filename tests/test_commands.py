@@ -454,6 +454,7 @@ def test_version_and_help(run):
     assert "--example" in run("identify", "--help").output
 
 
+@pytest.mark.slow
 def test_where_the_fit_breaks_down_the_quieter_part_is_identified(run, monkeypatch):
     """Whatever the linear algebra says, in words, beside what stands."""
     reaches = []

@@ -146,6 +146,7 @@ def test_forces_are_reciprocal_and_inertia_is_positive():
     assert np.linalg.eigvalsh(inertia).min() > 0.9
 
 
+@pytest.mark.slow
 def test_energy_is_constant_without_damping_and_falls_by_the_work_of_damping():
     t = np.arange(0, 20, 0.002)
     free = COUPLED.undamped().simulate([0.5, 0.2], [0.0, 0.3], t, rtol=1e-12)

@@ -190,6 +190,7 @@ def largest(motion):
     return at + (after - before) ** 2 / (8 * (2 * at - before - after))
 
 
+@pytest.mark.slow
 def test_orbits_in_the_tongue_are_those_of_shooting(tongue):
     (fold,), (crossing,) = tongue.folds, tongue.crossings
     states, frequency = starts(tongue), tongue.frequency
@@ -318,6 +319,7 @@ def test_linear_response_is_the_closed_form():
     assert "a force of 0.3 and -0.2" in lines[0] and "amplitude q2 [[q]]" in lines[1]
 
 
+@pytest.mark.slow
 def test_driven_orbits_and_multipliers_are_what_integration_finds():
     damping = (0.03, 0.06)
     driven = CoupledModel.from_coefficients(

@@ -119,6 +119,7 @@ def test_a_fit_can_be_kept_and_repeated(two_sensors, tmp_path):
     assert np.all((spread > 0.05) & (spread < 4))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [1, 2])
 def test_a_mode_is_drawn_with_its_band(two_sensors, mode):
     """What rings is the tone of the coordinate; the curve is the band of the mode."""

@@ -144,6 +144,7 @@ def test_harmonics_of_hum_need_not_show_in_every_record():
     assert frequency == pytest.approx(314.3, rel=1e-3) and highest == 2
 
 
+@pytest.mark.slow
 def test_mass_is_told_beside_stiffness_and_damping_that_moved():
     """Values come first; effects that would have to be negative do not crowd mass out."""
     linear = {"omega^2": OMEGA**2, "c_linear": 0.04 * OMEGA}

@@ -84,7 +84,7 @@ def test_a_forced_vibration_gives_back_its_equation(smooth):
     assert "gain [force]" in str(fit) and "m/(s^2 N)" in str(fit)
 
 
-@pytest.mark.parametrize("derivative", [1, 2])
+@pytest.mark.parametrize("derivative", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_velocity_and_acceleration_do_as_well(smooth, derivative):
     u, q, v = smooth
     _, force = multisine(1)
@@ -103,6 +103,7 @@ def held(u, dt=DT):
     return dlsim((*discrete[:4], dt), u)[1][:, 0]
 
 
+@pytest.mark.slow
 def test_an_input_that_is_held_is_named():
     u = multisine(4)[0]
     fit = refine(model(), ForcedVibration(T, noisy(held(u), 5, 0.003), u, unit="m"))
@@ -121,6 +122,7 @@ def test_an_input_that_is_held_is_integrated_exactly():
     assert fit.model.coefficients["omega^2"] == pytest.approx(OMEGA**2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_slow_input_cannot_tell(smooth):
     """Sampled 80 times a cycle and noisy, held and straight inputs differ by a delay alone."""
     t = 0.0025 * np.arange(4000)
@@ -140,6 +142,7 @@ def test_the_delay_of_the_chain_is_found(smooth):
     assert f"force(t - {delay:.4g})" in fit.model.equation()
 
 
+@pytest.mark.slow
 def test_a_base_that_moves():
     """q'' + ... = - Gamma a: the factor of a mass on a spring is 1, without a unit."""
     u, force = multisine(9)
@@ -161,6 +164,7 @@ def test_a_displacement_of_the_base_is_refused():
         refine(model(), ForcedVibration(T, q, moved, unit="m", inputs="base"))
 
 
+@pytest.mark.slow
 def test_a_decay_and_a_forced_record_together(smooth):
     u, q, _ = smooth
     free = duffing(lambda t: 0.0, T[:1500], start=(0.2, 0.0))[0]
@@ -172,6 +176,7 @@ def test_a_decay_and_a_forced_record_together(smooth):
     assert better < 0.9 and len(both.decays) == 1
 
 
+@pytest.mark.slow
 def test_terms_are_chosen(smooth):
     """The cubic stiffness and nothing else; also where a linear model has a phase of its own."""
     u, q, _ = smooth
@@ -181,6 +186,7 @@ def test_terms_are_chosen(smooth):
     assert set(linear.model.coefficients) == {"omega^2", "c_linear", "gain [force]"}
 
 
+@pytest.mark.slow
 def test_a_free_run_predicts_the_rest(smooth):
     u, q, _ = smooth
     y = 0.02 + noisy(q, 15, 1e-3)
@@ -297,6 +303,7 @@ def test_a_sensitive_motion_is_fitted_in_pieces():
     assert str(again) == text
 
 
+@pytest.mark.slow
 def test_where_the_response_leaves_the_data_it_is_told(smooth):
     """A resonance that goes far beyond any motion of the record."""
     u, q, _ = smooth

@@ -63,13 +63,16 @@ def test_a_forced_vibration_is_as_good_as_its_arrays(record):
     assert np.abs(errors(HarmonicSINDy(DUFFING).fit(*halves).model_)).max() < 0.02
 
 
-@pytest.mark.parametrize("measured", ["velocity", "acceleration"])
+@pytest.mark.parametrize(
+    "measured", ["velocity", pytest.param("acceleration", marks=pytest.mark.slow)]
+)
 def test_other_quantities_are_read_as_they_were_measured(record, measured):
     y = record[2 if measured == "velocity" else 3]
     vibration = ForcedVibration(T, 0.1 + noisy(y, 3), record[0], measured=measured)
     assert np.abs(errors(HarmonicSINDy(DUFFING).fit(vibration).model_)).max() < 0.01
 
 
+@pytest.mark.slow
 def test_sparse_regression_keeps_what_is_needed(record):
     """Of stiffness and inertia up to order five."""
     u, q = record[:2]
@@ -92,6 +95,7 @@ def test_what_the_input_does_between_samples_is_found():
     assert model.coefficients["c_linear"] == pytest.approx(DAMPING, rel=0.01)
 
 
+@pytest.mark.slow
 def test_inertia_and_two_inputs():
     """A base and a force; a motion to one side, whose mean an offset of the sensor hides."""
     names = {"omega^2": OMEGA**2, "c_linear": DAMPING, "gamma_2": 1500.0, "gamma_3": CUBIC}
@@ -106,6 +110,7 @@ def test_inertia_and_two_inputs():
     assert max(map(abs, off.values())) < 0.03, off
 
 
+@pytest.mark.slow
 def test_known_coefficients_and_gains(record):
     u, q = record[:2]
     known = {"gamma_3": CUBIC, "gain [force]": GAIN}

@@ -99,6 +99,7 @@ def test_the_error_of_a_strength_is_the_same_in_every_unit():
     assert_allclose(found[1], found[0], rtol=0.01)  # steps of the fit end elsewhere
 
 
+@pytest.mark.slow
 def test_a_gain_beyond_what_is_known_is_an_effect():
     found = diagnose(MODEL, again(gain=1.05, snr_db=60), catalogue=SMALL)
     assert found.best.names == ("gain",), found

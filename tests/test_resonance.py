@@ -36,6 +36,7 @@ def fitted(ratio, starts=((0.8, 0.5),), swapped=False):
     return rs.refine(rs.CoupledModel.from_coefficients(start, unit="m"), found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "q"), [(2.06, 2), (3.09, 3)])
 @pytest.mark.parametrize("swapped", [False, True])
 def test_the_ratio_is_that_of_the_frequencies_and_the_amplitude_where_it_is(ratio, q, swapped):

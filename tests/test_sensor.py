@@ -66,6 +66,7 @@ def test_other_signs_and_quantities(e, derivative):
     assert found.structure.name == "stiffness polynomial" and found.verdict.explained
 
 
+@pytest.mark.slow
 def test_inertia_is_found_beside_a_straight_sensor_and_said_to_be_one_of_two():
     """h = 0.3 q^2: a straight sensor shows asinh-like 4.6 % more at q = 1."""
     found = rs.identify(read(0.0, 0.0, inertia=0.3), curvature=0.002)

@@ -138,6 +138,7 @@ def test_duffing_moves_under_a_cubed_force_as_in_another_integrator():
         DISTORTED.simulate(0, 0, T[:9], u=np.ones((9, 2)))
 
 
+@pytest.mark.slow
 def test_a_model_with_a_distorted_force_is_fitted():
     force = multisine(5)[1]
     q = duffing(lambda t: force(t) + CUBED * force(t) ** 3, PART)[0]
