@@ -277,6 +277,7 @@ def test_the_response_to_a_harmonic_force_is_told_before_the_test(smooth):
     exact = rs.forced_response(truth, 0.5 * GAIN, (0.9 * OMEGA, 1.2 * OMEGA))
     peak = exact.amplitude.max()
     assert band.peak[1] == pytest.approx(peak, rel=0.01)
+    assert band.frequency[0] <= band.peak[0] <= band.frequency[-1]
     below = slice(5, int(np.argmax(exact.amplitude)), 8)  # of the first fold
     found, wanted = band.at(exact.frequency[below]), np.abs(exact.coefficients[below, 1])
     inside = (found.low < wanted) & (wanted < found.high)

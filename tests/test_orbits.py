@@ -429,3 +429,21 @@ def test_bad_input_is_refused():
         forced_response(duffing, 0, (1.0, 2.0))
     with pytest.raises(ValueError, match="n_points = 1 must be at least 2"):
         forced_response(duffing, 0.1, (1.0, 2.0), n_points=1)
+
+
+def test_a_response_that_was_not_followed_is_told():
+    """A Duffing spring between its folds: three responses, from either end one is found."""
+    duffing = model({"omega^2": 1.0, "gamma_3": 1.0, "c_linear": 0.02})
+    whole = forced_response(duffing, force=0.02, frequency=(0.8, 1.6))
+    up, down = (whole.frequency[b.index] for b in whole.bifurcations)
+    between = (up + down) / 2
+    assert whole.untraced == "" and "Stable everywhere" not in str(whole)
+    rising = forced_response(duffing, force=0.02, frequency=(0.8, between))
+    assert np.all(rising.stable) and "another response" in rising.untraced
+    assert "Stable where it was followed. At" in str(rising)
+    falling = forced_response(duffing, force=0.02, frequency=(between, 0.8))
+    assert falling.frequency[-1] == pytest.approx(between)
+    hertz = falling.frequency.min() / (2 * np.pi)
+    assert f"nothing was followed from {hertz:.5g} to {0.8 / 2 / np.pi:.5g} Hz" in falling.untraced
+    below = forced_response(duffing, force=0.02, frequency=(0.5, 0.8))
+    assert below.untraced == "" and "Stable everywhere." in str(below)

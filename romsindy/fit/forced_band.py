@@ -155,7 +155,9 @@ class ForcedBand:
     def peak(self) -> tuple[float, float]:
         """Frequency, rad/s, and amplitude of the largest response."""
         w, a, _ = self._curve
-        at = int(np.clip(np.argmax(a), 1, len(a) - 2))
+        at = int(np.argmax(np.where(self._asked(w), a, 0.0)))
+        if not (0 < at < len(a) - 1 and np.all(self._asked(w[at - 1 : at + 2]))):
+            return float(w[at]), float(a[at])
         # By the parabola through three points along the curve, which has no folds there.
         before, here, after = a[at - 1 : at + 2]
         bend = before - 2 * here + after
@@ -163,8 +165,15 @@ class ForcedBand:
         on = np.interp(at + shift, np.arange(len(w)), w)
         return float(on), float(here - (before - after) * shift / 4)
 
+    def _asked(self, omega: Array) -> NDArray[np.bool_]:
+        """Which frequencies are in the range that was asked for."""
+        return (omega >= self.frequency[0]) & (omega <= self.frequency[-1])
+
     def __repr__(self) -> str:
-        low, high = np.quantile(self._drawn[1].max(axis=1) + self._scatter, _TAILS)
+        w, a = self._drawn
+        low, high = np.quantile(
+            np.where(self._asked(w), a, 0.0).max(axis=1) + self._scatter, _TAILS
+        )
         known = self.goes_on or not np.any(self.beyond)
         ends = f"{low:.4g} to {high:.4g}" if known else "beyond the data"
         return (
@@ -245,10 +254,11 @@ def forced_band(
     w = np.maximum(on + drawn @ by_w.T, 0.0)
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)
+    leaves = response.leaves_within(low, high)
     found = ForcedBand(
         np.linspace(low, high, n_points),
         response,
-        (*([response.leaves] if response.leaves else []), *notes),
+        (*filter(None, (leaves, response.untraced)), *notes),
         goes_on,
         rate,
         np.array([on, first * on**rate, size_of_q]),
@@ -257,8 +267,7 @@ def forced_band(
     )
     if np.any(found.beyond) and not goes_on:
         warnings.warn(
-            f"the response is {response.leaves}, and there is no band; a smaller force stays within"
-            " them",
+            f"the response is {leaves}, and there is no band; a smaller force stays within them",
             stacklevel=4,
         )
     return found

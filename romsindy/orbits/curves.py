@@ -43,6 +43,8 @@ _NEUTRAL = 1e-7
 _DRIFT = 1e-6
 # Of the longest step: two branches that come nearer than this are taken to cross.
 _CROSSING = 0.01
+# Two orbits at one frequency that differ by more, as a part of their size, are two responses.
+_APART = 1e-3
 # Amplitudes this much larger than any of the data are as large: functions do not run away so soon.
 _AS_LARGE = 1.02
 
@@ -181,6 +183,9 @@ class ForcedResponse(PeriodicOrbits):
         "fold", "branch point", "period doubling" or "Neimark-Sacker", in the order of the branch.
     limit : float or None
         Largest amplitude of the data behind the model of one coordinate, where it has one.
+    untraced : str
+        What was not followed, in a sentence: frequencies that a branch which turned back did not
+        reach, or another response where it ends. Empty where there is no such.
     """
 
     force: float | Array
@@ -188,6 +193,7 @@ class ForcedResponse(PeriodicOrbits):
     stable: NDArray[np.bool_]
     bifurcations: tuple[Bifurcation, ...]
     limit: float | None = None
+    untraced: str = ""
 
     @property
     def beyond(self) -> NDArray[np.bool_]:
@@ -202,9 +208,14 @@ class ForcedResponse(PeriodicOrbits):
     @property
     def leaves(self) -> str:
         """Where it leaves the amplitudes of the data, in a sentence; nothing where it does not."""
-        if not np.any(self.beyond):
+        return self.leaves_within(0.0, np.inf)
+
+    def leaves_within(self, low: float, high: float) -> str:
+        """The same for a range of angular frequencies, rad/s."""
+        there = self.beyond & (self.frequency >= low) & (self.frequency <= high)
+        if not np.any(there):
             return ""
-        hz = self.frequency[self.beyond] / (2 * np.pi)
+        hz = self.frequency[there] / (2 * np.pi)
         return (
             f"beyond the amplitudes of the data, {self.limit:.4g} {self.unit or '[q]'}, between"
             f" {np.min(hz):.5g} and {np.max(hz):.5g} Hz: nothing is known there"
@@ -224,10 +235,12 @@ class ForcedResponse(PeriodicOrbits):
             rows.append([name, f"{hz[i]:.5g}", *(f"{a:.4g}" for a in sizes[i])])
         force = _listed(np.atleast_1d(self.force))
         title = f"Response to a force of {force} {unit}/s^2 per unit mass, {len(self)} orbits"
-        note = "Stable everywhere."
+        note = "Stable where it was followed." if self.untraced else "Stable everywhere."
         if not np.all(self.stable):
             low, high = np.min(hz[~self.stable]), np.max(hz[~self.stable])
             note = f"Unstable orbits from {low:.5g} to {high:.5g} Hz: a test jumps across them."
+        if self.untraced:
+            note += f" {self.untraced[0].upper()}{self.untraced[1:]}."
         if self.leaves:
             note += f" {self.leaves[0].upper()}{self.leaves[1:]}."
         return as_text(TextTable(title, rows, note))
@@ -445,6 +458,7 @@ def forced_response(
     rest = Start(np.zeros(3 * len(forces)), 0.0)
     raised = _led(raising, ladder, rest, (0.0, 1.0), steps, failure)
     sweeping = partial(family, Path((first, last), (forces, forces)))
+    resting = partial(family, Path((last, last), (np.zeros_like(forces), forces)))
     branch = follow(sweeping, ladder, Start(raised.u, 0.0), (0.0, 1.0), steps)
     multipliers = floquet_multipliers(smooth, branch.c, branch.omega)
     stable = np.abs(multipliers[:, 0]) <= 1 + _NEUTRAL
@@ -455,6 +469,36 @@ def forced_response(
         stable=stable,
         bifurcations=_bifurcations(multipliers, stable, branch.folds),
         limit=_limit(model),
+        untraced=_untraced(
+            branch, partial(_led, resting, ladder, rest, (0.0, 1.0), steps, ""), last
+        ),
+    )
+
+
+def _untraced(branch: OrbitBranch, from_rest: Callable[[], Start], last: float) -> str:
+    """What a branch of responses did not reach, in a sentence.
+
+    ``from_rest`` raises the force at the last frequency, rad/s.
+    """
+    hz = 2 * np.pi
+    if branch.end.p == 0:
+        turned = branch.omega[np.argmin(np.abs(branch.omega - last))]
+        return (
+            f"nothing was followed from {turned / hz:.5g} to {last / hz:.5g} Hz: the branch turned"
+            f" back before; start at the other end, frequency=({last:g}, {branch.omega[0]:g})"
+        )
+    if branch.end.p != 1:  # it was stopped
+        return ""
+    try:
+        other = from_rest().u
+    except ContinuationError:  # no response grows out of rest there
+        return ""
+    here, n = branch.end.u, min(len(other), len(branch.end.u))
+    if np.linalg.norm(here[:n] - other[:n]) <= _APART * np.linalg.norm(here):
+        return ""
+    return (
+        f"at {last / hz:.5g} Hz there is another response, which was not followed: start there,"
+        f" frequency=({last:g}, {branch.omega[0]:g}), or go on beyond it"
     )
 
 
