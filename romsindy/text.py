@@ -23,6 +23,7 @@ _ARGUMENT = re.compile(
 )
 _FIXED = re.compile(r"\bfixed\['([^']+)'\] = ")  # as a message names a known coefficient
 _LARGE = 1e7  # from here on numbers are written with an exponent
+_LEAST_PERCENT = 1e-4  # a part in a million: no test tells less
 _PREFIXES = {-1: "m", -2: "u", -3: "n", -4: "p"}
 
 
@@ -68,6 +69,21 @@ def _starts_with_a_number(cell: str) -> bool:
     except (IndexError, ValueError):
         return False
     return True
+
+
+def percent(part: float) -> str:
+    """A part of something in per cent, to two digits; what rounding leaves is no number."""
+    size = 100 * part
+    if not math.isfinite(size):
+        return "no end of %"
+    if 0 < abs(size) < _LEAST_PERCENT:
+        return f"less than {_LEAST_PERCENT:g} %"
+    return f"{two_digits(size)} %"
+
+
+def two_digits(value: float) -> str:
+    """A number to two digits, without an exponent where it is not very small or large."""
+    return f"{float(f'{value:.2g}'):.10g}" if math.isfinite(value) else "no end of"
 
 
 def with_error(value: float, error: float) -> list[str]:

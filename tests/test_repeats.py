@@ -113,7 +113,7 @@ def test_nuisances_stay_within_what_is_known():
     options = Options((), 0.01, 1, 2e-4, 1, lambda _: None)
     search = Search(MODEL, records, parts, options)
     slack = replace(search, free=nuisances(records)).hypothesis([])
-    _, found = innocent(search, slack, ())
+    _, found = innocent(search, slack, search.hypothesis([]), ())
     values = {p.effect.name: float(p.strengths[0, 0]) for p in found.parts}
     reach = np.abs(records[0].signal).max()
     assert abs(values["gain"]) <= 0.01 and abs(values["sensor_nonlinearity"]) * reach <= 0.01

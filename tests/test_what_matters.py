@@ -16,9 +16,10 @@ from romsindy.diagnosis.held_out import SHORTEST, parted
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import WIDEST, Tolerance
 from romsindy.diagnosis.what_matters import of_repeats, stated
-from romsindy.diagnosis.words import odds, percent
+from romsindy.diagnosis.words import odds
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
+from romsindy.text import percent
 
 OTHER = {"c_linear": 1.1 * 0.01 * OMEGA}  # ten per cent more damping
 

@@ -15,7 +15,7 @@ from romsindy.diagnosis.missing_force import (
     per_cycle,
     record_errors,
 )
-from romsindy.diagnosis.words import percent, pieces
+from romsindy.diagnosis.words import pieces
 from romsindy.fit.interaction import Interaction
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
@@ -25,6 +25,7 @@ from romsindy.show import diagnosis_plots as show
 from romsindy.show.axes import with_unit
 from romsindy.show.facts import Fact
 from romsindy.show.page import Picture
+from romsindy.text import percent
 from romsindy.typing import Array
 
 

@@ -17,7 +17,7 @@ from romsindy.fit.verdict import PREDICTED, SURE
 from romsindy.physics.coupling import Along
 from romsindy.physics.model import ReducedModel
 from romsindy.record.vibrations import Resonance, Vibration
-from romsindy.text import listed, quantity, with_error
+from romsindy.text import listed, percent, quantity, two_digits, with_error
 
 _SOURCES = {
     DEFAULT: "{} would not matter",
@@ -36,15 +36,6 @@ _KINDS = {
     "little": ", less than 1 % of the squared gap: too little to name an effect",
     "effect": ", more than the form of the model leaves: a further effect, or another one",
 }
-
-
-def percent(share: float) -> str:
-    """A part of something in per cent, to two digits."""
-    return f"{_two_digits(100 * share)} %"
-
-
-def _two_digits(value: float) -> str:
-    return f"{float(f'{value:.2g}'):g}" if np.isfinite(value) else "no end of"
 
 
 def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: str | None) -> str:
@@ -93,7 +84,7 @@ def _over(found: Difference, unit: str | None) -> str:
 def _sizes(found: Difference, kinds: Sequence[str]) -> str:
     texts = [f"{percent(abs(getattr(found, k)))} {_WHERE[k]}" for k in kinds]
     if "signal" in kinds and found.noise > 0:
-        texts[-1] += f", {_two_digits(found.signal / found.noise)} times the noise,"
+        texts[-1] += f", {two_digits(found.signal / found.noise)} times the noise,"
     return listed(texts)
 
 
@@ -126,7 +117,7 @@ def odds(log_odds: float, other: str) -> str:
 
 def _odds(log_odds: float) -> str:
     more = "above " if log_odds > _MOST_ODDS else ""
-    size = float(_two_digits(float(np.exp(min(log_odds, _MOST_ODDS)))))
+    size = float(two_digits(float(np.exp(min(log_odds, _MOST_ODDS)))))
     return f"odds {more}{size:.9g} : 1"
 
 
@@ -146,7 +137,7 @@ def confirming(effects: Sequence[FoundEffect]) -> str:
 def remainder(gap: Gap, kind: str) -> str:
     """How much is left, and what kind of thing it is."""
     worst = gap.predictions[gap.worst]
-    times = f"{_two_digits(gap.after)} times the noise"
+    times = f"{two_digits(gap.after)} times the noise"
     if kind == "noise":
         return f"nothing but noise ({times})."
     return f"{percent(worst.beyond_noise(worst.after))} of the amplitude, {times}{_KINDS[kind]}."
@@ -154,9 +145,9 @@ def remainder(gap: Gap, kind: str) -> str:
 
 def over_sensors(rest: str, gap: Gap, kind: str, sensor: str, times: float) -> str:
     """What is left of a beam: ``rest`` in its first mode, and of the sensor that is worst."""
-    of_worst = f"{_two_digits(times)} times its noise"
+    of_worst = f"{two_digits(times)} times its noise"
     if kind == "noise" and times > PREDICTED:
-        first = f"{_two_digits(gap.after)} times the noise in the coordinate of the first mode"
+        first = f"{two_digits(gap.after)} times the noise in the coordinate of the first mode"
         return f"{of_worst} at the worst sensor, {sensor}; {first}."
     return f"{rest.removesuffix('.')}; the worst sensor is {sensor} at {of_worst}."
 
@@ -189,8 +180,8 @@ def ratio(resonance: Resonance | None) -> str:
 def footing(found: Interaction) -> str:
     """What one coordinate and two leave, over pieces of one length."""
     return (
-        f"Of {pieces(found.together)} one coordinate leaves {_two_digits(found.before)} times the"
-        f" noise, all its values free, and two leave {_two_digits(found.after)}."
+        f"Of {pieces(found.together)} one coordinate leaves {two_digits(found.before)} times the"
+        f" noise, all its values free, and two leave {two_digits(found.after)}."
     )
 
 
@@ -224,14 +215,14 @@ def pieces(found: Fitted) -> str:
 
 def rings_along(found: Interaction) -> str:
     """That another mode rings, but is not seen to take part."""
-    alone = f"{_two_digits(found.before)} times the noise"
+    alone = f"{two_digits(found.before)} times the noise"
     if found.alone.explained:
         terms = f" and {listed(found.own)} added" if found.own else ""
         rest = f"with it beside the model, all values free{terms}, noise alone is left ({alone})"
     else:
         rest = (
             f"one coordinate with it beside leaves {alone} of {pieces(found.together)}, and"
-            f" {_two_digits(found.after)} with what could couple them"
+            f" {two_digits(found.after)} with what could couple them"
         )
     return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."
 

@@ -19,7 +19,7 @@ from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Left
 from romsindy.fit.forced.record import ForcedRecord
-from romsindy.text import quantity
+from romsindy.text import percent, quantity
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -77,12 +77,12 @@ class ForcedReport(DiagnosisReport):
         if not np.isfinite(self.gap.rms_before):
             return "They differ: the simulation has no motion that follows the records."
         size = quantity(self.gap.rms_before, self.gap.unit)
-        share = words.percent(self.gap.before)
+        share = percent(self.gap.before)
         differ = "They agree" if self.verdict == "none" else "They differ"
         return f"{differ}: the simulation leaves {size} rms, {share} of the response."
 
     def _closing(self, closes: str) -> str:
-        share = words.percent(self.gap.closed)
+        share = percent(self.gap.closed)
         if round(100 * self.gap.closed, 1) == 100:
             share = "all"
         return f"{closes} {share} of the squared gap on {self.gap.where}."
@@ -90,10 +90,10 @@ class ForcedReport(DiagnosisReport):
     @property
     def _left(self) -> str:
         size = quantity(self.gap.rms_after, self.gap.unit)
-        share = f"{size} rms, {words.percent(self.gap.after)} of the response"
+        share = f"{size} rms, {percent(self.gap.after)} of the response"
         if self.remainder.explained:
             return f"{share}, as noise."
-        predicted = words.percent(1 - 1 / self.remainder.structure)
+        predicted = percent(1 - 1 / self.remainder.structure)
         return f"{share}; {predicted} of its power is no noise, for its past predicts it."
 
     @property
@@ -160,8 +160,8 @@ class ForcedReport(DiagnosisReport):
         before = self.gap.residuals_before[worst]
         before = np.where(np.isfinite(before), before, np.nan)  # nan where there is no motion
         name, unit = record.decay.measured, self.gap.unit
-        both = f"{words.percent(self.gap.before)} of the response before, "
-        both += f"{words.percent(self.gap.after)} after"
+        both = f"{percent(self.gap.before)} of the response before, "
+        both += f"{percent(self.gap.after)} after"
         of = f"Of record {worst + 1}"
         given = (record.signal, before, after, name, unit)
         spectra = (record.decay.dt, record.noise.std, *given)

@@ -72,7 +72,7 @@ class ForcedAdequacy(Adequacy):
             done = "explains" if self.explained else "follows"
             return (
                 f"The model {done} pieces of {self.piece:.0f} cycles, each from a state of its own,"
-                f" but for {size} of the response, not the record. {self._of_the_whole()}."
+                f" but for {size} of the response. {self._of_the_whole()}."
             )
         if self.explained:
             return f"The model explains the record: it leaves {size} of the response, as noise."

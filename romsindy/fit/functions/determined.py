@@ -12,6 +12,7 @@ from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.sensor import curvature_for
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import BY_CHANCE, DEPARTURE, DETERMINED, NOISE_FREE
+from romsindy.text import percent
 from romsindy.typing import Array
 
 _PLACES = 40
@@ -32,18 +33,23 @@ def sentences(found: Identification, fitted: Fitted, records: Sequence[Record]) 
     k = found.stiffness(q)
     width = (k.high - k.low) / 2 / np.abs(k.value)
     inner = np.tile((sizes > 0.3) & (sizes < 0.7), 2)
-    yield (
-        f"K(q)/q is known to +- {_percent(np.max(width[inner]))} (95 %) between 0.3 and 0.7 of the"
-        f" range, to +- {_percent(np.max(width))} at worst"
-    )
+    within, worst = (float(np.max(w)) for w in (width[inner], width))
+    ends = f"to +- {percent(worst)}" if worst < 1 else "not at all"
+    if within < 1:
+        yield (
+            f"K(q)/q is known to +- {percent(within)} (95 %) between 0.3 and 0.7 of the range,"
+            f" {ends} at worst"
+        )
+    else:
+        yield "K(q)/q is not determined: its 95 % band is wider than the stiffness itself"
     if fitted.noise > BY_CHANCE:
         yield _misfit(found, fitted, records)
     if fitted.jump > DEPARTURE:
         cycles = sum(len(r.cycles) for r in records) / len(fitted.windows)
         yield (
-            f"every {cycles:.0f} cycles the motion departs from any such equation by"
-            f" {_percent(fitted.jump)} of its amplitude: another mode takes part, the sensor"
-            " drifts, its noise is slow, or something is no function of q"
+            f"every {cycles:.0f} cycles the motion departs from this equation by"
+            f" {percent(fitted.jump)} of its amplitude: another mode takes part, the sensor"
+            " drifts, its noise is slow, or a force is no function of q"
         )
     if found.verdict.structured and fitted.noise > BY_CHANCE:
         yield (
@@ -71,34 +77,35 @@ def _inertia(found: Identification, sizes: Array, unit: str) -> str:
     if not np.any(good):
         return (
             "the data ask for inertia, but hardly say how much: nowhere is h(q) known to"
-            f" {_percent(DETERMINED)} on both sides"
+            f" {percent(DETERMINED)} on both sides"
         )
     ends = np.flatnonzero(np.diff(np.pad(good.astype(int), 1))).reshape(-1, 2)
     parts = " and ".join(f"from |q| = {both[a]:.3g} to {both[b - 1]:.3g}" for a, b in ends)
     return (
         "given one coordinate, inertia is determined (95 % band within"
-        f" {_percent(DETERMINED)} of h(q)) {parts} {unit}; elsewhere the band says how little"
+        f" {percent(DETERMINED)} of h(q)) {parts} {unit}; elsewhere the band says how little"
     )
 
 
 def _sensor(found: Identification, fitted: Fitted) -> Iterator[str]:
     """What the sensor may have of what was found, and what it seems to have itself."""
     expected = fitted.series.sensor.curvature
-    usual = f"{_percent(expected)} is expected of a sensor"
+    usual = f"{percent(expected)} is expected of a sensor"
     if found.structure.sizes.inertia:
         short = float(np.mean([_curvature_for(found, end) for end in found.reach]))
         nothing = short < _SIGMAS * expected
         yield (
             "one sensor cannot tell inertia from a characteristic that bends as q^3: one that shows"
-            f" {_percent(short)} too little at the largest amplitude would stand for all of h(q);"
+            f" {percent(short)} too little at the largest amplitude would stand for all of h(q);"
             f" {usual}" + (": it may be the sensor" if nothing else "")
         )
     e, error = fitted.curvature
     if abs(e) > 3 * error:
-        more = " far more than it:" if abs(e) > 3 * expected else ""
+        more = f"far more than the {percent(expected)} of a usual sensor"
+        held = more if abs(e) > 3 * expected else usual
         yield (
-            f"the sensor seems to be curved,{more} by {100 * e:.2g} +- {100 * error:.1g} % of the"
-            f" largest amplitude (a square, fitted beside the equation; {usual})"
+            f"the sensor seems to be curved by {100 * e:.2g} +- {100 * error:.1g} % of the largest"
+            f" amplitude (a square, fitted beside the equation; {held})"
         )
 
 
@@ -112,8 +119,10 @@ def _straight(found: Identification, q: Array) -> str:
     k = found.allowed_stiffness(q)
     middle = float(found.stiffness(0.0).value[0])
     most = max(float(np.max(k.high)) - middle, middle - float(np.min(k.low))) / middle
+    if most > 1:
+        return "the data do not tell whether the stiffness is nonlinear"
     return (
-        f"the data do not ask for nonlinear stiffness: K(q)/q changes by at most {_percent(most)}"
+        f"the data do not ask for nonlinear stiffness: K(q)/q changes by at most {percent(most)}"
         " over the range (95 %)"
     )
 
@@ -132,7 +141,3 @@ def _misfit(found: Identification, fitted: Fitted, records: Sequence[Record]) ->
             f"the noise is coloured, neighbouring samples err alike, and {counted}, were it white"
         )
     return f"the misfit is larger than the noise of the records, and {counted}"
-
-
-def _percent(part: float) -> str:
-    return f"{100 * part:.2g} %"

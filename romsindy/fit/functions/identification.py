@@ -20,7 +20,7 @@ from romsindy.orbits.curves import require_mode
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
-from romsindy.text import TextTable, as_text, with_band, with_error
+from romsindy.text import TextTable, as_text, percent, with_band, with_error
 from romsindy.typing import Array
 
 _BAND_DRAWS = 100
@@ -277,8 +277,7 @@ class Identification(Estimate):
         reach = f"up to {short.amplitude:.3g} {self.model.unit or '[q]'}"
         curves = zip(("frequency", "damping ratio"), (short.frequency, short.damping), strict=True)
         each = " and ".join(
-            f"{_percent(c.off)} in {name}, of a change of {_percent(c.change)}"
-            for name, c in curves
+            f"{percent(c.off)} in {name}, of a change of {percent(c.change)}" for name, c in curves
         )
         if short.follows:
             return f"{reach} off the functions by at most {each}"
@@ -349,10 +348,6 @@ class Identification(Estimate):
             widest=np.array(content["widest"], float),
             reach=(float(least), float(largest)),
         )
-
-
-def _percent(part: float) -> str:
-    return f"{100 * part:.2g} %"
 
 
 def _secant_of(size: float) -> Callable[[ReducedModel, Array], Array]:
