@@ -144,5 +144,5 @@ def made(
 
 def _refusal(name: str, value: Any, wanted: str) -> ValueError:
     brackets = {list: "[...]", dict: "{...}"}  # what is in them may be large, and deep
-    shown = brackets.get(type(value)) or f"{json.dumps(value):.60}"
+    shown = brackets.get(type(value)) or f"{json.dumps(value, default=str):.60}"
     return ValueError(f"{name} = {shown} must be {wanted}: correct it, or write the file again")

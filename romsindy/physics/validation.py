@@ -19,8 +19,8 @@ def refuse_unknown(where: str, names: Iterable[str], known: Sequence[str]) -> No
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}" if near else "leave it out"
-            raise ValueError(f"{where} takes no {name!r:.60}: {hint}; it takes {', '.join(known)}")
+            hint = f"did you mean {near[0]!r}?" if near else "leave it out."
+            raise ValueError(f"{where} takes no {name!r:.60}: {hint} It takes {', '.join(known)}")
 
 
 def unit_vector(direction: tuple[float, float]) -> tuple[float, float]:
