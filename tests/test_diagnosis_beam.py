@@ -459,7 +459,7 @@ def test_command_line_reads_a_beam(heavier, tmp_path):
     assert done.exit_code == 0, done.output
     assert "more mass at the tip" in done.output and (tmp_path / "page.html").is_file()
     file.write_text("[beam]\nlenght = 1\n")
-    with pytest.raises(ValueError, match="takes no 'lenght': did you mean 'length'. It takes"):
+    with pytest.raises(ValueError, match=r"no 'lenght': did you mean 'length'\? It takes"):
         load_beam(file)
     file.write_text("[beam]\nelements = 8\n")
     with pytest.raises(ValueError, match="positions"):
@@ -516,6 +516,7 @@ def test_any_beam_is_read_from_a_file(tmp_path):
         ("young = 70e9", "young = [1.0]", r"young = \[\.\.\.\] must be a finite number"),
         ("length = 0.3\n", "", "has no 'length': add"),
         ("alpha = 0.4", "alhpa = 0.4", r"\[beam\] takes no 'alhpa': did you mean 'alpha'"),
+        ("alpha = 0.4", "effects = 5", r"\[beam\] takes no 'effects'"),
         ("alpha = 0.4", "gravity = true", "gravity = true must be a finite number"),
         ("[0.15, 0.2]", "[0.15]", r"anchor = \[0\.15\] must be two numbers"),
         ("[[beam.masses]]", "[beam.masses]", r"\[\[beam\.masses\]\] = .* must be a list"),

@@ -15,8 +15,6 @@ from click.testing import CliRunner
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.commands.options import estimate_of, model_of
-from romsindy.physics.entries import made
-from romsindy.physics.serial import read_json
 
 # A linear oscillator as `identify --save` writes it, by hand.
 LINEAR = {"type": "Stiffness", "degree": 1, "odd": False}
@@ -83,7 +81,20 @@ ONE: dict[str, Any] = {
         },
     ]
 }
-WRONG: list[Any] = [None, 7.5, 10**400, float("nan"), float("inf"), True, "x", [], [{}], {}, {"x": 1}, [[[1]]]]
+WRONG: list[Any] = [
+    None,
+    7.5,
+    10**400,
+    float("nan"),
+    float("inf"),
+    True,
+    "x",
+    [],
+    [{}],
+    {},
+    {"x": 1},
+    [[[1]]],
+]
 PYTHON = re.compile(
     r"None|object|__|argument|Error|attribute|unpack|subscript|class|\bdict|tuple|True"
     r"|not iterable|reshape|zip|unexpected|int\(|float\("
@@ -127,6 +138,7 @@ def fits(good: Any, value: Any, path: tuple[Any, ...]) -> bool:
     return value == "x" and path[-1] in ("notes", "cause", "unit", "input_unit", 0)
 
 
+DIAGNOSE = ["diagnose", "--measured", "DIR/t.csv", "--model", "DIR/found.json"]
 CASES = [(c, p) for c in (FOUND, NESTED, ONE) for p in places(c)]
 
 
@@ -147,3 +159,51 @@ def test_nonsense_is_refused_by_its_name(content: dict[str, Any], path: tuple[An
             assert not PYTHON.search(str(error)), (value, error)
         else:
             assert fits(good, value, path), value
+
+
+@pytest.mark.parametrize(
+    "key", ["richest", "samples", "widest", "structure", "structures", "reach"]
+)
+def test_files_are_refused_by_all_who_read_them(key: str, tmp_path: Path) -> None:
+    """In Python with the name of the file and the key, on the command line with the exit code 2."""
+    file = tmp_path / "found.json"
+    file.write_text(changed(FOUND, (key,), {"x": 1}))
+    message = rf"{key} = {{\.\.\.}} must be a"
+    with pytest.raises(ValueError, match=rf"found\.json is no file of Identification.*{message}"):
+        rs.Identification.load(file)
+    (tmp_path / "t.csv").write_text("t,q\n0,1\n")
+    for command in (["export", str(file), "--to", "text", "--short"], DIAGNOSE):
+        done = CliRunner().invoke(main, [str(a).replace("DIR", str(tmp_path)) for a in command])
+        assert done.exit_code == 2 and re.search(message, done.stderr), done.output
+
+
+def test_the_file_by_hand_is_read_as_it_stands() -> None:
+    found = estimate_of(json.dumps(FOUND))
+    assert isinstance(found, rs.Identification) and found.reach == (-0.5, 0.5)
+    assert found.interval("omega^2") == pytest.approx((36.0, 36.1), abs=0.01)
+    for content in (NESTED, ONE):
+        assert estimate_of(json.dumps(content)) is None
+        model = model_of(json.dumps(content))
+        assert model_of(model.to_json()) == model
+
+
+@pytest.mark.parametrize("missing", sorted(FOUND.keys() - {"unit", "amplitude_range"}))
+def test_what_is_missing_is_named(missing: str) -> None:
+    content = {k: v for k, v in FOUND.items() if k != missing}
+    with pytest.raises(ValueError, match=f"{missing}|holds no model"):
+        rs.Identification.from_json(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("effects", "message"),
+    [
+        ({"x": 1}, "effects = "),
+        ([3], r"effects\[0\] = 3 must be a table"),
+        ([{"name": 1, "label": "a"}], r"effects\[0\]\.name = 1 must be a text"),
+        ([{"name": "mass"}], r"effects\[0\] has no 'label'"),
+    ],
+)
+def test_a_diagnosis_is_exported_or_refused(effects: Any, message: str, tmp_path: Path) -> None:
+    (tmp_path / "d.json").write_text(json.dumps({"model": ONE, "effects": effects}))
+    done = CliRunner().invoke(main, ["export", str(tmp_path / "d.json"), "--to", "text"])
+    assert done.exit_code == 2 and re.search(message, done.stderr), done.output

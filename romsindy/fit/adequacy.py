@@ -72,8 +72,8 @@ class Adequacy:
         # Without any window the list of a JSON text does not say how many harmonics there are.
         if amplitude.ndim != 1 or (misfit.shape != shape and misfit.size + amplitude.size):
             raise ValueError(
-                f"misfit has the shape {misfit.shape} beside an amplitude of {amplitude.shape}: give"
-                f" {_HARMONICS + 1} numbers of misfit for each of a list of amplitudes"
+                f"misfit has the shape {misfit.shape}, amplitude {amplitude.shape}: give a list of"
+                f" amplitudes, and for each {_HARMONICS + 1} numbers of misfit"
             )
         object.__setattr__(self, "amplitude", amplitude)
         object.__setattr__(self, "misfit", misfit.reshape(shape))

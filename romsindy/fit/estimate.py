@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand, forced_band
-from romsindy.orbits.curves import require_mode
+from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.driven import gain_of, inputs_of, without_inputs
@@ -192,7 +192,7 @@ class Estimate:
         )
         return forced_band(
             without_inputs(model),
-            abs(gain) * force,
+            abs(gain) * float(checked_force(force, 1)[0]),
             frequency,
             names,
             covariance,

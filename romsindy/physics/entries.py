@@ -143,6 +143,7 @@ def made(
 
 
 def _refusal(name: str, value: Any, wanted: str) -> ValueError:
-    brackets = {list: "[...]", dict: "{...}"}  # what is in them may be large, and deep
+    # What is in brackets may be large, and deep.
+    brackets: dict[type, str] = {list: "[...]", dict: "{...}"}
     shown = brackets.get(type(value)) or f"{json.dumps(value, default=str):.60}"
     return ValueError(f"{name} = {shown} must be {wanted}: correct it, or write the file again")

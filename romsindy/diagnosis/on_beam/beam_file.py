@@ -21,6 +21,7 @@ else:
 
 T = TypeVar("T")
 
+_ANY_BEAM = ("length", "elements", "alpha", "eta", "gravity")
 _OTHER_BEAMS = ("left", "right", "masses", "springs")
 _SUPPORTS = {"clamped": CLAMPED, "pinned": PINNED, "free": FREE}
 _SECTIONS: dict[str, Callable[..., Section]] = {"rectangle": Section.rectangle, "section": Section}
@@ -69,19 +70,20 @@ def _beam(values: dict[str, Any]) -> Beam:
         return _made(Beam.cantilever, values, "[beam]")
     if len(sections) > 1:
         raise ValueError("[beam.rectangle] and [beam.section] are two sections: give one")
+    refuse_unknown("[beam]", values, (*_ANY_BEAM, *_OTHER_BEAMS, *_SECTIONS))
     own = dict(values)
     table = own.pop(sections[0])
     own["section"] = _made(_SECTIONS[sections[0]], table, f"[beam.{sections[0]}]")
-    refuse_unknown("[beam]", own, (*inspect.signature(Beam).parameters, "masses", "springs"))
     laws = {"masses": PointMass, "springs": Spring}
     own["effects"] = tuple(
         _made(law, value, f"[[beam.{name}]]")
         for name, law in laws.items()
         for value in entries.items(f"[[beam.{name}]]", own.pop(name, []))
     )
-    gravity = own.pop("gravity", 9.81)
+    gravity = own.get("gravity", 9.81)
     own |= {end: _support(own[end], end) for end in ("left", "right") if end in own}
-    own["gravity"] = gravity if isinstance(gravity, list) else (0.0, -entries.finite("[beam] gravity", gravity))
+    if not isinstance(gravity, list):
+        own["gravity"] = (0.0, -entries.finite("[beam] gravity", gravity))
     return _made(Beam, own, "[beam]")
 
 
