@@ -84,3 +84,13 @@ def test_elements_of_commands_are_refused_with_the_limit(run, tmp_path):
     (tmp_path / "t.csv").write_text("t,a\n0,1\n")
     result = run("diagnose", "--measured", "t.csv", "--beam", "beam.toml")
     assert result.exit_code == 2 and "beam.toml: elements must be a whole" in result.stderr
+
+
+def test_a_column_of_a_beam_is_told_by_the_file_that_names_it(run, tmp_path):
+    (tmp_path / "beam.toml").write_text(
+        '[beam]\nelements = 4\n[sensors]\npositions = [0.2]\ncolumns = ["bass"]\n'
+    )
+    (tmp_path / "t.csv").write_text("t,base\n0,1\n0.1,2\n0.2,1\n")
+    result = run("diagnose", "--measured", "t.csv", "--beam", "beam.toml")
+    assert result.exit_code == 2 and "--column" not in result.stderr
+    assert "[sensors] columns in beam.toml: 'bass' is none of ['base']" in result.stderr
