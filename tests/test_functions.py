@@ -298,7 +298,7 @@ def test_what_is_found_is_kept_in_a_file(example, tmp_path):
     assert str(again) == str(example)
     assert again.interval("Upsilon_3") == example.interval("Upsilon_3")
     assert np.array_equal(again.covariance, example.covariance)
-    with pytest.raises(ValueError, match=r"read it with Estimate\.from_json"):
+    with pytest.raises(ValueError, match=r"identify --save .* read by Estimate\.load"):
         rs.Identification.from_json(rs.Estimate.to_json(example))
 
 

@@ -33,10 +33,10 @@ def test_the_equation_of_a_file_is_shown_without_sympy(run, tmp_path, monkeypatc
     ("content", "message"),
     [
         ({"coefficients": {"omega^2": -5, "gamma_3": 3}}, r"omega\^2 = -5 must be positive"),
-        ({"coefficients": {"omega^2": True}}, r"must be numbers, got {'omega\^2': True}"),
-        ({"coefficients": {"omega^2": "191"}}, r"must be numbers, got {'omega\^2': '191'}"),
+        ({"coefficients": {"omega^2": True}}, r"omega\^2 = true must be a finite number"),
+        ({"coefficients": {"omega^2": "191"}}, r'omega\^2 = "191" must be a finite number'),
         ('{"coefficients": {"omega^2": 1, "omega^2": 2}}', r"gives 'omega\^2' twice"),
-        ({"coefficients": {"omega^2": 1}, "unit": {"a": 1}}, "unit = {'a': 1} must be a text"),
+        ({"coefficients": {"omega^2": 1}, "unit": {"a": 1}}, r"unit = \{\.\.\.\} must be a text"),
         ({"coefficients": {"omega^2": 1, "gamma_99999999999": 1}}, r"order 1e\+11, beyond 100"),
         ({"coefficients": {"omega^2 [q300]": 1}}, "beyond q20, the last of a model"),
         ({"coefficients": {"omega^2 [q1]": 1, "V q1 q99999999999": 1}}, "beyond q20"),
@@ -46,8 +46,11 @@ def test_the_equation_of_a_file_is_shown_without_sympy(run, tmp_path, monkeypatc
             {"terms": [{"type": "Stiffness", "degree": 1e12, "odd": False, "value": 1}]},
             "beyond 100",
         ),
-        ({"terms": [{"type": {"a": 1}, "value": 1}]}, "a model that is not complete"),
-        ({"coefficients": {"omega^2": 4}, "amplitude_range": ["a", 1]}, "amplitude_range two"),
+        ({"terms": [{"type": {"a": 1}, "value": 1}]}, r"terms\[0\]\.type = .* must be a text"),
+        (
+            {"coefficients": {"omega^2": 4}, "amplitude_range": ["a", 1]},
+            r'amplitude_range\[0\] = "a" must be a',
+        ),
         ({"coefficients": {}}, "the model has no stiffness"),
         ("[" * 100_000, "deeper than any model"),
     ],
@@ -81,3 +84,13 @@ def test_elements_of_commands_are_refused_with_the_limit(run, tmp_path):
     (tmp_path / "t.csv").write_text("t,a\n0,1\n")
     result = run("diagnose", "--measured", "t.csv", "--beam", "beam.toml")
     assert result.exit_code == 2 and "beam.toml: elements must be a whole" in result.stderr
+
+
+def test_a_column_of_a_beam_is_told_by_the_file_that_names_it(run, tmp_path):
+    (tmp_path / "beam.toml").write_text(
+        '[beam]\nelements = 4\n[sensors]\npositions = [0.2]\ncolumns = ["bass"]\n'
+    )
+    (tmp_path / "t.csv").write_text("t,base\n0,1\n0.1,2\n0.2,1\n")
+    result = run("diagnose", "--measured", "t.csv", "--beam", "beam.toml")
+    assert result.exit_code == 2 and "--column" not in result.stderr
+    assert "[sensors] columns in beam.toml: 'bass' is none of ['base']" in result.stderr

@@ -337,7 +337,9 @@ def test_branch_that_folds_back_to_its_first_frequency_says_so():
 
 
 def test_start_in_an_undamped_resonance_is_refused():
-    with pytest.raises(ContinuationError, match=r"cannot be raised to 0\.05 at 0\.5 rad/s, start"):
+    with pytest.raises(
+        ContinuationError, match=r"no response was found at .* 0\.05 near 0\.5 rad/s: give"
+    ):
         forced_response(model(DUFFING), 0.05, (0.5, 1.5))  # 2 * 0.5 is the linear frequency
 
 
@@ -425,8 +427,18 @@ def test_bad_input_is_refused():
         backbone_curve(model({"omega^2": -1.0, "gamma_3": 1.0}), (0.1, 1.0))
     with pytest.raises(ValueError, match="must be two different positive numbers"):
         forced_response(duffing, 0.1, (1.0, 1.0))
-    with pytest.raises(ValueError, match="force = 0 must be positive"):
-        forced_response(duffing, 0, (1.0, 2.0))
+    for frequency in (75, None, (1.0, 2.0, 3.0)):
+        with pytest.raises(ValueError, match=r"frequency = .* must be two .* \(from, to\)"):
+            forced_response(duffing, 0.1, frequency)
+    with pytest.raises(ValueError, match="must be of numbers alone"):
+        forced_response(duffing, 0.1, ("a", 2.0))
+    with pytest.raises(ContinuationError, match=r"no response .* of 1e\+09 near 1 rad/s: give a"):
+        forced_response(duffing, 1e9, (1.0, 2.0))
+    for force in (0, np.nan, np.inf, None):
+        with pytest.raises(ValueError, match=f"force = {force} must be a finite positive number"):
+            forced_response(duffing, force, (1.0, 2.0))
+    with pytest.raises(ValueError, match="force = 'x' must be of numbers"):
+        forced_response(duffing, "x", (1.0, 2.0))
     with pytest.raises(ValueError, match="n_points = 1 must be at least 2"):
         forced_response(duffing, 0.1, (1.0, 2.0), n_points=1)
 

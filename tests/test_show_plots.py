@@ -152,6 +152,8 @@ def test_forced_response_with_backbone_curve():
     assert plots.plot_branch(curve, ax=ax) is ax
     np.testing.assert_allclose(2 * np.pi * ax.lines[-1].get_xdata(), curve.frequency)
     plots.plot_forced_response(response, label="again", ax=ax)
+    with pytest.raises(ValueError, match="response is a list: give one"):
+        plots.plot_forced_response([response, response])
     texts = [text.get_text() for text in ax.get_legend().get_texts()]
     assert texts.count("fold") == 1 and "again unstable" in texts
     assert ax.get_xlabel() == "frequency (Hz)" and ax.get_ylabel() == "amplitude (unit of q)"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -229,7 +230,7 @@ def diagnose(
         if not driven.inputs:
             _note_inputs(simulation["model"])
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
-    with bar(None, "reading the records"):
+    with bar(None, "reading the records"), _columns_of(beam_file):
         learnt, again, known = (_loaded(load, of) for of in (measured, repeats, reference))
         tests = _loaded(load, [held_out] if held_out is not None else [])
     if len(tests) > 1:
@@ -316,6 +317,18 @@ def _records_in(
     if driven.inputs:
         return [driven.load(file, reading)]
     return decays_in(file, reading, choice, _note)
+
+
+@contextmanager
+def _columns_of(beam_file: Path | None) -> Iterator[None]:
+    """Messages on columns name the file of a beam, which chose them."""
+    try:
+        yield
+    except ValueError as error:
+        if beam_file is None:
+            raise
+        chosen = f"[sensors] columns in {beam_file}:"
+        raise ValueError(re.sub(r"\bcolumn ?=", lambda _: chosen, str(error))) from error
 
 
 def _note(line: str) -> None:

@@ -15,6 +15,8 @@ from romsindy.fit.functions.identification import Identification
 from romsindy.physics import coupled_export
 from romsindy.physics import export as single_export
 from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.entries import several, table
+from romsindy.physics.entries import text as entry
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import read_json
 from romsindy.record.files.load import named
@@ -112,7 +114,14 @@ def _short(text: str) -> ReducedModel:
     return found.short.model
 
 
-def _outside(effects: list[dict[str, Any]]) -> list[str]:
+def _outside(effects: Any) -> list[str]:
     """Labels of effects on the motion that are no terms: those with a memory, or of time."""
     beyond = {e.name for e in CATALOGUE if e.term() is None and not isinstance(e, ReadingEffect)}
-    return [e["label"] for e in effects if e["name"] in beyond]
+    found = several(_named)("effects", effects)
+    return [label for name, label in found if name in beyond]
+
+
+def _named(name: str, value: Any) -> tuple[str, str]:
+    """Name and label of an effect."""
+    effect = table(name, value, ("name", "label"))
+    return (entry(f"{name}.name", effect["name"]), entry(f"{name}.label", effect["label"]))

@@ -13,6 +13,7 @@ from click.core import ParameterSource
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.coupled import AnyModel, model_from_json
+from romsindy.physics.entries import table
 from romsindy.physics.serial import read_json
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
@@ -174,7 +175,7 @@ def estimate_of(text: str) -> Estimate | None:
     ValueError
         If entries are missing, or do not belong together.
     """
-    content = read_json(text)
+    content = table("the JSON text", read_json(text))
     if "structures" in content:
         return Identification.from_json(text)
     return Estimate.from_json(text) if "covariance" in content else None

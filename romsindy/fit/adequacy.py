@@ -67,11 +67,16 @@ class Adequacy:
     def __post_init__(self) -> None:
         for name in ("ratio", "p_value", "structure", "limit", "false_alarm"):
             object.__setattr__(self, name, float(getattr(self, name)))
-        amplitude = np.array(self.amplitude, float)
+        amplitude, misfit = np.array(self.amplitude, float), np.array(self.misfit, float)
+        shape = (amplitude.size, _HARMONICS + 1)
         # Without any window the list of a JSON text does not say how many harmonics there are.
-        misfit = np.array(self.misfit, float).reshape(len(amplitude), _HARMONICS + 1)
+        if amplitude.ndim != 1 or (misfit.shape != shape and misfit.size + amplitude.size):
+            raise ValueError(
+                f"misfit has the shape {misfit.shape}, amplitude {amplitude.shape}: give a list of"
+                f" amplitudes, and for each {_HARMONICS + 1} numbers of misfit"
+            )
         object.__setattr__(self, "amplitude", amplitude)
-        object.__setattr__(self, "misfit", misfit)
+        object.__setattr__(self, "misfit", misfit.reshape(shape))
 
     @property
     def structured(self) -> bool:

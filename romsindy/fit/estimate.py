@@ -6,8 +6,8 @@ However it was found, and without the data it was found from, so that it can be 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,12 @@ from numpy.typing import ArrayLike
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand, forced_band
-from romsindy.orbits.curves import require_mode
+from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
 from romsindy.physics.driven import gain_of, inputs_of, without_inputs
+from romsindy.physics.entries import array, made, several, table
+from romsindy.physics.entries import text as entry
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
 from romsindy.record.files.whole import write_whole
@@ -67,7 +69,10 @@ class Estimate:
     def __post_init__(self) -> None:
         known = list(self.model.coefficients)
         if len({*self.free} & {*known}) != len(self.free):
-            raise ValueError(f"free = {list(self.free)} must name coefficients of {known} once")
+            raise ValueError(
+                f"free = {list(self.free)} must name coefficients of the terms {known} once: leave"
+                " out what is none of them"
+            )
         try:
             covariance = np.array(self.covariance, float, order="C")
         except (TypeError, ValueError) as error:
@@ -78,8 +83,8 @@ class Estimate:
                 f"covariance has the shape {covariance.shape}, but {n} coefficients are free:"
                 f" give ({n}, {n}), in the order of {list(self.free)}"
             )
-        if np.any(np.diag(covariance) < 0):
-            raise ValueError("covariance has variances below zero on its diagonal")
+        if not np.all(np.diag(covariance) >= 0):
+            raise ValueError("covariance must have variances of at least zero on its diagonal")
         object.__setattr__(self, "covariance", covariance)
 
     @property
@@ -187,7 +192,7 @@ class Estimate:
         )
         return forced_band(
             without_inputs(model),
-            abs(gain) * force,
+            abs(gain) * float(checked_force(force, 1)[0]),
             frequency,
             names,
             covariance,
@@ -263,11 +268,13 @@ class Estimate:
         missing = {"free", "covariance", "verdict", "notes"} - set(content)
         if missing:
             raise ValueError(
-                f"the JSON text holds a model without {', '.join(sorted(missing))}: read it with"
-                " ReducedModel.from_json"
+                f"the JSON text holds a model without {', '.join(sorted(missing))}: write it again"
+                " with identify --save or Fit.save; a file with nothing but terms, unit and"
+                " amplitude_range is the model alone (in Python: ReducedModel.from_json)"
             )
-        names, notes = (_texts(key, content[key]) for key in ("free", "notes"))
-        return Estimate(model, names, content["covariance"], _verdict(content["verdict"]), notes)
+        names, notes = (several(entry)(key, content[key]) for key in ("free", "notes"))
+        covariance = array("covariance", content["covariance"])
+        return Estimate(model, names, covariance, _verdict(content["verdict"]), notes)
 
     def save(self, path: str | Path) -> None:
         """Write the JSON text to a file, see `to_json`."""
@@ -293,19 +300,9 @@ class Estimate:
             raise ValueError(f"{path} is no file of {cls.__name__}.save: {error}") from error
 
 
-def _texts(name: str, content: Any) -> tuple[str, ...]:
-    if not (isinstance(content, list) and all(isinstance(text, str) for text in content)):
-        raise ValueError(f"{name} must be a list of strings, got {content!r}")
-    return tuple(content)
-
-
-def _verdict(content: Mapping[str, Any]) -> Adequacy:
-    kind = ForcedAdequacy if "measured_unit" in content else Adequacy
-    try:
-        return kind(**content)
-    except (TypeError, ValueError) as error:
-        names = ", ".join(field.name for field in fields(kind))
-        raise ValueError(f"verdict needs the entries {names} ({error})") from error
+def _verdict(content: Any) -> Adequacy:
+    forced = "measured_unit" in table("verdict", content)
+    return made(ForcedAdequacy if forced else Adequacy, "verdict", content)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
-from romsindy.orbits.curves import ForcedResponse, forced_response
+from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
@@ -228,7 +228,7 @@ def forced_band(
     goes_on : bool
         See `ForcedBand`.
     """
-    low, high = sorted(frequency)
+    low, high = sorted(frequency_range(frequency))
     reach = _MARGIN * (high - low)
     response = forced_response(
         model,

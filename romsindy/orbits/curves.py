@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from numbers import Real
 from typing import Any, Protocol, TypeVar, overload
 
 import numpy as np
@@ -329,7 +330,7 @@ def backbone_curve(
     steps = _steps(n_points, 2.0)
     first = low / high
     start = _small(shape / shape[coordinate], 1e-3 * first)
-    failure = f"no orbit of amplitude {low:g} is reached from the linear mode"
+    failure = f"no orbit of amplitude {low:g} is reached from the linear mode: give a smaller one"
     led, ends = partial(family, True), (first, 1.0)
     if len(shape) > 1:  # a branch may pass through zero, but not start there
         start = _led(led, ladder, start, (0.0, 1e-2 * first), steps, failure)
@@ -435,17 +436,15 @@ def forced_response(
     >>> [bifurcation.kind for bifurcation in response.bifurcations]
     ['fold', 'fold']
     """
+    first, last = frequency_range(frequency)
     if not isinstance(model, (ReducedModel, CoupledModel)):
         return model.forced_response(
             force, frequency, n_harmonics, velocity_scale=velocity_scale, n_points=n_points
         )
-    first, last = frequency
-    if not (0 < first < np.inf and 0 < last < np.inf and first != last):
-        raise ValueError(f"frequency = {frequency!r} must be two different positive numbers")
     ladder = _ladder(n_harmonics)
     smooth = _smooth(model, velocity_scale)
     equations = equations_of(smooth)
-    forces = abs(gain_of(model)) * _checked_force(force, equations)
+    forces = abs(gain_of(model)) * checked_force(force, equations.n_coordinates)
     size = _resonance(equations, forces, (first + last) / 2)
 
     def family(path: Path, n: int) -> Family:
@@ -454,7 +453,10 @@ def forced_response(
     # One unit in p, and twice up and down the resonance in two components.
     steps = _steps(n_points, 5.0)
     raising = partial(family, Path((first, first), (np.zeros_like(forces), forces)))
-    failure = f"the force cannot be raised to {_listed(forces)} at {first:g} rad/s, start elsewhere"
+    failure = (
+        f"no response was found at a force of {_listed(forces)} near {first:g} rad/s: give a"
+        " smaller force, or another range of frequencies"
+    )
     rest = Start(np.zeros(3 * len(forces)), 0.0)
     raised = _led(raising, ladder, rest, (0.0, 1.0), steps, failure)
     sweeping = partial(family, Path((first, last), (forces, forces)))
@@ -512,14 +514,14 @@ def _limit(model: AnyModel) -> float | None:
 def _ladder(n_harmonics: int | None) -> tuple[int, ...]:
     if n_harmonics is None:
         return LADDER
-    if isinstance(n_harmonics, bool) or int(n_harmonics) != n_harmonics or n_harmonics < 1:
+    if n_harmonics not in range(1, 10**6) or isinstance(n_harmonics, bool):
         raise ValueError(f"n_harmonics = {n_harmonics!r} must be a positive whole number")
     return (int(n_harmonics),)
 
 
 def _steps(n_points: int, length: float) -> Steps:
     """Steps for a branch of some length in its scaled unknowns."""
-    if n_points < 2:
+    if not isinstance(n_points, Real) or n_points < 2:
         raise ValueError(f"n_points = {n_points!r} must be at least 2")
     most = length / n_points
     return Steps(first=most / 10, least=1e-4 * most, most=most, max_points=100 * n_points)
@@ -564,18 +566,37 @@ def _unscaled(start: Start) -> Start:
     return Start(np.append(start.p * start.u[:-2], start.u[-2:]), start.p)
 
 
-def _checked_force(force: ArrayLike, equations: Equations) -> Array:
+def frequency_range(frequency: Any) -> tuple[float, float]:
+    """Where a response starts and ends, rad/s, or else a ValueError."""
+    ends = _numbers("frequency", frequency)
+    if ends.shape != (2,):
+        raise ValueError(f"frequency = {frequency!r} must be two numbers: give (from, to) in rad/s")
+    if not (np.all((ends > 0) & (ends < np.inf)) and ends[0] != ends[1]):
+        raise ValueError(
+            f"frequency = {frequency!r} must be two different positive numbers, (from, to) in rad/s"
+        )
+    return float(ends[0]), float(ends[1])
+
+
+def checked_force(force: ArrayLike, count: int) -> Array:
     """Amplitudes of the forces on the coordinates, (R,)."""
-    count, forces = equations.n_coordinates, np.asarray(force, float)
+    forces = _numbers("force", force)
     if count == 1 and forces.ndim == 0:
         if not 0 < forces < np.inf:
-            raise ValueError(f"force = {force!r} must be positive")
+            raise ValueError(f"force = {force!r} must be a finite positive number")
     elif forces.shape != (count,):
         wanted = "a number" if count == 1 else f"{count} numbers, one for each coordinate"
         raise ValueError(f"force = {force!r} has the shape {forces.shape}: give {wanted}")
     elif not (np.all(np.isfinite(forces)) and np.any(forces)):
         raise ValueError(f"force = {force!r} must be finite, and not all of it zero")
     return forces.reshape(count)
+
+
+def _numbers(name: str, value: Any) -> Array:
+    try:
+        return np.asarray(value, float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} = {value!r:.60} must be of numbers alone") from error
 
 
 def _listed(forces: Array) -> str:
@@ -601,10 +622,11 @@ def _led(
     """Where a family that sets out from a known orbit arrives at the size of the last p."""
     try:
         branch = follow(family, ladder, start, p_range, steps)
-    except ContinuationError as error:
-        raise ContinuationError(f"{failure}: {error}") from None
-    if abs(branch.end.p) != p_range[1]:
-        raise ContinuationError(f"{failure}: {branch.stop_reason}")
+        if abs(branch.end.p) != p_range[1]:
+            raise ContinuationError(branch.stop_reason)
+    except ContinuationError as error:  # who asks for orbits knows of no p
+        told = "" if " p = " in str(error) else f" ({error})"
+        raise ContinuationError(f"{failure}{told}") from error
     return branch.end
 
 

@@ -32,6 +32,12 @@ class Combination(Term):
 
     dimension = (1, -2)
 
+    def __post_init__(self) -> None:
+        if len(self.terms) != len(self.weights):
+            raise ValueError(
+                f"{len(self.weights)} weights for {len(self.terms)} terms: give one for each"
+            )
+
     @property
     def key(self) -> str:
         return self.cause

@@ -13,6 +13,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from inspect import isabstract
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 # The laws must be there before they are looked up by name.
 from romsindy.physics import combination, coupling, inertia, input  # noqa: F401
 from romsindy.physics.damping import DAMPING
+from romsindy.physics.entries import finite, made, number, several, table, text, whole
 from romsindy.physics.term import (
     MOST_COORDINATES,
     MOST_ORDER,
@@ -29,7 +31,6 @@ from romsindy.physics.term import (
 )
 
 _NAMES = (*(law.key for law in DAMPING.values()), "omega^2", "beta_1", "beta_2")
-_NOT_FINITE = {"Infinity": math.inf, "-Infinity": -math.inf, "NaN": math.nan}
 
 
 def term_from_key(key: str) -> Term:
@@ -70,7 +71,10 @@ def read_json(text: str) -> Any:
     except RecursionError as error:
         raise ValueError("the text nests brackets deeper than any model") from error
     except json.JSONDecodeError as error:
-        raise ValueError(f"the text is no JSON, or only the beginning of one ({error})") from error
+        raise ValueError(
+            "the text is no JSON, or only the beginning of one (it cannot be read from line"
+            f" {error.lineno}, column {error.colno} on): mend it there, or write the file again"
+        ) from error
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -86,11 +90,14 @@ def _small(term: Term) -> Term:
     """The term, unless no model has an order, or so many coordinates, as this one."""
     order, coordinates = term.dimension[0], getattr(term, "n_coordinates", 1)
     if not abs(order) <= MOST_ORDER:
-        raise ValueError(f"{term.key!r:.60} is of order {order:.6g}, beyond {MOST_ORDER}")
+        raise ValueError(
+            f"{term.key!r:.60} is of order {order:.6g}, beyond {MOST_ORDER}, the most that a model"
+            " may have: leave it out, or correct its order"
+        )
     if coordinates > MOST_COORDINATES:
         raise ValueError(
-            f"a term is of {coordinates} coordinates, and {MOST_COORDINATES} are the most that a"
-            " model may have"
+            f"{term.key!r:.60} is of {coordinates} coordinates, and {MOST_COORDINATES} are the most"
+            " that a model may have: leave it out"
         )
     return term
 
@@ -115,35 +122,47 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def term_of(content: Mapping[str, Any]) -> Term:
+def term_of(name: str, value: Any) -> Term:
     """The law that `content_of` describes; a name and a value beside it do not matter.
+
+    Parameters
+    ----------
+    name : str
+        Where it stands, as messages tell it.
+    value : mapping
 
     Raises
     ------
     ValueError
         If its type is not known or has other fields; a law of your own must be imported first.
     """
-    values = {k: _value(v) for k, v in content.items() if k not in ("type", "name", "value")}
-    kind = Term.kinds.get(content.get("type", ""))
-    if kind is None:
+    content = table(name, value, ("type",))
+    kind = Term.kinds.get(text(f"{name}.type", content["type"]))
+    if kind is None or isabstract(kind):
+        known = sorted(key for key, law in Term.kinds.items() if not isabstract(law))
         raise ValueError(
-            f"type = {content.get('type')!r} is no law that is known here: import the module that"
-            f" defines it first; known are {sorted(Term.kinds)}"
+            f"{name}.type = {content['type']!r:.60} is no law that is known here: import the module"
+            f" that defines it first; known are {', '.join(known)}"
         )
-    try:
-        return _small(kind(**values))
-    except TypeError as error:
-        names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
-        if {*values} == {*names}:
-            raise ValueError(f"a {content['type']} cannot have {values}: give numbers") from error
-        raise ValueError(
-            f"a {content['type']} has the fields {names}, not {list(values)}"
-        ) from error
+    own = {k: v for k, v in content.items() if k not in ("type", "name", "value")}
+    ours = kind.__module__.startswith("romsindy.")
+    return _small(made(kind, name, own, _FIELDS if ours else _FOREIGN))
 
 
-def _value(value: Any) -> Any:
+def _any(name: str, value: Any) -> Any:
+    """A field of a law from elsewhere, whatever it states."""
     if isinstance(value, dict):
-        return term_of(value)
-    if isinstance(value, str):
-        return _NOT_FINITE.get(value, value)
-    return tuple(_value(v) for v in value) if isinstance(value, list) else value
+        return term_of(name, value)
+    return several(_any)(name, value) if isinstance(value, list) else value
+
+
+# How fields of laws are read, beside those that any dataclass may have.
+_FIELDS = {
+    "float": finite,
+    "tuple[float, ...]": several(finite),
+    "Powers": several(whole),
+    "Interpolation": text,
+    "Term": term_of,
+    "tuple[Term, ...]": several(term_of),
+}
+_FOREIGN = {**_FIELDS, "float": number, "": _any}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -45,7 +46,7 @@ class Stiffness(ForceLaw):
     odd: bool = False
 
     def __post_init__(self) -> None:
-        if isinstance(self.degree, bool) or not self.degree >= 1:
+        if isinstance(self.degree, bool) or not 1 <= self.degree < math.inf:
             raise ValueError(f"degree = {self.degree!r} must be a number of at least 1")
         if self.degree == int(self.degree):
             object.__setattr__(self, "degree", int(self.degree))

@@ -189,7 +189,9 @@ def law_called(key: str) -> Term | None:
     """
     numbers = re.findall(r"q(\d+)", key)
     if any(len(n) > 4 or int(n) > MOST_COORDINATES for n in numbers):
-        raise ValueError(f"{key!r:.60} is beyond q{MOST_COORDINATES}, the last of a model")
+        raise ValueError(
+            f"{key!r:.60} is beyond q{MOST_COORDINATES}, the last of a model: leave it out"
+        )
     found = (kind.from_key(key) for kind in list(Term.kinds.values()))
     return next((term for term in found if term is not None), None)
 

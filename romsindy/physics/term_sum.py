@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Mapping, Sized
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from numbers import Real
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from romsindy.physics.entries import finite, items, optional_text, several, table
 from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
 from romsindy.physics.term import MOST_TERMS, Term
 
@@ -41,7 +43,7 @@ class TermSum:
         refuse_many(self.terms)
         if not isinstance(self.unit, str | None):
             raise ValueError(f"unit = {self.unit!r:.60} must be a text such as 'm', or none")
-        if any(isinstance(v, str | bytes | bool | np.bool_) for v in self.values):
+        if any(not isinstance(v, Real | np.ndarray) or isinstance(v, bool) for v in self.values):
             given = dict(zip((t.key for t in self.terms), self.values, strict=False))
             raise ValueError(f"coefficients must be numbers, got {given}")
         values = tuple(float(v) for v in self.values)
@@ -52,7 +54,9 @@ class TermSum:
             raise ValueError(f"terms appear twice: {[t.key for t in self.terms]}")
         bad = {term.key: value for term, value in self._pairs if not np.isfinite(value)}
         if bad:
-            raise ValueError(f"coefficients must be finite, got {bad}")
+            raise ValueError(
+                f"coefficients must be finite, got {bad}: correct them, or leave their terms out"
+            )
 
     @classmethod
     def from_coefficients(
@@ -121,31 +125,36 @@ class TermSum:
                 'the JSON text holds no model: expected {"terms": [...], ...} or'
                 ' {"coefficients": {...}, ...}'
             )
-        unit, limits = content.get("unit"), content.get("amplitude_range")
-        try:
-            reach = _reach(limits) if limits else None
-            if "coefficients" in content:
-                return cls.from_coefficients(content["coefficients"], unit, reach)
-            terms = content["terms"]
-            refuse_many(terms)
-            return cls(tuple(map(term_of, terms)), tuple(c["value"] for c in terms), unit, reach)
-        except (AttributeError, LookupError, TypeError) as error:
-            raise ValueError(
-                f"the JSON text holds a model that is not complete ({error!r}): every term has a"
-                " type, its fields and a value, every coefficient a number, amplitude_range two"
-            ) from error
+        unit, reach = optional_text("unit", content.get("unit")), _reach(content)
+        if "coefficients" in content:
+            named = table("coefficients", content["coefficients"])
+            return cls.from_coefficients({k: finite(k, v) for k, v in named.items()}, unit, reach)
+        listed = items("terms", content["terms"])
+        refuse_many(listed)
+        terms = several(term_of)("terms", listed)
+        values = [table(f"terms[{i}]", t, ("value",))["value"] for i, t in enumerate(listed)]
+        return cls(
+            terms, tuple(finite(f"terms[{i}].value", v) for i, v in enumerate(values)), unit, reach
+        )
 
 
 def refuse_many(terms: Sized) -> None:
     """Refuse more terms than a model may have."""
     if len(terms) > MOST_TERMS:
-        raise ValueError(f"a model may have {MOST_TERMS} terms, and this one has {len(terms)}")
+        raise ValueError(
+            f"a model may have {MOST_TERMS} terms, and this one has {len(terms)}: leave some out"
+        )
 
 
-def _reach(limits: Sequence[float]) -> tuple[float, float]:
-    numbers = len(limits) == 2 and not any(isinstance(x, str | bool) for x in limits)
-    if not numbers or not 0 <= limits[0] <= limits[1] < np.inf:
-        raise TypeError(f"amplitude_range = {limits!r:.60}")
+def _reach(content: Mapping[str, Any]) -> tuple[float, float] | None:
+    if content.get("amplitude_range") is None:
+        return None
+    limits = several(finite)("amplitude_range", content["amplitude_range"])
+    if len(limits) != 2 or not 0 <= limits[0] <= limits[1]:
+        raise ValueError(
+            f"amplitude_range = {list(limits)!r:.60} must be null or two numbers, [least, largest],"
+            " of at least 0"
+        )
     return float(limits[0]), float(limits[1])
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Iterable, Sequence
 
 
 def require_finite(name: str, *values: float) -> None:
@@ -10,6 +12,15 @@ def require_finite(name: str, *values: float) -> None:
     for value in values:
         if not math.isfinite(value):
             raise ValueError(f"{name} must be a finite number, got {value}")
+
+
+def refuse_unknown(where: str, names: Iterable[str], known: Sequence[str]) -> None:
+    """Raise ValueError for a name that is not known; the message says which one is nearest."""
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else "leave it out."
+            raise ValueError(f"{where} takes no {name!r:.60}: {hint} It takes {', '.join(known)}")
 
 
 def unit_vector(direction: tuple[float, float]) -> tuple[float, float]:

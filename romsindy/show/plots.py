@@ -298,6 +298,11 @@ def plot_forced_response(
     color : str
         Of the curve, or of that of the first coordinate: the others are "C1", "C2", ...
     """
+    if not isinstance(response, ForcedResponse | ForcedBand):
+        raise ValueError(
+            f"response is a {type(response).__name__}: give one ForcedResponse or ForcedBand, and"
+            " draw others into the same axes, ax=..."
+        )
     ax = _orbit_axes(response, ax)
     if isinstance(response, ForcedBand):
         ax.set_ylabel(with_unit("amplitude of the first harmonic", response.unit))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 from romsindy.beam import CLAMPED, FREE, PINNED, Beam, Section, Sensor, SensorArray, Support
 from romsindy.beam.spring import Spring
 from romsindy.effects import PointMass
+from romsindy.physics import entries
+from romsindy.physics.validation import refuse_unknown
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -19,6 +21,8 @@ else:
 
 T = TypeVar("T")
 
+_ANY_BEAM = ("length", "elements", "alpha", "eta", "gravity")
+_OTHER_BEAMS = ("left", "right", "masses", "springs")
 _SUPPORTS = {"clamped": CLAMPED, "pinned": PINNED, "free": FREE}
 _SECTIONS: dict[str, Callable[..., Section]] = {"rectangle": Section.rectangle, "section": Section}
 
@@ -47,61 +51,96 @@ def load_beam(path: str | Path) -> tuple[Beam, SensorArray, list[str]]:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path} is no TOML: {error}") from error
     try:
-        beam = _beam(content.get("beam", {}))
-        sensors, columns = _sensors(content.get("sensors", {}))
+        refuse_unknown("a file of a beam", content, ("beam", "sensors"))
+        beam = _beam(entries.table("[beam]", content.get("beam", {})))
+        sensors, columns = _sensors(entries.table("[sensors]", content.get("sensors", {})))
         return beam, beam.sensors(sensors), columns
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _beam(values: Mapping[str, Any]) -> Beam:
+def _beam(values: dict[str, Any]) -> Beam:
     sections = [name for name in _SECTIONS if name in values]
     if not sections:
+        for name in (n for n in values if n in _OTHER_BEAMS):
+            raise ValueError(
+                f"[beam] {name} is of a beam with [beam.rectangle] or [beam.section]: add one of"
+                f" these, or leave {name} out"
+            )
         return _made(Beam.cantilever, values, "[beam]")
     if len(sections) > 1:
         raise ValueError("[beam.rectangle] and [beam.section] are two sections: give one")
+    refuse_unknown("[beam]", values, (*_ANY_BEAM, *_OTHER_BEAMS, *_SECTIONS))
     own = dict(values)
     table = own.pop(sections[0])
     own["section"] = _made(_SECTIONS[sections[0]], table, f"[beam.{sections[0]}]")
-    masses = [_made(PointMass, m, "[[beam.masses]]") for m in own.pop("masses", ())]
-    springs = [_made(Spring, m, "[[beam.springs]]") for m in own.pop("springs", ())]
-    own["effects"] = (*masses, *springs)
-    gravity = own.pop("gravity", 9.81)
+    laws = {"masses": PointMass, "springs": Spring}
+    own["effects"] = tuple(
+        _made(law, value, f"[[beam.{name}]]")
+        for name, law in laws.items()
+        for value in entries.items(f"[[beam.{name}]]", own.pop(name, []))
+    )
+    gravity = own.get("gravity", 9.81)
     own |= {end: _support(own[end], end) for end in ("left", "right") if end in own}
-    own["gravity"] = (0.0, -gravity) if isinstance(gravity, float | int) else gravity
+    if not isinstance(gravity, list):
+        own["gravity"] = (0.0, -entries.finite("[beam] gravity", gravity))
     return _made(Beam, own, "[beam]")
 
 
 def _support(value: object, end: str) -> Support:
     if isinstance(value, str) and value in _SUPPORTS:
         return _SUPPORTS[value]
-    if isinstance(value, float | int):
+    if isinstance(value, float | int) and not isinstance(value, bool):
         return Support.elastic(float(value))
     raise ValueError(
         f"[beam] {end} = {value!r}: give one of {list(_SUPPORTS)}, or a stiffness in N m/rad"
     )
 
 
-def _sensors(table: Mapping[str, Any]) -> tuple[list[Sensor], list[str]]:
-    places, columns = table.get("positions", []), table.get("columns", [])
+def _sensors(values: dict[str, Any]) -> tuple[list[Sensor], list[str]]:
+    refuse_unknown("[sensors]", values, ("positions", "columns"))
+    places, columns = values.get("positions", []), values.get("columns", [])
     lists = isinstance(places, list) and isinstance(columns, list)
     if not lists or not places or len(columns) != len(places):
         raise ValueError(
             f"[sensors] has positions = {places} and columns = {columns}: give positions = [...],"
             " in m, and as many columns = [...], names in the measured files"
         )
-    return [_made(Sensor, {"at": x}, "[sensors] positions") for x in places], columns
+    names = entries.several(entries.text)("[sensors] columns", columns)
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                f"[sensors] columns has {name!r} twice: give every position a column of its own"
+            )
+    at = entries.several(entries.finite)("[sensors] positions", places)
+    return [Sensor(x) for x in at], list(names)
 
 
-def _made(make: Callable[..., T], values: Mapping[str, Any], table: str) -> T:
+def _made(make: Callable[..., T], value: Any, table: str) -> T:
     """Call a constructor with the values of a table; lists stand for tuples."""
-    signature = inspect.signature(make)
-    plain = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-    try:
-        signature.bind(**plain)
-        for key, value in plain.items():
-            if isinstance(value, str):
-                raise ValueError(f"{table} {key} = {value!r} must be a number, in SI units")
-        return make(**plain)
-    except TypeError as error:  # an argument that is unknown, missing or of another kind
-        raise ValueError(f"{table} takes {list(signature.parameters)}: {error}") from error
+    parameters = inspect.signature(make).parameters
+    needed = [name for name, p in parameters.items() if p.default is p.empty]
+    refuse_unknown(table, entries.table(table, value), list(parameters))
+    values = entries.table(table, value, needed)
+    read = {n: _READERS.get(str(parameters[n].annotation), _as_it_is) for n in values}
+    return make(**{name: read[name](f"{table} {name}", v) for name, v in values.items()})
+
+
+def _pair(name: str, value: Any) -> Any:
+    if isinstance(value, tuple):
+        return value
+    pair = entries.several(entries.finite)(name, value)
+    if len(pair) != 2:
+        raise ValueError(f"{name} = {list(pair)!r:.60} must be two numbers, along and across")
+    return pair
+
+
+def _as_it_is(_: str, value: Any) -> Any:
+    """What was made before."""
+    return value
+
+
+_READERS: dict[str, entries.Reader] = {
+    **dict.fromkeys(("float", "int", "float | None"), entries.finite),
+    "tuple[float, float]": _pair,
+}

@@ -17,6 +17,7 @@ from romsindy.fit.functions.structures import Structure
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.orbits.curves import require_mode
+from romsindy.physics.entries import array, finite, several, whole
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
@@ -334,20 +335,43 @@ class Identification(Estimate):
         )
         if missing:
             raise ValueError(
-                f"the JSON text holds no {', '.join(sorted(missing))}: read it with"
-                " Estimate.from_json"
+                f"the JSON text holds no {', '.join(sorted(missing))}: write it again with identify"
+                " --save (in Python, what Fit.save wrote is read by Estimate.load)"
             )
-        structures = tuple(map(Structure.from_content, content["structures"]))
-        least, largest = content["reach"]
+        structures = several(Structure.from_content)("structures", content["structures"])
+        chosen = whole("structure", content["structure"])
+        if not 0 <= chosen < len(structures):
+            raise ValueError(
+                f"structure = {chosen} is none of the {len(structures)} structures: give the number"
+                " of one, from 0 on"
+            )
+        terms = several(term_of)("richest", content["richest"])
         return cls(
             **vars(base),
             structures=structures,
-            structure=structures[content["structure"]],
-            terms=tuple(map(term_of, content["richest"])),
-            samples=np.array(content["samples"], float),
-            widest=np.array(content["widest"], float),
-            reach=(float(least), float(largest)),
+            structure=structures[chosen],
+            terms=terms,
+            samples=_draws("samples", content["samples"], len(terms)),
+            widest=_draws("widest", content["widest"], len(terms)),
+            reach=_reach(content["reach"]),
         )
+
+
+def _draws(name: str, value: Any, n_terms: int) -> Array:
+    draws = array(name, value)
+    if draws.ndim != 2 or draws.shape[1] != n_terms or not np.all(np.isfinite(draws)):
+        raise ValueError(
+            f"{name} has the shape {draws.shape}: give rows of {n_terms} finite numbers, one for"
+            " each term of richest"
+        )
+    return draws
+
+
+def _reach(value: Any) -> tuple[float, float]:
+    ends = several(finite)("reach", value)
+    if len(ends) != 2 or not ends[0] < 0 < ends[1]:
+        raise ValueError(f"reach = {list(ends)!r:.60} must be two numbers, below and above 0")
+    return float(ends[0]), float(ends[1])
 
 
 def _secant_of(size: float) -> Callable[[ReducedModel, Array], Array]:

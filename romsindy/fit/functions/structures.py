@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from romsindy.fit.functions.series import Series, Sizes
 from romsindy.fit.verdict import EQUIVALENT
+from romsindy.physics.entries import made, several, whole
 
 # So many polynomials resolve features down to a tenth of the range; the prior decides how many
 # count. The inertia is smoother than the stiffness, of which it is a sum of squared slopes.
@@ -33,11 +34,9 @@ class Structure:
     log_evidence: float = 0.0
 
     @classmethod
-    def from_content(cls, content: Mapping[str, Any]) -> Structure:
-        """Read what `dataclasses.asdict` wrote, also after JSON."""
-        return cls(
-            Sizes(*content["sizes"]), tuple(content["forces"]), float(content["log_evidence"])
-        )
+    def from_content(cls, name: str, value: Any) -> Structure:
+        """Read what `dataclasses.asdict` wrote, after JSON, from where messages say it stands."""
+        return made(cls, name, value, {"Sizes": _sizes})
 
     @property
     def name(self) -> str:
@@ -58,6 +57,13 @@ class Structure:
 
     def __str__(self) -> str:
         return f"{self.name}, {self.damping}"
+
+
+def _sizes(name: str, value: Any) -> Sizes:
+    sizes = several(whole)(name, value)
+    if len(sizes) != 3 or min(sizes) < 0:
+        raise ValueError(f"{name} = {list(sizes)!r:.60} must be three numbers of at least 0")
+    return Sizes(*sizes)
 
 
 def simpler(series: Series) -> list[Series]:

@@ -258,7 +258,9 @@ def fit_steady(
 
 def _positive(force: float) -> float:
     if np.ndim(force) or not 0 < force < np.inf:
-        raise ValueError(f"force = {force!r} must be positive: the amplitude of the excitation")
+        raise ValueError(
+            f"force = {force!r} must be a finite positive number: the amplitude of the excitation"
+        )
     return float(force)
 
 
