@@ -213,6 +213,8 @@ def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
         return False
     if tolerance.source != DEFAULT and as_it_was.within(tolerance):
         return True
+    if any(d.exceeds(tolerance) for d in as_it_was.differences_before):
+        return False  # of what takes no part, if not of the others
     left = search.remainder(slack)
     return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
 
