@@ -167,6 +167,23 @@ def test_second_harmonic_of_an_asymmetric_spring_is_no_mode(k2, derivative):
     assert len(found) == 1 and resonances(found) == ()
 
 
+@pytest.mark.parametrize("polluted", [0.0, 0.02])
+def test_harmonic_of_a_fundamental_that_sweeps_is_told_by_its_phase(polluted):
+    """60 to 40 Hz; its amplitude grows first and falls with the square later, as where springs
+    harden much. A tone that crosses it takes part of its phase."""
+    a = np.exp(-0.8 * T)
+    phase = 2 * np.pi * (40 * T + 20 * (1 - a**2) / 1.6)
+    size = 0.02 * a**2 / (a**3 + 0.03)
+    main = a * np.cos(phase) + noise(1e-4) + tone(103.0, 0.004, polluted)[0]
+    harmonic = size * np.cos(2 * phase + 0.2)
+    found = find_vibrations(main + harmonic, 1 / RATE)
+    (own,) = [v for v in found if v.mean_frequency < 60]
+    assert 2 in [n for n, _ in own.harmonics] and resonances([own]) == ()
+    assert all(v is own or 100 < v.mean_frequency < 106 for v in found)
+    other = find_vibrations(main + size * np.cos(2 * np.pi * 81.0 * T), 1 / RATE)
+    assert any(abs(v.mean_frequency / 81.0 - 1) < 0.01 for v in other)
+
+
 def test_mode_that_decays_by_itself_is_no_harmonic():
     """0.4 % off 2:1: over a decay their phases part; and at 2:1, where it decays faster."""
     for f, zeta in ((80.32, 0.0022), (80.0, 0.0085)):

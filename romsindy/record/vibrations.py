@@ -30,9 +30,13 @@ _FLEETING = 4.0
 # A harmonic follows n times the phase: within so many radians in the rms, n times the lesser at
 # most, and so much of its frequency, over so many cycles at least. Its amplitude follows a power of
 # the fundamental's, n to n + 2 where both are small, 1 where a stop or friction makes it. Over
-# fewer cycles nothing but the ratio can tell, and roughly.
+# fewer cycles nothing but the ratio can tell, and roughly. Where the spring hardens much, a
+# harmonic may grow as the fundamental falls; then the sweep tells: a mode keeps near its own
+# frequency, so that which follows by more than this (rms, relative), for so much of its energy, is
+# a harmonic, whatever its amplitude does.
 _HARMONICS, _HARMONIC_NEAR, _LOCKED, _TURNED, _LEAST_POWER = 12, 0.03, 0.7, 0.12, 0.5
 _CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 40
+_SWEPT, _MOSTLY = 0.05, 0.8
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
 _RESONANT = 0.01
@@ -329,13 +333,23 @@ def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
         return 0
     cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
     turned = phase - order * base
-    turned = turned - weight @ turned
-    near = float(weight @ turned**2) < min(_LOCKED, _TURNED * order) ** 2
+    turned, limit = turned - weight @ turned, min(_LOCKED, _TURNED * order)
+    near = float(weight @ turned**2) < limit**2
     goes_with_it = _LEAST_POWER < _power(weight, main, size) < order + 2
     locked = off < _HARMONIC_NEAR and near and goes_with_it
+    locked = locked or (weaker and _follows(weight, slow, turned, limit))
     if cycles < _CYCLES:  # too few to tell
         locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
     return order if locked else 0
+
+
+def _follows(weight: Array, slow: Array, turned: Array, limit: float) -> bool:
+    """Whether phases stay together, for most of the energy, while the fundamental sweeps."""
+    mean = float(weight @ slow)
+    swept = float(weight @ (slow / mean - 1) ** 2) > _SWEPT**2
+    turn = np.exp(1j * turned)
+    near = np.abs(np.angle(turn / (weight @ turn))) < limit  # a phase may slip by whole turns
+    return swept and float(weight @ near) > _MOSTLY
 
 
 def _power(weight: Array, main: Array, size: Array) -> float:
