@@ -247,7 +247,7 @@ def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:
         str(mode.number),
         _span(*mode.frequency, 5),
         "-" if mode.steady else _span(100 * loud, 100 * quiet, 2),
-        " to ".join(quantity(a, _unit(found)) for a in mode.amplitude),
+        " to ".join(dict.fromkeys(quantity(a, _unit(found)) for a in mode.amplitude)),
         f"{100 * mode.share:.3g}",
         ", ".join(map(str, mode.harmonics)) or "-",
         "; ".join(words),
@@ -255,7 +255,7 @@ def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:
 
 
 def _span(loud: float, quiet: float, digits: int) -> str:
-    ends = [f"{x:#.{digits}g}".rstrip(".") for x in (loud, quiet)]
+    ends = ["?" if np.isnan(x) else f"{x:#.{digits}g}".rstrip(".") for x in (loud, quiet)]
     return " to ".join(dict.fromkeys(ends))
 
 
