@@ -9,6 +9,7 @@ from operator import attrgetter
 import numpy as np
 
 from romsindy.record.vibrations import Stretch, Vibration
+from romsindy.text import span
 
 # Frequencies of one mode in two releases overlap when each range is widened by this part.
 _SAME = 0.03
@@ -81,6 +82,11 @@ class Mode:
     def frequency(self) -> tuple[float, float]:
         """Hz at these amplitudes."""
         return self._at_ends("frequency")
+
+    @property
+    def hertz(self) -> str:
+        """The same in words: "77.57 to 44.74"."""
+        return span(*self.frequency, 5)
 
     @property
     def damping_ratio(self) -> tuple[float, float]:
