@@ -119,6 +119,17 @@ def quantity(value: float, unit: str) -> str:
     return f"{value / 1000.0**step:.3g} {_PREFIXES[step]}{unit}"
 
 
+def span(first: float, last: float, digits: int) -> str:
+    """Two numbers as "0.35 to 0.40", or one where they are alike; "?" for NaN."""
+    ends = ["?" if math.isnan(x) else f"{x:#.{digits}g}".rstrip(".") for x in (first, last)]
+    return " to ".join(dict.fromkeys(ends))
+
+
+def counted(count: int, one: str, many: str) -> str:
+    """A number of things: "1 sample is", "2 samples are"."""
+    return f"{count} {one if count == 1 else many}"
+
+
 def listed(words: Sequence[object], conjunction: str = "and") -> str:
     """Words as in a sentence: "1, 2 and 3"."""
     *most, last = map(str, words)

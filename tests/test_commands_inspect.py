@@ -61,7 +61,7 @@ def test_inspect_says_what_is_in_the_file_and_what_comes_next(run, record, tmp_p
     releases = re.findall(r"^ +([12]) +[\d.]+ +[\d.]+ +\d+ ", result.output, re.M)
     assert releases == ["1", "2"]
     assert re.search(r"^ +2 +23\.[67]", result.output, re.M)
-    assert "releases 1 and 2. Left out: mode 2 at 23.7" in result.output
+    assert re.search(r"releases 1 and 2\. Left out: mode 2 at 23\.[67]", result.output)
     commands = re.findall(r"^  (romsindy identify .*)$", result.output, re.M)
     base = "romsindy identify test.csv --end 23"
     assert commands == [base, f"{base} --mode 2", f"{base} --release 1"]
@@ -89,7 +89,7 @@ def test_the_command_that_comes_next_works(run, record, tmp_path):
     result = run(*shlex.split(command)[1:], "--full", "--json", "found.json")
     assert result.exit_code == 0, result.output
     assert result.output.startswith("Used: mode 1 at 5.")
-    assert "releases 1 and 2. Left out: mode 2 at 23.7" in result.output
+    assert re.search(r"releases 1 and 2\. Left out: mode 2 at 23\.[67]", result.output)
     assert result.output.count("<Decay:") == 2
     ((found),) = json.loads((tmp_path / "found.json").read_text())
     assert found["mode"] == 1 and found["releases"] == [1, 2] and found["explained"] is True
@@ -99,7 +99,7 @@ def test_the_command_that_comes_next_works(run, record, tmp_path):
     linear = found["linear"]
     assert abs(linear["damping_ratio"] - 0.3 / (2 * np.pi * 5)) < 4 * linear["damping_ratio_std"]
     page = (tmp_path / "test_report.html").read_text(encoding="utf-8")
-    assert "The record" in page and "mode 2 at 23.7" in page
+    assert "The record" in page and re.search(r"mode 2 at 23\.[67]", page)
 
 
 def test_one_mode_and_one_release_by_choice(run, record, tmp_path):

@@ -146,8 +146,8 @@ def test_no_step_is_done_twice():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (dict(q=np.where(T == T[7], np.nan, Q)), r"q has 1 values that are NaN, .* sample 7: cut"),
-        (dict(t=np.where(T == T[7], np.inf, T)), "t has 1 values that are NaN, infinite"),
+        (dict(q=np.where(T == T[7], np.nan, Q)), r"q has 1 value that is NaN, .* sample 7: cut"),
+        (dict(t=np.where(T == T[7], np.inf, T)), "t has 1 value that is NaN, infinite"),
         (dict(t=T[::-1]), r"t must increase, but it decreases at sample 1 \(29.99 -> 29.98 s\)"),
         (dict(t=np.round(T / 2, 2)), r"t must increase, but it repeats at sample"),
         (dict(t=T + (T > 12) * 0.5), r"t has a gap of 0.51 s after 12 s .*: split"),

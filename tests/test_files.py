@@ -154,7 +154,7 @@ def corrupted(line, text):
         (
             corrupted(12, "0.1,nan"),
             {},
-            r"column 'q' has 1 values that are NaN .* row 11 of the data",
+            r"column 'q' has 1 value that is NaN .* row 11 of the data",
         ),
         (corrupted(12, "0.02,0.1"), {}, r"t must increase, but it decreases at sample 10"),
         (corrupted(12, "0.09,0.1"), {}, r"t must increase, but it repeats at sample 10"),
@@ -222,7 +222,7 @@ def test_an_empty_cell_refuses_only_the_column_that_it_is_in(tmp_path):
     assert len(load_decay(path, column="x", start=1.0).t)
     holed = [*rows[:20], f",{cells[1]},{cells[2]}", *rows[21:]]
     path = write(tmp_path / "clock.csv", "\n".join(["t,x [m],temp [C]", *holed]))
-    with pytest.raises(ValueError, match=r"the time has 1 values .* row 21"):
+    with pytest.raises(ValueError, match=r"the time has 1 value .* row 21"):
         load_decay(path, column="x")
     np.testing.assert_allclose(load_decay(path, column="x", rate=1 / T[1]).q, Q, atol=1e-9)
 

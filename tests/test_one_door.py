@@ -130,7 +130,7 @@ def test_what_identify_mends_is_mended(tmp_path):
     first = round(found.t[0] * RATE)
     off = found.q - x[first:][: len(found.q)]
     assert np.abs(off).max() < 10 * NOISE and told.count("1 spike of") == 3
-    assert "1 samples are missing: interpolated" in told
+    assert "1 sample is missing: interpolated" in told
 
 
 def test_a_velocity_starts_at_its_release(tmp_path):

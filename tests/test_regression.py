@@ -257,7 +257,7 @@ def test_bad_input_is_named(clean):
         fit([clean.q], [clean.t, clean.t])
     with pytest.raises(ValueError, match=r"x must have shape \(n,\) or \(n, 1..3\)"):
         fit(np.ones((100, 4)), np.arange(100.0))
-    with pytest.raises(ValueError, match="q has 1 values that are NaN"):
+    with pytest.raises(ValueError, match="q has 1 value that is NaN"):
         fit(np.where(clean.t == clean.t[99], np.nan, clean.q), clean.t)
     with pytest.raises(ValueError, match="2 channels: choose one"):
         fit(Decay(clean.t, np.stack([clean.q, clean.q], 1)))

@@ -37,6 +37,14 @@ def test_an_equation_of_few_terms_is_its_own_short_one():
         assert short.bands[name] == pytest.approx(ends, abs=0.2 * np.ptp(ends))
 
 
+def test_amplitudes_without_motion_take_no_part():
+    """K(q) = 0 at q = sqrt(40 / 300) = 0.365: nothing swings beyond."""
+    some = {"omega^2": 40.0, "gamma_3": -300.0, "c_linear": 0.1}
+    short = shortened(model(some), shaken(some), REACH, {})
+    assert short.follows and set(short.model.coefficients) == set(some)
+    assert 0.3 < short.amplitude < np.sqrt(40 / 300)
+
+
 def test_coefficients_that_go_together_are_not_dropped_one_by_one():
     """+-1e5 q^5 and q^7 cancel on the range: what is left is a spring with a cube."""
     many = FEW | {"gamma_5": 400.0, "gamma_7": -2000.0, "gamma_9": 1000.0}

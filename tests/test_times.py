@@ -74,14 +74,14 @@ def test_masked_samples_are_missing():
         lambda: rs.ForcedVibration(t, masked, _SAMPLES),
         lambda: rs.ForcedVibration(t, _SAMPLES, masked),
     ):
-        with pytest.raises(ValueError, match=r"1 values that are NaN, infinite or masked.*7: cut"):
+        with pytest.raises(ValueError, match=r"1 value that is NaN, infinite or masked.*7: cut"):
             make()
     for record in (
         rs.Recording(t, masked),
         rs.load_recording({"data": masked, "time": t, "name": "q", "unit_str": "m"}),
     ):
         assert np.flatnonzero(np.isnan(record.x)).tolist() == [7]
-    with pytest.raises(ValueError, match="t has 1 values that are NaN, infinite or masked"):
+    with pytest.raises(ValueError, match="t has 1 value that is NaN, infinite or masked"):
         rs.Decay(np.ma.array(t, mask=np.arange(_N) == 7), _SAMPLES)
     unmasked = rs.Decay(np.ma.array(t), np.ma.array(_SAMPLES))
     np.testing.assert_array_equal(unmasked.q, _SAMPLES)

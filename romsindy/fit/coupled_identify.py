@@ -209,7 +209,7 @@ def _identified(
     progress.say(f"coordinates at {names_of(ringing)}")
     records = coupled_records(decays, frequency, NUMERICS)
     # As the quietest third of each shows them.
-    zeta = np.nan_to_num([v.damping_ratio[1] for v in ringing])
+    zeta = np.nan_to_num([v.small_damping_ratio for v in ringing])
     model = _linear(2 * np.pi * frequency, zeta, decays[0].unit)
     start = Stage(model, free_shapes(records))
     return of_plainest_kind(start, records, KINDS, progress)

@@ -182,7 +182,7 @@ def _pass(found: Fitted) -> None:
 
 def _beside(model: ReducedModel, other: Vibration) -> CoupledModel:
     """The model along q1, and beside it the frequency and damping of another vibration."""
-    omega, zeta = 2 * np.pi * other.small_frequency, other.damping_ratio[1]
+    omega, zeta = 2 * np.pi * other.small_frequency, other.small_damping_ratio
     values = dict.fromkeys(linear_terms(2), 0.0)
     pairs = zip(model.terms, model.values, strict=True)
     values.update({Along.coordinate(term, 1): value for term, value in pairs})

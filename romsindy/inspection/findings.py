@@ -124,7 +124,7 @@ class Findings:
     def _not_free(self) -> list[str]:
         """Modes that end without decaying: no free vibration does."""
         return [
-            f"mode {m.number} ({m.mean_frequency:.5g} Hz) does not decay at the end of release"
+            f"mode {m.number} ({m.hertz} Hz) does not decay at the end of release"
             f" {i + 1}: if something drives it, it is no free decay; cut the record with start= and"
             " end="
             for m in self.modes

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
-from romsindy.record.vibrations import Vibration
-from romsindy.typing import Array
+from romsindy.record.vibrations import Stretch, Vibration
+from romsindy.text import span
 
 # Frequencies of one mode in two releases overlap when each range is widened by this part.
 _SAME = 0.03
@@ -67,27 +68,34 @@ class Mode:
         return tuple(sorted({n for v in self.rings for n, _ in v.harmonics}))
 
     @property
-    def loudest(self) -> Vibration:
-        """Its vibration in the release with the largest amplitude."""
-        return max(self.rings, key=lambda v: float(v.displacement.max()))
+    def ends(self) -> tuple[Stretch, Stretch]:
+        """Where its displacement is largest, and least, of all releases."""
+        loud = max((v.loud for v in self.rings), key=attrgetter("amplitude"))
+        return loud, min((v.quiet for v in self.rings), key=attrgetter("amplitude"))
 
     @property
     def amplitude(self) -> tuple[float, float]:
         """Largest and least amplitude of the displacement that was followed, unit of q."""
-        sizes = np.concatenate([v.displacement for v in self.rings])
-        return float(sizes.max()), float(sizes.min())
+        return self._at_ends("amplitude")
 
     @property
     def frequency(self) -> tuple[float, float]:
-        """Hz at the largest and at the least amplitude."""
-        sizes = np.concatenate([v.displacement for v in self.rings])
-        all_of_them: Array = np.concatenate([v.frequency for v in self.rings])
-        return float(all_of_them[np.argmax(sizes)]), float(all_of_them[np.argmin(sizes)])
+        """Hz at these amplitudes."""
+        return self._at_ends("frequency")
+
+    @property
+    def hertz(self) -> str:
+        """The same in words: "77.57 to 44.74"."""
+        return span(*self.frequency, 5)
 
     @property
     def damping_ratio(self) -> tuple[float, float]:
-        """Of the loudest and of the quietest part of the decay with the largest amplitude."""
-        return self.loudest.damping_ratio
+        """Damping ratio at these amplitudes; NaN where it is lost in scatter."""
+        return self._at_ends("damping_ratio")
+
+    def _at_ends(self, name: str) -> tuple[float, float]:
+        loud, quiet = (float(getattr(end, name)) for end in self.ends)
+        return loud, quiet
 
 
 def modes_of(releases: Sequence[Sequence[Vibration]]) -> tuple[Mode, ...]:

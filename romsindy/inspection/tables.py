@@ -10,7 +10,7 @@ import numpy as np
 
 from romsindy.inspection.findings import Findings
 from romsindy.inspection.modes import Mode
-from romsindy.text import TextTable, aligned, as_options, listed, quantity
+from romsindy.text import TextTable, aligned, as_options, listed, quantity, span
 
 # Rows that are printed where not all are asked for.
 _SHORT_RELEASES, _SHORT_MODES, _SHORT_WRONG, _SHORT_STEPS = 2, 3, 2, 3
@@ -50,7 +50,7 @@ def short(found: Findings, command: str = "") -> str:
             *(table.rows[m.number] for m in sorted(shown, key=lambda m: m.number)),
         ]
         lines += [table.title, *_first(rows, _SHORT_MODES)]
-        lines += [f"  {table.note.split('. ')[0].rstrip('.')}."] if table.note else []
+        lines += [f"  {words}" for words in _near(found, shown)[:1]]
     wrong = found.warnings
     lines += [f"Wrong: {words}." for words in wrong[:_SHORT_WRONG]]
     hidden = {
@@ -87,11 +87,6 @@ def _about(found: Findings) -> tuple[str, str]:
 def tables(found: Findings) -> list[TextTable]:
     """What is in the record: those tables that are not empty."""
     steady = "steady: mains or a motor, no mode"
-    near = " ".join(
-        f"Mode {high.number} is {r.ratio:.4g} times mode {low.number} at an amplitude of"
-        f" {quantity(r.amplitude, _unit(found))}: near {r.p}:{r.q}."
-        for low, high, r in found.resonances
-    )
     channels = ["channel", "noise (rms)", "signal over noise [dB]", ""]
     releases = ["release", "from [s]", "to [s]", "cycles", "largest", "begins", "ends"]
     modes = ["mode", "frequency [Hz]", "damping ratio [%]", "amplitude", "of the energy [%]"]
@@ -107,10 +102,20 @@ def tables(found: Findings) -> list[TextTable]:
         TextTable(
             f"Modes, from loud to quiet, in channel {found.channel}",
             [[*modes, "harmonics", ""], *(_mode(found, m, steady) for m in found.modes)],
-            near,
+            " ".join(_near(found, found.modes)),
         ),
     ]
     return [table for table in all_of_them if len(table.rows) > 1]
+
+
+def _near(found: Findings, shown: Sequence[Mode]) -> list[str]:
+    """Which of some modes come near a ratio of small whole numbers, a sentence each."""
+    return [
+        f"Mode {high.number} is {r.ratio:.4g} times mode {low.number} at an amplitude of"
+        f" {quantity(r.amplitude, _unit(found))}: near {r.p}:{r.q}."
+        for low, high, r in found.resonances
+        if low in shown and high in shown
+    ]
 
 
 def summary(found: Findings) -> str:
@@ -125,7 +130,7 @@ def summary(found: Findings) -> str:
 def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     """Which mode and releases (from 0) are used, and which are left out."""
     names = [str(i + 1) for i in releases]
-    used = f"Used: mode {mode.number} at {mode.mean_frequency:.5g} Hz"
+    used = f"Used: mode {mode.number} at {mode.hertz} Hz"
     if mode is found.mode() and sum(not m.steady for m in found.modes) > 1:
         used += ", which moves most,"
     channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
@@ -134,7 +139,7 @@ def picked(found: Findings, mode: Mode, releases: Sequence[int]) -> str:
     left = sorted(left, key=lambda m: -m.share)
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
     kinds = {False: "mode", True: "steady tone"}
-    out = [f"{kinds[m.steady]} {m.number} at {m.mean_frequency:.5g} Hz" for m in left[:_MOST_LEFT]]
+    out = [f"{kinds[m.steady]} {m.number} at {m.hertz} Hz" for m in left[:_MOST_LEFT]]
     out += [f"{len(left) - _MOST_LEFT} more"] if len(left) > _MOST_LEFT else []
     out += [f"release {listed(rest)}"] if rest else []
     out += [f"channel {name}" for name in found.recording.names if name not in found.together]
@@ -145,7 +150,7 @@ def picked_together(found: Findings, releases: Sequence[int]) -> str:
     """Which releases (from 0) are used with all that rings in them, and which are left out."""
     names = [str(i + 1) for i in releases]
     channels = f"channel{'s' * (len(found.together) > 1)} {listed(found.together)}"
-    rings = listed([f"{m.mean_frequency:.5g} Hz" for m in found.modes if not m.steady])
+    rings = listed([f"{m.hertz} Hz" for m in found.modes if not m.steady])
     release = f"release{'s' * (len(names) > 1)} {listed(names)}"
     used = f"Used: {channels}, {release}, with all that rings: {rings}."
     rest = [str(i + 1) for i in range(len(found.releases)) if i not in releases]
@@ -167,7 +172,8 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     if not ringing:
         return
     main, channels = found.dominant, found.recording.names
-    choices: list[tuple[str, object]] = [("mode", m.number) for m in ringing if m is not main]
+    others = sorted((m for m in ringing if m is not main), key=lambda m: -m.share)
+    choices: list[tuple[str, object]] = [("mode", m.number) for m in others]
     if len(found.rings_in(main)) > 1:
         choices.append(("release", found.rings_in(main)[0] + 1))
     if command:
@@ -177,8 +183,7 @@ def next_steps(found: Findings, command: str = "") -> Iterator[str]:
         yield start
         yield from (f"{start} --{name} {value}" for name, value in choices[:_MOST_STEPS])
         heard = [n.channel for n in found.noise if n.rings]
-        others = [shlex.quote(name) for name in heard if (name,) != used]
-        alone = others if channels[1:] else []
+        alone = [shlex.quote(name) for name in heard if (name,) != used and channels[1:]]
         yield from (f"{command} --column {name}" for name in alone[:_MOST_STEPS])
     else:
         yield "rs.identify(seen.decays())"
@@ -245,18 +250,13 @@ def _mode(found: Findings, mode: Mode, steady: str) -> list[str]:
         words.append(f"in release {listed(rings)} alone")
     return [
         str(mode.number),
-        _span(*mode.frequency, 5),
-        "-" if mode.steady else _span(100 * loud, 100 * quiet, 2),
-        " to ".join(quantity(a, _unit(found)) for a in mode.amplitude),
+        mode.hertz,
+        "-" if mode.steady else span(100 * loud, 100 * quiet, 2),
+        " to ".join(dict.fromkeys(quantity(a, _unit(found)) for a in mode.amplitude)),
         f"{100 * mode.share:.3g}",
         ", ".join(map(str, mode.harmonics)) or "-",
         "; ".join(words),
     ]
-
-
-def _span(loud: float, quiet: float, digits: int) -> str:
-    ends = [f"{x:#.{digits}g}".rstrip(".") for x in (loud, quiet)]
-    return " to ".join(dict.fromkeys(ends))
 
 
 def _unit(found: Findings) -> str:

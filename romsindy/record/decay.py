@@ -19,6 +19,7 @@ from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import as_floats, as_seconds, part_between, uniform_times
 from romsindy.record.signals import downsample, fundamental_frequency, upsample
+from romsindy.text import counted
 from romsindy.typing import Array, Indices
 
 Stage = Literal["raw", "free", "conditioned"]
@@ -371,8 +372,9 @@ def checked_signal(name: str, x: ArrayLike, n: int) -> Array:
 def _refuse_nan(name: str, x: Array) -> None:
     bad = np.argwhere(~np.isfinite(x))
     if len(bad):
+        what = counted(len(bad), "value that is", "values that are")
         raise ValueError(
-            f"{name} has {len(bad)} values that are NaN, infinite or masked, the first at sample"
+            f"{name} has {what} NaN, infinite or masked, the first at sample"
             f" {int(bad[0][0])}: cut them off, or interpolate over them; rs.inspect takes a"
             " Recording in which samples are missing"
         )

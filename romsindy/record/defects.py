@@ -16,6 +16,7 @@ from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times
 from romsindy.record.signals import moving_mean
 from romsindy.record.smoothing import swing
+from romsindy.text import counted
 from romsindy.typing import Array
 
 # Of the range: coarser steps are told.
@@ -260,12 +261,13 @@ def _words(channel: _Channel, kind: str, where: slice, own: Mask) -> tuple[float
         return float(x[0]), f"the sensor stands still at {held} while the motion goes on"
     if kind == "clipping":
         limit = float(x[np.argmax(np.abs(x))])
-        return limit, f"the sensor clips at {channel.number(limit)} ({len(x)} samples)"
+        count = counted(len(x), "sample", "samples")
+        return limit, f"the sensor clips at {channel.number(limit)} ({count})"
     if kind == "spikes":
         size = float(np.max(np.abs(x - np.median(channel.x[np.isfinite(channel.x)]))))
-        count = len(runs(own))
-        return size, f"{count} spike{'s' * (count > 1)} of up to {channel.number(size)}"
-    return len(x) / len(channel.x), f"{len(x)} samples are missing"
+        count = counted(len(runs(own)), "spike", "spikes")
+        return size, f"{count} of up to {channel.number(size)}"
+    return len(x) / len(channel.x), counted(len(x), "sample is missing", "samples are missing")
 
 
 def _undisturbed(channel: _Channel, x: Array, cycle: float) -> tuple[Array, list[Defect]]:

@@ -102,10 +102,9 @@ class Ridge(Track):
         count = max(int((self.t[0] - self.start) / step), 1)
         before = np.linspace(self.start, self.t[0], count + 1)[:-1]
         t = np.concatenate([before, self.t])
-        first = slice(4)
-        degree = min(1, len(self.t) - 1)
-        straight = np.polynomial.Polynomial.fit(self.t[first], self.frequency[first], degree)
-        frequency = np.concatenate([straight(before), self.frequency])
+        first, degree = slice(7), min(2, len(self.t) // 3)  # it changes fastest there
+        parabola = np.polynomial.Polynomial.fit(self.t[first], self.frequency[first], degree)
+        frequency = np.concatenate([parabola(before), self.frequency])
         return replace(self, t=t, frequency=frequency, amplitude=np.abs(self.z(t)))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.signal import welch
 
@@ -30,9 +31,16 @@ _FLEETING = 4.0
 # A harmonic follows n times the phase: within so many radians in the rms, n times the lesser at
 # most, and so much of its frequency, over so many cycles at least. Its amplitude follows a power of
 # the fundamental's, n to n + 2 where both are small, 1 where a stop or friction makes it. Over
-# fewer cycles nothing but the ratio can tell, and roughly.
+# fewer cycles nothing but the ratio can tell, and roughly. Where the spring hardens much, a
+# harmonic may grow as the fundamental falls; then the sweep tells: a mode keeps near its own
+# frequency, so that which follows by more than this (rms, relative), for so much of its energy, is
+# a harmonic, whatever its amplitude does.
 _HARMONICS, _HARMONIC_NEAR, _LOCKED, _TURNED, _LEAST_POWER = 12, 0.03, 0.7, 0.12, 0.5
 _CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 40
+_SWEPT, _MOSTLY = 0.05, 0.8
+# Change of the amplitude over a stretch, in e-folds: the least that leaves the damping ratio a
+# relative standard error like the first of these. Beyond the second one nothing is said.
+_CHANGES, _SURE, _UNSURE = (0.2, 0.3, 0.45, 0.7, 1.0), 0.1, 0.5
 # Ratios of frequencies that are near p : q.
 _RATIOS = ((1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (1, 5), (2, 5), (1, 6), (1, 7))
 _RESONANT = 0.01
@@ -48,6 +56,25 @@ _SAMPLES_PER_CYCLE = 3.0
 _SLOWER = 0.5
 _STANDS_OUT = 20.0  # power over the median of the spectrum
 _MOST_SAMPLES = 400_000
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A vibration over a stretch of time in which its amplitude changes little: means of the same.
+
+    Attributes
+    ----------
+    amplitude : float
+        Of the displacement.
+    frequency : float
+        Hz.
+    damping_ratio : float
+        NaN where it is less than two standard errors.
+    """
+
+    amplitude: float
+    frequency: float
+    damping_ratio: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +112,20 @@ class Vibration:
         """Frequencies in Hz where it was followed, (n,)."""
         return self.tone.frequency
 
-    @property
+    @cached_property
     def displacement(self) -> Array:
         """Amplitudes of the displacement there, (n,)."""
-        return self.tone.amplitude / (2 * np.pi * self.tone.frequency) ** self.derivative
+        return _displacement(self.tone, self.tone.t, self.derivative)
 
-    @property
-    def damping_ratio(self) -> tuple[float, float]:
-        """Mean of the loudest and of the quietest third of the amplitudes, in decibels."""
-        log = np.log(self.tone.amplitude)
-        thirds = np.linspace(log.max(), log.min(), 4)
-        parts = [(log >= low) & (log <= high) for high, low in itertools.pairwise(thirds)]
-        return _damping(self.tone, parts[0]), _damping(self.tone, parts[2])
+    @cached_property
+    def loud(self) -> Stretch:
+        """Where its displacement is largest."""
+        return self._stretch(int(np.argmax(self.displacement)))
+
+    @cached_property
+    def quiet(self) -> Stretch:
+        """Where its displacement is least."""
+        return self._stretch(int(np.argmin(self.displacement)))
 
     @property
     def stays(self) -> bool:
@@ -127,6 +156,39 @@ class Vibration:
         """Hz, of the quietest third of where it was followed: near that of small motions."""
         quiet = np.argsort(self.tone.amplitude)[: max(len(self.frequency) // 3, 1)]
         return float(self.frequency[quiet].mean())
+
+    @cached_property
+    def small_damping_ratio(self) -> float:
+        """Of the quietest third of its amplitudes, in decibels."""
+        log = np.log(self.displacement)
+        part = log <= log.min() + np.ptp(log) / 3
+        return self._damping(part if np.count_nonzero(part) > 1 else part | True)[0]
+
+    def _stretch(self, k: int) -> Stretch:
+        """Round window ``k``: as short as tells the damping."""
+        log, n = np.log(self.displacement), len(self.displacement)
+        for change in _CHANGES:
+            far = np.flatnonzero(np.abs(log - log[k]) > change)
+            # Three windows at least.
+            first = min(max(far[far < k], default=-1) + 1, max(min(k - 1, n - 3), 0))
+            part = slice(first, max(min(far[far > k], default=n), min(max(k + 2, 3), n)))
+            damping, std = self._damping(part)
+            if std < _SURE * abs(damping):
+                break
+        known = damping if std < _UNSURE * abs(damping) else np.nan
+        frequency = float(np.mean(self.frequency[part]))
+        return Stretch(float(np.exp(np.mean(log[part]))), frequency, known)
+
+    def _damping(self, part: slice | NDArray[np.bool_]) -> tuple[float, float]:
+        """Damping ratio from the decay of the displacement in a part, and its standard error."""
+        t, log = self.tone.t[part], np.log(self.displacement[part])
+        if len(t) < 2:
+            return float("nan"), float("nan")
+        t, log = t - t.mean(), log - log.mean()
+        rate = -float(t @ log / (t @ t))
+        std = np.sqrt(np.sum((log + rate * t) ** 2) / max(len(t) - 2, 1) / (t @ t))
+        omega = float(np.hypot(rate, 2 * np.pi * np.mean(self.frequency[part])))
+        return rate / omega, float(std) / omega
 
 
 @dataclass(frozen=True)
@@ -286,10 +348,14 @@ def _shares(ridges: Sequence[Ridge], x: Array, dt: float) -> dict[int, float]:
 def _energy(ridge: Ridge, derivative: int) -> float:
     """Integral of the displacement^2 over time."""
     t = np.linspace(ridge.start, ridge.end, 8 * len(ridge.t) + 1)
+    return float(np.trapezoid(_displacement(ridge, t, derivative) ** 2, t) / 2)
+
+
+def _displacement(ridge: Ridge, t: Array, derivative: int) -> Array:
+    """Amplitudes of the displacement at times t."""
     _, frequency, size = ridge.along(t)
     slow = np.median(ridge.frequency) / 2  # where the tone fades its own frequency may be nothing
-    rate = 2 * np.pi * np.maximum(frequency, slow)
-    return float(np.trapezoid((size / rate**derivative) ** 2, t) / 2)
+    return size / (2 * np.pi * np.maximum(frequency, slow)) ** derivative
 
 
 def _turns(ridge: Ridge) -> float:
@@ -329,13 +395,23 @@ def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
         return 0
     cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
     turned = phase - order * base
-    turned = turned - weight @ turned
-    near = float(weight @ turned**2) < min(_LOCKED, _TURNED * order) ** 2
+    turned, limit = turned - weight @ turned, min(_LOCKED, _TURNED * order)
+    near = float(weight @ turned**2) < limit**2
     goes_with_it = _LEAST_POWER < _power(weight, main, size) < order + 2
     locked = off < _HARMONIC_NEAR and near and goes_with_it
+    locked = locked or (weaker and _follows(weight, slow, turned, limit))
     if cycles < _CYCLES:  # too few to tell
         locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
     return order if locked else 0
+
+
+def _follows(weight: Array, slow: Array, turned: Array, limit: float) -> bool:
+    """Whether phases stay together, for most of the energy, while the fundamental sweeps."""
+    mean = float(weight @ slow)
+    swept = float(weight @ (slow / mean - 1) ** 2) > _SWEPT**2
+    turn = np.exp(1j * turned)
+    near = np.abs(np.angle(turn / (weight @ turn))) < limit  # a phase may slip by whole turns
+    return swept and float(weight @ near) > _MOSTLY
 
 
 def _power(weight: Array, main: Array, size: Array) -> float:
@@ -354,14 +430,3 @@ def _is_steady(ridge: Ridge) -> bool:
     """Whether it neither falls nor comes and goes."""
     low, high = np.quantile(ridge.amplitude, [0.1, 0.9])
     return bool(_fall(ridge) > 1 - _STEADY and low > _EVEN * high)
-
-
-def _damping(ridge: Ridge, part: Array) -> float:
-    """Damping ratio from the decay of the amplitudes in a part."""
-    t, a, f = (x[part] for x in (ridge.t, ridge.amplitude, ridge.frequency))
-    if len(t) < 2:
-        t, a, f = ridge.t, ridge.amplitude, ridge.frequency
-    if len(t) < 2:
-        return float("nan")
-    rate = -np.polyfit(t - t[0], np.log(a), 1)[0]
-    return float(rate / np.hypot(rate, 2 * np.pi * np.mean(f)))

@@ -178,6 +178,7 @@ def shortened(
     """
     a = _PLACES * min(map(abs, reach))
     q = np.concatenate([_PLACES[1::2] * end for end in reach])
+    a = a[np.isfinite(model.backbone(a))]  # over a bump of the potential there is no motion
     frequency, damping, *functions = _targets(model, draws, a, q)
     undamped = _undamped(model, [frequency, *functions], a, q, reach, fixed).fewest()
     damped = _damped(model, damping, undamped, a, fixed).fewest()

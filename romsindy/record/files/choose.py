@@ -13,6 +13,7 @@ import numpy as np
 from romsindy.record.files.columns import Column, Table
 from romsindy.record.recording import Quantity
 from romsindy.record.units import TIMES, UNITS, parse_unit
+from romsindy.text import counted
 from romsindy.typing import Array
 
 # Times beyond this are those of a calendar; a float of them keeps no microseconds.
@@ -172,8 +173,9 @@ def checked_times(t: Array) -> None:
     """
     bad = np.flatnonzero(~np.isfinite(t))
     if len(bad):
+        what = counted(len(bad), "value that is", "values that are")
         raise ValueError(
-            f"the time has {len(bad)} values that are NaN or infinite, the first in row"
+            f"the time has {what} NaN or infinite, the first in row"
             f" {bad[0] + 1} of the data: mend them, or give the samples per second with rate="
         )
     steps = np.diff(t)

@@ -24,6 +24,7 @@ from romsindy.record.interpolation import Interpolation
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.sampling import part_between
 from romsindy.record.units import parse_unit
+from romsindy.text import counted
 from romsindy.typing import Array
 
 Source = str | PathLike[str] | Mapping[str, Any] | Sequence[Mapping[str, Any]]
@@ -350,8 +351,9 @@ def _refuse_missing(part: Recording, whole: Recording, columns: Sequence[Column]
             raise ValueError(column.damage)
         if len(bad):
             row = int(np.searchsorted(whole.t, part.t[bad[0]])) + 1
+            what = counted(len(bad), "value that is", "values that are")
             raise ValueError(
-                f"column {name!r} has {len(bad)} values that are NaN or infinite, the first at"
+                f"column {name!r} has {what} NaN or infinite, the first at"
                 f" {part.t[bad[0]]:.6g} s in row {row} of the data: cut the record with start="
                 " and end=, or interpolate over them"
             )
