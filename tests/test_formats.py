@@ -121,7 +121,9 @@ def test_samples_that_are_missing_stay_missing(tmp_path):
     assert load_decay(path, start=0.31).t[0] == pytest.approx(0.31, abs=1e-9)
     t = T.copy()
     t[11] = np.nan
-    with pytest.raises(ValueError, match=r"the time has 1 values .* first in row 12 of the data"):
+    with pytest.raises(
+        ValueError, match=r"the time has 1 value that is .* first in row 12 of the data"
+    ):
         load_recording(write(tmp_path / "t.csv", "t,q\n" + rows(t=t)))
 
 

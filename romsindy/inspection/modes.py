@@ -65,7 +65,7 @@ class Mode:
     @property
     def harmonics(self) -> tuple[int, ...]:
         """Numbers of the harmonics that stand out."""
-        return tuple(sorted({n for v in self.rings for n, _ in v.harmonics}))
+        return tuple(sorted({n for v in self.rings for n, _ in (*v.harmonics, *v.carried)}))
 
     @property
     def ends(self) -> tuple[Stretch, Stretch]:

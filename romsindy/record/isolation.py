@@ -71,6 +71,7 @@ def isolated(
     """
     own = vibrations[number]
     others = [v for i, v in enumerate(vibrations) if i != number]
+    others += [v for _, v in own.carried]
     enough = 1 / (ENOUGH_SAMPLES * float(t[1] - t[0]) * float(own.frequency.max()))
     coarse = max(min(decimation(x, float(t[1] - t[0])), int(enough)), 1)
     x, t = downsample(x, coarse), t[::coarse]

@@ -36,7 +36,8 @@ def _tones(x: Array, dt: float, derivative: int) -> tuple[list[Vibration], list[
             moved = ridge.amplitude / (2 * np.pi * ridge.frequency) ** derivative
             energy = v.energy * float(np.sum(moved**2) / np.sum(v.displacement**2))
             harmonics.append(Vibration(ridge, (), energy, share, derivative))
-    return [replace(v, harmonics=()) for v in found], harmonics
+    alone = [v for w in found for v in (w, *(other for _, other in w.carried))]
+    return [replace(v, harmonics=(), carried=()) for v in alone], harmonics
 
 
 def ringing_in(decays: Sequence[Decay]) -> list[Vibration]:

@@ -34,7 +34,7 @@ _FLEETING = 4.0
 # fewer cycles nothing but the ratio can tell, and roughly. Where the spring hardens much, a
 # harmonic may grow as the fundamental falls; then the sweep tells: a mode keeps near its own
 # frequency, so that which follows by more than this (rms, relative), for so much of its energy, is
-# a harmonic, whatever its amplitude does.
+# a harmonic, whatever its amplitude does; it is not taken for one that the motion made.
 _HARMONICS, _HARMONIC_NEAR, _LOCKED, _TURNED, _LEAST_POWER = 12, 0.03, 0.7, 0.12, 0.5
 _CYCLES, _ROUGHLY, _LOW, _SHORT = 5, 0.1, 3, 40
 _SWEPT, _MOSTLY = 0.05, 0.8
@@ -97,6 +97,9 @@ class Vibration:
         Whether it does not decay while others do: mains hum, a motor, no mode.
     signal : float
         Energy of the signal: integral of its square over time, without what is slower.
+    carried : tuple of (int, Vibration)
+        Number, and tone, of what keeps to n times its phase with an amplitude that no function of
+        the motion makes: other modes, which it drives as it sweeps past a part of their frequency.
     """
 
     tone: Ridge
@@ -106,6 +109,7 @@ class Vibration:
     derivative: int
     steady: bool = False
     signal: float = 0.0
+    carried: tuple[tuple[int, Vibration], ...] = ()
 
     @property
     def frequency(self) -> Array:
@@ -260,13 +264,16 @@ def find_vibrations(
     for ridge in sorted(ridges, key=lambda r: -moved[id(r)]):
         weaker = [share[id(ridge)] < v.share for v in found]
         orders = [_harmonic_order(ridge, v.tone, w) for v, w in zip(found, weaker, strict=True)]
-        own = next((i for i, order in enumerate(orders) if order), None)
+        own = next((i for i, (order, _) in enumerate(orders) if order), None)
+        alone = Vibration(ridge, (), moved[id(ridge)], share[id(ridge)], derivative)
         if own is None:
-            found.append(Vibration(ridge, (), moved[id(ridge)], share[id(ridge)], derivative))
+            found.append(alone)
             continue
-        of = found[own]
-        harmonics = (*of.harmonics, (orders[own], ridge))
-        found[own] = replace(of, harmonics=harmonics, share=of.share + share[id(ridge)])
+        of, (order, made) = found[own], orders[own]
+        harmonics = (*of.harmonics, *([(order, ridge)] if made else []))
+        carried = (*of.carried, *([] if made else [(order, alone)]))
+        total = of.share + alone.share
+        found[own] = replace(of, harmonics=harmonics, carried=carried, share=total)
     falls = any(_fall(v.tone) < _FALLEN for v in found)
     whole = dt * float(np.sum(_vibrating(x, ridges, dt) ** 2))
     found = [replace(v, steady=falls and _is_steady(v.tone), signal=whole) for v in found]
@@ -379,30 +386,33 @@ def _is_residue(ridge: Ridge, other: Ridge, share: dict[int, float]) -> bool:
     return bool(np.median(np.abs(ridge.frequency / near - 1)) < _RESIDUE_NEAR)
 
 
-def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> int:
-    """n where a tone goes with n times the phase of another, or else 0."""
+def _harmonic_order(ridge: Ridge, of: Ridge, weaker: bool) -> tuple[int, bool]:
+    """n where a tone goes with n times the phase of another, or else 0.
+
+    And whether its amplitude is one that a function of the motion may make.
+    """
     low, high = max(ridge.t[0], of.t[0]), min(ridge.t[-1], of.t[-1])
     t = np.linspace(low, high, 200)
     if high <= low or ridge.t[-1] - ridge.t[0] > 1.2 * (of.end - of.start):
-        return 0
+        return 0, False
     (phase, frequency, size), (base, slow, main) = ridge.along(t), of.along(t)
     weight = size**2 / np.sum(size**2)  # where it is loud: at its end noise turns the phase
     order = round(float(weight @ (frequency / slow)))
     if not 2 <= order <= _HARMONICS:
-        return 0
+        return 0, False
     off = float(weight @ np.abs(frequency / (order * slow) - 1))
     if off > _ROUGHLY:
-        return 0
+        return 0, False
     cycles = (base[-1] - base[0]) / (2 * np.pi) / (len(t) * float(weight @ weight))
     turned = phase - order * base
     turned, limit = turned - weight @ turned, min(_LOCKED, _TURNED * order)
     near = float(weight @ turned**2) < limit**2
     goes_with_it = _LEAST_POWER < _power(weight, main, size) < order + 2
-    locked = off < _HARMONIC_NEAR and near and goes_with_it
-    locked = locked or (weaker and _follows(weight, slow, turned, limit))
+    made = off < _HARMONIC_NEAR and near and goes_with_it
+    locked = made or (weaker and _follows(weight, slow, turned, limit))
     if cycles < _CYCLES:  # too few to tell
-        locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
-    return order if locked else 0
+        made = locked = weaker and order <= _LOW and (locked or _turns(of) < _SHORT)
+    return (order, made) if locked else (0, False)
 
 
 def _follows(weight: Array, slow: Array, turned: Array, limit: float) -> bool:

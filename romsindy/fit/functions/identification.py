@@ -217,6 +217,8 @@ class Identification(Estimate):
         each = [
             f"{' +- '.join(with_error(f, df))} Hz and {' +- '.join(with_error(z, dz))} % at"
             f" {size:.3g} {unit}"
+            if np.isfinite(f)
+            else f"no motion at {size:.3g} {unit}"
             for size, f, df, z, dz in zip(
                 a,
                 band.frequency / (2 * np.pi),
