@@ -116,8 +116,9 @@ def test_what_is_printed_and_written(identified, folder):
     assert model.coefficients == {n: c["value"] for n, c in result["coefficients"].items()}
 
 
-def test_the_errors_of_modes_are_those_of_their_coefficients(folder):
+def test_the_errors_of_modes_are_those_of_their_coefficients(identified, folder):
     """d sqrt(x) = dx / (2 sqrt(x)), where small vibrations are uncoupled."""
+    del identified  # which saved the file
     saved = rs.Estimate.load(folder / "fit.json")
     read = saved.errors_of(lambda model: model.linear_modes[0])
     omega = np.sqrt([saved.model.coefficients[f"omega^2 [q{i}]"] for i in (1, 2)])
