@@ -22,6 +22,7 @@ from romsindy.typing import Array
 
 _ITERATIONS = 25
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
+_FAR = 1e6  # amplitudes, beyond which it does not matter how far a motion has run away
 # A motion that leaves this part of the signal's square has lost the phase: its misfit has as many
 # minima as there are cycles, and no initial state is the best.
 _LOST = 0.5
@@ -87,7 +88,9 @@ def _followed(
     if not any(isinstance(p.effect, Bias) for p in same):
         same.append(offsets([record]))
     with np.errstate(all="ignore"):  # what explains nothing may lead to no motion at all
-        return _simulated(model, same, record, near)
+        found = _simulated(model, same, record, near)
+    most = _FAR * float(np.abs(record.signal).max())
+    return np.clip(found, -most, most)
 
 
 def _simulated(
