@@ -78,15 +78,17 @@ class Difference:
     share: float = 1.0
 
     @classmethod
-    def of(cls, record: Record, simulated: Array) -> Difference:
-        """Compare a simulated signal (n,) with the record that it stands for."""
+    def of(cls, record: Record, simulated: Array, exact: bool = False) -> Difference:
+        """Compare a simulated signal (n,) with the record that it stands for.
+
+        Of what a record has beside its harmonics the lines count, or all if it is ``exact``,
+        without noise.
+        """
         said = _said(record.t, simulated)
         if said is None:
             return _apart(record, simulated)
         cycles, rest = said
-        explained = _explained(record, rest)
-        lines = sum(line.rms**2 for line in record.noise.lines)
-        pair = _paired(record, cycles, max(lines - explained, 0.0))
+        pair = _paired(record, cycles, _beside(record, rest, exact))
         if pair is None:
             return _apart(record, simulated)
         return _of_parts(pair)
@@ -122,6 +124,14 @@ class Difference:
         """Whether its values are within a tolerance, sure or not."""
         here = tolerance.over(*self.amplitude)
         return all(_size(getattr(self, kind)) <= getattr(here, kind) for kind in KINDS)
+
+    def bound(self, kind: str) -> float:
+        """How large a value may be, by its standard error; infinite where nothing tells."""
+        return _size(getattr(self, kind)) + getattr(self, f"{kind}_std")
+
+    def agrees(self, kind: str, tolerance: Tolerance) -> bool:
+        """Whether a value is within a tolerance, as far as it may go by its standard error."""
+        return self.bound(kind) <= getattr(tolerance.over(*self.amplitude), kind)
 
     def excess(self, tolerance: Tolerance) -> float:
         """By how many standard errors the worst of its values is beyond a tolerance."""
@@ -257,11 +267,15 @@ def _said(t: Array, x: Array) -> tuple[Cycles, Array] | None:
     return Cycles.of(t[:end], x[:end], np.asarray(spline.phase(t[:end]))), rest
 
 
-def _explained(record: Record, rest: Array) -> float:
-    """Power that what a simulated signal has beside its harmonics takes from that of a record."""
-    own = record.signal - record.spline(record.t)[0]
+def _beside(record: Record, rest: Array, exact: bool) -> float:
+    """Power by which a record and a simulated signal differ beside their harmonics."""
     part = slice(None) if record.part is None else record.part
-    return float(np.mean((own**2 - (own - rest) ** 2)[part]))
+    if exact:  # the spline is that of what was measured
+        said = _said(record.t, record.signal)
+        return 0.0 if said is None else float(np.mean((said[1] - rest)[part] ** 2))
+    own = record.signal - record.spline(record.t)[0]
+    explained = float(np.mean((own**2 - (own - rest) ** 2)[part]))
+    return max(sum(line.rms**2 for line in record.noise.lines) - explained, 0.0)
 
 
 def _of_parts(pair: _Pair) -> Difference:

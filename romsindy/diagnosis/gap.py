@@ -49,9 +49,8 @@ class Prediction:
     @property
     def change(self) -> Difference:
         """How the simulation before differs from that after, in the place of the record."""
-        noise = replace(self.record.noise, lines=())
-        after = replace(self.record, signal=self.after, part=None, noise=noise)
-        return replace(Difference.of(after, self.before), name=self.name)
+        after = replace(self.record, signal=self.after, part=None)
+        return replace(Difference.of(after, self.before, exact=True), name=self.name)
 
     def misfit(self, simulated: Array) -> Array:
         """Measured minus simulated, (n,); nan where a sample takes no part."""

@@ -60,9 +60,8 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
     worst = differences[which]  # all of it: chance is smaller there than in a part
     tolerance = tolerance.over(*worst.amplitude)
     known = _known(tolerance, KINDS)
-    bounds = {k: abs(getattr(worst, k)) + getattr(worst, f"{k}_std") for k in KINDS}
-    told = {k: f"{percent(bounds[k])} {_WHERE[k]}" for k in KINDS}
-    agree = [text for k, text in told.items() if bounds[k] <= getattr(tolerance, k)]
+    told = {k: f"{percent(worst.bound(k))} {_WHERE[k]}" for k in KINDS}
+    agree = [text for k, text in told.items() if worst.agrees(k, tolerance)]
     may_differ = [text for text in told.values() if text not in agree]
     over = _over(worst, unit)
     if not may_differ:

@@ -20,7 +20,7 @@ from romsindy.diagnosis.nuisance import nuisances
 from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Finding, Options, Search
-from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
+from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
 from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Parameter, Scales
@@ -205,16 +205,17 @@ def _parted(
 def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
     """Whether there is nothing to look for in the simulation as it was.
 
-    It is within a tolerance that was asked for, or leaves noise alone with what a measurement may
-    add.
+    It is known to be within a tolerance that was asked for, or leaves noise alone with what a
+    measurement may add.
     """
     tolerance = search.options.tolerance
     if not slack.solution.finite:  # it has no motion near that of the records
         return False
-    if tolerance.source != DEFAULT and as_it_was.within(tolerance):
-        return True
-    if any(d.exceeds(tolerance) for d in as_it_was.differences_before):
+    differences = as_it_was.differences_before
+    if any(d.exceeds(tolerance) for d in differences):
         return False  # of what takes no part, if not of the others
+    if tolerance.source != DEFAULT:
+        return all(d.agrees(kind, tolerance) for d in differences for kind in KINDS)
     left = search.remainder(slack)
     return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
 
