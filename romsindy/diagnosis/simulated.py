@@ -63,14 +63,16 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
 def _plainest(start: ReducedModel, record: Record) -> Solution:
     """Cubic stiffness, and what else the series cannot do without."""
     found = last = _fitted(start, _STIFFNESS, record)
-    first, names = _misfit(found, record), [*_STIFFNESS]
+    first, names, least = _misfit(found, record), [*_STIFFNESS], len(_STIFFNESS)
     while len(names) <= len(_MORE) and _misfit(last, record) > FLOOR:
         left = [name for name in _MORE if name not in names]
         trials = [_fitted(start, [*names, name], record) for name in left]
         misfits = [_misfit(trial, record) for trial in trials]
         best = int(np.argmin(misfits))
         names, last = [*names, left[best]], trials[best]
-        if misfits[best] * _NEARLY_ALL ** (len(names) - len(_STIFFNESS)) < first:
+        if first == np.inf:  # nothing followed the series until now
+            found, first, least = last, misfits[best], len(names)
+        elif misfits[best] * _NEARLY_ALL ** (len(names) - least) < first:
             found = last
     return found
 
@@ -83,4 +85,7 @@ def _fitted(start: ReducedModel, names: Sequence[str], record: Record) -> Soluti
 
 
 def _misfit(solution: Solution, record: Record) -> float:
+    """Rms over the largest amplitude; of a fit that broke off it says nothing of the equation."""
+    if not solution.converged:
+        return float("inf")
     return float(np.sqrt(np.mean(solution.residuals[0] ** 2)) / np.abs(record.signal).max())
