@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from romsindy import HarmonicSINDy, ROMLibrary, identify_coupled, load_decay, refine
+from romsindy import HarmonicSINDy, ROMLibrary, load_decay, refine
+from romsindy.fit.coupled_identify import identify_coupled
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "cc_beam_bristol.npz"
 LAWS = {"inertia": (), "stiffness": (1, 3, 5), "damping": ("linear", "quadratic")}
@@ -34,7 +35,7 @@ def taken_for_noise(decay):
 def left_by(decay, coordinates):
     """The fit of so many coordinates, and the rms of what it leaves, m/s."""
     fit = identify_coupled(decay, coordinates)
-    return fit, float(np.sqrt(np.mean(np.concatenate(fit.solution.residuals) ** 2)))
+    return fit, float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2)))
 
 
 def main(arguments=None):

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.signal import hilbert
 
-from romsindy import Decay, free_run, identify_coupled
+from romsindy import Decay, identify
 
 KINDS = {"1:1": (1.04, 1.10), "1:2": (1.992, 2.008), "1:3": (2.99, 3.01), "none": (2.3, 2.7)}
 CYCLES, PER_CYCLE, STATE = 120, 20, 0.04  # of the slow coordinate, of the fast; part of a record
@@ -124,9 +124,9 @@ def trial(seed):
     kind, values, shapes, fitted, other = decays_of(seed)
     true_ratios = met(values, drawn(seed)[3][:-1])
     start = time.perf_counter()
-    fit = identify_coupled(fitted)
+    fit = identify(fitted, "auto")
     seconds = time.perf_counter() - start
-    predicted = free_run(fit, other, int(STATE * len(other.t)))
+    predicted = fit.predict(other, int(STATE * len(other.t)))
     missed = predicted - other.signal
     error = float(np.sqrt(np.mean(missed**2)) / np.abs(other.signal).max())
     found, errors = fit.model.coefficients, fit.standard_errors

@@ -6,7 +6,7 @@
 The error is the mean distance of 94-sample windows of prediction and measurement over the largest
 norm of a measured window; the state comes from the first 94 samples (S. Jain, G. Haller and others,
 SSMLearn, resonant double beam: 3.65 % with poles, delays and ratio given by hand, on other runs).
-Nothing is given here: `romsindy.identify_coupled` finds the coordinates and the terms.
+Nothing is given here: `romsindy.identify` finds the coordinates and the terms.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from joblib import Parallel, delayed
 
-from romsindy import Decay, free_run, identify_coupled
+from romsindy import Decay, identify
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "double_beam_train.npz"
 WINDOW = 94
@@ -42,10 +42,10 @@ def decays(path=DATA):
 def left_out(number, several):
     """Error of one run by a model of the others, the model, and the seconds of its fit."""
     start = time.perf_counter()
-    fit = identify_coupled([d for i, d in enumerate(several) if i != number])
+    fit = identify([d for i, d in enumerate(several) if i != number], "auto")
     seconds = time.perf_counter() - start
     decay = several[number]
-    return trajectory_error(free_run(fit, decay, WINDOW), decay.signal), fit.model, seconds
+    return trajectory_error(fit.predict(decay, WINDOW), decay.signal), fit.model, seconds
 
 
 def main(arguments=None):

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from joblib import Parallel, delayed
 
-from romsindy import ForcedVibration, ReducedModel, identify_forced, refine
+from romsindy import ForcedVibration, ReducedModel, identify, refine
 
 N, INSIDE = 4000, 12  # samples, and steps of the integration between two of them
 KINDS = ("sweep", "multisine", "random")
@@ -132,7 +132,7 @@ def trial(seed, select):
     """Errors over standard errors by coefficient, the name of the way, and whether it is sure."""
     s = system(seed)
     if select:
-        fit = identify_forced(s.record)
+        fit = identify(s.record)
     else:
         start = {
             n: v * (1.03 if n == "omega^2" else 0.0) for n, v in s.truth.items() if "[" not in n

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from romsindy import ForcedVibration, free_run, identify_forced, refine
+from romsindy import ForcedVibration, identify, refine
 from romsindy.physics.stiffness import Stiffness
 
 DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "silverbox_train.npz"
@@ -32,7 +32,7 @@ def records(path=DATA, share=1.0):
 
 def missed(fit, rest):
     """Rms of a free run less the measurement, after the samples for the state, mV."""
-    off = free_run(fit, rest, STATE) - rest.y
+    off = fit.predict(rest, STATE) - rest.y
     return 1e3 * float(np.sqrt(np.mean(off[STATE:] ** 2)))
 
 
@@ -40,7 +40,7 @@ def main(arguments=None):
     argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args(arguments)
     learned, rest = records()
     start = time.perf_counter()
-    fit = identify_forced(learned, progress=print)
+    fit = identify(learned, progress=print)
     seconds = time.perf_counter() - start
     print(fit)
     print(f"{len(fit.free)} coefficients, {seconds:.0f} s; free run {missed(fit, rest):.3f} mV rms")
@@ -52,9 +52,7 @@ def main(arguments=None):
         input_unit="V",
     )
     terms = {*fit.model.terms[:-1], Stiffness(5)}
-    wide = identify_forced(
-        learned, terms=[t for t in terms if t.key not in ("omega^2", "c_linear")]
-    )
+    wide = identify(learned, terms=[t for t in terms if t.key not in ("omega^2", "c_linear")])
     refine(wide.model, rest)
     start = time.perf_counter()
     again = refine(wide.model, whole)

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from romsindy import Beam, Decay, identify_coupled
+from romsindy import Beam, Decay, identify
 
 DECIBEL, DURATION, RATE = 35.0, 6.0, 1000.0
 PLACES = (0.2, 0.4, 0.6, 0.8, 1.0)
@@ -70,7 +70,7 @@ def main(arguments=None):
     t, clean = released(beam)
     for seed in range(given.seed, given.seed + given.count):
         begin = time.perf_counter()
-        fit = identify_coupled(noisy(t, clean, seed))
+        fit = identify(noisy(t, clean, seed), "auto")
         print(
             f"seed {seed}: {fit.model.n_coordinates} modes, residual {fit.adequacy:.3f},"
             f" {time.perf_counter() - begin:.0f} s",

@@ -16,6 +16,12 @@ _MODULE_OF = {
     if isinstance(node, ast.ImportFrom)
     for alias in node.names
 }
+# What old names are now.
+_MOVED = {
+    "identify_coupled": 'identify(decays, coordinates="auto"), or with a number of them',
+    "identify_forced": "identify(records)",
+    "free_run": "the method predict(record, samples) of what identify and refine give",
+}
 _ROOMS = ("beam", "diagnosis", "effects", "physics", "show", "study")
 
 __all__ = sorted(_MODULE_OF)
@@ -25,6 +31,8 @@ def __getattr__(name: str) -> Any:
     """Import a public name, or a room, when it is first used (PEP 562)."""
     if name in _ROOMS:
         return import_module(f"romsindy.{name}")
+    if name in _MOVED:
+        raise AttributeError(f"romsindy.{name} is now {_MOVED[name]}")
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'romsindy' has no attribute {name!r}")
     value = getattr(import_module(str(_MODULE_OF[name])), name)

@@ -11,16 +11,13 @@ from romsindy.diagnosis import diagnose as diagnose
 from romsindy.fit.adequacy import Adequacy as Adequacy
 from romsindy.fit.bootstrap import Bootstrap as Bootstrap
 from romsindy.fit.bootstrap import bootstrap as bootstrap
-from romsindy.fit.coupled_identify import identify_coupled as identify_coupled
 from romsindy.fit.estimate import Band as Band
 from romsindy.fit.estimate import Estimate as Estimate
 from romsindy.fit.fitted import Fit as Fit
-from romsindy.fit.forced.identify import identify_forced as identify_forced
 from romsindy.fit.forced_band import ForcedBand as ForcedBand
-from romsindy.fit.free_run import free_run as free_run
 from romsindy.fit.functions.identification import Curve as Curve
 from romsindy.fit.functions.identification import Identification as Identification
-from romsindy.fit.functions.identify import identify as identify
+from romsindy.fit.identify import identify as identify
 from romsindy.fit.refine import refine as refine
 from romsindy.fit.steady.fit import SteadyFit as SteadyFit
 from romsindy.fit.steady.fit import fit_steady as fit_steady

@@ -53,6 +53,31 @@ def test_small_benchmark(benchmark):
         assert number <= asked, name
 
 
+@benchmark_of("dry_friction")
+def test_small_benchmark_of_dry_friction_under_a_force(benchmark):
+    _, _, missing, false, holds, _ = benchmark.trial("driven", 1)
+    assert not missing and not false and all(holds.values())
+
+
+@pytest.mark.slow
+@benchmark_of("dry_friction")
+def test_small_benchmark_of_dry_friction_in_one_of_two_modes(benchmark):
+    _, _, missing, false, holds, _ = benchmark.trial("coupled", 2)
+    assert not missing and not false and all(holds.values())
+
+
+@benchmark_of("dry_friction")
+def test_the_benchmark_of_dry_friction_stops_by_its_closed_form(benchmark):
+    """Friction f takes 2 f / omega^2 from the amplitude in every half cycle, and then holds."""
+    omega, f = 2.0, 0.3
+    t = np.linspace(0, 4 * np.pi / omega, 401)
+    q = benchmark.strokes(lambda s, q, v: -(omega**2) * q, np.array([f]), [1.0, 0.0], t)[:, 0]
+    fall = 2 * f / omega**2
+    assert q[100::100] == pytest.approx([-1 + fall, 1 - 2 * fall, -1 + 3 * fall, 1 - 4 * fall])
+    held = benchmark.strokes(lambda s, q, v: -(omega**2) * q, np.array([f]), [0.07, 0.0], t)
+    assert np.all(held == 0.07)  # 0.28 of 0.3
+
+
 @pytest.mark.slow
 @benchmark_of("curved_sensor")
 def test_small_benchmark_of_a_curved_sensor(benchmark):
@@ -420,7 +445,7 @@ WAY_BACK = "from 25 per cent of the decays on"
 def test_close_vibrations_of_one_sensor_are_told_apart(benchmark):
     """Frequencies 6 % apart, which beat."""
     _, values, _, fitted, _ = benchmark.decays_of(9156)
-    fit = rs.identify_coupled(fitted)
+    fit = rs.identify(fitted, "auto")
     assert {*fit.model.coefficients} == {name for name, value in values.items() if value}
     assert fit.verdict.explained and np.all(np.diff(small_frequencies(fit.model)) > 0)
 
@@ -439,7 +464,7 @@ def test_an_interrupt_on_the_way_back_keeps_a_fit_of_whole_decays(benchmark):
         if line.startswith("terms: ") and sum(x.startswith("terms: ") for x in way) == 5:
             raise KeyboardInterrupt
 
-    fit = rs.identify_coupled(fitted, progress=stop)
+    fit = rs.identify(fitted, "auto", progress=stop)
     assert WAY_BACK in said and fit.solution.interrupted
     assert sum(map(len, fit.residuals)) == sum(d.signal.size for d in fitted)
 
@@ -462,7 +487,7 @@ def test_coefficients_as_a_sensor_shows_them(benchmark):
 @benchmark_of("tip_release")
 def test_small_run_of_the_release_from_a_tip_force(benchmark):
     beam = rs.Beam.cantilever()
-    fit = rs.identify_coupled(benchmark.noisy(*benchmark.released(beam, 2.0), seed=4))
+    fit = rs.identify(benchmark.noisy(*benchmark.released(beam, 2.0), seed=4), "auto")
     assert fit.model.n_coordinates >= 2 and fit.adequacy < 1.1
     # Two seconds end at a third of the amplitude: small motions are extrapolated.
     omega = beam.modes(count=2).omega
@@ -498,7 +523,7 @@ def test_small_benchmark_of_forced_vibrations(benchmark):
 def test_small_benchmark_of_a_measured_oscillator(benchmark, measured):
     """A tenth of what is learned: 0.26 mV is asked of all of it."""
     learned, rest = benchmark.records(measured / "silverbox_train.npz", share=0.1)
-    fit = rs.identify_forced(learned)
+    fit = rs.identify(learned)
     assert len(fit.free) <= 10
     assert benchmark.missed(fit, rest.between(end=rest.t[0] + 3.0)) < 0.35
     assert "input is band-limited" in str(fit)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from romsindy.fit.choice_error import alternatives, mixed
-from romsindy.fit.coupled_terms import Gram, Trials
+from romsindy.fit.selection import Gram, Trials
 
 N = 600
 

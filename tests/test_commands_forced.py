@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands import forced as forced_module
 from romsindy.commands.main import main
+from romsindy.fit import predict as predict_module
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.forced import held_out as held_out_module
 
 TRUTH = {"omega^2": 987.0, "c_linear": 0.8, "gamma_3": 2e4}
 GAIN = 3.0  # m/(s^2 N), or the participation factor
@@ -277,17 +277,17 @@ def test_a_model_without_a_motion_is_told_with_a_remedy(run, folder, monkeypatch
     def lost(*_, **__):
         raise TrajectoryError("it leads far away")
 
-    monkeypatch.setattr(forced_module, "identify_forced", lost)
+    monkeypatch.setattr(forced_module, "refine_terms", lost)
     refused = run("identify", "shaker.csv", "--input", "force")
     assert refused.exit_code == 2
     assert "shaker.csv: it leads far away; a lower --order, or --select" in refused.stderr
 
 
 def test_a_prediction_that_leaves_is_told(run, monkeypatch):
-    def lost(*_):
+    def lost(*_, **__):
         raise TrajectoryError("it leads far away")
 
-    monkeypatch.setattr(held_out_module, "forced_run", lost)
+    monkeypatch.setattr(predict_module, "integrate", lost)
     options = ["--input", "force", "--order", 3, *KNOWN, "--held-out", 0.2]
     result = run("identify", "shaker.csv", *options, "--report", "lost.html")
     assert result.exit_code == 0, result.output

@@ -10,8 +10,7 @@ from romsindy import (
     Decay,
     Estimate,
     bootstrap,
-    free_run,
-    identify_coupled,
+    identify,
     refine,
 )
 from romsindy.show import plots
@@ -162,7 +161,7 @@ def test_what_cannot_be_fitted(two_sensors):
 @pytest.fixture(scope="module")
 def identified():
     several = decays(21, SHAPES, starts=((0.8, 0.4), (0.4, 0.6), (0.6, 0.5)))
-    return identify_coupled(several[:2]), several[2]
+    return identify(several[:2], "auto"), several[2]
 
 
 def test_coordinates_and_terms_come_from_the_data(identified):
@@ -178,7 +177,7 @@ def test_coordinates_and_terms_come_from_the_data(identified):
 def test_a_decay_that_took_no_part_is_predicted_from_its_first_samples(identified):
     fit, decay = identified
     # Twelve cycles of the slow coordinate; the noise is 1 % of the rms of each channel.
-    predicted = free_run(fit, decay, samples=360)
+    predicted = fit.predict(decay, samples=360)
     assert predicted.shape == decay.signal.shape
     missed = np.sqrt(np.mean((predicted - decay.signal) ** 2, axis=0))
     # The state is known to some 1 % / sqrt(360): noise and little more.
@@ -192,7 +191,7 @@ def test_the_state_of_vibrations_that_beat(samples):
     starts = ((0.65, 0.82), (0.56, 0.66))
     one, other = decays(32, [1.0, 1.0], starts, duration=8.4, truth=CLOSE)
     fit = refine(CoupledModel.from_coefficients(CLOSE, unit="m"), one)
-    missed = free_run(fit, other, samples) - other.signal
+    missed = fit.predict(other, samples) - other.signal
     # Noise is 1 % of the rms; the state is known to that over sqrt(90).
     assert np.sqrt(np.mean(missed**2)) < 1.3 * 0.01 * other.signal.std()
 
@@ -200,7 +199,7 @@ def test_the_state_of_vibrations_that_beat(samples):
 @pytest.mark.slow
 def test_one_sensor_of_masses_that_differ():
     """What the sensor shows is scaled: an added mass restores what two equations share."""
-    fit = identify_coupled(decays(22, [1.0, 0.6]), coordinates=2)
+    fit = identify(decays(22, [1.0, 0.6]), coordinates=2)
     # In the unit of the sensor q2 is 0.6 of itself, and its mass 1 / 0.36.
     found, error = fit.model.coefficients, fit.standard_errors
     assert found["mu [q2]"] == pytest.approx(1 / 0.36 - 1, abs=4 * error["mu [q2]"])
@@ -212,7 +211,7 @@ def test_one_sensor_of_masses_that_differ():
 @pytest.mark.slow
 def test_a_decay_in_which_one_mode_is_silent():
     """The second was released in its second mode: nothing rings near 10 Hz."""
-    fit = identify_coupled(decays(23, SHAPES, starts=((0.8, 0.4), (0.0, 0.6))), coordinates=2)
+    fit = identify(decays(23, SHAPES, starts=((0.8, 0.4), (0.0, 0.6))), coordinates=2)
     assert np.abs(misses(fit)).max() < 4
     np.testing.assert_allclose(fit.states[1, :2], [0.0, 0.6], atol=0.01)
     assert fit.verdict.explained
@@ -232,12 +231,12 @@ def test_modes_closer_than_their_bandwidth_ring_as_one():
     with pytest.raises(
         ValueError, match=r"rings in the record is 10.* Hz: .*bandwidth ring as one"
     ):
-        identify_coupled(decay, 2)
-    assert identify_coupled(decay).model.n_coordinates == 1
+        identify(decay, 2)
+    assert identify(decay, "auto").model.n_coordinates == 1
 
 
 def test_a_sensor_on_a_node_and_a_ratio_that_only_looks_rational():
-    fit = identify_coupled(linear_decay([10.0, 20.03], 0.004, [[1.0, 0.5], [0.7, 0.0]]))
+    fit = identify(linear_decay([10.0, 20.03], 0.004, [[1.0, 0.5], [0.7, 0.0]]), "auto")
     # Noise of 1 % in 1800 samples.
     np.testing.assert_allclose(fit.mode_shapes, [[1.0, 1.0], [0.7, 0.0]], atol=5e-3)
     assert fit.verdict.explained
@@ -250,13 +249,13 @@ def test_what_cannot_be_identified(identified):
     # Strongest first, by the share in the decay in which it has least: 0.65 and 0.50.
     rings = r"coordinates = 7, but what rings .* is 20\.7 Hz, (9\.99|10).* Hz: ask"
     with pytest.raises(ValueError, match=rings):
-        identify_coupled(decay, coordinates=7)
+        identify(decay, coordinates=7)
     with pytest.raises(ValueError, match="coordinates = 'two': give 'auto' or a whole number"):
-        identify_coupled(decay, coordinates="two")
-    with pytest.raises(ValueError, match="samples = 3 must be from 8"):
-        free_run(fit, decay, samples=3)
+        identify(decay, coordinates="two")
+    with pytest.raises(ValueError, match="samples = 3 must be a whole number from 8"):
+        fit.predict(decay, samples=3)
     with pytest.raises(ValueError, match="the decay has 1 channels, the fit 2"):
-        free_run(fit, decay.channel(0), samples=100)
+        fit.predict(decay.channel(0), samples=100)
 
 
 def test_small_vibrations_that_would_grow_are_told():

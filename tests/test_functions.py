@@ -373,14 +373,14 @@ def test_a_known_coefficient_stays():
         ({"fixed": ["omega^2"]}, "must map names to values"),
         ({"seed": 0.5}, "seed = 0.5 must be a whole number"),
         ({"seed": -1}, "seed = -1 must be a whole number"),
-        ({"decays": np.zeros(9)}, "give a Decay or a list of them"),
-        ({"decays": None}, "give a Decay or a list of them"),
-        ({"decays": []}, "decays is empty"),
+        ({"records": np.zeros(9)}, "give a Decay or a list of them"),
+        ({"records": None}, "give a Decay or a list of them"),
+        ({"records": []}, "records is empty"),
     ],
 )
 def test_what_cannot_be_is_refused(options, message):
     with pytest.raises(ValueError, match=message):
-        rs.identify(**({"decays": decay(STIFF, seconds=2.0)} | options))
+        rs.identify(**({"records": decay(STIFF, seconds=2.0)} | options))
 
 
 def test_a_size_of_which_no_power_is_a_number_is_refused():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from romsindy import CoupledModel, Decay, free_run, identify_coupled
+from romsindy import CoupledModel, Decay, identify
 from romsindy.fit.coefficient import free_coefficients
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_record import coupled_records, free_shapes
@@ -119,7 +119,7 @@ def test_an_interaction_that_is_passed_through_is_found():
     for start in ((0.9, 0.05), (0.6, 0.1)):
         v = motion(T, start)[1].sum(axis=1)
         decays.append(Decay.from_velocity(T, noisy(v, rng), unit="m"))
-    fit = identify_coupled(decays, 2)
+    fit = identify(decays, 2)
     found, error = fit.model.coefficients, fit.standard_errors
     assert {"gamma_3 [q1]", "V q1^3 q2"} <= {*found}
     off = [(found[k] - v) / error[k] for k, v in TRUTH.items()]
@@ -162,7 +162,7 @@ def curved():
         seen[:, 2] += 0.2 * q[:, 0] ** 2
         seen[:, 3] += 0.1 * q[:, 0] ** 2 - 0.3 * q[:, 0] ** 3
         decays.append(Decay(T, noisy(seen, rng), unit="m", stage="free"))
-    return decays, identify_coupled(decays[:2])
+    return decays, identify(decays[:2], "auto")
 
 
 @pytest.mark.slow
@@ -176,7 +176,7 @@ def test_sensors_that_show_products_are_seen_through(curved):
     assert fit.adequacy == pytest.approx(1.0, abs=0.1)
     np.testing.assert_array_equal(fit.curved_shapes["q1^3"][3], parts["channel 4, q1^3"])
     assert "sensors show products of coordinates as well: q1^2, q1^3" in str(fit)
-    missed = free_run(fit, decays[2], 200) - decays[2].q
+    missed = fit.predict(decays[2], 200) - decays[2].q
     # Noise is 1 % of the standard deviation; the state comes from 200 samples.
     assert np.all(missed.std(axis=0) < 0.02 * decays[2].q.std(axis=0))
 
@@ -191,9 +191,9 @@ def test_an_interrupt_keeps_what_was_found(curved):
         if sum(text.startswith("terms") for text in rounds) == 2:
             raise KeyboardInterrupt
 
-    fit = identify_coupled(decays[0], 2, progress=stop)
+    fit = identify(decays[0], 2, progress=stop)
     assert any(note.startswith("interrupted") for note in fit.notes)
     assert fit.model.n_coordinates == 2 and fit.solution.interrupted
     rounds[:] = ["terms"]
     with pytest.raises(KeyboardInterrupt):  # at the first choice nothing has been found
-        identify_coupled(decays[0], 2, progress=stop)
+        identify(decays[0], 2, progress=stop)

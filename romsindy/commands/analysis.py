@@ -10,7 +10,7 @@ import numpy as np
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions.identification import Identification
-from romsindy.fit.functions.identify import identify as fit
+from romsindy.fit.functions.identify import identify_decays as fit
 from romsindy.fit.verdict import LEAST_CYCLES
 from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay

@@ -18,11 +18,11 @@ from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.held_out import HeldOut, without_end
 from romsindy.fit.forced.identify import identify_forced
+from romsindy.fit.forced.terms import stiffness_to
+from romsindy.fit.refine import refine_terms
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.stiffness import Stiffness
-from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.show.page import Picture
@@ -85,12 +85,11 @@ class Driven(Inputs):
 
     def fit(self, vibration: ForcedVibration, order: int, damping: Sequence[str]) -> Fit:
         """The equation of a record."""
-        terms: list[Term] | None = None
-        if not self.select:
-            terms = [*map(Stiffness, range(2, order + 1)), *(DAMPING[kind] for kind in damping)]
-            terms = [t for t in terms if t != DAMPING["linear"]]  # always there
+        terms = [*stiffness_to(order), *(DAMPING[kind] for kind in damping)]
         with bar(None, "identifying") as steps:
-            return identify_forced(vibration, order, terms=terms, progress=steps.set_postfix_str)
+            if self.select:
+                return identify_forced(vibration, order, progress=steps.set_postfix_str)
+            return refine_terms([vibration], terms, {}, steps.set_postfix_str)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +147,9 @@ class ForcedResult:
             str(fit.verdict),
             *held,
         ]
-        step = "delays of the inputs with --full; a record of another level foretold (rs.free_run)."
+        step = (
+            "delays of the inputs with --full; a record of another level foretold (found.predict)."
+        )
         return found, fit.remarks(), step
 
     def content(self) -> dict[str, Any]:

@@ -9,20 +9,22 @@ import numpy as np
 
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect
+from romsindy.effects.choices import sought
 from romsindy.fit.coefficient import Coefficient, extended
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import FLOOR, ONE_MODE
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import term_from_key
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Term
 from romsindy.record.backbone import extract_backbone
 from romsindy.record.decay import Decay
 
-_STIFFNESS = ("gamma_3",)
-# One by one beside it, where they explain nearly all: so many times less is left for each of them.
-_MORE, _NEARLY_ALL = ("c_coulomb", "c_quadratic", "Upsilon_3", "gamma_5", "gamma_2"), 5.0
-_RICH = ("gamma_2", "gamma_3", "gamma_4", "gamma_5", "Upsilon_3", "Upsilon_5", "c_quadratic")
+_CUBIC = Stiffness(3)
+# Laws are added one by one beside it where they explain nearly all: so many times less is left for
+# each of them.
+_NEARLY_ALL = 5.0
 
 
 class SimulationModel(NamedTuple):
@@ -47,7 +49,7 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     except ValueError as error:
         raise ValueError(f"the simulated series cannot be analysed: {error}") from error
     start = ReducedModel.from_coefficients({"omega^2": scales([record]).omega ** 2}, simulated.unit)
-    plain, rich = _plainest(start, record), _fitted(start, _RICH, record)
+    plain, rich = _plainest(start, record), _fitted(start, sought("rich"), record)
     left = min(_misfit(s, record) for s in (plain, rich))
     if not left < ONE_MODE:
         raise ValueError(
@@ -57,28 +59,31 @@ def model_of_simulation(simulated: Decay) -> SimulationModel:
     amplitudes = extract_backbone(record.decay).amplitude
     reach = (float(amplitudes.min()), float(amplitudes.max()))
     model = ReducedModel(model.terms, model.values, model.unit, reach)
-    return SimulationModel(model, dict.fromkeys(_STIFFNESS, 1.0), max(2 * left, FLOOR), simulated)
+    return SimulationModel(model, {_CUBIC.key: 1.0}, max(2 * left, FLOOR), simulated)
 
 
 def _plainest(start: ReducedModel, record: Record) -> Solution:
     """Cubic stiffness, and what else the series cannot do without."""
-    found = last = _fitted(start, _STIFFNESS, record)
-    first, names, least = _misfit(found, record), [*_STIFFNESS], len(_STIFFNESS)
-    while len(names) <= len(_MORE) and _misfit(last, record) > FLOOR:
-        left = [name for name in _MORE if name not in names]
-        trials = [_fitted(start, [*names, name], record) for name in left]
+    laws: list[Term] = [_CUBIC]
+    found = last = _fitted(start, laws, record)
+    first, least = _misfit(found, record), len(laws)
+    while _misfit(last, record) > FLOOR:
+        left = [law for law in sought("series") if law not in laws]
+        if not left:
+            break
+        trials = [_fitted(start, [*laws, law], record) for law in left]
         misfits = [_misfit(trial, record) for trial in trials]
         best = int(np.argmin(misfits))
-        names, last = [*names, left[best]], trials[best]
+        laws, last = [*laws, left[best]], trials[best]
         if first == np.inf:  # nothing followed the series until now
-            found, first, least = last, misfits[best], len(names)
-        elif misfits[best] * _NEARLY_ALL ** (len(names) - least) < first:
+            found, first, least = last, misfits[best], len(laws)
+        elif misfits[best] * _NEARLY_ALL ** (len(laws) - least) < first:
             found = last
     return found
 
 
-def _fitted(start: ReducedModel, names: Sequence[str], record: Record) -> Solution:
-    nonlinear = [Coefficient(term_from_key(n)) for n in names]
+def _fitted(start: ReducedModel, laws: Sequence[Term], record: Record) -> Solution:
+    nonlinear = [Coefficient(law) for law in laws]
     effects: list[Effect] = [LinearFrequency(), Viscous(), *nonlinear]
     parts = [Part.of(e, scales([record]), 1) for e in effects]
     return fit(start, parts, [record], iterations=30)

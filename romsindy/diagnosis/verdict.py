@@ -127,8 +127,10 @@ def left_over(
     told = gap.unseen or left.ratio <= PREDICTED
     if told and gap.after <= PREDICTED and gap.closed >= CLOSED:
         return "little"
-    # Slow noise has a waveform in short stretches. Where nothing is blamed whole records say it.
-    if gap.leaves_within(tolerance) or (whole and not best.names and within(whole, tolerance)):
+    # Slow noise has a waveform in short stretches, and these may not reach where records differ:
+    # where nothing is blamed whole records say it.
+    alone = whole and not best.names
+    if within(whole, tolerance) if alone else gap.leaves_within(tolerance):
         return "tolerance"
     known = form != NO_FORM_ERROR  # of a reference record, if there was one
     return "form" if known and best.needs <= form.times(SAME_SIZE) else "effect"

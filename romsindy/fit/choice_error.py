@@ -20,8 +20,9 @@ import numpy as np
 
 from romsindy.fit.coupled_choice import Choice, Linearised, Stage, linearised
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
-from romsindy.fit.coupled_terms import KINDS, Trials, candidates, linear_terms
+from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
 from romsindy.fit.fitted import Fit
+from romsindy.fit.selection import Trials
 from romsindy.fit.verdict import HARDLY_TOLD
 from romsindy.typing import Array
 
@@ -66,7 +67,7 @@ def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
         others = [k for k in kept if k != gone]
         if added is not None:
             others.append(added)
-        if added is None or trials.can_be(others):
+        if added is None or trials.possible(others) == others:
             cost = trials.cost(others, left) - trials.cost(kept, left)
             rise = trials.left_out(others) - left + cost
             shift = trials.values(others) - values

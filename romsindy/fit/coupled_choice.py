@@ -11,14 +11,13 @@ import numpy as np
 
 from romsindy.fit.coefficient import free_coefficients
 from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.fit.coupled_terms import Gram, Trials
+from romsindy.fit.friction import smoothed
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import cut
+from romsindy.fit.selection import Gram, Trials
 from romsindy.physics.coupled import CoupledModel
-from romsindy.physics.coupling import Along, SlavedInertia
-from romsindy.physics.inertia import AddedMass
 from romsindy.physics.term import Term
 from romsindy.typing import Indices
 
@@ -129,7 +128,7 @@ def linearised(
     """All of a choice about the motions of pieces; None where there are none near these."""
     everything, values = choice.terms, now.model.coefficients
     at = [values.get(t.key, 0.0) for t in everything]
-    model = CoupledModel(everything, tuple(at), now.model.unit)
+    model = smoothed(CoupledModel(everything, tuple(at), now.model.unit), records)
     shown = {p.effect: p for p in now.shapes}
     straight = [p for p in now.shapes if isinstance(p.effect, ModeShape)]
     sensors = (*straight, *(shown.get(p.effect, p) for group in choice.curved for p in group))
@@ -154,9 +153,11 @@ def linearised(
     ]
     what = [*(p.effect for p in sensors), *everything]
     taken = {*now.model.terms, *shown}
-    least = {g: low for g, (i, *_) in enumerate(groups) if (low := _least(what[i])) is not None}
+    terms_of = {g: t for g, (i, *_) in enumerate(groups) if isinstance(t := what[i], Term)}
+    least = {g: t.least for g, t in terms_of.items() if t.least > -np.inf}
+    damping = [g for g, t in terms_of.items() if t.has("damping")]
     present = [g for g, (i, *_) in enumerate(groups) if what[i] in taken]
-    trials = Trials([Gram.sum(some) for some in grams.values()], always, groups, least)
+    trials = Trials([Gram.sum(some) for some in grams.values()], always, groups, least, damping)
     return Linearised(trials, sensors, everything, present)
 
 
@@ -174,10 +175,3 @@ def _parts(piece: CoupledRecord, record: CoupledRecord, number: int, count: int)
         return np.full(len(t) * len(record.noise), number)
     place = (t - record.clock) / (record.t[-1] + record.decay.dt)
     return np.tile((place * _STRETCHES).astype(int) % _PARTS, len(record.noise))
-
-
-def _least(term: object) -> float | None:
-    """What its coefficient must exceed: squares and masses are positive."""
-    if isinstance(term, SlavedInertia) and term.first == term.second:
-        return 0.0
-    return -1.0 if isinstance(term, Along) and isinstance(term.law, AddedMass) else None

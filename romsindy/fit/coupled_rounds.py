@@ -16,8 +16,10 @@ from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import extended, free_coefficients
 from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
-from romsindy.fit.coupled_terms import Kind, candidates, needed
+from romsindy.fit.coupled_terms import Kind, candidates
+from romsindy.fit.friction import smoothed
 from romsindy.fit.pieces import fit_pieces, lengths, moved
+from romsindy.fit.selection import needed
 from romsindy.fit.verdict import EXPLAINED, TERM
 from romsindy.physics.coupled import CoupledModel
 from romsindy.typing import Array
@@ -245,9 +247,9 @@ def _better(
 
 def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
     """The model fitted to pieces so many cycles long; None if it has no motion, or no masses."""
-    names = list(start.model.coefficients)
-    parts = (*free_coefficients(start.model, names), *start.shapes)
-    solution = fit_pieces(start.model, parts, records, cycles)
+    names, model = list(start.model.coefficients), smoothed(start.model, records)
+    parts = (*free_coefficients(model, names), *start.shapes)
+    solution = fit_pieces(model, parts, records, cycles)
     if solution is None or not _has_masses(model := extended(start.model, solution.parts)):
         return None
     stage = Stage(model, solution.parts[len(names) :])

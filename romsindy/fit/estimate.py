@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand, forced_band
+from romsindy.fit.predict import Sensors, predicted
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
@@ -25,7 +26,9 @@ from romsindy.physics.entries import array, made, several, table
 from romsindy.physics.entries import text as entry
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import json_text, read_json
+from romsindy.record.decay import Decay
 from romsindy.record.files.whole import write_whole
+from romsindy.record.forced import ForcedVibration
 from romsindy.text import with_error
 from romsindy.typing import Array
 
@@ -92,6 +95,49 @@ class Estimate:
         """Standard error of every free coefficient, by name."""
         errors = np.sqrt(np.diag(self.covariance))
         return dict(zip(self.free, errors.tolist(), strict=True))
+
+    def predict(self, record: Decay | ForcedVibration, samples: int) -> Array:
+        """Simulate a record that took no part, from the state that its first samples show.
+
+        Parameters
+        ----------
+        record : Decay or ForcedVibration
+            A free decay, with the channels of those behind the fit, or a vibration with its inputs.
+        samples : int
+            So many, of every channel, give the state: at least 4 for each coordinate.
+
+        Returns
+        -------
+        array like the measured signal
+            (n,) or (n, n_channels), in the measured quantity.
+
+        Raises
+        ------
+        ValueError
+            If channels or inputs differ, or the samples are too few or too many.
+        TrajectoryError
+            If the model has no motion that long from there.
+        """
+        return predicted(self.model, self.sensors, record, samples)
+
+    @property
+    def sensors(self) -> Sensors:
+        """What is known of the sensors: nothing is saved of them."""
+        return Sensors()
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """95 % interval of a coefficient, such as "Upsilon_3"; its value alone where it is fixed.
+
+        Raises
+        ------
+        ValueError
+            If there is no such coefficient.
+        """
+        values = self.model.coefficients
+        if name not in values:
+            raise ValueError(f"name = {name!r} is no coefficient: there are {', '.join(values)}")
+        half = 1.96 * self.standard_errors.get(name, 0.0)
+        return values[name] - half, values[name] + half
 
     def table(self) -> list[list[str]]:
         """Rows of text: every coefficient with its standard error, if it was estimated."""

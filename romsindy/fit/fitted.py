@@ -22,12 +22,14 @@ from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.forced.adequacy import examine_forced
 from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.friction import smoothed
 from romsindy.fit.gauss_newton import Solution, coloured_covariance, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.measured import Offset
 from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import fit_pieces, lengths, moved
+from romsindy.fit.predict import Sensors
 from romsindy.fit.record import Record
 from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import TOLERANCE, shoot
@@ -40,9 +42,6 @@ from romsindy.record.noise import Noise
 from romsindy.record.vibrations import Resonance
 from romsindy.typing import Array
 
-# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
-# quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
-_SMOOTHING = 0.003
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
 # decides, and no digit of its values matters.
 _ROUGH = 1e-3
@@ -101,6 +100,14 @@ class Fit(Estimate):
         return record.mode_shapes(self.solution.parts)
 
     @property
+    def sensors(self) -> Sensors:
+        """What is known of the sensors: the mean of their offsets, and the mode shapes."""
+        curved = tuple(p for p in self.solution.parts if isinstance(p.effect, CurvedShape))
+        several = isinstance(self.model, CoupledModel)
+        shapes = self.mode_shapes if several else None
+        return Sensors(float(np.mean(self.offsets)), shapes, curved)
+
+    @property
     def resonances(self) -> tuple[Resonance, ...]:
         """Pairs of modes, from 0 by frequency, that come within 1 % of p : q in the records."""
         return resonances_in(self.records)
@@ -157,7 +164,7 @@ def refined(
 
     ``settled`` where the motions are those of the model already.
     """
-    start = _smoothed(model, records)
+    start = smoothed(model, records)
     parts = (*free_coefficients(start, free), *more)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -292,11 +299,3 @@ def _in_pieces(
     if best is None:
         raise TrajectoryError(f"it follows it over no {lengths(records)[0]:.0f} cycles")
     return best
-
-
-def _smoothed(model: AnyModel, records: Sequence[AnyRecord]) -> AnyModel:
-    """Model whose dry friction is smooth at the speeds of the records."""
-    if all(term.smooth for term in model.terms):
-        return model
-    speed = max(float(np.abs(r.motion.q_dot).max()) for r in records)
-    return model.regularised(_SMOOTHING * speed)

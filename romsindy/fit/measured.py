@@ -30,8 +30,9 @@ class Offset(Bias):
 
 def listed_records(
     records: Decay | ForcedVibration | Sequence[Decay | ForcedVibration],
+    name: str = "decays",
 ) -> list[Decay | ForcedVibration]:
-    """One record or several as a list.
+    """One record or several as a list; ``name`` is that of the argument.
 
     Raises
     ------
@@ -42,11 +43,11 @@ def listed_records(
     is_list = isinstance(several, (list, tuple))
     if not is_list or not all(isinstance(d, (Decay, ForcedVibration)) for d in several):
         raise ValueError(
-            f"decays is {type(records).__name__}: give a Decay or a list of them; arrays become one"
+            f"{name} is {type(records).__name__}: give a Decay or a list of them; arrays become one"
             ' by Decay(t, q, unit="m"), and with an input by ForcedVibration(t, y, u, unit="m")'
         )
     if not several:
-        raise ValueError("decays is empty: give at least one Decay")
+        raise ValueError(f"{name} is empty: give at least one Decay")
     return list(several)
 
 
@@ -63,7 +64,7 @@ def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[De
     if len(decays_alone) < len(several):
         raise ValueError(
             "decays hold a ForcedVibration, and free decays are needed here: refine() and"
-            " identify_forced() take inputs"
+            " identify() take inputs"
         )
     return decays_alone
 
@@ -84,10 +85,12 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
 
 def ready(several: Sequence[Decay | ForcedVibration]) -> tuple[Record | ForcedRecord, ...]:
     """Free decays and forced vibrations of one channel, ready to be fitted together."""
+    free = [Record.of(d.single().free(), NUMERICS) for d in several if isinstance(d, Decay)]
+    decays = iter(sharing_drift(free))
     return tuple(
         ForcedRecord.of(measured, NUMERICS)
         if isinstance(measured, ForcedVibration)
-        else Record.of(measured.single().free(), NUMERICS).without_faults()
+        else next(decays).without_faults()
         for measured in several
     )
 

@@ -8,18 +8,22 @@ motions (`romsindy.fit.shooting`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.fitted import Fit, refined
+from romsindy.fit.forced.drives import inputs_in, regressed
+from romsindy.fit.forced.pieces import forced_among
 from romsindy.fit.forced.refine import refined_forced
+from romsindy.fit.forced.terms import LINEAR
 from romsindy.fit.measured import (
     NUMERICS,
     free_names,
     free_offsets,
     listed_records,
     prepared,
+    ready,
     require_unit,
     several_decays,
     small_frequencies,
@@ -27,6 +31,8 @@ from romsindy.fit.measured import (
 from romsindy.fit.part import Part
 from romsindy.fit.shooting import LOSSES
 from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
@@ -82,6 +88,28 @@ def refine(
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
     return refined(model, free, records, more, loss=loss, progress=progress)
+
+
+def refine_terms(
+    several: Sequence[Decay | ForcedVibration],
+    terms: Sequence[Term],
+    fixed: Mapping[str, float],
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Fit a model of one coordinate that has these terms beside the linear ones.
+
+    Its values start from least squares on the smooth motions; ``fixed`` ones stay as they are.
+    """
+    laws = tuple({t.key: t for t in (*LINEAR, *terms)}.values())
+    unknown = sorted({*fixed} - {t.key for t in laws})
+    if unknown:
+        raise ValueError(f"fixed names {unknown}, but there are {', '.join(t.key for t in laws)}")
+    records = ready(several)
+    inputs = inputs_in([r.decay for r in forced_among(records)], "linear")
+    found = regressed(laws, inputs, records)[0].tolist()
+    values = tuple(fixed.get(t.key, v) for t, v in zip(laws, found, strict=True))
+    model = ReducedModel(laws, values, several[0].unit)
+    return refine(model, several, fixed=tuple(fixed), progress=progress)
 
 
 def _seen(

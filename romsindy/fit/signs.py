@@ -17,15 +17,15 @@ def supplying(found: Estimate) -> list[str]:
     return [n for n in names if errors[n] and values[n] < -_SURE * errors[n]]
 
 
-def stand_ins(found: Estimate, remedy: str = "") -> Iterable[str]:
-    """A sentence on them where the laws that were chosen from have no dry friction."""
+def stand_ins(found: Estimate) -> Iterable[str]:
+    """A sentence on them."""
     names = supplying(found)
-    if not names or any("coulomb" in name for name in found.model.coefficients):
+    if not names:
         return
     errors, values = found.standard_errors, found.model.coefficients
     least = min(abs(values[n]) / errors[n] for n in names)
     yield (
         f"{listed(names)} came out negative, by {least:.3g} standard errors: by itself it would"
-        " supply energy, and it stands for something else; dry friction, which is not among the"
-        f" laws that were chosen from, looks like that{remedy}"
+        " supply energy, as a flow does; or it stands for a law that is not among those that were"
+        " chosen from"
     )

@@ -35,7 +35,7 @@ CURVATURE = 0.01
 # A band of something that is never negative starts at 0 where it comes to this part of its end.
 NEAR_ZERO = 0.05
 
-# -- which terms do several coordinates need? (`romsindy.fit.coupled_terms`) --------------------
+# -- which terms are needed? (`romsindy.fit.selection`) ----------------------------------------
 
 # A term must bring down what is left beyond the noise by this part, 1 % in the rms, on data that
 # took no part: less is the form of other laws.
@@ -45,6 +45,9 @@ TERM = 0.02
 HARDLY_TOLD = 0.05
 # A further coordinate must bring down the rms of what is left by this part.
 MODE = 0.1
+
+# Standard errors by which data must refuse the sign that a law of damping has, to lift it.
+REFUSED = 5.0
 
 # -- what does an input do between its samples? (`romsindy.fit.forced.between_samples`) ----------
 

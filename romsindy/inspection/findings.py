@@ -206,7 +206,8 @@ class Findings:
     ) -> tuple[Decay, ...]:
         """The free decays with all that rings in them, each channel by itself.
 
-        They are what `identify_coupled` takes. A record of many samples a cycle is decimated.
+        They are what `identify` takes with ``coordinates="auto"``. A record of many samples a cycle
+        is decimated.
 
         Parameters
         ----------

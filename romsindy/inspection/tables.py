@@ -201,7 +201,7 @@ def _driven_step(found: Findings, command: str) -> str:
     counts = [kinds[: i + 1].count(kind) for i, kind in enumerate(kinds)]
     pairs = zip(kinds, counts, strict=True)
     names = [kind if count == 1 else f"{kind} {count}" for kind, count in pairs]
-    return f"rs.identify_forced(rs.load_forced({found.recording.source!r}, {names}))"
+    return f"rs.identify(rs.load_forced({found.recording.source!r}, {names}))"
 
 
 # -- rows ---------------------------------------------------------------------------------------

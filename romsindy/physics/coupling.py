@@ -192,6 +192,10 @@ class Along(CoupledTerm):
     def smooth(self) -> bool:
         return self.law.smooth
 
+    @property
+    def least(self) -> float:
+        return self.law.least
+
     def undamped(self) -> Along | None:
         law = self.law.undamped()
         return None if law is None else replace(self, law=law)
@@ -309,6 +313,10 @@ class SlavedInertia(PolynomialTerm):
     @property
     def dimension(self) -> tuple[float, float]:
         return sum(self.first) + sum(self.second) - 1, -2
+
+    @property
+    def least(self) -> float:
+        return 0.0 if self.first == self.second else super().least  # a sum of squares
 
     def inertia_monomials(self) -> list[tuple[int, int, float, Powers]]:
         """What it adds to M: row and column from 0, factor and powers."""

@@ -30,6 +30,8 @@ class PowerDamping(ForceLaw):
 
     exponent: float = 1.0
 
+    least = 0.0  # it takes energy
+
     @property
     def key(self) -> str:
         return _POWERS.get(cast(int, self.exponent), f"c_|q_dot|^{exact(self.exponent)}")
@@ -175,6 +177,8 @@ class FrictionLaw(ForceLaw):
     """
 
     creep: float
+
+    least = 0.0  # it takes energy
 
     @abstractmethod
     def normal(self, q: Scalars, change: Scalars = 0.0) -> Scalars:

@@ -128,6 +128,7 @@ class AddedMass(Term):
 
     key = "mu"
     dimension = (1, -2)
+    least = -1.0  # a mass in all
 
     def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
         return q_ddot

@@ -165,6 +165,11 @@ class Term(ABC):
         """Whether the term adds to a part, such as ``"damping"``: most add to one or two."""
         return getattr(type(self), part) is not getattr(Term, part)
 
+    @property
+    def least(self) -> float:
+        """What its coefficient exceeds by physics; -inf where it may have either sign."""
+        return float("-inf")
+
     def undamped(self) -> Term | None:
         """The term without its damping; None if nothing is left."""
         return None if self.has("damping") else self

@@ -221,13 +221,13 @@ class HarmonicSINDy(BaseEstimator):
         check_is_fitted(self)
         if any(isinstance(term, Input) for term in self.model_.terms):
             raise ValueError(
-                "the model has inputs: use model_.simulate(q0, q_dot0, t, u=u), or free_run after"
+                "the model has inputs: use model_.simulate(q0, q_dot0, t, u=u), or .predict of"
                 " refine(model_, records)"
             )
         if isinstance(self.model_, CoupledModel):
             raise ValueError(
                 f"the model has {self.model_.n_coordinates} coordinates, which no channel shows"
-                " alone: use model_.acceleration(q, q_dot) with coordinates, or free_run after"
+                " alone: use model_.acceleration(q, q_dot) with coordinates, or .predict of"
                 " refine(model_, decays)"
             )
         if isinstance(x, np.ndarray) and t is None and x.ndim == 2 and x.shape[1] >= 2:

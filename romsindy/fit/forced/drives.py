@@ -11,6 +11,7 @@ from romsindy.effects.drive import Drive
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
@@ -67,7 +68,7 @@ def latest(records: Sequence[ForcedRecord]) -> float:
 
 
 def regressed(
-    terms: Sequence[Term], inputs: Sequence[Input], records: Sequence[ForcedRecord]
+    terms: Sequence[Term], inputs: Sequence[Input], records: Sequence[Record | ForcedRecord]
 ) -> tuple[Array, Array]:
     """Coefficients of terms, and gains, by least squares on the smooth motions of the records."""
     rows, right = [], []

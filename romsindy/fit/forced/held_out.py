@@ -8,7 +8,6 @@ import numpy as np
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.run import forced_run
 from romsindy.record.forced import ForcedVibration
 from romsindy.text import quantity
 from romsindy.typing import Array
@@ -35,7 +34,7 @@ class HeldOut:
     def of(cls, fit: Fit, vibration: ForcedVibration) -> HeldOut:
         """Predict it, from the state that its first samples show."""
         try:
-            predicted = forced_run(fit, vibration, _STATE)
+            predicted = fit.predict(vibration, _STATE)
         except TrajectoryError:
             predicted = np.full(len(vibration.t), np.nan)
         return cls(vibration, predicted)

@@ -22,9 +22,6 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
-_REMEDY = (
-    ": ask for it (--damping linear --damping coulomb in the place of --select; terms= in Python)"
-)
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
 
 
@@ -32,7 +29,6 @@ def identify_forced(
     records: ForcedVibration | Sequence[ForcedVibration | Decay],
     order: int = 5,
     *,
-    terms: Sequence[Term] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Identify the equation of motion of one coordinate from records with measured inputs.
@@ -48,8 +44,6 @@ def identify_forced(
         At least one with an input; decays are fitted together with it.
     order : int
         Highest order of the candidates for stiffness and inertia.
-    terms : sequence of Term, optional
-        What the model has beside its linear terms; then nothing is chosen.
     progress : callable, optional
         Called with a line of text at every step.
 
@@ -67,25 +61,21 @@ def identify_forced(
         If no motion of the model follows the measured one.
     """
     several = listed_records(records)
-    if order < 1:
-        raise ValueError(f"order = {order!r} must be 1 or more")
     if not any(isinstance(v, ForcedVibration) for v in several):
         raise ValueError("records hold no ForcedVibration: free decays alone are for identify()")
     require_unit(several, several[0].unit)
-    found = ready(several)
+    laws, found = candidates(order), ready(several)
     measured = [r.decay for r in forced_among(found)]
     say = progress or (lambda _: None)
     hypotheses = [inputs_in(measured, way) for way in ways(measured)]
-    if terms is not None:
-        return _decided(terms, hypotheses, found, say)
-    needed = _needed(candidates(order), hypotheses[0], found, say)
+    needed = _needed(laws, hypotheses[0], found, say)
     best = _decided(needed, hypotheses, found, say)
     inputs = inputs_of(best.model)
     if inputs[0].interpolation != hypotheses[0][0].interpolation:
         # Terms that were chosen with another input may stand for what was wrong with it.
-        needed = _needed(candidates(order), inputs, found, say)
+        needed = _needed(laws, inputs, found, say)
         best = _decided(needed, hypotheses, found, say)
-    return replace(best, notes=(*best.notes, *stand_ins(best, _REMEDY)))
+    return replace(best, notes=(*best.notes, *stand_ins(best)))
 
 
 def _decided(

@@ -1,7 +1,6 @@
 """Terms that a forced vibration of one coordinate needs: chosen by what each gains where left out.
 
-As for several coordinates (`romsindy.fit.coupled_terms`), but that one long record is cut into
-stretches, each of which is left out in turn.
+One long record is cut into stretches, each of which is left out in turn (`romsindy.fit.selection`).
 """
 
 from __future__ import annotations
@@ -12,12 +11,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
+from romsindy.effects.choices import sought
 from romsindy.fit.coefficient import Coefficient, free_coefficients
 from romsindy.fit.collocation import Trajectory
-from romsindy.fit.coupled_terms import Gram, Trials
 from romsindy.fit.fitted import Fit
+from romsindy.fit.friction import smoothed
 from romsindy.fit.gauss_newton import linear_table
-from romsindy.physics.damping import AmplitudeDamping, PowerDamping
+from romsindy.fit.selection import Gram, Trials
+from romsindy.physics.damping import PowerDamping
 from romsindy.physics.driven import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
@@ -29,11 +30,24 @@ LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
 _STRETCHES = 8  # in all, each left out in turn
 
 
+def stiffness_to(order: int) -> list[Term]:
+    """Powers of the displacement from the second to this one.
+
+    Raises
+    ------
+    ValueError
+        If the order is below 1.
+    """
+    if order < 1:
+        raise ValueError(f"order = {order!r} must be 1 or more")
+    return [Stiffness(m) for m in range(2, order + 1)]
+
+
 def candidates(order: int) -> tuple[Term, ...]:
-    """Stiffness and inertia up to an order, and damping that grows with amplitude or speed."""
-    stiffness = [Stiffness(m) for m in range(2, order + 1)]
+    """Stiffness and inertia up to an order, and damping."""
+    stiffness = stiffness_to(order)
     inertia = [Inertia(k) for k in range(3, order + 1)]
-    damping = [AmplitudeDamping(1), AmplitudeDamping(2), PowerDamping(2), PowerDamping(3)]
+    damping = [law for law in sought("driven") if law.has("damping")]
     return (*stiffness, *damping, *inertia)
 
 
@@ -60,6 +74,7 @@ def needed_terms(
         model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
     )
     terms = {t.key: t for t in (*LINEAR, *several)}
+    wide = smoothed(wide, fit.records)
     parts = (*free_coefficients(wide, tuple(terms)), *more)
     at = np.array([wide.coefficients[key] for key in terms])
     tables = [
@@ -72,9 +87,11 @@ def needed_terms(
         pieces = max(round(_STRETCHES * len(rows) / total), 2)
         grams += _stretches(rows / innovation(_left(rows)), at, pieces)
     always, places = range(n_linear), range(n_linear, len(terms))
-    found = Trials(grams, always, [[p] for p in places], {}).chosen([])
-    names = list(terms)
-    return tuple(terms[names[places[g]]] for g in sorted(found))
+    laws = list(terms.values())[n_linear:]
+    least = {g: law.least for g, law in enumerate(laws) if law.least > -np.inf}
+    damping = [g for g, law in enumerate(laws) if law.has("damping")]
+    found = Trials(grams, always, [[p] for p in places], least, damping).chosen([])
+    return tuple(laws[g] for g in sorted(found))
 
 
 def _left(rows: Array) -> Array:

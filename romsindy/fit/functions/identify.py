@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from romsindy.effects.choices import sought
 from romsindy.fit.adequacy import examine
 from romsindy.fit.collocation import TrajectoryError, integrate
 from romsindy.fit.functions.determined import sentences
@@ -28,7 +29,6 @@ from romsindy.fit.functions.windows import Window, windows_of
 from romsindy.fit.measured import prepared, several_decays
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import CURVATURE, EQUIVALENT
-from romsindy.physics.damping import DAMPING
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.backbone import extract_backbone
@@ -36,8 +36,6 @@ from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 _DRAWS = 400
-# Damping that no smooth function of q times q_dot can be.
-_FORCES = ("coulomb", "quadratic")
 # Fewer functions save at most about so much in the logarithm of the evidence.
 _HOPELESS = 100.0
 _EXACT = 1e-8  # error of what is known, in values of order one
@@ -47,7 +45,7 @@ _LARGEST = 1e15  # amplitude, or its inverse, of which all powers of the series 
 _HEAD = _DRAWS // 5
 
 
-def identify(
+def identify_decays(
     decays: Decay | Sequence[Decay],
     *,
     fixed: Mapping[str, float] | None = None,
@@ -204,7 +202,7 @@ def _with_forces(
 
     Beside it, what the data cannot tell from it with one force more.
     """
-    left = [DAMPING[name] for name in _FORCES]
+    left = list(sought("decay"))  # what no smooth function of q times q_dot can be
     while left:
         more = [_tried(richest, richest.series.widened([f]), records, say) for f in left]
         gains = np.array([2 * (evidence - richest.log_evidence()) for _, evidence in more])

@@ -8,17 +8,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from romsindy.effects.choices import sought
 from romsindy.fit.steady.balance import CHAIN, Rows, linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import Solution, solve
 from romsindy.fit.verdict import TERM
+from romsindy.physics.damping import PowerDamping
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
-# Near one resonance the first harmonic tells powers of the amplitude, not which law has them: one
-# law for each. gamma_3 stands for nonlinear inertia too, c_cubic for q^2 q_dot.
-STIFFNESS = ("gamma_|q|^2", "gamma_3", "gamma_5")
-DAMPING = ("c_linear", "c_quadratic", "c_cubic")
+_LAWS = sought("steady")
+STIFFNESS = tuple(law.key for law in _LAWS if not law.has("damping"))
+DAMPING = (PowerDamping(1).key, *(law.key for law in _LAWS if law.has("damping")))
 _MOST = 2  # of each
 _ROUNDS = 5  # of a choice about the orbits of the model that was chosen last
 _BLOCKS = 5

@@ -1,0 +1,46 @@
+"""Which laws of one coordinate are looked for, and where: the one table.
+
+"decay": beside functions of q, where one coordinate decays. "coupled": on every one of several
+coordinates; "jointed": on these as well, where what is smooth does not explain them. "driven":
+under a measured input. "steady": in points of steady vibration, where near one resonance the first
+harmonic tells powers of the amplitude only, so that gamma_3 stands for inertia and the cube of the
+speed for the square of q times it. "series": in what stands for a simulated series, one by one;
+"rich": in what that is measured by.
+"""
+
+from __future__ import annotations
+
+from romsindy.physics.damping import AmplitudeDamping, Friction, PowerDamping
+from romsindy.physics.inertia import Inertia
+from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term import Term
+
+_TABLE: tuple[tuple[Term, str], ...] = (
+    (Stiffness(2, odd=True), "jointed steady"),
+    (Stiffness(2), "coupled driven series rich"),
+    (Stiffness(3), "coupled driven steady rich"),
+    (Stiffness(4), "driven rich"),
+    (Stiffness(5), "driven steady series rich"),
+    (AmplitudeDamping(1), "jointed driven"),
+    (AmplitudeDamping(2), "coupled driven"),
+    (PowerDamping(2), "decay jointed driven steady series rich"),
+    (PowerDamping(3), "driven steady"),
+    (Friction(), "decay jointed driven series"),
+    (Inertia(3), "driven series rich"),
+    (Inertia(4), "driven"),
+    (Inertia(5), "driven rich"),
+)
+PLACES = frozenset(place for _, places in _TABLE for place in places.split())
+
+
+def sought(place: str) -> tuple[Term, ...]:
+    """The laws that are looked for in one place of the table, beside the linear ones.
+
+    Raises
+    ------
+    ValueError
+        For another place.
+    """
+    if place not in PLACES:
+        raise ValueError(f"place = {place!r} must be one of {sorted(PLACES)}")
+    return tuple(law for law, places in _TABLE if place in places.split())

@@ -1,0 +1,103 @@
+"""Identify an equation of motion from records: one door for all that is measured in time.
+
+What was measured says which way is taken. Free decays of one coordinate become functions of q with
+bands (`romsindy.fit.functions`), those of several coordinates and records with inputs become an
+equation whose terms gain on data that take no part (`romsindy.fit.selection`). With ``terms`` given
+nothing is chosen, and their values are fitted (`romsindy.fit.refine`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from romsindy.fit.coupled_identify import identify_coupled
+from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.identify import identify_forced
+from romsindy.fit.functions.identification import Identification
+from romsindy.fit.functions.identify import identify_decays
+from romsindy.fit.measured import listed_records
+from romsindy.fit.refine import refine_terms
+from romsindy.fit.verdict import CURVATURE
+from romsindy.physics.term import Term
+from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
+
+Measured = Decay | ForcedVibration
+
+
+def identify(
+    records: Measured | Sequence[Measured],
+    coordinates: int | str = 1,
+    *,
+    terms: Sequence[Term] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    order: int = 5,
+    curvature: float | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> Identification | Fit:
+    """Identify the equation of motion behind records, with errors and a verdict.
+
+    Parameters
+    ----------
+    records : Decay, ForcedVibration or sequence of them
+        Free decays, of which the free part is used; vibrations with measured inputs; or both
+        together. In one unit, in the quantity that was measured.
+    coordinates : int or "auto"
+        How many vibrations are modelled: the strongest, or as many as the data need. Decays of
+        several channels, and more than one coordinate, take the way of several.
+    terms : sequence of Term, optional
+        What the model has beside linear stiffness and viscous damping; then nothing is chosen. Of
+        one coordinate.
+    fixed : mapping, optional
+        Known coefficients of one coordinate, such as ``{"omega^2": 1482.0}``, in the unit of the
+        records and seconds.
+    order : int
+        Highest order of stiffness and inertia that are looked for under inputs.
+    curvature : float, optional
+        How far the sensor of a decay may be off a straight line at the largest amplitude, as a part
+        of that: one standard deviation; 1 % by default, 0 where it is straight.
+    seed : int
+        Of the draws behind the bands of functions.
+    progress : callable, optional
+        Called with a line of text at every step.
+
+    Returns
+    -------
+    Identification or Fit
+        The first, with functions and their bands, for decays of one coordinate whose terms
+        are not given; else the second.
+
+    Raises
+    ------
+    ValueError
+        For no records, units that differ, a record given twice, or what the records cannot have.
+    TrajectoryError
+        If no motion of the equation follows the measured one.
+    """
+    several = listed_records(records, "records")
+    decays = [r for r in several if isinstance(r, Decay)]
+    one = coordinates == 1 and not isinstance(coordinates, bool)
+    if terms is not None:
+        remedy = "1 where terms are given: refine(model, decays) fits a model of several"
+        _require(one, "coordinates", coordinates, remedy)
+        return refine_terms(several, terms, fixed or {}, progress)
+    if len(decays) < len(several):
+        _require(one, "coordinates", coordinates, "1 where inputs drive the motion")
+        _require(not fixed, "fixed", fixed, "given with terms= where inputs drive the motion")
+        _require(
+            curvature is None, "curvature", curvature, "left out where inputs drive the motion"
+        )
+        return identify_forced(several, order, progress=progress)
+    if one and all(d.n_channels == 1 for d in decays):
+        known = CURVATURE if curvature is None else curvature
+        return identify_decays(decays, fixed=fixed, curvature=known, seed=seed, progress=progress)
+    remedy = "left out for several channels or coordinates"
+    _require(not fixed, "fixed", fixed, f"{remedy}: refine(found.model, decays, fixed=) holds them")
+    _require(curvature is None, "curvature", curvature, remedy)
+    return identify_coupled(decays, coordinates, progress=progress)
+
+
+def _require(fits: bool, name: str, value: object, remedy: str) -> None:
+    if not fits:
+        raise ValueError(f"{name} = {value!r} must be {remedy}")

@@ -1,0 +1,216 @@
+"""Which terms are needed: chosen by what each gains on data that took no part.
+
+All candidates at once are linearised about the present motions; a fit to any of them, and its
+misfit on parts of the data that are left out in turn, are then solutions of small systems. Records
+are left out where there are many, else stretches of them that all span the amplitudes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.fit.normal_equations import inverse, solved
+from romsindy.fit.verdict import REFUSED, TERM
+from romsindy.typing import Array, Indices
+
+
+class Gram(NamedTuple):
+    """Normal equations of one part of the data, for the values alone: states are eliminated.
+
+    ``matrix`` (m, m), ``right`` (m,), ``power``, and the number of samples.
+    """
+
+    matrix: Array
+    right: Array
+    power: float
+    n: int
+
+    @classmethod
+    def of(cls, rows: Array, at: Array) -> Gram:
+        """From derivatives by values and states and the misfit, (n, m + k + 1), over the noise.
+
+        The equations are for the values themselves; the rows were linearised at ``at``, (m,).
+        """
+        m = len(at)
+        misfit = rows[:, -1] + rows[:, :m] @ at
+        matrix, right, power = (
+            rows[:, :-1].T @ rows[:, :-1],
+            rows[:, :-1].T @ misfit,
+            misfit @ misfit,
+        )
+        states = matrix[m:, m:]
+        by_values = solved(states, matrix[m:, :m])
+        own = solved(states, right[m:, None])[:, 0]
+        return cls(
+            matrix[:m, :m] - matrix[:m, m:] @ by_values,
+            right[:m] - matrix[:m, m:] @ own,
+            float(power - right[m:] @ own),
+            len(rows),
+        )
+
+    @classmethod
+    def sum(cls, several: Sequence[Gram]) -> Gram:
+        """Of the parts together."""
+        matrix, right, power, n = zip(*several, strict=True)
+        return cls(np.sum(matrix, axis=0), np.sum(right, axis=0), sum(power), sum(n))
+
+    def misfit(self, where: Indices, values: Array) -> float:
+        """Chi-square of some values, all others 0."""
+        own = self.matrix[np.ix_(where, where)]
+        return float(self.power - 2 * values @ self.right[where] + values @ own @ values)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Misfits of parts that are left out, by which groups of values take part.
+
+    Attributes
+    ----------
+    parts : sequence of Gram
+        Each is left out in turn; one alone is judged by its own misfit.
+    always : sequence of int
+        Places of the values that always take part.
+    groups : sequence of sequence of int
+        Places of values that take part together, or not at all.
+    least : mapping of int to float
+        What the value of a group of one must exceed.
+    refusable : collection of int
+        Groups of which the data may refuse that, by `REFUSED` standard errors.
+    """
+
+    parts: Sequence[Gram]
+    always: Sequence[int]
+    groups: Sequence[Sequence[int]]
+    least: Mapping[int, float]
+    refusable: Collection[int] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return sum(p.n for p in self.parts)
+
+    def chosen(self, present: Sequence[int]) -> list[int]:
+        """Numbers of the groups that gain, in order of their gains.
+
+        They are looked for from none on, and from those that are present: about a wrong motion no
+        term alone may gain. The better choice is taken.
+        """
+        held, misfit = self._best(present)
+        lifted = {g: low for g, low in self.least.items() if g not in self.refusable}
+        if len(lifted) == len(self.least):
+            return held
+        free, less = replace(self, least=lifted)._best(present)
+        gain = misfit - less + self.cost(held, less) - self.cost(free, less)
+        return free if gain > REFUSED**2 * max(less / self.n, 1.0) else held
+
+    def _best(self, present: Sequence[int]) -> tuple[list[int], float]:
+        found = [self._grown(list(start)) for start in ((), present)]
+        least = min(left for _, left in found)
+        return min(found, key=lambda x: x[1] + self.cost(x[0], least))
+
+    def _grown(self, start: list[int]) -> tuple[list[int], float]:
+        """From some groups on, and the misfit."""
+        kept = self.possible(start)
+        kept, left = self._without_idle(kept, self.left_out(kept))
+        while True:
+            others = [g for g in range(len(self.groups)) if g not in kept]
+            misfit, new = min(self._with_one_of(others, kept), default=(left, kept))
+            if new == kept or left - misfit < self._needed(left, new[-1], len(others)):
+                return kept, left
+            kept, left = self._exchanged(new, misfit)
+            kept, left = self._without_idle(kept, left)
+
+    def _with_one_of(
+        self, others: Sequence[int], kept: Sequence[int]
+    ) -> list[tuple[float, list[int]]]:
+        """Misfits of some groups with another one, and those that it leaves possible."""
+        trials = ((g, self.possible([*kept, g])) for g in others)
+        return [(self.left_out(new), new) for g, new in trials if new[-1:] == [g]]
+
+    def _exchanged(self, kept: list[int], left: float) -> tuple[list[int], float]:
+        """With another in the place of one, where that leaves less."""
+        for g in kept[:-1]:
+            rest = [k for k in kept if k != g]
+            others = [j for j in range(len(self.groups)) if j not in kept]
+            misfit, best = min(self._with_one_of(others, rest), default=(left, kept))
+            more = self._size(best) - self._size(kept) + 1
+            if left - misfit > max(more, 1) * needed(self.n, left, 1):
+                return self._exchanged(best, misfit)
+        return kept, left
+
+    def _size(self, kept: Sequence[int]) -> int:
+        return sum(len(self.groups[g]) for g in kept)
+
+    def _without_idle(self, kept: list[int], left: float) -> tuple[list[int], float]:
+        """Without those that later ones have made superfluous."""
+        for g in kept:
+            fewer = self.possible([k for k in kept if k != g])
+            misfit = self.left_out(fewer)
+            if misfit - left < self._needed(left, g, 1):
+                return self._without_idle(fewer, misfit)
+        return kept, left
+
+    def cost(self, kept: Sequence[int], left: float) -> float:
+        """What so many values must gain, where ``left`` is left."""
+        return sum(self._needed(left, g, 1) for g in kept)
+
+    def _needed(self, left: float, group: int, looks: int) -> float:
+        return len(self.groups[group]) * needed(self.n, left, looks)
+
+    def possible(self, kept: Sequence[int]) -> list[int]:
+        """Without groups whose values cannot be what they are."""
+        left = list(kept)
+        while wrong := self._impossible(left):
+            left = [g for g in left if g not in wrong]
+        return left
+
+    def _impossible(self, kept: Sequence[int]) -> list[int]:
+        if not any(g in self.least for g in kept):
+            return []
+        values = dict(zip(self.places(kept), _fitted(self.parts, self.places(kept)), strict=True))
+        return [g for g in kept if g in self.least and values[self.groups[g][0]] <= self.least[g]]
+
+    def places(self, kept: Sequence[int]) -> list[int]:
+        """Of the values that always take part, and those of the groups."""
+        return [*self.always, *(i for g in kept for i in self.groups[g])]
+
+    def values(self, kept: Sequence[int]) -> Array:
+        """Of all places, fitted to all parts; 0 of groups that take no part."""
+        where = self.places(kept)
+        found = np.zeros(len(self.parts[0].right))
+        found[where] = _fitted(self.parts, where)
+        return found
+
+    def covariance(self, kept: Sequence[int]) -> Array:
+        """Of the values of all places, (m, m); 0 for groups that take no part."""
+        where = self.places(kept)
+        found = np.zeros_like(self.parts[0].matrix)
+        here = np.ix_(where, where)
+        found[here] = inverse(Gram.sum(self.parts).matrix[here])
+        return found
+
+    def left_out(self, kept: Sequence[int]) -> float:
+        """Misfit of all parts, each by values that were fitted to the others, if there are any."""
+        where = self.places(kept)
+        at, parts = np.array(where), self.parts
+        others = [[o for o in parts if o is not p] or parts for p in parts]
+        return sum(p.misfit(at, _fitted(o, where)) for p, o in zip(parts, others, strict=True))
+
+
+def needed(n: int, left: float, looks: int) -> float:
+    """What a term must gain of chi-square: more than chance, and a part of what is left.
+
+    There are ``n`` samples, ``left`` is chi-square, ``looks`` the number of terms to choose from:
+    the extended Bayesian information criterion (J. Chen, Z. Chen, Biometrika 95, 2008).
+    """
+    return float(np.log(n) + 2 * np.log(looks) + TERM * max(left - n, 0.0))
+
+
+def _fitted(parts: Sequence[Gram], where: Sequence[int]) -> Array:
+    at = np.array(where)
+    matrix = sum(p.matrix[np.ix_(at, at)] for p in parts)
+    return solved(np.asarray(matrix), sum(p.right[at] for p in parts))

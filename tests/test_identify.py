@@ -1,0 +1,102 @@
+"""One door: the records say which way is taken, and every result answers the same questions."""
+
+import numpy as np
+import pytest
+
+import romsindy as rs
+from romsindy.physics.damping import PowerDamping
+from romsindy.physics.stiffness import Stiffness
+
+TRUTH = {"omega^2": 400.0, "c_linear": 0.4, "gamma_3": 100.0}
+MODEL = rs.ReducedModel.from_coefficients(TRUTH, unit="m")
+T = np.arange(0, 12, 0.01)
+
+
+def decay(seed, amplitude=1.0, channels=1, noise=1e-3):
+    clean = MODEL.simulate(amplitude, 0.0, T)
+    rng = np.random.default_rng(seed)
+    q = np.column_stack([clean.q * s for s in (1.0, 0.5)[:channels]])
+    q = q + noise * rng.standard_normal(q.shape)
+    return rs.Decay(T, q if channels > 1 else q[:, 0], unit="m", stage="free")
+
+
+def shaken(seed):
+    rng = np.random.default_rng(seed)
+    tones = rng.uniform(1.5, 5.5, 30)
+    phase = rng.uniform(0, 2 * np.pi, 30)
+    u = 2.0 * np.cos(2 * np.pi * np.outer(T, tones) + phase).sum(axis=1)
+    driven = rs.ReducedModel.from_coefficients({**TRUTH, "gain [force]": 1.0}, unit="m")
+    y = driven.simulate(0.0, 0.0, T, u=u).y + 1e-3 * rng.standard_normal(len(T))
+    return rs.ForcedVibration(T, y, u, unit="m")
+
+
+@pytest.fixture(scope="module")
+def found():
+    """One result of every kind, of the same structure."""
+    return {
+        "decay": rs.identify(decay(1)),
+        "channels": rs.identify(decay(2, channels=2)),
+        "driven": rs.identify(shaken(3), order=3),
+        "given": rs.identify([decay(4), shaken(5)], terms=[Stiffness(3)]),
+    }
+
+
+KINDS = ("decay", "channels", "driven", "given")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_result_has_the_structure_in_its_intervals(found, kind):
+    """Four standard errors to either side: chance leaves one of 15,000 outside."""
+    result = found[kind]
+    for name, value in TRUTH.items():
+        key = name if name in result.model.coefficients else f"{name} [q1]"
+        low, high = result.interval(key)
+        middle, half = (low + high) / 2, (high - low) / 2
+        assert abs(value - middle) < 2 * half, (key, low, high)
+    assert result.verdict.explained
+    with pytest.raises(ValueError, match="name = 'stiffness' is no coefficient: there are"):
+        result.interval("stiffness")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_result_predicts_a_record_that_took_no_part(found, kind):
+    """From the state of its first 100 samples, to twice the noise."""
+    record = decay(11, 0.8, channels=2 if kind == "channels" else 1)
+    missed = found[kind].predict(record, 100) - record.signal
+    assert np.sqrt(np.mean(missed**2)) < 2e-3
+    with pytest.raises(ValueError, match="samples = 3 must be a whole number from 4 to the 1200"):
+        found[kind].predict(record, 3)
+
+
+def test_results_with_inputs_predict_under_them(found):
+    record = shaken(12)
+    for kind in ("driven", "given"):
+        missed = found[kind].predict(record, 100) - record.y
+        assert np.sqrt(np.mean(missed**2)) < 2e-3
+
+
+def test_fixed_coefficients_stay_with_terms_given():
+    fit = rs.identify(decay(6), terms=[Stiffness(3), PowerDamping(1)], fixed={"omega^2": 400.0})
+    assert fit.interval("omega^2") == (400.0, 400.0)
+    assert list(fit.model.coefficients) == ["omega^2", "c_linear", "gamma_3"]
+
+
+def test_what_a_way_cannot_have_is_refused_with_a_remedy():
+    several, driven = decay(7, channels=2), shaken(8)
+    for records, asked, message in (
+        (driven, {"coordinates": 2}, "coordinates = 2 must be 1 where inputs drive the motion"),
+        (driven, {"curvature": 0.01}, "curvature = 0.01 must be left out where inputs drive"),
+        (driven, {"fixed": {"omega^2": 1.0}}, "must be given with terms= where inputs drive"),
+        (several, {"fixed": {"omega^2": 1.0}}, "refine(found.model, decays, fixed=) holds them"),
+        (several, {"coordinates": 2, "terms": [Stiffness(3)]}, "1 where terms are given"),
+        (several, {"terms": [Stiffness(3)], "fixed": {"b": 1.0}}, "fixed names ['b'], but there"),
+    ):
+        with pytest.raises(ValueError) as refused:
+            rs.identify(records, **asked)
+        assert message in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["identify_coupled", "identify_forced", "free_run"])
+def test_an_old_name_answers_with_the_new_one(name):
+    with pytest.raises(AttributeError, match=f"romsindy.{name} is now "):
+        getattr(rs, name)
