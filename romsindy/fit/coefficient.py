@@ -10,7 +10,6 @@ import numpy as np
 
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.part import Part
-from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
@@ -46,7 +45,7 @@ class Coefficient(TermEffect):
         return self.of
 
 
-def free_coefficients(model: AnyModel, names: Sequence[str]) -> tuple[Part, ...]:
+def free_coefficients(model: TermSum, names: Sequence[str]) -> tuple[Part, ...]:
     """Changes, 0 at first, of some coefficients of a model."""
     terms = {term.key: term for term in model.terms}
     return tuple(Part(Coefficient(terms[name]), (), np.zeros((1, 1))) for name in names)

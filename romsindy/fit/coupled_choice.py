@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.coefficient import free_coefficients
 from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.fit.friction import smoothed
+from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part
@@ -128,11 +127,12 @@ def linearised(
     """All of a choice about the motions of pieces; None where there are none near these."""
     everything, values = choice.terms, now.model.coefficients
     at = [values.get(t.key, 0.0) for t in everything]
-    model = smoothed(CoupledModel(everything, tuple(at), now.model.unit), records)
+    names = [t.key for t in everything]
+    model, own = free_parts(CoupledModel(everything, tuple(at), now.model.unit), names, records)
     shown = {p.effect: p for p in now.shapes}
     straight = [p for p in now.shapes if isinstance(p.effect, ModeShape)]
     sensors = (*straight, *(shown.get(p.effect, p) for group in choice.curved for p in group))
-    parts = (*sensors, *free_coefficients(model, [t.key for t in everything]))
+    parts = (*sensors, *own)
     start = np.array([*(p.values[0] for p in sensors), *at])
     grams: dict[int, list[Gram]] = {}
     for i, record in enumerate(records):

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.fit.adequacy import examine
-from romsindy.fit.coefficient import extended, free_coefficients
+from romsindy.fit.coefficient import extended
 from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
-from romsindy.fit.friction import smoothed
+from romsindy.fit.friction import free_parts
 from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.selection import needed
 from romsindy.fit.verdict import EXPLAINED, TERM
@@ -247,10 +247,11 @@ def _better(
 
 def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
     """The model fitted to pieces so many cycles long; None if it has no motion, or no masses."""
-    names, model = list(start.model.coefficients), smoothed(start.model, records)
-    parts = (*free_coefficients(model, names), *start.shapes)
-    solution = fit_pieces(model, parts, records, cycles)
-    if solution is None or not _has_masses(model := extended(start.model, solution.parts)):
+    names = list(start.model.coefficients)
+    base, own = free_parts(start.model, names, records)
+    solution = fit_pieces(base, (*own, *start.shapes), records, cycles)
+    laws = replace(start.model, values=base.values)
+    if solution is None or not _has_masses(model := extended(laws, solution.parts)):
         return None
     stage = Stage(model, solution.parts[len(names) :])
     followed = moved(records, solution.motions)

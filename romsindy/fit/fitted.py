@@ -16,13 +16,13 @@ from threadpoolctl import threadpool_limits
 from romsindy.effects.drive import Drive
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.any_record import AnyRecord
-from romsindy.fit.coefficient import extended, free_coefficients
+from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.forced.adequacy import examine_forced
 from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.friction import smoothed
+from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import Solution, coloured_covariance, fit
 from romsindy.fit.horizon import fit_growing
 from romsindy.fit.measured import Offset
@@ -164,8 +164,8 @@ def refined(
 
     ``settled`` where the motions are those of the model already.
     """
-    start = smoothed(model, records)
-    parts = (*free_coefficients(start, free), *more)
+    start, own = free_parts(model, free, records)
+    parts = (*own, *more)
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
         try:
@@ -176,7 +176,7 @@ def refined(
                 f" ({error}): use fewer terms, or start from other values"
             ) from error
     peak = max(record.peak for record in records)
-    new = extended(model, solution.parts)
+    new = extended(replace(model, values=start.values), solution.parts)
     solution = replace(solution, covariance=covariance)  # that of the residuals as they are
     laws = [(p.effect.term(), at) for p, at in zip(solution.parts, solution.slices(), strict=True)]
     named = {law.key: at.start for law, at in laws if law is not None}
@@ -259,7 +259,14 @@ def _followed(
     """Fit from the motions of the records; where that does not settle, over growing horizons."""
     shot = partial(shoot, model, loss=loss, progress=progress)
     if settled:
-        return shot(parts, records, [r.motion for r in records], tolerance=_ROUGH)
+        try:
+            return shot(parts, records, [r.motion for r in records], tolerance=_ROUGH)
+        except TrajectoryError:
+            # Window by window a simulation may stumble over friction; all windows at once do not.
+            near = fit(model, parts, records)
+            if not near.converged:
+                raise
+            return near, coloured_covariance(model, near, records)
     if any(isinstance(r, ForcedRecord) for r in records):  # inputs keep the phase: no need to shoot
         near = fit(model, parts, records, iterations=_DRIVEN)
         if not near.finite:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from romsindy.fit.any_record import AnyRecord
+from romsindy.fit.coefficient import free_coefficients
+from romsindy.fit.part import Part
 from romsindy.physics.coupling import Along
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
@@ -18,16 +20,44 @@ Model = TypeVar("Model", bound=TermSum)
 
 # Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
 # quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
-_SMOOTHING = 0.003
+_SMOOTHING = 0.001
 
 
-def smoothed(model: Model, records: Sequence[AnyRecord]) -> Model:
-    """Model whose dry friction is smooth at the speeds of the records, each in its direction."""
-    if all(term.smooth for term in model.terms):
+def free_parts(
+    model: Model, names: Sequence[str], records: Sequence[AnyRecord]
+) -> tuple[Model, tuple[Part, ...]]:
+    """A model to fit, and its free coefficients as parts.
+
+    The jump of a free force is averaged over each step in time, which no velocity scale blurs: all
+    of it is in its part, and none in the model. Other jumps are smoothed, and those of several
+    coordinates: one of them may stop while others go on.
+    """
+    alone = {t.key for t in model.terms if not (t.smooth or isinstance(t, Along))}
+    apart = alone & {*names}
+    values = model.coefficients
+    inside = tuple(0.0 if name in apart else value for name, value in values.items())
+    left = smoothed(replace(model, values=inside), records, apart)
+    parts = free_coefficients(left, names)
+    return left, tuple(
+        replace(p, strengths=np.full((1, 1), values[name])) if name in apart else p
+        for name, p in zip(names, parts, strict=True)
+    )
+
+
+def smoothed(model: Model, records: Sequence[AnyRecord], but: Collection[str] = ()) -> Model:
+    """Model whose dry friction is smooth at the speeds of the records, each in its direction.
+
+    Coefficients with names that stand in ``but`` keep their jump.
+    """
+    stays = [term.smooth or term.key in but for term in model.terms]
+    if all(stays):
         return model
     q_dot = np.concatenate([r.motion.q_dot for r in records])
-    terms = (t if t.smooth else t.regularised(_SMOOTHING * _fastest(t, q_dot)) for t in model.terms)
-    return replace(model, terms=tuple(terms))
+    terms = tuple(
+        t if stay else t.regularised(_SMOOTHING * _fastest(t, q_dot))
+        for t, stay in zip(model.terms, stays, strict=True)
+    )
+    return replace(model, terms=terms)
 
 
 def _fastest(term: Term, q_dot: Array) -> float:

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from romsindy.effects.choices import sought
-from romsindy.fit.coefficient import Coefficient, free_coefficients
+from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.fitted import Fit
-from romsindy.fit.friction import smoothed
+from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.selection import Gram, Trials
 from romsindy.physics.damping import PowerDamping
@@ -74,9 +74,9 @@ def needed_terms(
         model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
     )
     terms = {t.key: t for t in (*LINEAR, *several)}
-    wide = smoothed(wide, fit.records)
-    parts = (*free_coefficients(wide, tuple(terms)), *more)
     at = np.array([wide.coefficients[key] for key in terms])
+    wide, own = free_parts(wide, tuple(terms), fit.records)
+    parts = (*own, *more)
     tables = [
         linear_table(wide, parts, i, record, motion)[1]
         for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True))
