@@ -58,7 +58,8 @@ class Fit(Estimate):
     Attributes
     ----------
     start : ReducedModel
-        The equation to which the parts of the solution are added; its dry friction is smooth.
+        The equation to which the parts of the solution are added; a free force that jumps is all in
+        its part, and other dry friction is smooth.
     records : tuple of Record
     solution : Solution
         Changes of the free coefficients, then the offsets of the sensor where they were fitted.
