@@ -155,6 +155,20 @@ def test_a_gap_that_closes_and_what_changes_it():
     assert_allclose(back.damping, 1 / 6, rtol=0.01)
 
 
+def test_a_change_beside_the_harmonics_is_a_change():
+    """A tone of 2 % at a frequency of its own is all that two exact motions differ by: its rms, but
+    for 5 per cent that the spline of few harmonics takes of it.
+
+    One shown by a measured record and by neither of the two is none of it.
+    """
+    tone = 0.02 * np.cos(2 * np.pi * 3.7 * T)
+    (change,) = gap(signal(), signal() + tone).changes
+    assert_allclose(change.signal, 0.02 / np.sqrt(2), rtol=0.1)
+    measured = record(signal() + 0.02 * np.cos(2 * np.pi * 50.3 * T), 0.001)
+    (alike,) = gap(signal(), signal(), measured).changes
+    assert alike.signal < 1e-6
+
+
 def test_signals_without_common_amplitudes_have_words_for_it():
     """A simulation that dies after two cycles: nothing can be compared, and nan says nothing."""
     found = gap(signal(zeta=0.5), signal())

@@ -42,6 +42,30 @@ def test_a_difference_within_the_stated_tolerance_is_none(no_search):
     assert "nothing that matters" in found.sentence and "tolerance: " in found.sentence
 
 
+@pytest.mark.parametrize(("noise", "found"), [(35, "not known"), (80, "known")])
+def test_a_stated_tolerance_ends_the_search_where_the_record_shows_that_it_is_kept(
+    noise, found, monkeypatch
+):
+    """The same equation, to 0.001 %: at 35 dB this record cannot show that, at 80 it does."""
+    asked = []
+
+    def run(self):
+        asked.append(True)
+        exact = self.hypothesis([])
+        return search.Finding([exact], [exact], exact)
+
+    monkeypatch.setattr(search.Search, "run", run)
+    fine = {"frequency": 1e-5, "damping": 1e-2, "signal": 1e-3}
+    assert diagnose(MODEL, decay(1.0, snr_db=noise), tolerance=fine).verdict == "none"
+    assert bool(asked) == (found == "not known")
+
+
+def test_a_tolerance_is_stated_or_read_off():
+    repeats = Tolerance(source="repeats")
+    assert stated(0.01).stated and not repeats.stated and not Tolerance().stated
+    assert stated(0.01).or_more(repeats).stated
+
+
 @pytest.mark.slow
 def test_the_same_difference_matters_without_one():
     found = diagnose(MODEL, decay(1.0, changed=OTHER))

@@ -65,6 +65,11 @@ class Tolerance:
                     " such as 0.001"
                 )
 
+    @property
+    def stated(self) -> bool:
+        """Whether a user said it."""
+        return "stated" in self.source.split(" and ")
+
     def source_of(self, kind: str) -> str:
         """Where the tolerance of "frequency", "damping" or "signal" comes from."""
         return self.sources.get(kind, self.source)

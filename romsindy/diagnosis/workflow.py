@@ -205,8 +205,8 @@ def _parted(
 def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
     """Whether there is nothing to look for in the simulation as it was.
 
-    It is known to be within a tolerance that was asked for, or leaves noise alone with what a
-    measurement may add.
+    It is within what repeats or a reference leave open, is known to be within a tolerance that was
+    stated, or leaves noise alone with what a measurement may add; a stated one asks for more.
     """
     tolerance = search.options.tolerance
     if not slack.solution.finite:  # it has no motion near that of the records
@@ -214,8 +214,10 @@ def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
     differences = as_it_was.differences_before
     if any(d.exceeds(tolerance) for d in differences):
         return False  # of what takes no part, if not of the others
-    if tolerance.source != DEFAULT:
+    if tolerance.stated:
         return all(d.agrees(kind, tolerance) for d in differences for kind in KINDS)
+    if tolerance.source != DEFAULT and as_it_was.within(tolerance):
+        return True
     left = search.remainder(slack)
     return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
 
