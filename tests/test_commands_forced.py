@@ -225,7 +225,7 @@ def test_several_files_and_one_that_is_refused(run, folder):
         ("two.csv", ["--input-column", "force_left", "--column", "q", "--column", "base"],
          "2 columns could be the measured one, ['q', 'base']: choose with --column"),
         ("shaker.csv", ["--unit-input", "N", "--unit-input", "V"], "must be one unit, or one for"),
-        ("shaker.csv", ["--order", "0"], "shaker.csv: order = 0 must be 1 or more"),
+        ("shaker.csv", ["--order", "0"], "shaker.csv: order = 0 must be a whole number, 1 or more"),
         (
             "two.csv",
             ["--input-column", "force_left", "--input-column", "force_right"],

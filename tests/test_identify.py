@@ -68,6 +68,30 @@ def test_every_result_predicts_a_record_that_took_no_part(found, kind):
         found[kind].predict(record, 3)
 
 
+def test_what_cannot_be_predicted_is_refused(found):
+    result, record = found["decay"], decay(11)
+    other = rs.Decay(T, 1e3 * record.q, unit="mm")
+    for wrong, message in (
+        (record.q, "record is ndarray: give one Decay"),
+        ([record], "record is list: give one Decay"),
+        (other, "decay 0 is in mm, the model in m: load the decay with unit='m'"),
+    ):
+        with pytest.raises(ValueError) as refused:
+            result.predict(wrong, 100)
+        assert message in str(refused.value)
+
+
+def test_what_was_saved_predicts_as_well(found, tmp_path):
+    """The equation is all that is needed of one coordinate; of several the sensors are."""
+    record = decay(11, 0.8)
+    found["given"].save(tmp_path / "found.json")
+    loaded = rs.Estimate.load(tmp_path / "found.json")
+    assert np.std(loaded.predict(record, 100) - record.q) < 2e-3
+    found["channels"].save(tmp_path / "several.json")
+    with pytest.raises(ValueError, match="what the channels show of several coordinates is not"):
+        rs.Estimate.load(tmp_path / "several.json").predict(decay(11, channels=2), 100)
+
+
 def test_results_with_inputs_predict_under_them(found):
     record = shaken(12)
     for kind in ("driven", "given"):
@@ -90,6 +114,10 @@ def test_what_a_way_cannot_have_is_refused_with_a_remedy():
         (several, {"fixed": {"omega^2": 1.0}}, "refine(found.model, decays, fixed=) holds them"),
         (several, {"coordinates": 2, "terms": [Stiffness(3)]}, "1 where terms are given"),
         (several, {"terms": [Stiffness(3)], "fixed": {"b": 1.0}}, "fixed names ['b'], but there"),
+        (several, {"terms": [Stiffness(3)], "fixed": ["b"]}, "fixed = ['b'] must map names to"),
+        (several, {"terms": ["gamma_3"]}, "terms = ['gamma_3'] must be a list of laws"),
+        (several, {"terms": Stiffness(3)}, "must be a list of laws of one coordinate, such as"),
+        (driven, {"order": 2.5}, "order = 2.5 must be a whole number, 1 or more"),
     ):
         with pytest.raises(ValueError) as refused:
             rs.identify(records, **asked)

@@ -124,7 +124,10 @@ class CoupledResult:
         fit, report = self.found, self.report
         modes = as_text(report.tables()[0]._replace(note="")).splitlines()
         found = [report.picked, *report.equations().splitlines(), str(fit.verdict), *modes]
-        step = "--full prints coefficients and mode shapes; found.predict foretells another decay."
+        step = (
+            "--full prints coefficients and mode shapes; in Python, .predict of the fit foretells"
+            " another decay."
+        )
         return found, fit.remarks(), step
 
     def content(self) -> dict[str, Any]:

@@ -148,7 +148,8 @@ class ForcedResult:
             *held,
         ]
         step = (
-            "delays of the inputs with --full; a record of another level foretold (found.predict)."
+            "delays of the inputs with --full; in Python, .predict of the fit foretells a record of"
+            " another level."
         )
         return found, fit.remarks(), step
 

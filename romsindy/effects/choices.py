@@ -2,10 +2,10 @@
 
 "decay": beside functions of q, where one coordinate decays. "coupled": on every one of several
 coordinates; "jointed": on these as well, where what is smooth does not explain them. "driven":
-under a measured input. "steady": in points of steady vibration, where near one resonance the first
-harmonic tells powers of the amplitude only, so that gamma_3 stands for inertia and the cube of the
-speed for the square of q times it. "series": in what stands for a simulated series, one by one;
-"rich": in what that is measured by.
+damping under a measured input, beside powers up to an order of the user's. "steady": in points of
+steady vibration, where near one resonance the first harmonic tells powers of the amplitude only, so
+that gamma_3 stands for inertia and the cube of the speed for the square of q times it. "series": in
+what stands for a simulated series, one by one; "rich": in what that is measured by.
 """
 
 from __future__ import annotations
@@ -17,18 +17,17 @@ from romsindy.physics.term import Term
 
 _TABLE: tuple[tuple[Term, str], ...] = (
     (Stiffness(2, odd=True), "jointed steady"),
-    (Stiffness(2), "coupled driven series rich"),
-    (Stiffness(3), "coupled driven steady rich"),
-    (Stiffness(4), "driven rich"),
-    (Stiffness(5), "driven steady series rich"),
+    (Stiffness(2), "coupled series rich"),
+    (Stiffness(3), "coupled steady rich"),
+    (Stiffness(4), "rich"),
+    (Stiffness(5), "steady series rich"),
     (AmplitudeDamping(1), "jointed driven"),
     (AmplitudeDamping(2), "coupled driven"),
     (PowerDamping(2), "decay jointed driven steady series rich"),
     (PowerDamping(3), "driven steady"),
     (Friction(), "decay jointed driven series"),
-    (Inertia(3), "driven series rich"),
-    (Inertia(4), "driven"),
-    (Inertia(5), "driven rich"),
+    (Inertia(3), "series rich"),
+    (Inertia(5), "rich"),
 )
 PLACES = frozenset(place for _, places in _TABLE for place in places.split())
 

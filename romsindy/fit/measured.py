@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,6 +113,21 @@ def require_unit(several: Sequence[Decay | ForcedVibration], unit: str | None) -
                 f"decay {i} is the same record as an earlier one: counted twice, it would make"
                 " every error bar too small; give it once"
             )
+
+
+def require_known(fixed: Mapping[str, float], names: Sequence[str]) -> None:
+    """Coefficients that are known: finite numbers by some of these names."""
+    if not isinstance(fixed, Mapping):
+        raise ValueError(f"fixed = {fixed!r} must map names to values, as {{'omega^2': 1482.0}}")
+    unknown = sorted(set(fixed) - set(names))
+    if unknown:
+        raise ValueError(f"fixed names {unknown}, but there are {', '.join(names)}")
+    for name, value in fixed.items():
+        if not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
+            raise ValueError(f"fixed {name} = {value!r} must be a finite number")
+    for name in ("omega^2", "Upsilon_3"):  # no stable rest, no sum of squares
+        if fixed.get(name, 0.0) < 0:
+            raise ValueError(f"fixed {name} = {fixed[name]:g} must not be negative")
 
 
 def small_frequencies(model: CoupledModel) -> Array:

@@ -17,7 +17,7 @@ from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.friction import smoothed
 from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.measured import NUMERICS, small_frequencies
+from romsindy.fit.measured import NUMERICS, require_unit, small_frequencies
 from romsindy.fit.part import Part, in_orders
 from romsindy.fit.record import Record
 from romsindy.fit.shooting import shoot
@@ -54,6 +54,11 @@ def predicted(
     model: AnyModel, sensors: Sensors, record: Decay | ForcedVibration, samples: int
 ) -> Array:
     """Simulate a record from the state that its first samples show: see `Estimate.predict`."""
+    if not isinstance(record, (Decay, ForcedVibration)):
+        raise ValueError(
+            f"record is {type(record).__name__}: give one Decay, or one ForcedVibration with inputs"
+        )
+    require_unit([record], model.unit)
     least, n = _SAMPLES * model.n_coordinates, len(record.t)
     whole = isinstance(samples, (int, np.integer)) and not isinstance(samples, bool)
     if not (whole and least <= samples <= n):

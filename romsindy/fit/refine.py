@@ -24,6 +24,7 @@ from romsindy.fit.measured import (
     listed_records,
     prepared,
     ready,
+    require_known,
     require_unit,
     several_decays,
     small_frequencies,
@@ -31,6 +32,7 @@ from romsindy.fit.measured import (
 from romsindy.fit.part import Part
 from romsindy.fit.shooting import LOSSES
 from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -100,16 +102,24 @@ def refine_terms(
 
     Its values start from least squares on the smooth motions; ``fixed`` ones stay as they are.
     """
+    wrong = terms if not isinstance(terms, (list, tuple)) else [t for t in terms if not _is_law(t)]
+    if wrong:
+        raise ValueError(
+            f"terms = {terms!r} must be a list of laws of one coordinate, such as"
+            " romsindy.physics.stiffness.Stiffness(3)"
+        )
     laws = tuple({t.key: t for t in (*LINEAR, *terms)}.values())
-    unknown = sorted({*fixed} - {t.key for t in laws})
-    if unknown:
-        raise ValueError(f"fixed names {unknown}, but there are {', '.join(t.key for t in laws)}")
+    require_known(fixed, [t.key for t in laws])
     records = ready(several)
     inputs = inputs_in([r.decay for r in forced_among(records)], "linear")
     found = regressed(laws, inputs, records)[0].tolist()
     values = tuple(fixed.get(t.key, v) for t, v in zip(laws, found, strict=True))
     model = ReducedModel(laws, values, several[0].unit)
     return refine(model, several, fixed=tuple(fixed), progress=progress)
+
+
+def _is_law(term: object) -> bool:
+    return isinstance(term, Term) and not isinstance(term, CoupledTerm)
 
 
 def _seen(

@@ -38,8 +38,8 @@ def stiffness_to(order: int) -> list[Term]:
     ValueError
         If the order is below 1.
     """
-    if order < 1:
-        raise ValueError(f"order = {order!r} must be 1 or more")
+    if isinstance(order, bool) or not isinstance(order, (int, np.integer)) or order < 1:
+        raise ValueError(f"order = {order!r} must be a whole number, 1 or more")
     return [Stiffness(m) for m in range(2, order + 1)]
 
 
@@ -47,8 +47,7 @@ def candidates(order: int) -> tuple[Term, ...]:
     """Stiffness and inertia up to an order, and damping."""
     stiffness = stiffness_to(order)
     inertia = [Inertia(k) for k in range(3, order + 1)]
-    damping = [law for law in sought("driven") if law.has("damping")]
-    return (*stiffness, *damping, *inertia)
+    return (*stiffness, *sought("driven"), *inertia)
 
 
 def innovation(residual: Array) -> float:

@@ -26,7 +26,7 @@ from romsindy.fit.functions.structures import (
     simpler,
 )
 from romsindy.fit.functions.windows import Window, windows_of
-from romsindy.fit.measured import prepared, several_decays
+from romsindy.fit.measured import prepared, require_known, several_decays
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import CURVATURE, EQUIVALENT
 from romsindy.physics.model import ReducedModel
@@ -143,17 +143,7 @@ def _scales(records: Sequence[Record]) -> Scales:
 def _known(series: Series, fixed: Mapping[str, float]) -> Array:
     """Rows for what is known of the coefficients."""
     names = [t.key for t in series.terms()]
-    if not isinstance(fixed, Mapping):
-        raise ValueError(f"fixed = {fixed!r} must map names to values, as {{'omega^2': 1482.0}}")
-    unknown = sorted(set(fixed) - set(names))
-    if unknown:
-        raise ValueError(f"fixed names {unknown}, but there are {', '.join(names)}")
-    for name, value in fixed.items():
-        if not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
-            raise ValueError(f"fixed {name} = {value!r} must be a finite number")
-    for name in ("omega^2", "Upsilon_3"):  # no stable rest, no sum of squares
-        if fixed.get(name, 0.0) < 0:
-            raise ValueError(f"fixed {name} = {fixed[name]:g} must not be negative")
+    require_known(fixed, names)
     # Coefficients are linear in the values, but for the damping that follows the inertia.
     nothing = series.moved(np.zeros_like(series.values))
     slopes = nothing.taylor(np.eye(len(series.values)))
