@@ -68,8 +68,8 @@ def strokes(force, friction, state, t):
     return found
 
 
-def driven(seed):
-    """A record and its coefficients: a force of 1 and a response of about 1 at resonance."""
+def driven(seed, n=6000):
+    """A record, ``n`` samples of a multisine, and its coefficients."""
     rng = np.random.default_rng(seed)
     omega, zeta = 2 * np.pi * rng.uniform(2, 40), rng.uniform(0.005, 0.02)
     size = 10 ** rng.uniform(-3, 0)
@@ -98,7 +98,6 @@ def driven(seed):
             return np.cos(phase[i] + rate[i] * (s - t[i]))
 
     else:
-        n = 6000
         t = dt * np.arange(n)
         tone = omega * rng.uniform(0.5, 1.6, TONES)
         turn = rng.uniform(0, 2 * np.pi, TONES)

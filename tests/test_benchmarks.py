@@ -54,6 +54,18 @@ def test_small_benchmark(benchmark):
 
 
 @benchmark_of("dry_friction")
+def test_friction_under_a_force_is_chosen_and_held_by_its_interval(benchmark):
+    """75 cycles of a multisine, by a simulator that shares nothing with the package."""
+    record, truth = benchmark.driven(1, n=1500)
+    fit = rs.identify(record, order=3)
+    assert {*fit.model.coefficients} == {*truth, "gain [force]"}
+    for name, value in truth.items():
+        low, high = fit.interval(name)
+        assert low <= value <= high, name
+
+
+@pytest.mark.slow
+@benchmark_of("dry_friction")
 def test_small_benchmark_of_dry_friction_under_a_force(benchmark):
     _, _, missing, false, holds, _ = benchmark.trial("driven", 1)
     assert not missing and not false and all(holds.values())
