@@ -185,3 +185,42 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     for path in (tmp_path / "nothing.json", tmp_path):
         with pytest.raises(FileNotFoundError, match=f"{path.name}: no such file"):
             rs.Estimate.load(path)
+
+
+def known(coefficients: dict[str, float], covariance: dict[str, list[float]], reach: float) -> Any:
+    """An estimate typed in, of which these coefficients have errors."""
+    own = {"coefficients": coefficients, "amplitude_range": [0.0, reach]}
+    errors = {"free": list(covariance), "covariance": list(covariance.values())}
+    return rs.Estimate.from_json(json.dumps(BY_HAND | own | errors))
+
+
+def test_functions_have_bands_by_the_covariance() -> None:
+    """h = U q^2 and K/q = w + g q^2 are linear in coefficients: their bands are closed forms."""
+    values = {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": 0.4}
+    errors = {"omega^2": [0.04, 0.01, 0], "gamma_3": [0.01, 0.09, 0], "Upsilon_3": [0, 0, 0.0025]}
+    found = known(values, errors, 0.5)
+    q = np.linspace(-0.5, 0.5, 11)
+    h, k = found.inertia(q), found.stiffness(q)
+    assert h.value == pytest.approx(0.4 * q**2)
+    assert h.high - h.value == pytest.approx(1.96 * 0.05 * q**2, rel=1e-6, abs=1e-12)
+    std = np.sqrt(0.04 + 2 * 0.01 * q**2 + 0.09 * q**4)
+    assert k.value == pytest.approx(36.0 + 9.0 * q**2, rel=1e-6)  # the limit at 0 is a secant
+    assert k.value - k.low == pytest.approx(1.96 * std, rel=1e-6)
+    with pytest.raises(ValueError, match=r"leaves the range of the data, -0.5 to 0.5 m"):
+        found.inertia([0.6])
+    with pytest.raises(ValueError, match="coordinate = 2 must be a whole number from 1 to 1"):
+        found.stiffness(q, coordinate=2)
+
+
+def test_functions_along_each_of_several_coordinates() -> None:
+    """Along q2 alone g(q1 q2)^2 shows no inertia, g(q2^2)^2 shows 4 a q2^2."""
+    linear = {"omega^2 [q1]": 36.0, "omega^2 [q2]": 144.0}
+    more = {"gamma_2 [q2]": 15.0, "g(q1 q2)^2": 0.5, "g(q2^2)^2": 0.25}
+    errors = {"gamma_2 [q2]": [1.0, 0.0], "g(q2^2)^2": [0.0, 0.01]}
+    found = known(linear | more, errors, 1.0)
+    q = np.array([-0.8, 0.3, 0.6])
+    h, k = found.inertia(q, coordinate=2), found.stiffness(q, coordinate=2)
+    assert h.value == pytest.approx(q**2)
+    assert h.high - h.value == pytest.approx(1.96 * 0.1 * 4 * q**2)
+    assert k.value == pytest.approx(144.0 + 15.0 * q)
+    assert k.high - k.value == pytest.approx(1.96 * np.abs(q))

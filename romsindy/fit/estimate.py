@@ -15,6 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.curve import (
+    Curve,
+    Function,
+    checked_coordinate,
+    checked_range,
+    inertia_of,
+    secant_of,
+)
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand, forced_band
 from romsindy.fit.predict import Sensors, predicted
@@ -138,6 +146,44 @@ class Estimate:
             raise ValueError(f"name = {name!r} is no coefficient: there are {', '.join(values)}")
         half = 1.96 * self.standard_errors.get(name, 0.0)
         return values[name] - half, values[name] + half
+
+    def reach_of(self, coordinate: int = 1) -> tuple[float, float]:
+        """Least and largest q of the data, unit of q: what is known of it is the amplitude."""
+        checked_coordinate(coordinate, self.model)
+        largest = (self.model.amplitude_range or (0.0, np.inf))[1]
+        return -largest, largest
+
+    def inertia(self, q: ArrayLike, coordinate: int = 1) -> Curve:
+        """h(q) beside the unit mass of a coordinate, with its 95 % band by the covariance.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Within the range of the data, unit of q; other coordinates are at rest.
+        coordinate : int
+            Of several, from 1.
+
+        Raises
+        ------
+        ValueError
+            If q leaves the range of the data, or there is no such coordinate.
+        """
+        return self._curve(q, inertia_of(coordinate), coordinate)
+
+    def stiffness(self, q: ArrayLike, coordinate: int = 1) -> Curve:
+        """K(q) / q in 1/s^2 along a coordinate, with its 95 % band; as `inertia`."""
+        largest = max(map(abs, self.reach_of(coordinate)))
+        size = largest if np.isfinite(largest) else 1.0
+        return self._curve(q, secant_of(coordinate, size), coordinate)
+
+    def _curve(self, q: ArrayLike, function: Function, coordinate: int) -> Curve:
+        q = checked_range(q, self.reach_of(coordinate), self.model.unit)
+
+        def read(model: AnyModel) -> Array:
+            return function(model, q)
+
+        value, half = read(self.model), 1.96 * self.errors_of(read)
+        return Curve(q, value, value - half, value + half)
 
     def table(self) -> list[list[str]]:
         """Rows of text: every coefficient with its standard error, if it was estimated."""

@@ -19,6 +19,7 @@ from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.curve import checked_coordinate
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.forced.adequacy import examine_forced
 from romsindy.fit.forced.record import ForcedRecord
@@ -107,6 +108,12 @@ class Fit(Estimate):
         several = isinstance(self.model, CoupledModel)
         shapes = self.mode_shapes if several else None
         return Sensors(float(np.mean(self.offsets)), shapes, curved)
+
+    def reach_of(self, coordinate: int = 1) -> tuple[float, float]:
+        """Least and largest value of a coordinate in the records, unit of q."""
+        at = checked_coordinate(coordinate, self.model) - 1
+        q = np.concatenate([m.q[:, at] for m in self.solution.motions])
+        return float(q.min()), float(q.max())
 
     @property
     def resonances(self) -> tuple[Resonance, ...]:

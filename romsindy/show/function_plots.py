@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
@@ -21,9 +22,10 @@ _LEAST = 0.02  # amplitude that is drawn, as a part of the largest
 
 
 def plot_inertia(
-    found: Identification,
+    found: Estimate,
     models: Mapping[str, ReducedModel] | None = None,
     *,
+    coordinate: int = 1,
     color: str = "C0",
     label: str = "identified",
     ax: Axes | None = None,
@@ -32,24 +34,27 @@ def plot_inertia(
 
     Parameters
     ----------
-    found : Identification
+    found : Identification, Fit or Estimate
     models : mapping of str to ReducedModel, optional
-        Curves by label.
+        Curves by label, of one coordinate.
+    coordinate : int
+        Of several, from 1.
     color, label : str
         Of the identified function.
     """
     ax = given_or_new(ax)
-    q = _range(found)
-    h = found.inertia(q)
+    q = _range(found, coordinate)
+    h = found.inertia(q, coordinate)
     _draw(ax, q, (1 + h.value, 1 + h.low, 1 + h.high), {"color": color}, label)
     _beside(ax, q, models, lambda model: model.inertia(q))
-    return _labelled(ax, found, "inertia  $M(q) = 1 + h(q)$")
+    return _labelled(ax, found, "inertia  $M(q) = 1 + h(q)$", coordinate)
 
 
 def plot_stiffness(
-    found: Identification,
+    found: Estimate,
     models: Mapping[str, ReducedModel] | None = None,
     *,
+    coordinate: int = 1,
     color: str = "C0",
     label: str = "identified",
     ax: Axes | None = None,
@@ -58,19 +63,21 @@ def plot_stiffness(
 
     Parameters
     ----------
-    found : Identification
+    found : Identification, Fit or Estimate
     models : mapping of str to ReducedModel, optional
-        Curves by label.
+        Curves by label, of one coordinate.
+    coordinate : int
+        Of several, from 1.
     color, label : str
         Of the identified function.
     """
     ax = given_or_new(ax)
-    q = _range(found)
+    q = _range(found, coordinate)
     q = q[q != 0]  # K(0)/0 is no number; its neighbours show where it tends to
-    k = found.stiffness(q)
+    k = found.stiffness(q, coordinate)
     _draw(ax, q, (k.value, k.low, k.high), {"color": color}, label)
     _beside(ax, q, models, lambda model: model.stiffness(q) / q)
-    return _labelled(ax, found, "stiffness  $K(q)/q$  (1/s$^2$)")
+    return _labelled(ax, found, "stiffness  $K(q)/q$  (1/s$^2$)", coordinate)
 
 
 def plot_parts(found: Identification, *, ax: Axes | None = None) -> Axes:
@@ -119,8 +126,8 @@ def draw_motion(found: Identification, index: int, figure: Figure) -> None:
     figure.supylabel(with_unit(quantity, unit_of(quantity, record.decay.unit)), fontsize="medium")
 
 
-def _range(found: Identification) -> Array:
-    return np.linspace(*found.reach, _POINTS)
+def _range(found: Estimate, coordinate: int) -> Array:
+    return np.linspace(*found.reach_of(coordinate), _POINTS)
 
 
 def _draw(
@@ -147,7 +154,8 @@ def _beside(
         ax.plot(q, function(model), **look(i), lw=1.2, label=label)
 
 
-def _labelled(ax: Axes, found: Identification, ylabel: str) -> Axes:
-    ax.set(xlabel=with_unit("q", found.model.unit), ylabel=ylabel)
+def _labelled(ax: Axes, found: Estimate, ylabel: str, coordinate: int = 1) -> Axes:
+    name = "q" if found.model.n_coordinates == 1 else f"$q_{coordinate}$"
+    ax.set(xlabel=with_unit(name, found.model.unit), ylabel=ylabel)
     ax.legend(loc="best", frameon=False)
     return ax

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,6 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from romsindy.fit.curve import (
+    Curve,
+    Function,
+    checked_coordinate,
+    checked_range,
+    inertia_of,
+    secant_of,
+)
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.functions.short import Short, shortened
 from romsindy.fit.functions.structures import Structure
@@ -27,19 +35,6 @@ from romsindy.typing import Array
 _BAND_DRAWS = 100
 _FEW = 0.1
 _INSIDE = (2.5, 97.5)  # percentiles of a 95 % interval
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """A function of q as the model has it, with the 95 % band of all that may be true; (n,) each.
-
-    The band holds pointwise, as the shortest interval.
-    """
-
-    q: Array
-    value: Array
-    low: Array
-    high: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,48 +83,43 @@ class Identification(Estimate):
     def _models_of(self, samples: Array) -> list[ReducedModel]:
         return [ReducedModel(self.terms, tuple(s), self.model.unit) for s in samples]
 
-    def inertia(self, q: ArrayLike) -> Curve:
+    def inertia(self, q: ArrayLike, coordinate: int = 1) -> Curve:
         """h(q), the inertia beside 1, within `reach` (unit of q).
 
         It is never negative, so that equal tails would leave out 0 always: the band starts there
         where 0 is hardly less likely than its middle. Where the data do not ask for inertia the
         band says how much of it they would allow.
         """
-
-        def h(model: ReducedModel, x: Array) -> Array:
-            return model.inertia(x) - 1
-
-        curve = self._curve(q, h, self._models)
+        h = inertia_of(checked_coordinate(coordinate, self.model))
+        curve = self._drawn(q, h, self._models)
         if any(s.equivalent and not s.sizes.inertia for s in self.structures):
-            allowed = self._curve(q, h, self._models_of(self.widest)).high
+            allowed = self._drawn(q, h, self._models_of(self.widest)).high
             return replace(curve, low=0 * allowed, high=np.maximum(allowed, curve.high))
         return replace(curve, low=np.where(curve.low < NEAR_ZERO * curve.high, 0.0, curve.low))
 
-    def stiffness(self, q: ArrayLike) -> Curve:
+    def stiffness(self, q: ArrayLike, coordinate: int = 1) -> Curve:
         """K(q) / q in 1/s^2, within `reach` (unit of q); omega^2 at q = 0."""
-        return self._curve(q, _secant_of(max(map(abs, self.reach))), self._models)
+        checked_coordinate(coordinate, self.model)
+        return self._drawn(q, self._secant, self._models)
+
+    def reach_of(self, coordinate: int = 1) -> tuple[float, float]:
+        """`reach`: there is one coordinate."""
+        checked_coordinate(coordinate, self.model)
+        return self.reach
 
     def allowed_stiffness(self, q: ArrayLike) -> Curve:
         """K(q) / q as `stiffness`, from the richest structure alone: what the data would allow."""
-        secant = _secant_of(max(map(abs, self.reach)))
-        return self._curve(q, secant, self._models_of(self.widest))
+        return self._drawn(q, self._secant, self._models_of(self.widest))
 
-    def _curve(
-        self,
-        q: ArrayLike,
-        function: Callable[[ReducedModel, Array], Array],
-        models: Sequence[ReducedModel],
-    ) -> Curve:
-        q = np.atleast_1d(np.asarray(q, float))
-        least, largest = self.reach
-        if not np.all((q >= 1.001 * least) & (q <= 1.001 * largest)):
-            raise ValueError(
-                f"q = {q.min():.4g} to {q.max():.4g} leaves the range of the data,"
-                f" {least:.4g} to {largest:.4g} {self.model.unit or '[q]'}: bands say nothing"
-                " there; stay within reach"
-            )
+    @property
+    def _secant(self) -> Function:
+        return secant_of(1, max(map(abs, self.reach)))
+
+    def _drawn(self, q: ArrayLike, function: Function, models: Sequence[ReducedModel]) -> Curve:
+        """With the shortest interval of the draws as its band."""
+        q = checked_range(q, self.reach, self.model.unit)
         values = np.array([function(m, q) for m in models])
-        return Curve(q, function(self.single_model, q), *_shortest(values))
+        return Curve(q, function(self.model, q), *_shortest(values))
 
     def band(self, amplitudes: ArrayLike, mode: int = 1) -> Band:
         """Backbone and damping ratio with their standard errors, over all that the data allow.
@@ -374,17 +364,6 @@ def _reach(value: Any) -> tuple[float, float]:
     if len(ends) != 2 or not ends[0] < 0 < ends[1]:
         raise ValueError(f"reach = {list(ends)!r:.60} must be two numbers, below and above 0")
     return float(ends[0]), float(ends[1])
-
-
-def _secant_of(size: float) -> Callable[[ReducedModel, Array], Array]:
-    """K(q) / q; at 0, where a part in a million of the range takes its place, its limit."""
-    step = 1e-6 * size
-
-    def secant(model: ReducedModel, q: Array) -> Array:
-        away = np.where(np.abs(q) < step, step, q)
-        return np.asarray(model.stiffness(away) / away)
-
-    return secant
 
 
 def _shortest(values: Array) -> tuple[Array, Array]:
