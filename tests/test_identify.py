@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import romsindy as rs
+from romsindy.physics.coupling import Along
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.stiffness import Stiffness
 
@@ -105,14 +106,52 @@ def test_fixed_coefficients_stay_with_terms_given():
     assert list(fit.model.coefficients) == ["omega^2", "c_linear", "gamma_3"]
 
 
+def test_fixed_coefficients_stay_where_terms_are_chosen(found):
+    """Known to be what they are, they are no candidates, and the others keep their intervals."""
+    known = {"omega^2": 400.0, "gamma_2": 0.0}
+    driven = rs.identify(shaken(3), order=3, fixed=known)
+    channels = rs.identify(decay(2, channels=2), fixed={f"{k} [q1]": v for k, v in known.items()})
+    for fit, coordinate in ((driven, ""), (channels, " [q1]")):
+        for name, value in known.items():
+            assert fit.interval(name + coordinate) == (value, value)
+        assert not {k + coordinate for k in known} & {*fit.free}
+    for fit, free in ((driven, found["driven"]), (channels, found["channels"])):
+        name = next(n for n in fit.free if n.startswith("c_linear"))
+        assert fit.standard_errors[name] <= 1.1 * free.standard_errors[name]
+
+
+def test_terms_of_several_coordinates_may_be_given():
+    """Two oscillators that know nothing of one another, in two channels of their sums."""
+    both = [decay(7), decay(8, 0.7)]
+    other = rs.ReducedModel.from_coefficients({"omega^2": 3000.0, "c_linear": 0.5}, unit="m")
+    second = other.simulate(0.5, 0.0, T).q
+    records = [
+        rs.Decay(
+            T, np.column_stack([d.q + s * second, 0.4 * d.q - s * second]), unit="m", stage="free"
+        )
+        for d, s in zip(both, (1.0, 0.6), strict=True)
+    ]
+    cubic = Along.coordinate(Stiffness(3), 1)
+    fit = rs.identify(records, 2, terms=[cubic], fixed={"omega^2 [q2]": 3000.0})
+    assert fit.interval("omega^2 [q2]") == (3000.0, 3000.0)
+    errors = fit.standard_errors
+    truth = {f"{k} [q1]": v for k, v in TRUTH.items()} | {"c_linear [q2]": 0.5}
+    assert {*errors} == {*truth}
+    # The noise of both channels is that of one decay: correlated, which nobody knows.
+    for name, value in truth.items():
+        assert abs(fit.model.coefficients[name] - value) < 4 * errors[name]
+
+
 def test_what_a_way_cannot_have_is_refused_with_a_remedy():
     several, driven = decay(7, channels=2), shaken(8)
     for records, asked, message in (
         (driven, {"coordinates": 2}, "coordinates = 2 must be 1 where inputs drive the motion"),
         (driven, {"curvature": 0.01}, "curvature = 0.01 must be left out where inputs drive"),
-        (driven, {"fixed": {"omega^2": 1.0}}, "must be given with terms= where inputs drive"),
-        (several, {"fixed": {"omega^2": 1.0}}, "refine(found.model, decays, fixed=) holds them"),
-        (several, {"coordinates": 2, "terms": [Stiffness(3)]}, "1 where terms are given"),
+        (driven, {"fixed": {"gamma_9": 1.0}}, "fixed names ['gamma_9'], but there are omega^2,"),
+        (several, {"fixed": {"omega^2": 1.0}}, "fixed names ['omega^2'], but there are omega^2 [q"),
+        (several, {"fixed": {"omega^2 [q1]": -1.0}}, "fixed omega^2 [q1] = -1 must not be negati"),
+        (several, {"coordinates": 2, "terms": [Stiffness(3)]}, "say which coordinate each is of"),
+        (several, {"coordinates": "auto", "terms": []}, "must be a number where terms are given"),
         (several, {"terms": [Stiffness(3)], "fixed": {"b": 1.0}}, "fixed names ['b'], but there"),
         (several, {"terms": [Stiffness(3)], "fixed": ["b"]}, "fixed = ['b'] must map names to"),
         (several, {"terms": ["gamma_3"]}, "terms = ['gamma_3'] must be a list of laws"),

@@ -27,15 +27,24 @@ _FEWEST_RECORDS, _PARTS, _STRETCHES = 4, 4, 24
 
 @dataclass(frozen=True)
 class Stage:
-    """What has been found so far: the model, and what channels show beyond what was read off."""
+    """What has been found so far: the model, and what channels show beyond what was read off.
+
+    Coefficients whose names are ``fixed`` keep their values.
+    """
 
     model: CoupledModel
     shapes: tuple[Part, ...]
+    fixed: tuple[str, ...] = ()
+
+    @property
+    def free(self) -> list[str]:
+        """Names of the coefficients that are fitted."""
+        return [name for name in self.model.coefficients if name not in self.fixed]
 
     @property
     def n_values(self) -> int:
         """Coefficients, and what sensors show of products."""
-        return len(self.model.terms) + len(self.shapes)
+        return len(self.free) + len(self.shapes)
 
     def is_like(self, other: Stage) -> bool:
         """Whether it has the terms of another, and sensors of its kind."""
@@ -51,7 +60,7 @@ class Stage:
             shown.get(p.effect, replace(p, strengths=np.zeros_like(p.strengths)))
             for p in self.shapes
         )
-        return Stage(replace(self.model, values=at), tuple(shapes))
+        return replace(self, model=replace(self.model, values=at), shapes=tuple(shapes))
 
     def summary(self, n_always: int) -> str:
         """The terms beyond the first ones, and products that sensors show, in a line."""
@@ -80,8 +89,8 @@ class Choice(NamedTuple):
 class Linearised(NamedTuple):
     """All that may take part, linearised about the motions of the records.
 
-    ``sensors`` come first among the places of ``trials``, then ``terms``; ``present`` are the
-    numbers of the groups that take part so far.
+    ``sensors`` come first among the places of ``trials``, then ``terms``, those that are free;
+    ``present`` are the numbers of the groups that take part so far.
     """
 
     trials: Trials
@@ -97,7 +106,7 @@ class Linearised(NamedTuple):
         effect = self.sensors[place].effect
         return _shown(effect) if isinstance(effect, CurvedShape) else effect.variant
 
-    def stage(self, kept: Sequence[int], unit: str | None) -> Stage:
+    def stage(self, kept: Sequence[int], now: Stage) -> Stage:
         """What always takes part and some groups, with the values of the linearised equations."""
         there, values = {*self.trials.places(kept)}, self.trials.values(kept)
         shapes = [
@@ -105,8 +114,11 @@ class Linearised(NamedTuple):
             for i, p in enumerate(self.sensors)
             if i in there
         ]
-        terms = {t: values[i] for i, t in enumerate(self.terms, len(self.sensors)) if i in there}
-        return Stage(CoupledModel(tuple(terms), tuple(terms.values()), unit), tuple(shapes))
+        pairs = zip(now.model.terms, now.model.values, strict=True)
+        terms = {t: value for t, value in pairs if t.key in now.fixed}
+        terms |= {t: values[i] for i, t in enumerate(self.terms, len(self.sensors)) if i in there}
+        model = replace(now.model, terms=tuple(terms), values=tuple(terms.values()))
+        return replace(now, model=model, shapes=tuple(shapes))
 
 
 def choose(
@@ -118,7 +130,7 @@ def choose(
     have no motions near these.
     """
     found = linearised(now, records, cycles, choice)
-    return found and found.stage(found.trials.chosen(found.present), now.model.unit)
+    return found and found.stage(found.trials.chosen(found.present), now)
 
 
 def linearised(
@@ -126,9 +138,11 @@ def linearised(
 ) -> Linearised | None:
     """All of a choice about the motions of pieces; None where there are none near these."""
     everything, values = choice.terms, now.model.coefficients
-    at = [values.get(t.key, 0.0) for t in everything]
-    names = [t.key for t in everything]
-    model, own = free_parts(CoupledModel(everything, tuple(at), now.model.unit), names, records)
+    wide = tuple(values.get(t.key, 0.0) for t in everything)
+    free = tuple(t for t in everything if t.key not in now.fixed)
+    at = [values.get(t.key, 0.0) for t in free]
+    model = CoupledModel(everything, wide, now.model.unit)
+    model, own = free_parts(model, [t.key for t in free], records)
     shown = {p.effect: p for p in now.shapes}
     straight = [p for p in now.shapes if isinstance(p.effect, ModeShape)]
     sensors = (*straight, *(shown.get(p.effect, p) for group in choice.curved for p in group))
@@ -145,20 +159,21 @@ def linearised(
             for part in np.unique(numbers):
                 grams.setdefault(int(part), []).append(Gram.of(table[numbers == part], start))
     first = len(sensors)
-    always = [*range(len(straight)), *range(first, first + len(choice.always))]
+    n_always = sum(t in choice.always for t in free)
+    always = [*range(len(straight)), *range(first, first + n_always)]
     ends = np.cumsum([len(straight), *(len(group) for group in choice.curved)])
     groups = [
         *(list(range(a, b)) for a, b in itertools.pairwise(ends)),
         *([i] for i in range(always[-1] + 1, len(parts))),
     ]
-    what = [*(p.effect for p in sensors), *everything]
+    what = [*(p.effect for p in sensors), *free]
     taken = {*now.model.terms, *shown}
     terms_of = {g: t for g, (i, *_) in enumerate(groups) if isinstance(t := what[i], Term)}
     least = {g: t.least for g, t in terms_of.items() if t.least > -np.inf}
     damping = [g for g, t in terms_of.items() if t.has("damping")]
     present = [g for g, (i, *_) in enumerate(groups) if what[i] in taken]
     trials = Trials([Gram.sum(some) for some in grams.values()], always, groups, least, damping)
-    return Linearised(trials, sensors, everything, present)
+    return Linearised(trials, sensors, free, present)
 
 
 def _shown(effect: CurvedShape) -> str:

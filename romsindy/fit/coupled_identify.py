@@ -8,7 +8,7 @@ stays. No ratio of frequencies is asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,14 +19,23 @@ from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
-from romsindy.fit.coupled_terms import KINDS, linear_terms
+from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.followed_back import followed_back
-from romsindy.fit.measured import NUMERICS, require_unit, several_decays, small_frequencies
+from romsindy.fit.measured import (
+    NUMERICS,
+    require_known,
+    require_unit,
+    several_decays,
+    small_frequencies,
+)
 from romsindy.fit.pieces import cut, moved
+from romsindy.fit.refine import refine
 from romsindy.fit.signs import stand_ins
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, names_of, ringing_in
@@ -41,6 +50,7 @@ def identify_coupled(
     decays: Decay | Sequence[Decay],
     coordinates: int | str = "auto",
     *,
+    fixed: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Identify a model of the vibrations that ring together, with the terms that the data need.
@@ -52,6 +62,9 @@ def identify_coupled(
         measured.
     coordinates : int or "auto"
         How many vibrations are modelled: the strongest, or as many as the data need.
+    fixed : mapping, optional
+        Known coefficients, such as ``{"omega^2 [q1]": 1482.0}``, in the unit of the decays and
+        seconds; coordinates are numbered by their frequency.
     progress : callable, optional
         Called with a line of text at every step.
 
@@ -63,7 +76,8 @@ def identify_coupled(
     Raises
     ------
     ValueError
-        If fewer vibrations ring than coordinates are asked for.
+        If fewer vibrations ring than coordinates are asked for, or for names or values in
+        ``fixed`` that cannot be.
     TrajectoryError
         If no motion of the model follows the measured one.
     """
@@ -72,6 +86,8 @@ def identify_coupled(
     require_unit(several, several[0].unit)
     free = [decay.free() for decay in several]
     ringing, fewest = _ringing(free, coordinates)
+    known = dict(fixed or {})
+    require_known(known, [*_laws(fewest)])
     best: Fitted | None = None
     kept: list[Fitted] = []  # of the present coordinates
     interrupted = False
@@ -81,15 +97,15 @@ def identify_coupled(
             for count in range(fewest, len(ringing) + 1):
                 kept.clear()
                 told = Progress(say, kept.append)
-                found = _identified(ringing[:count], free, told)
+                found = _identified(ringing[:count], free, known, told)
                 if found is None or not found.explained:
-                    found = _from_quieter(free, count, told) or found
+                    found = _from_quieter(free, count, known, told) or found
                 # A further coordinate must be needed: harmonics and combinations look like one.
                 if best is not None and not (found and _needed(found, best)):
                     break
                 best = found
                 if best is not None and best.explained:
-                    best = _in_order(best, told)
+                    best = _in_order(best, known, told)
                     break
         except KeyboardInterrupt:
             best, interrupted = best or best_of(kept), True
@@ -101,19 +117,49 @@ def identify_coupled(
             " quieter parts of the decays, by decay.between(start, end), or decays of less"
             " amplitude"
         )
-    stage, names = best.stage, tuple(best.stage.model.coefficients)
+    stage, names = best.stage, tuple(best.stage.free)
     records = _with_tones_of(stage.model, best.records, free)
     pieces = tuple(piece for record in records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
     model = replace(stage.model, values=fit.model.values)
-    reached = Stage(model, fit.solution.parts[len(names) :])
+    reached = replace(stage, model=model, shapes=fit.solution.parts[len(names) :])
     fit = with_choice_error(fit, reached, moved(pieces, fit.solution.motions))
     solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
     notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted), *stand_ins(fit))
     return replace(fit, solution=solution, notes=notes)
 
 
-def _from_quieter(decays: Sequence[Decay], count: int, progress: Progress) -> Fitted | None:
+def refine_coupled_terms(
+    decays: Sequence[Decay],
+    coordinates: int | str,
+    terms: Sequence[Term],
+    fixed: Mapping[str, float],
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Fit a model of several coordinates that has these terms beside the linear ones.
+
+    It starts from the small vibrations that ring; ``fixed`` values stay as they are.
+    """
+    if not isinstance(coordinates, int):
+        raise ValueError(f"coordinates = {coordinates!r} must be a number where terms are given")
+    wrong = [t for t in terms if not isinstance(t, CoupledTerm)]
+    if wrong:
+        raise ValueError(
+            f"terms hold {wrong}, and there are {coordinates} coordinates: say which coordinate"
+            " each is of, as Along.coordinate(Stiffness(3), 1) of romsindy.physics.coupling"
+        )
+    ringing = _ringing([d.free() for d in decays], coordinates)[0]
+    by_name = {t.key: t for t in (*linear_terms(coordinates), *terms)}
+    require_known(fixed, [*by_name])
+    linear = _small(ringing, decays[0].unit)
+    values = dict.fromkeys(by_name, 0.0) | linear.coefficients | dict(fixed)
+    model = replace(linear, terms=tuple(by_name.values()), values=tuple(values.values()))
+    return refine(model, decays, fixed=tuple(fixed), progress=progress)
+
+
+def _from_quieter(
+    decays: Sequence[Decay], count: int, fixed: Mapping[str, float], progress: Progress
+) -> Fitted | None:
     """Where vibrations beat: the model of the quieter parts, followed back to the start."""
     for part in _LOUD:
         quieter = [d.between(d.t[0] + part * (d.t[-1] - d.t[0])) for d in decays]
@@ -121,7 +167,8 @@ def _from_quieter(decays: Sequence[Decay], count: int, progress: Progress) -> Fi
         if len(strongest) < count or not _beat(strongest):
             continue
         progress.say(f"from {100 * part:.0f} per cent of the decays on")
-        quiet = _identified(strongest, quieter, progress._replace(keep=lambda _: None))
+        silent = progress._replace(keep=lambda _: None)
+        quiet = _identified(strongest, quieter, fixed, silent)
         if quiet and quiet.explained:
             return followed_back(quiet, decays, progress)
     return None
@@ -193,6 +240,13 @@ def _ringing(decays: Sequence[Decay], coordinates: int | str) -> tuple[list[Vibr
     return found[:coordinates], coordinates
 
 
+def _small(several: Sequence[Vibration], unit: str | None) -> CoupledModel:
+    """Small vibrations by frequency, as the quietest third of each shows them."""
+    ringing = sorted(several, key=lambda v: v.small_frequency)
+    omega = 2 * np.pi * np.array([v.small_frequency for v in ringing])
+    return _linear(omega, np.nan_to_num([v.small_damping_ratio for v in ringing]), unit)
+
+
 def _linear(omega: Array, zeta: Array, unit: str | None) -> CoupledModel:
     """Small vibrations, which do not grow."""
     pairs = zip(omega, zeta, strict=True)
@@ -200,22 +254,38 @@ def _linear(omega: Array, zeta: Array, unit: str | None) -> CoupledModel:
     return CoupledModel(linear_terms(len(omega)), tuple(values), unit)
 
 
+def _laws(count: int) -> dict[str, CoupledTerm]:
+    """All terms that so many coordinates may have, by name."""
+    return {t.key: t for t in (*linear_terms(count), *candidates(count, KINDS[-1]))}
+
+
+def _start(
+    linear: CoupledModel, records: Sequence[CoupledRecord], fixed: Mapping[str, float]
+) -> Stage:
+    """Small vibrations, with what is known of the coefficients."""
+    laws = _laws(linear.n_coordinates)
+    values = {t: v for t, v in zip(linear.terms, linear.values, strict=True)}
+    values |= {laws[name]: value for name, value in fixed.items()}
+    model = replace(linear, terms=tuple(values), values=tuple(values.values()))
+    return Stage(model, free_shapes(records), tuple(fixed))
+
+
 def _identified(
-    strongest: Sequence[Vibration], decays: Sequence[Decay], progress: Progress
+    strongest: Sequence[Vibration],
+    decays: Sequence[Decay],
+    fixed: Mapping[str, float],
+    progress: Progress,
 ) -> Fitted | None:
     """The model of some vibrations."""
     ringing = sorted(strongest, key=lambda v: v.small_frequency)
-    frequency = np.array([v.small_frequency for v in ringing])
     progress.say(f"coordinates at {names_of(ringing)}")
+    frequency = np.array([v.small_frequency for v in ringing])
     records = coupled_records(decays, frequency, NUMERICS)
-    # As the quietest third of each shows them.
-    zeta = np.nan_to_num([v.small_damping_ratio for v in ringing])
-    model = _linear(2 * np.pi * frequency, zeta, decays[0].unit)
-    start = Stage(model, free_shapes(records))
+    start = _start(_small(ringing, decays[0].unit), records, fixed)
     return of_plainest_kind(start, records, KINDS, progress)
 
 
-def _in_order(found: Fitted, progress: Progress) -> Fitted:
+def _in_order(found: Fitted, fixed: Mapping[str, float], progress: Progress) -> Fitted:
     """The same with its coordinates by frequency: close vibrations may have been mistaken."""
     model = found.stage.model
     order = np.argsort(small_frequencies(model))
@@ -224,6 +294,6 @@ def _in_order(found: Fitted, progress: Progress) -> Fitted:
     progress.say("coordinates by frequency")
     records = tuple(record.with_coordinates(order) for record in found.records)
     linear = _linear(model.linear_modes[0], model.linear_damping_ratios, model.unit)
-    start = Stage(linear, free_shapes(records))
+    start = _start(linear, records, fixed)
     again = of_plainest_kind(start, records, KINDS, progress)
     return again if again and again.explained else found

@@ -247,13 +247,12 @@ def _better(
 
 def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
     """The model fitted to pieces so many cycles long; None if it has no motion, or no masses."""
-    names = list(start.model.coefficients)
-    base, own = free_parts(start.model, names, records)
+    base, own = free_parts(start.model, start.free, records)
     solution = fit_pieces(base, (*own, *start.shapes), records, cycles)
     laws = replace(start.model, values=base.values)
     if solution is None or not _has_masses(model := extended(laws, solution.parts)):
         return None
-    stage = Stage(model, solution.parts[len(names) :])
+    stage = replace(start, model=model, shapes=solution.parts[len(own) :])
     followed = moved(records, solution.motions)
     return Fitted(stage, followed, cycles, solution.residuals, solution.n_values)
 

@@ -40,7 +40,9 @@ def followed_back(quiet: Fitted, decays: Sequence[Decay], progress: Progress) ->
         record = CoupledRecord.of(decay, frequencies, NUMERICS, last.main)
         whole.append(replace(record, shapes=last.shapes, noise=last.noise))
     r, stride = len(frequencies), shortest(frequencies)
-    choice = Choice(linear_terms(r), candidates(r, Kind(masses=True)), curved_shapes(whole[0]))
+    known = (t for t in stage.model.terms if t.key in stage.fixed)
+    always = tuple(dict.fromkeys([*known, *linear_terms(r)]))
+    choice = Choice(always, candidates(r, Kind(masses=True)), curved_shapes(whole[0]))
     states = [record.motion.start for record in quiet.records]
     times = [q.decay.t[0] - d.t[0] for q, d in zip(quiet.records, decays, strict=True)]
     records = tuple(quiet.records)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from romsindy.fit.coupled_identify import identify_coupled
+from romsindy.fit.coupled_identify import identify_coupled, refine_coupled_terms
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.identify import identify_forced
 from romsindy.fit.functions.identification import Identification
@@ -48,10 +48,10 @@ def identify(
         several channels, and more than one coordinate, take the way of several.
     terms : sequence of Term, optional
         What the model has beside linear stiffness and viscous damping; then nothing is chosen. Of
-        one coordinate.
+        several coordinates those of a `CoupledModel`, and their number is given.
     fixed : mapping, optional
-        Known coefficients of one coordinate, such as ``{"omega^2": 1482.0}``, in the unit of the
-        records and seconds.
+        Known coefficients, such as ``{"omega^2": 1482.0}``, or ``{"omega^2 [q1]": 1482.0}`` of
+        several coordinates, by frequency; in the unit of the records and seconds.
     order : int
         Highest order of stiffness and inertia that are looked for under inputs.
     curvature : float, optional
@@ -78,24 +78,23 @@ def identify(
     several = listed_records(records, "records")
     decays = [r for r in several if isinstance(r, Decay)]
     one = coordinates == 1 and not isinstance(coordinates, bool)
-    if terms is not None:
-        remedy = "1 where terms are given: refine(model, decays) fits a model of several"
-        _require(one, "coordinates", coordinates, remedy)
-        return refine_terms(several, terms, fixed or {}, progress)
     if len(decays) < len(several):
         _require(one, "coordinates", coordinates, "1 where inputs drive the motion")
-        _require(not fixed, "fixed", fixed, "given with terms= where inputs drive the motion")
+    if terms is not None and one:
+        return refine_terms(several, terms, fixed or {}, progress)
+    if len(decays) < len(several):
         _require(
             curvature is None, "curvature", curvature, "left out where inputs drive the motion"
         )
-        return identify_forced(several, order, progress=progress)
+        return identify_forced(several, order, fixed=fixed, progress=progress)
     if one and all(d.n_channels == 1 for d in decays):
         known = CURVATURE if curvature is None else curvature
         return identify_decays(decays, fixed=fixed, curvature=known, seed=seed, progress=progress)
     remedy = "left out for several channels or coordinates"
-    _require(not fixed, "fixed", fixed, f"{remedy}: refine(found.model, decays, fixed=) holds them")
     _require(curvature is None, "curvature", curvature, remedy)
-    return identify_coupled(decays, coordinates, progress=progress)
+    if terms is not None:
+        return refine_coupled_terms(decays, coordinates, terms, fixed or {}, progress)
+    return identify_coupled(decays, coordinates, fixed=fixed, progress=progress)
 
 
 def _require(fits: bool, name: str, value: object, remedy: str) -> None:

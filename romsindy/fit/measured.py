@@ -125,9 +125,9 @@ def require_known(fixed: Mapping[str, float], names: Sequence[str]) -> None:
     for name, value in fixed.items():
         if not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
             raise ValueError(f"fixed {name} = {value!r} must be a finite number")
-    for name in ("omega^2", "Upsilon_3"):  # no stable rest, no sum of squares
-        if fixed.get(name, 0.0) < 0:
-            raise ValueError(f"fixed {name} = {fixed[name]:g} must not be negative")
+        # No stable rest, no sum of squares.
+        if name.split(" [")[0] in ("omega^2", "Upsilon_3") and value < 0:
+            raise ValueError(f"fixed {name} = {value:g} must not be negative")
 
 
 def small_frequencies(model: CoupledModel) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,9 +68,17 @@ def latest(records: Sequence[ForcedRecord]) -> float:
 
 
 def regressed(
-    terms: Sequence[Term], inputs: Sequence[Input], records: Sequence[Record | ForcedRecord]
+    terms: Sequence[Term],
+    inputs: Sequence[Input],
+    records: Sequence[Record | ForcedRecord],
+    fixed: Mapping[str, float] | None = None,
 ) -> tuple[Array, Array]:
-    """Coefficients of terms, and gains, by least squares on the smooth motions of the records."""
+    """Coefficients of terms, and gains, by least squares on the smooth motions of the records.
+
+    Coefficients that are ``fixed`` keep their value.
+    """
+    known = np.array([(fixed or {}).get(term.key, np.nan) for term in terms])
+    free = np.concatenate([np.isnan(known), np.ones(len(inputs), bool)])
     rows, right = [], []
     for record in records:
         t, *motion = nodes(record.motion)
@@ -85,8 +93,10 @@ def regressed(
         rows.append(np.column_stack(columns))
         right.append(-q_ddot)
     table = np.concatenate(rows)
-    scale = np.maximum(np.std(table, axis=0), 1e-300)
-    found = np.linalg.lstsq(table / scale, np.concatenate(right), rcond=None)[0] / scale
+    found = np.concatenate([known, np.zeros(len(inputs))])
+    left = np.concatenate(right) - table[:, ~free] @ found[~free]
+    scale = np.maximum(np.std(table[:, free], axis=0), 1e-300)
+    found[free] = np.linalg.lstsq(table[:, free] / scale, left, rcond=None)[0] / scale
     return found[: len(terms)], found[len(terms) :]
 
 

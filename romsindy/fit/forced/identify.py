@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
@@ -12,7 +12,13 @@ from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.refine import decided
 from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
-from romsindy.fit.measured import listed_records, ready, require_unit
+from romsindy.fit.measured import (
+    free_names,
+    listed_records,
+    ready,
+    require_known,
+    require_unit,
+)
 from romsindy.fit.record import Record
 from romsindy.fit.signs import stand_ins
 from romsindy.physics.driven import inputs_of
@@ -29,6 +35,7 @@ def identify_forced(
     records: ForcedVibration | Sequence[ForcedVibration | Decay],
     order: int = 5,
     *,
+    fixed: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
     """Identify the equation of motion of one coordinate from records with measured inputs.
@@ -44,6 +51,8 @@ def identify_forced(
         At least one with an input; decays are fitted together with it.
     order : int
         Highest order of the candidates for stiffness and inertia.
+    fixed : mapping, optional
+        Known coefficients, in the unit of the records and seconds.
     progress : callable, optional
         Called with a line of text at every step.
 
@@ -55,8 +64,8 @@ def identify_forced(
     Raises
     ------
     ValueError
-        For no input, units that differ, an order below 1, or an input that looks like the
-        displacement of the base.
+        For no input, units that differ, an order below 1, names or values in ``fixed`` that
+        cannot be, or an input that looks like the displacement of the base.
     TrajectoryError
         If no motion of the model follows the measured one.
     """
@@ -64,61 +73,60 @@ def identify_forced(
     if not any(isinstance(v, ForcedVibration) for v in several):
         raise ValueError("records hold no ForcedVibration: free decays alone are for identify()")
     require_unit(several, several[0].unit)
-    laws, found = candidates(order), ready(several)
+    laws, known = (*LINEAR, *candidates(order)), dict(fixed or {})
+    require_known(known, [t.key for t in laws])
+    found = ready(several)
     measured = [r.decay for r in forced_among(found)]
     say = progress or (lambda _: None)
     hypotheses = [inputs_in(measured, way) for way in ways(measured)]
-    needed = _needed(laws, hypotheses[0], found, say)
-    best = _decided(needed, hypotheses, found, say)
+    search = _Search(laws, known, found, say)
+    best = search.decided(search.needed(hypotheses[0]), hypotheses)
     inputs = inputs_of(best.model)
     if inputs[0].interpolation != hypotheses[0][0].interpolation:
         # Terms that were chosen with another input may stand for what was wrong with it.
-        needed = _needed(laws, inputs, found, say)
-        best = _decided(needed, hypotheses, found, say)
+        best = search.decided(search.needed(inputs), hypotheses)
     return replace(best, notes=(*best.notes, *stand_ins(best)))
 
 
-def _decided(
-    terms: Sequence[Term],
-    hypotheses: Sequence[Sequence[Input]],
-    records: Sequence[Record | ForcedRecord],
-    say: Callable[[str], None],
-) -> Fit:
-    """With some terms, and whatever the inputs do between their samples."""
-    fits = []
-    for inputs in hypotheses:
-        say(f"{inputs[0].interpolation} input")
-        fits.append(_fitted(terms, inputs, records))
-    return decided(fits)
+@dataclass(frozen=True)
+class _Search:
+    """For the terms that records need, among some laws; ``fixed`` coefficients are known."""
 
+    laws: tuple[Term, ...]
+    fixed: Mapping[str, float]
+    records: Sequence[Record | ForcedRecord]
+    say: Callable[[str], None]
 
-def _needed(
-    several: Sequence[Term],
-    inputs: Sequence[Input],
-    records: Sequence[Record | ForcedRecord],
-    say: Callable[[str], None],
-) -> tuple[Term, ...]:
-    """Those of several terms that are needed, about the motions of those found before."""
-    kept: tuple[Term, ...] = ()
-    fit = _fitted(kept, inputs, records)
-    motions = [r.motion for r in fit.records]
-    for number in range(_ROUNDS):
-        say(f"terms, round {number + 1}")
-        new = needed_terms(fit, motions, several)
-        if new == kept:
-            break
-        fit, kept = _fitted(new, inputs, records), new
-        motions = list(fit.solution.motions)
-    return kept
+    def decided(self, terms: Sequence[Term], hypotheses: Sequence[Sequence[Input]]) -> Fit:
+        """With some terms, and whatever the inputs do between their samples."""
+        fits = []
+        for inputs in hypotheses:
+            self.say(f"{inputs[0].interpolation} input")
+            fits.append(self.fitted(terms, inputs))
+        return decided(fits)
 
+    def needed(self, inputs: Sequence[Input]) -> tuple[Term, ...]:
+        """Those of the laws that are needed, about the motions of those found before."""
+        several = [t for t in self.laws if not (t in LINEAR or t.key in self.fixed)]
+        kept: tuple[Term, ...] = ()
+        fit = self.fitted(kept, inputs)
+        motions = [r.motion for r in fit.records]
+        for number in range(_ROUNDS):
+            self.say(f"terms, round {number + 1}")
+            new = needed_terms(fit, motions, several)
+            if new == kept:
+                break
+            fit, kept = self.fitted(new, inputs), new
+            motions = list(fit.solution.motions)
+        return kept
 
-def _fitted(
-    terms: Sequence[Term], inputs: Sequence[Input], records: Sequence[Record | ForcedRecord]
-) -> Fit:
-    """From values by regression on the smooth motions."""
-    own = (*LINEAR, *terms)
-    values, gains = regressed(own, inputs, forced_among(records))
-    refuse_displacement(inputs, gains.tolist())
-    model = ReducedModel(own, tuple(values.tolist()), records[0].decay.unit)
-    drives = free_drives(inputs, gains.tolist(), forced_among(records))
-    return Driven(tuple(model.coefficients), records).fit(model, drives)
+    def fitted(self, terms: Sequence[Term], inputs: Sequence[Input]) -> Fit:
+        """From values by regression on the smooth motions."""
+        known = [t for t in self.laws if t.key in self.fixed]
+        own = tuple({t.key: t for t in (*LINEAR, *known, *terms)}.values())
+        values, gains = regressed(own, inputs, forced_among(self.records), self.fixed)
+        refuse_displacement(inputs, gains.tolist())
+        model = ReducedModel(own, tuple(values.tolist()), self.records[0].decay.unit)
+        drives = free_drives(inputs, gains.tolist(), forced_among(self.records))
+        names = free_names(model, self.fixed)
+        return Driven(names, self.records).fit(model, drives)

@@ -63,7 +63,7 @@ def needed_terms(
     """Those of several terms that are needed beside the linear ones.
 
     The equation of a fit is linearised about motions near its records; inputs and offsets are
-    fitted beside any choice, as initial states are.
+    fitted beside any choice, as initial states are. What the fit holds fixed stays.
     """
     model = without_inputs(fit.single_model)
     more = [p for p in fit.solution.parts if not isinstance(p.effect, Coefficient)]
@@ -72,7 +72,8 @@ def needed_terms(
     wide = replace(
         model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
     )
-    terms = {t.key: t for t in (*LINEAR, *several)}
+    linear = [t for t in LINEAR if t.key in fit.free]
+    terms = {t.key: t for t in (*linear, *several)}
     at = np.array([wide.coefficients[key] for key in terms])
     wide, own = free_parts(wide, tuple(terms), fit.records)
     parts = (*own, *more)
@@ -80,7 +81,7 @@ def needed_terms(
         linear_table(wide, parts, i, record, motion)[1]
         for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True))
     ]
-    n_linear, total = len(LINEAR), sum(map(len, tables))
+    n_linear, total = len(linear), sum(map(len, tables))
     grams = []
     for rows in tables:
         pieces = max(round(_STRETCHES * len(rows) / total), 2)
