@@ -2,6 +2,7 @@
 
     python benchmarks/double_beam.py            # leave one run out, nine times
     python benchmarks/double_beam.py --runs 2   # the first two of them
+    python benchmarks/double_beam.py --sets 6 --seed 0   # random sets of three, left out together
 
 The error is the mean distance of 94-sample windows of prediction and measurement over the largest
 norm of a measured window; the state comes from the first 94 samples (S. Jain, G. Haller and others,
@@ -39,29 +40,41 @@ def decays(path=DATA):
     return data["run"], found
 
 
-def left_out(number, several):
-    """Error of one run by a model of the others, the model, and the seconds of its fit."""
+def left_out(numbers, several):
+    """Errors of some runs by a model of the others, the model, and the seconds of its fit."""
     start = time.perf_counter()
-    fit = identify([d for i, d in enumerate(several) if i != number], "auto")
+    fit = identify([d for i, d in enumerate(several) if i not in numbers], "auto")
     seconds = time.perf_counter() - start
-    decay = several[number]
-    return trajectory_error(fit.predict(decay, WINDOW), decay.signal), fit.model, seconds
+    errors = [trajectory_error(fit.predict(several[i], WINDOW), several[i].signal) for i in numbers]
+    return errors, fit.model, seconds
+
+
+def drawn(sets, seed, count):
+    """Random sets of three of so many runs."""
+    rng = np.random.default_rng(seed)
+    return [sorted(rng.choice(count, 3, replace=False).tolist()) for _ in range(sets)]
 
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--runs", type=int, default=9, help="how many are left out in turn")
+    parser.add_argument("--sets", type=int, help="so many random sets of three in their place")
+    parser.add_argument("--seed", type=int, default=0, help="of the sets")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     given = parser.parse_args(arguments)
     names, several = decays()
-    tasks = (delayed(left_out)(i, several) for i in range(given.runs))
-    errors = []
-    for name, found in zip(names, Parallel(given.jobs, return_as="generator")(tasks), strict=False):
-        error, model, seconds = found
-        errors.append(error)
-        terms = ", ".join(model.coefficients)
-        print(f"run {name}: {100 * error:.2f} %   {seconds:.0f} s   {terms}", flush=True)
-    print(f"mean {100 * np.mean(errors):.2f} %, largest {100 * max(errors):.2f} %")
+    out = drawn(given.sets, given.seed, len(several)) if given.sets else None
+    out = out or [[i] for i in range(given.runs)]
+    tasks = (delayed(left_out)(numbers, several) for numbers in out)
+    every = []
+    for numbers, found in zip(out, Parallel(given.jobs, return_as="generator")(tasks), strict=True):
+        errors, model, seconds = found
+        every += errors
+        each = ", ".join(
+            f"{names[i]} {100 * e:.2f} %" for i, e in zip(numbers, errors, strict=True)
+        )
+        print(f"run {each}   {seconds:.0f} s   {', '.join(model.coefficients)}", flush=True)
+    print(f"mean {100 * np.mean(every):.2f} %, largest {100 * max(every):.2f} %")
 
 
 if __name__ == "__main__":
