@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from romsindy.effects.choices import PLACES, sought
+from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.friction import smoothed
 from romsindy.fit.selection import Gram, Trials
+from romsindy.fit.signs import dragged
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import Friction, PowerDamping
-from romsindy.physics.inertia import AddedMass
+from romsindy.physics.inertia import AddedMass, Inertia
 from romsindy.physics.stiffness import Stiffness
 
 N = 400
@@ -75,3 +77,53 @@ def test_friction_is_smooth_at_the_speed_of_its_own_direction():
     laws = tuple(Along(Friction(), w) for w in ((1.0,), (0.0, 1.0), (1.0, -1.0)))
     model = smoothed(CoupledModel(laws, (1.0, 1.0, 1.0)), [Seen])
     assert [t.law.creep for t in model.terms] == pytest.approx([0.001, 0.01, 0.011])
+
+
+def swung(reach, n=1):
+    """A motion of n coordinates, as a record of sines of these amplitudes."""
+    grid = Grid.over(np.linspace(0, 1, 200), 0.1, 12)
+    t = grid.start + grid.step * np.arange(grid.n_steps + 1)
+    inside = grid.node_times(0, grid.n_steps)
+    rates, sizes = 2 * np.pi * np.arange(3, 3 + n), np.broadcast_to(reach, n)
+    q, q_dot, q_ddot = (
+        sizes * rates**k * np.sin(rates * x[..., None] + k * np.pi / 2)
+        for k, x in ((0, t), (1, t), (2, inside))
+    )
+    return Trajectory(grid, q, q_dot, q_ddot)
+
+
+def test_kinetic_energy_of_what_is_dragged_along():
+    """h q_dot^2 / 2 of one coordinate, (g' q_dot)^2 / 2 of several; masses at rest are no such."""
+    energy = dragged([Stiffness(3), Inertia(3), Inertia(4)], [swung(0.3)])
+    assert {*energy} == {1, 2}
+    q = np.sqrt(2 * energy[1])  # 2 T = h = q^2
+    assert q.max() == pytest.approx(0.3, rel=1e-3) and q.min() < 0.02
+    np.testing.assert_allclose(np.abs(energy[2]), q**3, rtol=1e-9)
+    squares = [SlavedInertia(p, p) for p in ((2, 0), (1, 1), (0, 2))]
+    pairs = (((2, 0), (1, 1)), ((2, 0), (0, 2)), ((1, 1), (0, 2)))
+    mixed = [SlavedInertia(*pair) for pair in pairs]
+    several = dragged([*squares, *mixed, Along.coordinate(AddedMass(), 2)], [swung([0.3, 0.2], 2)])
+    assert {*several} == {*range(6)}
+    # One fast mode g = a q1^2 + b q1 q2 + c q2^2: its energy is a sum of squares.
+    a, b, c = 0.7, -1.1, 0.4
+    values = [a * a, b * b, c * c, a * b, a * c, b * c]
+    total = sum(v * several[i] for i, v in enumerate(values))
+    assert np.min(total) > -1e-12 and np.any(several[3] < 0)
+
+
+def test_inertia_that_nothing_has_is_no_choice():
+    """Of two inertias the data may want one negative, as long as their sum is not."""
+    rng = np.random.default_rng(4)
+    q = np.linspace(-1, 1, 41)
+    x = rng.standard_normal((N, 3))
+    for values, expected in (
+        ([1.0, -0.5, 0.0], []),  # h = -q^2 / 2: ten standard errors
+        ([1.0, 0.5, 0.0], [0]),
+        ([1.0, 2.0, -1.5], [0, 1]),  # h = 2 q^2 - 1.5 q^4
+        ([1.0, 1.0, -1.5], [0]),  # h = q^2 - 1.5 q^4 is negative at the ends
+    ):
+        y = x @ values + rng.standard_normal(N)
+        gram = Gram(x.T @ x, x.T @ y, float(y @ y), N)
+        kinetic = {0: q**2 / 2, 1: q**4 / 2}
+        found = Trials([gram], [0], [[1], [2]], {}, kinetic=kinetic).chosen([])
+        assert sorted(found) == expected

@@ -12,17 +12,14 @@ of the fit: the errors are those of the mixture [2]. All is linear about the mot
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.coupled_choice import Choice, Linearised, Stage, linearised
-from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
-from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
 from romsindy.fit.fitted import Fit
-from romsindy.fit.selection import Trials
+from romsindy.fit.selection import Linearised, Trials
 from romsindy.fit.verdict import HARDLY_TOLD
 from romsindy.typing import Array
 
@@ -31,7 +28,8 @@ class Alternative(NamedTuple):
     """Another choice of groups: without ``gone``, with ``added``, either may be None.
 
     ``weight`` is its probability among all alternatives and the choice itself, ``squares`` (m, m)
-    the mean squares of its values about those of the choice, at all places.
+    what the mean squares of its values about those of the choice are beyond the covariance of that,
+    at all places.
     """
 
     gone: int | None
@@ -40,19 +38,17 @@ class Alternative(NamedTuple):
     squares: Array
 
 
-def with_choice_error(fit: Fit, stage: Stage, records: Sequence[CoupledRecord]) -> Fit:
-    """A fit with the errors of the choice of its terms.
+def with_choice_error(fit: Fit, every: Linearised) -> Fit:
+    """A fit with the errors of the choice of its terms, from all candidates about its motions.
 
-    ``stage`` has the terms and sensors that were fitted, ``records`` the motions of the fit.
+    ``every`` has one part: all data.
     """
-    every = _linearised(stage, records)
-    if every is None:
-        return fit
     found = alternatives(every.trials, every.present)
-    keys = [t.key for t in every.terms]
-    places = [len(every.sensors) + keys.index(name) for name in fit.free]
-    notes = [s for a in found if (s := _sentence(a, every, places, fit))]
-    covariance = mixed(fit.covariance, found, places)
+    at = {i: p for i, name in enumerate(fit.free) if (p := every.place(name)) is not None}
+    here, places = np.ix_([*at], [*at]), [*at.values()]
+    notes = [s for a in found if (s := _sentence(a, every, at, fit))]
+    covariance = fit.covariance.copy()
+    covariance[here] = mixed(covariance[here], found, places)
     return replace(fit, covariance=covariance, notes=(*fit.notes, *notes))
 
 
@@ -61,7 +57,7 @@ def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
 
     ``trials`` has one part: all data.
     """
-    left, values = trials.left_out(kept), trials.values(kept)
+    left, values, own = trials.left_out(kept), trials.values(kept), trials.covariance(kept)
     found: list[Alternative] = []
     for gone, added in _changes(kept, len(trials.groups)):
         others = [k for k in kept if k != gone]
@@ -71,7 +67,7 @@ def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
             cost = trials.cost(others, left) - trials.cost(kept, left)
             rise = trials.left_out(others) - left + cost
             shift = trials.values(others) - values
-            squares = trials.covariance(others) + np.outer(shift, shift)
+            squares = trials.covariance(others) - own + np.outer(shift, shift)
             found.append(Alternative(gone, added, rise, squares))
     least = min([0.0, *(a.weight for a in found)])
     odds = [a._replace(weight=float(np.exp((least - a.weight) / 2))) for a in found]
@@ -83,8 +79,7 @@ def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
 def mixed(covariance: Array, found: Sequence[Alternative], places: Sequence[int]) -> Array:
     """Covariance of the values at some places, with that of the alternatives."""
     here = np.ix_(places, places)
-    own = 1 - sum(a.weight for a in found)
-    return own * covariance + sum(a.weight * a.squares[here] for a in found)
+    return covariance + sum((a.weight * a.squares[here] for a in found), np.zeros_like(covariance))
 
 
 def _changes(kept: Sequence[int], n: int) -> list[tuple[int | None, int | None]]:
@@ -93,22 +88,11 @@ def _changes(kept: Sequence[int], n: int) -> list[tuple[int | None, int | None]]
     return [(a, b) for a in (None, *kept) for b in added if (a, b) != (None, None)]
 
 
-def _linearised(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised | None:
-    """All candidates of the plainest kind that has the terms, about the motions."""
-    r = stage.model.n_coordinates
-    kinds = [candidates(r, kind) for kind in KINDS if kind.masses]
-    enough = (k for k in kinds if {*stage.model.terms} <= {*linear_terms(r), *k})
-    choice = Choice(
-        linear_terms(r), next(enough, kinds[-1]), curved_shapes(records[0]), left_out=False
-    )
-    return linearised(stage, records, np.inf, choice)
-
-
-def _sentence(a: Alternative, every: Linearised, places: Sequence[int], fit: Fit) -> str:
+def _sentence(a: Alternative, every: Linearised, at: Mapping[int, int], fit: Fit) -> str:
     """Which choices are hardly told apart, where an error grows by half by that; else none."""
-    added = np.sqrt(a.weight * np.diag(a.squares)[list(places)])
-    pairs = zip(fit.standard_errors.items(), added, strict=True)
-    names = [name for (name, error), by in pairs if by > error]
+    added = np.sqrt(np.maximum(a.weight * np.diag(a.squares)[[*at.values()]], 0.0))
+    errors = fit.standard_errors
+    names = [fit.free[i] for i, by in zip(at, added, strict=True) if by > errors[fit.free[i]]]
     if not names:
         return ""
     told = " or ".join(every.name(g) for g in (a.gone, a.added) if g is not None)

@@ -9,13 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
+from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import cut
-from romsindy.fit.selection import Gram, Trials
+from romsindy.fit.selection import Gram, Linearised, Trials
+from romsindy.fit.signs import dragged
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.term import Term
 from romsindy.typing import Indices
@@ -65,7 +67,7 @@ class Stage:
     def summary(self, n_always: int) -> str:
         """The terms beyond the first ones, and products that sensors show, in a line."""
         names = [t.key for t in self.model.terms[n_always:]]
-        shown = [_shown(p.effect) for p in self.shapes if isinstance(p.effect, CurvedShape)]
+        shown = [p.effect.sentence for p in self.shapes if isinstance(p.effect, CurvedShape)]
         every = [*names, *dict.fromkeys(shown)]
         return f"terms: {', '.join(every) or 'no more than at the start'}"
 
@@ -86,41 +88,6 @@ class Choice(NamedTuple):
         return (*self.always, *(t for t in self.candidates if t not in self.always))
 
 
-class Linearised(NamedTuple):
-    """All that may take part, linearised about the motions of the records.
-
-    ``sensors`` come first among the places of ``trials``, then ``terms``, those that are free;
-    ``present`` are the numbers of the groups that take part so far.
-    """
-
-    trials: Trials
-    sensors: tuple[Part, ...]
-    terms: tuple[Term, ...]
-    present: list[int]
-
-    def name(self, group: int) -> str:
-        """Of a term, or of what sensors show."""
-        place = self.trials.groups[group][0]
-        if place >= len(self.sensors):
-            return self.terms[place - len(self.sensors)].key
-        effect = self.sensors[place].effect
-        return _shown(effect) if isinstance(effect, CurvedShape) else effect.variant
-
-    def stage(self, kept: Sequence[int], now: Stage) -> Stage:
-        """What always takes part and some groups, with the values of the linearised equations."""
-        there, values = {*self.trials.places(kept)}, self.trials.values(kept)
-        shapes = [
-            replace(p, strengths=np.full((1, 1), values[i]))
-            for i, p in enumerate(self.sensors)
-            if i in there
-        ]
-        pairs = zip(now.model.terms, now.model.values, strict=True)
-        terms = {t: value for t, value in pairs if t.key in now.fixed}
-        terms |= {t: values[i] for i, t in enumerate(self.terms, len(self.sensors)) if i in there}
-        model = replace(now.model, terms=tuple(terms), values=tuple(terms.values()))
-        return replace(now, model=model, shapes=tuple(shapes))
-
-
 def choose(
     now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: Choice
 ) -> Stage | None:
@@ -130,7 +97,32 @@ def choose(
     have no motions near these.
     """
     found = linearised(now, records, cycles, choice)
-    return found and found.stage(found.trials.chosen(found.present), now)
+    return found and _stage(found, found.trials.chosen(found.present), now)
+
+
+def _stage(found: Linearised, kept: Sequence[int], now: Stage) -> Stage:
+    """What always takes part and some groups, with the values of the linearised equations."""
+    there, values = {*found.trials.places(kept)}, found.trials.values(kept)
+    shapes = [
+        replace(p, strengths=np.full((1, 1), values[i]))
+        for i, p in enumerate(found.sensors)
+        if i in there
+    ]
+    pairs = zip(now.model.terms, now.model.values, strict=True)
+    terms = {t: value for t, value in pairs if t.key in now.fixed}
+    terms |= {t: values[i] for i, t in enumerate(found.terms, len(found.sensors)) if i in there}
+    model = replace(now.model, terms=tuple(terms), values=tuple(terms.values()))
+    return replace(now, model=model, shapes=tuple(shapes))
+
+
+def every_choice(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised | None:
+    """All candidates of the plainest kind that has the terms of a fit, about its motions."""
+    r = stage.model.n_coordinates
+    kinds = [candidates(r, kind) for kind in KINDS if kind.masses]
+    enough = (k for k in kinds if {*stage.model.terms} <= {*linear_terms(r), *k})
+    several = next(enough, kinds[-1])
+    choice = Choice(linear_terms(r), several, curved_shapes(records[0]), left_out=False)
+    return linearised(stage, records, np.inf, choice)
 
 
 def linearised(
@@ -171,13 +163,12 @@ def linearised(
     terms_of = {g: t for g, (i, *_) in enumerate(groups) if isinstance(t := what[i], Term)}
     least = {g: t.least for g, t in terms_of.items() if t.least > -np.inf}
     damping = [g for g, t in terms_of.items() if t.has("damping")]
+    energy = dragged(free, [r.motion for r in records])
+    kinetic = {g: energy[i - first] for g, (i, *_) in enumerate(groups) if i - first in energy}
     present = [g for g, (i, *_) in enumerate(groups) if what[i] in taken]
-    trials = Trials([Gram.sum(some) for some in grams.values()], always, groups, least, damping)
+    sums = [Gram.sum(some) for some in grams.values()]
+    trials = Trials(sums, always, groups, least, damping, kinetic)
     return Linearised(trials, sensors, free, present)
-
-
-def _shown(effect: CurvedShape) -> str:
-    return f"sensors show {effect.product}"
 
 
 def _parts(piece: CoupledRecord, record: CoupledRecord, number: int, count: int) -> Indices:

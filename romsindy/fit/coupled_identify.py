@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_choice import Stage
+from romsindy.fit.coupled_choice import Stage, every_choice
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
@@ -123,7 +123,8 @@ def identify_coupled(
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
     model = replace(stage.model, values=fit.model.values)
     reached = replace(stage, model=model, shapes=fit.solution.parts[len(names) :])
-    fit = with_choice_error(fit, reached, moved(pieces, fit.solution.motions))
+    every = every_choice(reached, moved(pieces, fit.solution.motions))
+    fit = with_choice_error(fit, every) if every else fit
     solution = replace(fit.solution, interrupted=fit.solution.interrupted or interrupted)
     notes = (*fit.notes, *_notes(best, fit.curved_shapes, interrupted), *stand_ins(fit))
     return replace(fit, solution=solution, notes=notes)

@@ -49,6 +49,11 @@ class CurvedShape(ReadingEffect):
         return f"channel {self.channel + 1}, {self.product}"
 
     @property
+    def sentence(self) -> str:
+        """That the sensors show the product, whichever does."""
+        return f"sensors show {self.product}"
+
+    @property
     def product(self) -> str:
         """Such as "q1^2 q2"."""
         powers = [(i + 1, p) for i, p in enumerate(self.powers) if p]

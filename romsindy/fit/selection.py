@@ -8,13 +8,16 @@ are left out where there are many, else stretches of them that all span the ampl
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.normal_equations import inverse, solved
-from romsindy.fit.verdict import REFUSED, TERM
+from romsindy.fit.part import Part
+from romsindy.fit.verdict import NEGATIVE, REFUSED, TERM
+from romsindy.physics.term import Term
 from romsindy.typing import Array, Indices
 
 
@@ -80,6 +83,9 @@ class Trials:
         What the value of a group of one must exceed.
     refusable : collection of int
         Groups of which the data may refuse that, by `REFUSED` standard errors.
+    kinetic : mapping of int to (n,) array
+        Kinetic energy at some states that a value of 1 of a group of one adds: see
+        `romsindy.fit.signs.dragged`. Their sum is not negative, by `NEGATIVE` standard errors.
     """
 
     parts: Sequence[Gram]
@@ -87,6 +93,7 @@ class Trials:
     groups: Sequence[Sequence[int]]
     least: Mapping[int, float]
     refusable: Collection[int] = ()
+    kinetic: Mapping[int, Array] = field(default_factory=dict)
 
     @property
     def n(self) -> int:
@@ -169,10 +176,28 @@ class Trials:
         return left
 
     def _impossible(self, kept: Sequence[int]) -> list[int]:
-        if not any(g in self.least for g in kept):
+        if not any(g in self.least or g in self.kinetic for g in kept):
             return []
-        values = dict(zip(self.places(kept), _fitted(self.parts, self.places(kept)), strict=True))
-        return [g for g in kept if g in self.least and values[self.groups[g][0]] <= self.least[g]]
+        values = self.values(kept)
+        own = {g: float(values[self.groups[g][0]]) for g in kept}
+        wrong = [g for g in kept if g in self.least and own[g] <= self.least[g]]
+        return wrong or self._negative({g: own[g] for g in kept if g in self.kinetic}, kept)
+
+    def _negative(self, values: Mapping[int, float], kept: Sequence[int]) -> list[int]:
+        """Groups that take kinetic energy away where all of them together leave less than none."""
+        each = np.array([self.kinetic[g] * value for g, value in values.items()])
+        if not len(each) or np.all(each.sum(axis=0) >= 0):
+            return []
+        places = [self.groups[g][0] for g in values]
+        covariance = self.covariance(kept)[np.ix_(places, places)]
+        rows = np.array([self.kinetic[g] for g in values])
+        excess = max(self.left_out(kept) / self.n, 1.0)  # what is left counts as noise
+        power = excess * np.einsum("gn,gh,hn->n", rows, covariance, rows)
+        error = np.sqrt(np.maximum(power, 1e-300))
+        worst = int(np.argmin(each.sum(axis=0) / error))
+        if each[:, worst].sum() > -NEGATIVE * error[worst]:
+            return []
+        return [g for g, taken in zip(values, each[:, worst], strict=True) if taken < 0]
 
     def places(self, kept: Sequence[int]) -> list[int]:
         """Of the values that always take part, and those of the groups."""
@@ -199,6 +224,32 @@ class Trials:
         at, parts = np.array(where), self.parts
         others = [[o for o in parts if o is not p] or parts for p in parts]
         return sum(p.misfit(at, _fitted(o, where)) for p, o in zip(parts, others, strict=True))
+
+
+class Linearised(NamedTuple):
+    """All that may take part in a fit, linearised about motions.
+
+    ``sensors`` come first among the places of ``trials``, then ``terms``, those that are free;
+    ``present`` are the numbers of the groups that take part so far.
+    """
+
+    trials: Trials
+    sensors: tuple[Part, ...]
+    terms: tuple[Term, ...]
+    present: list[int]
+
+    def place(self, name: str) -> int | None:
+        """Of a coefficient among all values; None where it is no candidate."""
+        names = [t.key for t in self.terms]
+        return len(self.sensors) + names.index(name) if name in names else None
+
+    def name(self, group: int) -> str:
+        """Of a term, or of what sensors show."""
+        place = self.trials.groups[group][0]
+        if place >= len(self.sensors):
+            return self.terms[place - len(self.sensors)].key
+        effect = self.sensors[place].effect
+        return effect.sentence if isinstance(effect, CurvedShape) else effect.variant
 
 
 def needed(n: int, left: float, looks: int) -> float:

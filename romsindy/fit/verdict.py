@@ -48,6 +48,9 @@ MODE = 0.1
 
 # Standard errors by which data must refuse the sign that a law of damping has, to lift it.
 REFUSED = 5.0
+# Standard errors by which the kinetic energy of what is dragged along must come out negative
+# somewhere, for its terms to be refused: noise alone makes it so where it is nearly none.
+NEGATIVE = 3.0
 
 # -- what does an input do between its samples? (`romsindy.fit.forced.between_samples`) ----------
 

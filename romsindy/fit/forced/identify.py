@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
 from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.refine import decided
-from romsindy.fit.forced.terms import LINEAR, candidates, needed_terms
+from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
 from romsindy.fit.measured import (
     free_names,
     listed_records,
@@ -20,6 +21,7 @@ from romsindy.fit.measured import (
     require_unit,
 )
 from romsindy.fit.record import Record
+from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.input import Input
@@ -85,6 +87,7 @@ def identify_forced(
     if inputs[0].interpolation != hypotheses[0][0].interpolation:
         # Terms that were chosen with another input may stand for what was wrong with it.
         best = search.decided(search.needed(inputs), hypotheses)
+    best = with_choice_error(best, search.every_choice(best))
     return replace(best, notes=(*best.notes, *stand_ins(best)))
 
 
@@ -105,15 +108,23 @@ class _Search:
             fits.append(self.fitted(terms, inputs))
         return decided(fits)
 
+    @property
+    def candidates(self) -> list[Term]:
+        """Laws that may be left out."""
+        return [t for t in self.laws if not (t in LINEAR or t.key in self.fixed)]
+
+    def every_choice(self, fit: Fit) -> Linearised:
+        """All candidates about the motions of a fit."""
+        return linearised(fit, fit.solution.motions, self.candidates, left_out=False)
+
     def needed(self, inputs: Sequence[Input]) -> tuple[Term, ...]:
         """Those of the laws that are needed, about the motions of those found before."""
-        several = [t for t in self.laws if not (t in LINEAR or t.key in self.fixed)]
         kept: tuple[Term, ...] = ()
         fit = self.fitted(kept, inputs)
         motions = [r.motion for r in fit.records]
         for number in range(_ROUNDS):
             self.say(f"terms, round {number + 1}")
-            new = needed_terms(fit, motions, several)
+            new = needed_terms(fit, motions, self.candidates)
             if new == kept:
                 break
             fit, kept = self.fitted(new, inputs), new

@@ -17,7 +17,8 @@ from romsindy.fit.collocation import Trajectory
 from romsindy.fit.fitted import Fit
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
-from romsindy.fit.selection import Gram, Trials
+from romsindy.fit.selection import Gram, Linearised, Trials
+from romsindy.fit.signs import dragged
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.driven import without_inputs
 from romsindy.physics.inertia import Inertia
@@ -60,10 +61,19 @@ def innovation(residual: Array) -> float:
 def needed_terms(
     fit: Fit, motions: Sequence[Trajectory], several: Sequence[Term]
 ) -> tuple[Term, ...]:
-    """Those of several terms that are needed beside the linear ones.
+    """Those of several terms that are needed beside the linear ones, about motions near a fit."""
+    found = linearised(fit, motions, several)
+    chosen = {found.name(g) for g in found.trials.chosen([])}
+    return tuple(t for t in several if t.key in chosen)
 
-    The equation of a fit is linearised about motions near its records; inputs and offsets are
-    fitted beside any choice, as initial states are. What the fit holds fixed stays.
+
+def linearised(
+    fit: Fit, motions: Sequence[Trajectory], several: Sequence[Term], *, left_out: bool = True
+) -> Linearised:
+    """All of several terms beside the linear ones, about motions near the records of a fit.
+
+    Inputs and offsets are fitted beside any choice, as initial states are. What the fit holds fixed
+    stays. Stretches are ``left_out`` in turn, or all data are one part.
     """
     model = without_inputs(fit.single_model)
     more = [p for p in fit.solution.parts if not isinstance(p.effect, Coefficient)]
@@ -72,26 +82,31 @@ def needed_terms(
     wide = replace(
         model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
     )
-    linear = [t for t in LINEAR if t.key in fit.free]
-    terms = {t.key: t for t in (*linear, *several)}
-    at = np.array([wide.coefficients[key] for key in terms])
-    wide, own = free_parts(wide, tuple(terms), fit.records)
+    always = [t for t in LINEAR if t.key in fit.free]
+    terms = tuple({t.key: t for t in (*always, *several)}.values())
+    at = np.array([wide.coefficients[t.key] for t in terms])
+    wide, own = free_parts(wide, [t.key for t in terms], fit.records)
     parts = (*own, *more)
     tables = [
         linear_table(wide, parts, i, record, motion)[1]
         for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True))
     ]
-    n_linear, total = len(linear), sum(map(len, tables))
-    grams = []
+    total, grams = sum(map(len, tables)), []
     for rows in tables:
         pieces = max(round(_STRETCHES * len(rows) / total), 2)
         grams += _stretches(rows / innovation(_left(rows)), at, pieces)
-    always, places = range(n_linear), range(n_linear, len(terms))
-    laws = list(terms.values())[n_linear:]
-    least = {g: law.least for g, law in enumerate(laws) if law.least > -np.inf}
-    damping = [g for g, law in enumerate(laws) if law.has("damping")]
-    found = Trials(grams, always, [[p] for p in places], least, damping).chosen([])
-    return tuple(laws[g] for g in sorted(found))
+    groups = dict(enumerate(terms[len(always) :]))
+    least = {g: law.least for g, law in groups.items() if law.least > -np.inf}
+    damping = [g for g, law in groups.items() if law.has("damping")]
+    trials = Trials(
+        grams if left_out else [Gram.sum(grams)],
+        range(len(always)),
+        [[len(always) + g] for g in groups],
+        least,
+        damping,
+        dragged(list(groups.values()), motions),
+    )
+    return Linearised(trials, (), terms, [g for g, law in groups.items() if law.key in present])
 
 
 def _left(rows: Array) -> Array:
