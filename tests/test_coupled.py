@@ -1,5 +1,6 @@
 """Models of several coordinates, against Lagrange's equations and models of one coordinate."""
 
+import itertools
 import pickle
 
 import numpy as np
@@ -7,7 +8,10 @@ import pytest
 import sympy
 
 from romsindy import CoupledModel, EscapeError, ReducedModel, SingularInertiaError
+from romsindy.fit.coupled_terms import KINDS, candidates
+from romsindy.fit.estimate import Estimate
 from romsindy.fit.followed_back import state_before
+from romsindy.fit.signs import massless, stand_ins
 from romsindy.physics.coupling import Along, MixedDamping, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.serial import term_from_key
@@ -118,6 +122,40 @@ def test_equations_are_those_of_lagrange():
     expected = np.array(theirs(*(x[:, i] for x in signals for i in (0, 1)))).T
     found = COUPLED.residual(*signals)
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_fast_mode_that_is_dragged_along_makes_six_products_of_inertia():
+    """g = a q1^2 + b q1 q2 + c q2^2 has the energy (dg/dt)^2/2, and is pulled by its d^2g/dt^2."""
+    a, b, c = 0.3, -0.4, 0.2
+    shapes, values = ((2,), (1, 1), (0, 2)), (a, b, c)
+    pairs = list(itertools.combinations_with_replacement(range(3), 2))
+    terms = [SlavedInertia(shapes[i], shapes[j]) for i, j in pairs]
+    assert {*terms} == {t for t in candidates(2, KINDS[0]) if isinstance(t, SlavedInertia)}
+    unit = Along.coordinate(Stiffness(1), 2)
+    model = CoupledModel((unit, *terms), (0.0, *(values[i] * values[j] for i, j in pairs)))
+    q, q_dot, q_ddot = motion(7, 40)
+    bent = np.array([[2 * a, b], [b, 2 * c]])  # of g = q . bent q / 2
+    slope = q @ bent
+    g_ddot = np.sum(slope * q_ddot + (q_dot @ bent) * q_dot, axis=1)
+    expected = q_ddot + slope * g_ddot[:, None]
+    np.testing.assert_allclose(model.residual(q, q_dot, q_ddot), expected, atol=1e-14)
+    energy = (np.sum(q_dot**2, axis=1) + np.sum(slope * q_dot, axis=1) ** 2) / 2
+    np.testing.assert_allclose(model.energy(q, q_dot), energy, atol=1e-14)
+
+
+def test_fast_modes_cannot_have_less_than_no_mass():
+    """What is judged is the least of the energies that the products stand for, by its error."""
+    names = ("g(q1^2)^2", "g(q1^2) g(q2^2)", "g(q2^2)^2")
+
+    def found(*values, error=0.01):
+        model = CoupledModel.from_coefficients(dict(zip(names, values, strict=True)))
+        return Estimate(model, names, error**2 * np.eye(3), None, ())
+
+    assert massless(found(0.4, 0.2, 0.1)) == 0.0 and not [*stand_ins(found(0.4, 0.2, 0.1))]
+    # With both squares alike the least is their mean less the product.
+    assert massless(found(0.1, 0.13, 0.1)) == pytest.approx(0.03 / (0.01 * np.sqrt(1.5)))
+    (said,) = stand_ins(found(0.1, 0.15, 0.1))
+    assert "fast modes with less than no mass, by 4.08 standard errors" in said
 
 
 def test_derivatives_are_those_of_differences():

@@ -61,7 +61,8 @@ def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
         a, b = unit[i], unit[j]
         powers = [2 * a + b, a + 2 * b, 3 * a + b, 2 * (a + b), a + 3 * b]
         found += [MixedStiffness(tuple(p.tolist())) for p in powers]
-        found += [_slaved(a + b, a + b), _slaved(2 * a, a + b), _slaved(2 * b, a + b)]
+        found += [_slaved(a + b, x) for x in (2 * a, a + b, 2 * b)]
+        found.append(_slaved(2 * a, 2 * b))
         if not kind.coupled_damping:
             continue
         found.append(MixedDamping(i + 1, j + 1))
