@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from romsindy.fit.coefficient import free_coefficients
-from romsindy.fit.part import ExtendedEquation
+from romsindy.fit.equation import ExtendedEquation
 
 # The paper's beam, an asymmetric IC-ROM fitted to order 5.
 ORDER_5 = {

@@ -11,8 +11,9 @@ import romsindy as rs
 from romsindy.effects import DryFriction
 from romsindy.effects.base import State, TimedEffect
 from romsindy.fit.collocation import Grid, TrajectoryError, integrate
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import ExtendedEquation, Part
+from romsindy.fit.part import Part
 
 VALUES = {"omega^2": 900.0, "gamma_3": 100.0, "c_linear": 0.18}
 MODEL = rs.ReducedModel.from_coefficients(VALUES)

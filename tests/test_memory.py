@@ -18,8 +18,9 @@ from romsindy.effects import (
 )
 from romsindy.effects.base import Scales, State
 from romsindy.fit.collocation import Grid, integrate
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import ExtendedEquation, Part
+from romsindy.fit.part import Part
 from romsindy.fit.verdict import PREDICTED
 
 OMEGA = 30.0

@@ -12,8 +12,8 @@ from scipy.special import ellipj, ellipk
 
 import romsindy as rs
 from romsindy.fit.collocation import Grid, TrajectoryError, integrate
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import sensitivity
-from romsindy.fit.part import ExtendedEquation
 from romsindy.physics.example import EXAMPLE_MODEL
 
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from romsindy.diagnosis.gap import Gap, Prediction, name_of
 from romsindy.diagnosis.prediction import predict
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import ExtendedEquation, Part
+from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.smoothing import HarmonicSpline

@@ -12,9 +12,10 @@ from romsindy.diagnosis.gap import Prediction, name_of
 from romsindy.diagnosis.nuisance import offsets
 from romsindy.effects import Bias
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import ExtendedEquation, Part, read
+from romsindy.fit.part import Part, read
 from romsindy.fit.record import Record
 from romsindy.fit.shooting import shoot
 from romsindy.physics.model import ReducedModel

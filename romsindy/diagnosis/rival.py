@@ -12,9 +12,10 @@ from scipy.stats import norm
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.experiment import Experiment
 from romsindy.fit.collocation import Grid, Trajectory, TrajectoryError, integrate
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.gauss_newton import fit, limits, moved_parts
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
+from romsindy.fit.part import Part, columns_of, read
 from romsindy.fit.process_noise import Marginal, Windows
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT, QUIET

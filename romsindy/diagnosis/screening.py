@@ -15,10 +15,11 @@ import numpy as np
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import ExtendedEquation, Part, columns_of, read
+from romsindy.fit.part import Part, columns_of, read
 from romsindy.fit.record import Record
 from romsindy.fit.tones import combs, strongest_tones, tuned
 from romsindy.physics.model import ReducedModel

@@ -1,53 +1,119 @@
-"""The equation of motion of a hypothesis in one record, of one coordinate or of several."""
+"""The equation of motion of a hypothesis in one record."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from romsindy.effects.base import SampledInput, State
 from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
-from romsindy.fit.linear_steps import Equation, Linearisation
-from romsindy.fit.part import ExtendedEquation, Part
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.fit.linear_steps import Linearisation
+from romsindy.fit.part import Part
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
+from romsindy.physics.input import Input
+from romsindy.physics.memory import Memory
 from romsindy.typing import Array
 
 
-def equation_of(model: AnyModel, parts: Sequence[Part], number: int, record: AnyRecord) -> Equation:
+def equation_of(
+    model: AnyModel, parts: Sequence[Part], number: int, record: AnyRecord
+) -> ExtendedEquation:
     """The equation of a model with its parts in a record, which has this number."""
-    if isinstance(model, CoupledModel):
-        return CoupledEquation(model, tuple(parts), number)
     step = record.motion.grid.step
     return ExtendedEquation(model, tuple(parts), number, step, record.clock, inputs=record.inputs)
 
 
 @dataclass(frozen=True)
-class CoupledEquation:
-    """The model with changed coefficients, in one record: R equations of R coordinates."""
+class ExtendedEquation:
+    """The model with its parts, in one record: R equations of R coordinates.
 
-    model: CoupledModel
+    Inputs among the terms of the model drive it where they were measured. Effects of one coordinate
+    pull beside the model; changed coefficients of several coordinates are in it, where one table
+    serves all terms.
+    """
+
+    model: AnyModel
     parts: tuple[Part, ...]
     record: int
+    step: float
+    clock: float  # at the start of the record, s
+    memories: tuple[Memory | None, ...] = ()  # of each part; none where the motion begins
+    inputs: Mapping[str, SampledInput] | None = None  # that were measured
 
     @cached_property
-    def _changed(self) -> CoupledModel:
-        return extended(self.model, self.parts)
+    def _beside(self) -> tuple[Part, ...]:
+        return self.parts if self.model.n_coordinates == 1 else ()
+
+    @cached_property
+    def _inside(self) -> AnyModel:
+        return self.model if self.model.n_coordinates == 1 else extended(self.model, self.parts)
+
+    @cached_property
+    def rate(self) -> float:
+        """Angular frequency of small vibrations of the first coordinate, rad/s; 1 without any."""
+        rest = np.zeros(self.model.n_coordinates)
+        _, stiffness, _, mass = self.model.residual_and_slopes(rest, rest, rest)
+        squared = float(stiffness[0, 0] / mass[0, 0])
+        return float(np.sqrt(squared)) if 0 < squared < np.inf else 1.0
+
+    def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
+        """What the effects of one coordinate take, (n,) each, from (n, 1) states."""
+        motion = (q[:, 0], q_dot[:, 0], q_ddot[:, 0])
+        return State(t, *motion, self.step, self.rate, clock=self.clock, inputs=self.inputs)
+
+    def _states(self, *motion: Array) -> list[State]:
+        """What the effect of each part beside the model takes, with its memory."""
+        if not self._beside:
+            return []
+        state = self.state(*motion)
+        memories = self.memories or (None,) * len(self._beside)
+        return [state._replace(memory=m) for m in memories]
+
+    def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> ExtendedEquation:
+        """The equation of the motion that goes on from the end of one at its Gauss points."""
+        if not self._beside:
+            return self
+        states = zip(self._beside, self._states(t, q, q_dot, q_ddot), strict=True)
+        return replace(self, memories=tuple(p.effect.remembered(s) for p, s in states))
 
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
         """Residual (n, R) and its derivatives (n, R, R)."""
-        return Linearisation(*self._changed.linearise(q, q_dot, q_ddot))
+        residual, *slopes = self._inside.residual_and_slopes(q, q_dot, q_ddot)
+        residual = residual - self._pushed(t)
+        for part, state in zip(self._beside, self._states(t, q, q_dot, q_ddot), strict=True):
+            own = part.own(self.record)
+            forces = part.effect.forces(state) if np.any(own) else None
+            if forces is not None:
+                residual = residual + (own @ forces)[:, None]
+                added = (np.reshape(b, (-1, 1, 1)) for b in part.effect.slopes(state, own))
+                slopes = [a + b for a, b in zip(slopes, added, strict=True)]
+        return Linearisation(residual, *slopes)
+
+    def _pushed(self, t: Array) -> Array | float:
+        """What inputs among the terms of the model add to the right side."""
+        pushed: Array | float = 0.0
+        for term, value in zip(self.model.terms, self.model.values, strict=True):
+            samples = (self.inputs or {}).get(getattr(term, "source", ""))
+            if isinstance(term, Input) and samples is not None:
+                pushed = pushed + value * term.sign * samples.at(t, term)[:, None]
+        return pushed
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """Derivatives of the residual by the values that act in the record, (m, n, R)."""
-        rows = np.zeros((sum(len(p.columns(self.record)) for p in self.parts), *q.shape))
-        first = 0
-        for part in self.parts:
+        none: list[State | None] = [None] * len(self.parts)
+        states = self._states(t, q, q_dot, q_ddot) or none
+        rows = [np.zeros((0, *q.shape))]
+        for part, state in zip(self.parts, states, strict=True):
             term = part.effect.term()
             if isinstance(term, CoupledTerm):
-                rows[first] = term.strong(q, q_dot, q_ddot)
-            first += len(part.columns(self.record))
-        return rows
+                rows.append(term.strong(q, q_dot, q_ddot)[None])
+            elif state is None or part.effect.forces(state) is None:
+                rows.append(np.zeros((len(part.columns(self.record)), *q.shape)))
+            else:
+                rows.append(part.by_value("forces", (state,), self.record)[..., None])
+        return np.concatenate(rows)

@@ -22,7 +22,7 @@ from romsindy.fit.measured import NUMERICS, small_frequencies
 from romsindy.fit.pieces import shortest
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.integration import EscapeError
-from romsindy.physics.model import SingularInertiaError
+from romsindy.physics.term_sum import SingularInertiaError
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 

@@ -14,8 +14,9 @@ import numpy as np
 
 from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import nodes
-from romsindy.fit.part import ExtendedEquation, Part
+from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.shooting import shoot, simulated_misfit
 from romsindy.physics.model import ReducedModel

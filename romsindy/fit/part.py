@@ -1,20 +1,15 @@
-"""Effects in a hypothesis with their values, and the equation of motion and reading with them."""
+"""Effects in a hypothesis with their values, and what sensors show with them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.effects.base import Effect, Parameter, SampledInput, Scales, State
-from romsindy.fit.linear_steps import Linearisation
-from romsindy.physics.input import Input
-from romsindy.physics.memory import Memory
-from romsindy.physics.model import ReducedModel
+from romsindy.effects.base import Effect, Parameter, Scales
 from romsindy.typing import Array, Indices
 
 
@@ -131,79 +126,6 @@ def _shaped(
 ) -> Effect:
     values = {p.name: float(v) for p, v in zip(parameters, shape, strict=True)}
     return effect.shaped(values)
-
-
-@dataclass(frozen=True)
-class ExtendedEquation:
-    """The model with its parts, in one record: an equation of one coordinate (R = 1).
-
-    Inputs among the terms of the model drive it where they were measured.
-    """
-
-    model: ReducedModel
-    parts: tuple[Part, ...]
-    record: int
-    step: float
-    clock: float  # at the start of the record, s
-    memories: tuple[Memory | None, ...] = ()  # of each part; none where the motion begins
-    inputs: Mapping[str, SampledInput] | None = None  # that were measured
-
-    @cached_property
-    def rate(self) -> float:
-        """Angular frequency of small vibrations, rad/s; 1 where there are none."""
-        _, stiffness, _, mass = self.model.linearise(*np.zeros((3, 1)))
-        squared = float(stiffness[0] / mass[0])
-        return float(np.sqrt(squared)) if 0 < squared < np.inf else 1.0
-
-    def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
-        """What the effects take, (n,) each, from (n, 1) states."""
-        motion = (q[:, 0], q_dot[:, 0], q_ddot[:, 0])
-        return State(t, *motion, self.step, self.rate, clock=self.clock, inputs=self.inputs)
-
-    def _states(self, *motion: Array) -> list[State]:
-        """What the effect of each part takes, with its memory."""
-        state = self.state(*motion)
-        memories = self.memories or (None,) * len(self.parts)
-        return [state._replace(memory=m) for m in memories]
-
-    def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> ExtendedEquation:
-        """The equation of the motion that goes on from the end of one at its Gauss points."""
-        states = zip(self.parts, self._states(t, q, q_dot, q_ddot), strict=True)
-        return replace(self, memories=tuple(p.effect.remembered(s) for p, s in states))
-
-    def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
-        """Residual (n, 1) and its derivatives (n, 1, 1)."""
-        state = self.state(t, q, q_dot, q_ddot)
-        residual, *slopes = self.model.linearise(state.q, state.q_dot, state.q_ddot)
-        residual = residual - self._pushed(state.t)
-        for part, state in zip(self.parts, self._states(t, q, q_dot, q_ddot), strict=True):
-            own = part.own(self.record)
-            forces = part.effect.forces(state) if np.any(own) else None
-            if forces is not None:
-                residual = residual + own @ forces
-                added = part.effect.slopes(state, own)
-                slopes = [a + b for a, b in zip(slopes, added, strict=True)]
-        wide = (np.broadcast_to(s, t.shape)[:, None, None] for s in slopes)
-        return Linearisation(residual[:, None], *wide)
-
-    def _pushed(self, t: Array) -> Array | float:
-        """What inputs among the terms of the model add to the right side."""
-        pushed: Array | float = 0.0
-        for term, value in zip(self.model.terms, self.model.values, strict=True):
-            samples = (self.inputs or {}).get(getattr(term, "source", ""))
-            if isinstance(term, Input) and samples is not None:
-                pushed = pushed + value * term.sign * samples.at(t, term)
-        return pushed
-
-    def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
-        """Derivatives of the residual by the values that act in the record, (m, n, 1)."""
-        rows: list[Array] = []
-        for part, state in zip(self.parts, self._states(t, q, q_dot, q_ddot), strict=True):
-            if part.effect.forces(state) is None:
-                rows.append(np.zeros((len(part.columns(self.record)), len(t))))
-            else:
-                rows.append(part.by_value("forces", (state,), self.record))
-        return np.concatenate(rows)[..., None] if rows else np.zeros((0, len(t), 1))
 
 
 class Reading(NamedTuple):

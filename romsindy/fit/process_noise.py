@@ -24,10 +24,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.fit.collocation import Trajectory, TrajectoryError
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.gauss_newton import held_values, limits, moved_parts, table
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import ExtendedEquation, Part, columns_of
+from romsindy.fit.part import Part, columns_of
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from romsindy.orbits.continuation import ContinuationError, Steps
-from romsindy.orbits.equations import Equations, equations_of
 from romsindy.orbits.families import (
     LADDER,
     Family,
@@ -443,9 +442,8 @@ def forced_response(
         )
     ladder = _ladder(n_harmonics)
     smooth = _smooth(model, velocity_scale)
-    equations = equations_of(smooth)
-    forces = abs(gain_of(model)) * checked_force(force, equations.n_coordinates)
-    size = _resonance(equations, forces, (first + last) / 2)
+    forces = abs(gain_of(model)) * checked_force(force, smooth.n_coordinates)
+    size = _resonance(smooth, forces, (first + last) / 2)
 
     def family(path: Path, n: int) -> Family:
         return ForcedFamily(HarmonicBalance(smooth, n), path, size)
@@ -542,7 +540,7 @@ def _smooth(model: AnyModel, velocity_scale: float | None) -> AnyModel:
 def linear_mode(model: AnyModel, number: int) -> tuple[float, Array]:
     """Angular frequency, rad/s, and shape, (R,), of a mode counted from 1."""
     require_mode(number, model)
-    omega, shapes = equations_of(model).linear_modes()
+    omega, shapes = model.linear_modes
     return float(omega[number - 1]), shapes[:, number - 1]
 
 
@@ -603,10 +601,10 @@ def _listed(forces: Array) -> str:
     return " and ".join(f"{f:g}" for f in forces)
 
 
-def _resonance(equations: Equations, forces: Array, omega: float) -> float:
+def _resonance(model: AnyModel, forces: Array, omega: float) -> float:
     """Amplitude of a linear resonance at omega, unit of q: the size of what is to come."""
-    rest = np.zeros((1, equations.n_coordinates))
-    damping = np.diag(equations.linearise(rest, rest, rest)[2][0])
+    rest = np.zeros(model.n_coordinates)
+    damping = np.diag(model.residual_and_slopes(rest, rest, rest)[2])
     zeta = np.clip(damping / (2 * omega), 0.01, 0.5)
     return float(np.max(np.abs(forces) / (2 * omega**2 * zeta)))
 

@@ -53,7 +53,7 @@ class Family(ABC):
 
     def objection(self, u: Array, p: float) -> str:
         """Why there is no such orbit; empty if there is."""
-        return self.balance.equations.objection(self.balance.basis.values @ self.orbit(u, p)[0])
+        return self.balance.model.objection(self.balance.basis.values @ self.orbit(u, p)[0])
 
     def end(self, u: Array, p: float) -> str:
         """Why the branch is to end with this orbit; empty if it goes on."""
@@ -127,8 +127,21 @@ class FreeFamily(Family):
         c, omega = self.orbit(u, p)
         if omega <= _CREEP * self.omega_0:
             return "the frequency falls to zero: the orbit comes upon another position of rest"
-        turning = self.balance.basis.values[[0, len(self.balance.basis.values) // 2]] @ c
-        return self.balance.equations.turning_objection(turning) or super().objection(u, p)
+        return self._no_turning(c) or super().objection(u, p)
+
+    def _no_turning(self, c: Array) -> str:
+        """Why the motion does not turn back at phases 0 and pi; empty if it does.
+
+        Harmonics of several coordinates may turn one of them against its own force.
+        """
+        if self.balance.n_coordinates > 1:
+            return ""
+        turning = (self.balance.basis.values[[0, len(self.balance.basis.values) // 2]] @ c)[:, 0]
+        restoring = self.balance.model.stiffness(turning[:, None])[:, 0] * [1, -1]
+        if np.min(restoring) > 0:
+            return ""
+        at = turning[np.argmin(restoring)]
+        return f"the restoring force is not positive at the turning point q = {at:.6g}"
 
     def end(self, u: Array, p: float) -> str:
         if self.from_rest:

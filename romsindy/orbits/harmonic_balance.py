@@ -17,7 +17,6 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from romsindy.orbits.equations import equations_of
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.term import Term
 from romsindy.typing import Array
@@ -78,14 +77,14 @@ class HarmonicBalance:
     """
 
     def __init__(self, model: AnyModel, n_harmonics: int) -> None:
-        self.equations = equations_of(model)
+        self.model = model
         self.n_harmonics = n_harmonics
         self.basis = uniform_basis(n_harmonics)
 
     @property
     def n_coordinates(self) -> int:
         """R."""
-        return self.equations.n_coordinates
+        return self.model.n_coordinates
 
     def series(self, vector: Array) -> Array:
         """Vector (m,) as an array (2 H + 1, R)."""
@@ -107,13 +106,13 @@ class HarmonicBalance:
 
     def residual(self, c: Array, omega: float) -> Array:
         """Coefficients of the left sides of the equations, (m,)."""
-        return (self.basis.projection @ self.equations.residual(*self.motion(c, omega))).ravel()
+        return (self.basis.projection @ self.model.residual(*self.motion(c, omega))).ravel()
 
     def linearise(self, c: Array, omega: float) -> tuple[Array, Array, Array]:
         """`residual`, its derivatives by c, (m, m), and by omega, (m,)."""
         b = self.basis
         q, q_dot, q_ddot = self.motion(c, omega)
-        force, by_q, by_q_dot, by_q_ddot = self.equations.linearise(q, q_dot, q_ddot)
+        force, by_q, by_q_dot, by_q_ddot = self.model.residual_and_slopes(q, q_dot, q_ddot)
         # (n_samples, R equations, 2 H + 1, R coordinates)
         values, first, second = (x[:, None, :, None] for x in (b.values, b.first, b.second))
         by_c = (
@@ -141,7 +140,7 @@ class HarmonicBalance:
         The tail of the spectrum of the forces, in time, over the largest |M q_ddot|.
         """
         motion = self.motion(c, omega)
-        force, _, _, inertia = self.equations.linearise(*motion)
+        force, _, _, inertia = self.model.residual_and_slopes(*motion)
         beyond = force - self.basis.values @ (self.basis.projection @ force)
         inertial = np.max(np.abs(inertia @ motion[2][..., None]))
         return float(np.max(np.abs(beyond)) / max(inertial, np.finfo(float).tiny))  # 0 at rest

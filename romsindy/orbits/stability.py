@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.orbits.equations import Equations, equations_of
 from romsindy.orbits.harmonic_balance import FourierBasis
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
@@ -75,14 +74,13 @@ def free_multipliers(
     (n, 2 R - 1) or, of conservative orbits, (n, 2 R - 2) array of complex
         The largest one first.
     """
-    equations = equations_of(model)
-    series = coefficients.reshape(len(omega), -1, equations.n_coordinates)
+    series = coefficients.reshape(len(omega), -1, model.n_coordinates)
     start = FourierBasis.at(np.zeros(1), series.shape[1] // 2)
     rate, bend = (np.einsum("k,nkr->nr", x[0], series) for x in (start.first, start.second))
     known = [np.concatenate([rate, bend], axis=1)]
     if conservative:  # the gradient of the energy, in which the velocities are zero
         q = np.einsum("k,nkr->nr", start.values[0], series)
-        force = equations.residual(q, np.zeros_like(q), np.zeros_like(q))
+        force = model.residual(q, np.zeros_like(q), np.zeros_like(q))
         known.append(np.concatenate([force, np.zeros_like(q)], axis=1))
     directions = np.stack(known, axis=2)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -98,25 +96,19 @@ def monodromy(
 
     Parameters are those of `free_multipliers`; the result is (n, 2 R, 2 R).
     """
-    equations = equations_of(model)
-    series = coefficients.reshape(len(omega), -1, equations.n_coordinates)
+    series = coefficients.reshape(len(omega), -1, model.n_coordinates)
     mu = np.broadcast_to(negative_damping, omega.shape)
     n_steps = max(_FEWEST_STEPS, _STEPS_PER_HARMONIC * (series.shape[1] // 2))
     parts = np.array_split(np.arange(len(omega)), len(omega) * n_steps // _MOST_MATRICES + 1)
-    return np.concatenate(
-        [_propagators(equations, series[i], omega[i], mu[i], n_steps) for i in parts]
-    )
+    return np.concatenate([_propagators(model, series[i], omega[i], mu[i], n_steps) for i in parts])
 
 
-def _propagators(
-    equations: Equations, series: Array, omega: Array, mu: Array, n_steps: int
-) -> Array:
+def _propagators(model: AnyModel, series: Array, omega: Array, mu: Array, n_steps: int) -> Array:
     """Products of the exponentials of all steps, (n, 2 R, 2 R)."""
     step = 2 * np.pi / n_steps
     middle = step * (np.arange(n_steps) + 0.5)
     early, late = (
-        _generator(equations, series, omega, mu, middle + side * step / np.sqrt(12))
-        for side in (-1, 1)
+        _generator(model, series, omega, mu, middle + side * step / np.sqrt(12)) for side in (-1, 1)
     )
     commutator = early @ late - late @ early
     return _product(
@@ -129,7 +121,7 @@ def _sorted(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
     return np.take_along_axis(multipliers.astype(complex), order, axis=1)
 
 
-def _generator(equations: Equations, series: Array, omega: Array, mu: Array, phase: Array) -> Array:
+def _generator(model: AnyModel, series: Array, omega: Array, mu: Array, phase: Array) -> Array:
     """A of d(delta, delta')/d(phase) = A (delta, delta'), shape (n, n_phases, 2 R, 2 R)."""
     basis = FourierBasis.at(phase, series.shape[1] // 2)
     r = series.shape[2]
@@ -138,7 +130,7 @@ def _generator(equations: Equations, series: Array, omega: Array, mu: Array, pha
         w**order * (matrix @ series)
         for order, matrix in enumerate((basis.values, basis.first, basis.second))
     )
-    _, by_q, by_q_dot, inertia = equations.linearise(*motion)
+    _, by_q, by_q_dot, inertia = model.residual_and_slopes(*motion)
     w = w[..., None]
     by_q_dot = by_q_dot - mu[:, None, None, None] * np.eye(r)
     generator = np.zeros((*by_q.shape[:2], 2 * r, 2 * r))

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
 
 from romsindy.physics import coupled_export
 from romsindy.physics.coupling import (
@@ -29,16 +28,18 @@ from romsindy.physics.coupling import (
     Powers,
 )
 from romsindy.physics.integration import integrate_smooth
-from romsindy.physics.model import ReducedModel, SingularInertiaError
+from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import read_json
 from romsindy.physics.term import Term, law_called, type_name
-from romsindy.physics.term_sum import TermSum, refuse_many, signed_text
+from romsindy.physics.term_sum import (
+    SINGULAR,
+    TermSum,
+    refuse_many,
+    signed_text,
+)
 from romsindy.physics.validation import require_finite
 from romsindy.record.decay import Decay, checked_time
 from romsindy.typing import Array
-
-# The least part of the inertia that a direction may be left with; see `ReducedModel`.
-_SINGULAR = 1e-3
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,8 @@ class CoupledModel(TermSum):
             by_q_ddot += slopes[2][..., None, None] * both
         return residual, by_q, by_q_dot, by_q_ddot
 
+    residual_and_slopes = linearise
+
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
         """Left sides of the equations, (..., R): zero along a free motion."""
         q, q_dot, q_ddot = self._motion(q, q_dot, q_ddot)
@@ -162,16 +165,17 @@ class CoupledModel(TermSum):
         """
         q, q_dot = self._motion(q, q_dot)
         force, _, _, inertia = self.linearise(q, q_dot, np.zeros_like(q))
-        least = np.linalg.eigvalsh(inertia)[..., 0]
-        if np.any(least <= _SINGULAR):
-            self._refuse(q.reshape(-1, self.n_coordinates)[int(np.argmin(least))])
+        if np.any(np.linalg.eigvalsh(inertia)[..., 0] <= SINGULAR):
+            self._refuse(q.reshape(-1, self.n_coordinates))
         return -np.linalg.solve(inertia, force[..., None])[..., 0]
 
-    def _refuse(self, q: Array) -> None:
-        raise SingularInertiaError(
-            f"M(q) is not positive definite at q = {np.round(q, 6).tolist()} {self.unit or '[q]'}:"
-            " the model has no motion there; stay at smaller amplitudes, or leave inertia terms out"
-        )
+    def objection(self, q: Array) -> str:
+        """Why no motion goes through all positions q, (n, R); empty if one may."""
+        least = np.linalg.eigvalsh(self.inertia(q))[:, 0]
+        if np.min(least) > SINGULAR:
+            return ""
+        at = np.round(q[int(np.argmin(least))], 6).tolist()
+        return f"M(q) is not positive definite at q = {at}"
 
     def _motion(self, *signals: ArrayLike) -> tuple[Array, ...]:
         arrays = np.broadcast_arrays(*(np.asarray(x, float) for x in signals))
@@ -181,36 +185,6 @@ class CoupledModel(TermSum):
                 f" {self.n_coordinates} coordinates of the model"
             )
         return tuple(arrays)
-
-    @cached_property
-    def linear_modes(self) -> tuple[Array, Array]:
-        """Of small vibrations: angular frequencies (R,), rad/s, and modes, the columns (R, R).
-
-        Raises
-        ------
-        ValueError
-            If q = 0 is not a stable position of rest.
-        """
-        rest = np.zeros(self.n_coordinates)
-        _, stiffness, _, inertia = self.undamped().linearise(rest, rest, rest)
-        if np.linalg.eigvalsh(inertia)[0] <= _SINGULAR:
-            self._refuse(rest)
-        squared, modes = eigh((stiffness + stiffness.T) / 2, inertia)
-        if not squared[0] > 0:
-            raise ValueError(
-                f"omega^2 = {squared[0]:.6g} is not positive: measure q from a stable position of"
-                " rest"
-            )
-        largest = np.argmax(np.abs(modes), axis=0)
-        return np.sqrt(squared), modes * np.sign(modes[largest, np.arange(len(squared))])
-
-    @cached_property
-    def linear_damping_ratios(self) -> Array:
-        """Damping ratios of small vibrations in the `linear_modes`, (R,)."""
-        omega, modes = self.linear_modes
-        rest = np.zeros(self.n_coordinates)
-        damping = self.linearise(rest, rest, rest)[2]
-        return np.einsum("ik,ij,jk->k", modes, damping, modes) / (2 * omega)
 
     # -- motion and energy --------------------------------------------------------------------
 
@@ -280,9 +254,9 @@ class CoupledModel(TermSum):
                 mass += (h - 1.0) * both
                 force = force + pull * w
             try:
-                np.linalg.cholesky(mass - _SINGULAR * np.eye(len(q)))
+                np.linalg.cholesky(mass - SINGULAR * np.eye(len(q)))
             except np.linalg.LinAlgError:
-                self._refuse(q)
+                self._refuse(q[None])
             return -np.linalg.solve(mass, force)
 
         return acceleration

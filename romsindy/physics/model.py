@@ -20,7 +20,7 @@ from romsindy.physics.forcing import Excitation, Forcing
 from romsindy.physics.input import Input
 from romsindy.physics.integration import integrate_smooth, integrate_steps, integrate_strokes
 from romsindy.physics.term import Term
-from romsindy.physics.term_sum import TermSum, signed_text
+from romsindy.physics.term_sum import SINGULAR, TermSum, signed_text
 from romsindy.physics.validation import require_finite
 from romsindy.record.decay import Decay, checked_time
 from romsindy.record.forced import ForcedVibration
@@ -33,14 +33,8 @@ _GAUSS = np.polynomial.legendre.leggauss(80)
 # its data a polynomial of high order is not to be trusted.
 _NEAR = (0.02, 0.1, 0.5)
 _NEWTON, _SETTLED = 5, 1e-13  # steps within the nearest; the last of them, in amplitudes
-# Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
-_SINGULAR = 1e-3
 # Parts of the equation that are functions of q alone.
 _OF_Q = ("inertia", "convection", "stiffness")
-
-
-class SingularInertiaError(ValueError):
-    """The inertia M(q) = 1 + h(q) is not positive where the motion went."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +69,7 @@ class ReducedModel(TermSum):
                 " ReducedModel"
             )
 
-    n_coordinates = 1  # no field: see `romsindy.physics.coupled.CoupledModel` for several
+    n_coordinates = 1  # no field; shapes without an axis for it are the plain and the quick way
 
     @cached_property
     def _cache(self) -> dict[str, tuple[Array, list[tuple[float, Callable]]]]:
@@ -121,6 +115,13 @@ class ReducedModel(TermSum):
             by_q += c * term.damping_dq(q, q_dot)
             by_q_dot += c * term.damping_dq_dot(q, q_dot)
         return residual, by_q, by_q_dot, inertia
+
+    def residual_and_slopes(
+        self, q: Array, q_dot: Array, q_ddot: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Residual (..., 1), its derivatives by q, q_dot and q_ddot (..., 1, 1) at (..., 1)."""
+        residual, by_q, by_q_dot, inertia = self.linearise(q, q_dot, q_ddot)
+        return residual, by_q[..., None], by_q_dot[..., None], inertia[..., None]
 
     @cached_property
     def _damped(self) -> list[tuple[Term, float]]:
@@ -188,17 +189,18 @@ class ReducedModel(TermSum):
         """
         q, q_dot = np.asarray(q, float), np.asarray(q_dot, float)
         inertia = self.inertia(q)
-        if np.any(inertia <= _SINGULAR):
-            self._refuse(float(q.flat[int(np.argmin(inertia))]))
+        if np.any(inertia <= SINGULAR):
+            self._refuse(q)
         force = self.stiffness(q) + self.convection(q) * q_dot**2 + self.damping(q, q_dot)
         return -force / inertia
 
-    def _refuse(self, q: float) -> None:
-        raise SingularInertiaError(
-            f"1 + h(q) = {float(self.inertia(q)):.3g} is not positive at q = {q:.6g}"
-            f" {self.unit or '[q]'}: the model has no motion there; stay at smaller"
-            " amplitudes, or identify with fewer inertia terms"
-        )
+    def objection(self, q: ArrayLike) -> str:
+        """Why no motion goes through all positions q, of any shape; empty if one may."""
+        q, inertia = np.asarray(q, float), self.inertia(q)
+        if np.min(inertia) > SINGULAR:
+            return ""
+        at = float(q.flat[int(np.argmin(inertia))])
+        return f"1 + h(q) = {np.min(inertia):.3g} is not positive at q = {at:.6g}"
 
     # -- motion -------------------------------------------------------------------------------
 
@@ -322,8 +324,8 @@ class ReducedModel(TermSum):
 
         def acceleration(q: float, q_dot: float, push: float = 0.0) -> float:
             mass, force = mass_and_force(q, q_dot)
-            if mass <= _SINGULAR:
-                self._refuse(q)
+            if mass <= SINGULAR:
+                self._refuse(np.array(q))
             return (push - force) / mass
 
         return acceleration

@@ -22,9 +22,10 @@ from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, s
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
 from romsindy.diagnosis.on_beam.release import Release, read_release
 from romsindy.fit.collocation import integrate
+from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
-from romsindy.fit.part import ExtendedEquation, Part
+from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
