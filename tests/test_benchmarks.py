@@ -12,7 +12,6 @@ import pytest
 import romsindy as rs
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.measured import small_frequencies
-from romsindy.fit.signs import massless
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.regression.projection import Rows
 
@@ -94,10 +93,9 @@ def test_the_benchmark_of_dry_friction_stops_by_its_closed_form(benchmark):
 @pytest.mark.slow
 @benchmark_of("kinetic_coupling")
 def test_small_benchmark_of_kinetic_coupling(benchmark):
-    _, missing, false, holds, fit = benchmark.trial(100)
+    _, missing, false, holds, _ = benchmark.trial(100)
     # Of 15 intervals of 95 % three or more fail in 4 %.
     assert not missing and not false and sum(holds.values()) >= 13
-    assert massless(fit) < 3.0
 
 
 @benchmark_of("kinetic_coupling")

@@ -9,9 +9,7 @@ import sympy
 
 from romsindy import CoupledModel, EscapeError, ReducedModel, SingularInertiaError
 from romsindy.fit.coupled_terms import KINDS, candidates
-from romsindy.fit.estimate import Estimate
 from romsindy.fit.followed_back import state_before
-from romsindy.fit.signs import massless, stand_ins
 from romsindy.physics.coupling import Along, MixedDamping, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.serial import term_from_key
@@ -141,21 +139,6 @@ def test_a_fast_mode_that_is_dragged_along_makes_six_products_of_inertia():
     np.testing.assert_allclose(model.residual(q, q_dot, q_ddot), expected, atol=1e-14)
     energy = (np.sum(q_dot**2, axis=1) + np.sum(slope * q_dot, axis=1) ** 2) / 2
     np.testing.assert_allclose(model.energy(q, q_dot), energy, atol=1e-14)
-
-
-def test_fast_modes_cannot_have_less_than_no_mass():
-    """What is judged is the least of the energies that the products stand for, by its error."""
-    names = ("g(q1^2)^2", "g(q1^2) g(q2^2)", "g(q2^2)^2")
-
-    def found(*values, error=0.01):
-        model = CoupledModel.from_coefficients(dict(zip(names, values, strict=True)))
-        return Estimate(model, names, error**2 * np.eye(3), None, ())
-
-    assert massless(found(0.4, 0.2, 0.1)) == 0.0 and not [*stand_ins(found(0.4, 0.2, 0.1))]
-    # With both squares alike the least is their mean less the product.
-    assert massless(found(0.1, 0.13, 0.1)) == pytest.approx(0.03 / (0.01 * np.sqrt(1.5)))
-    (said,) = stand_ins(found(0.1, 0.15, 0.1))
-    assert "fast modes with less than no mass, by 4.08 standard errors" in said
 
 
 def test_derivatives_are_those_of_differences():
