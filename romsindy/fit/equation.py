@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from romsindy.effects.base import SampledInput, State
+from romsindy.effects.base import ReadingEffect, SampledInput, State
 from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
 from romsindy.fit.linear_steps import Linearisation
@@ -33,8 +33,7 @@ class ExtendedEquation:
     """The model with its parts, in one record: R equations of R coordinates.
 
     Inputs among the terms of the model drive it where they were measured. Effects of one coordinate
-    pull beside the model; changed coefficients of several coordinates are in it, where one table
-    serves all terms.
+    pull beside the model; laws of several are within it, where one table serves all terms.
     """
 
     model: AnyModel
@@ -42,16 +41,23 @@ class ExtendedEquation:
     record: int
     step: float
     clock: float  # at the start of the record, s
-    memories: tuple[Memory | None, ...] = ()  # of each part; none where the motion begins
+    memories: tuple[Memory | None, ...] = ()  # of parts beside the model; none where it begins
     inputs: Mapping[str, SampledInput] | None = None  # that were measured
 
     @cached_property
-    def _beside(self) -> tuple[Part, ...]:
-        return self.parts if self.model.n_coordinates == 1 else ()
+    def _beside(self) -> dict[int, Part]:
+        """Those that pull beside the model, by number: no sensors, nor laws of its one table."""
+        return {
+            i: part
+            for i, part in enumerate(self.parts)
+            if not isinstance(part.effect, ReadingEffect)
+            and not isinstance(part.effect.term(), CoupledTerm)
+        }
 
     @cached_property
     def _inside(self) -> AnyModel:
-        return self.model if self.model.n_coordinates == 1 else extended(self.model, self.parts)
+        laws = [p for p in self.parts if isinstance(p.effect.term(), CoupledTerm)]
+        return extended(self.model, laws) if laws else self.model
 
     @cached_property
     def rate(self) -> float:
@@ -66,26 +72,27 @@ class ExtendedEquation:
         motion = (q[:, 0], q_dot[:, 0], q_ddot[:, 0])
         return State(t, *motion, self.step, self.rate, clock=self.clock, inputs=self.inputs)
 
-    def _states(self, *motion: Array) -> list[State]:
-        """What the effect of each part beside the model takes, with its memory."""
+    def _pulling(self, *motion: Array) -> dict[int, tuple[Part, State]]:
+        """Parts beside the model, each with what its effect takes and remembers, by number."""
         if not self._beside:
-            return []
-        state = self.state(*motion)
-        memories = self.memories or (None,) * len(self._beside)
-        return [state._replace(memory=m) for m in memories]
+            return {}
+        state, memories = self.state(*motion), self.memories or (None,) * len(self._beside)
+        return {
+            i: (part, state._replace(memory=m))
+            for (i, part), m in zip(self._beside.items(), memories, strict=True)
+        }
 
     def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> ExtendedEquation:
         """The equation of the motion that goes on from the end of one at its Gauss points."""
-        if not self._beside:
-            return self
-        states = zip(self._beside, self._states(t, q, q_dot, q_ddot), strict=True)
-        return replace(self, memories=tuple(p.effect.remembered(s) for p, s in states))
+        pulling = self._pulling(t, q, q_dot, q_ddot).values()
+        memories = tuple(part.effect.remembered(state) for part, state in pulling)
+        return replace(self, memories=memories) if memories else self
 
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
         """Residual (n, R) and its derivatives (n, R, R)."""
         residual, *slopes = self._inside.residual_and_slopes(q, q_dot, q_ddot)
         residual = residual - self._pushed(t)
-        for part, state in zip(self._beside, self._states(t, q, q_dot, q_ddot), strict=True):
+        for part, state in self._pulling(t, q, q_dot, q_ddot).values():
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
@@ -105,14 +112,13 @@ class ExtendedEquation:
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:
         """Derivatives of the residual by the values that act in the record, (m, n, R)."""
-        none: list[State | None] = [None] * len(self.parts)
-        states = self._states(t, q, q_dot, q_ddot) or none
+        pulling = self._pulling(t, q, q_dot, q_ddot)
         rows = [np.zeros((0, *q.shape))]
-        for part, state in zip(self.parts, states, strict=True):
+        for i, part in enumerate(self.parts):
             term = part.effect.term()
             if isinstance(term, CoupledTerm):
                 rows.append(term.strong(q, q_dot, q_ddot)[None])
-            elif state is None or part.effect.forces(state) is None:
+            elif i not in pulling or part.effect.forces(state := pulling[i][1]) is None:
                 rows.append(np.zeros((len(part.columns(self.record)), *q.shape)))
             else:
                 rows.append(part.by_value("forces", (state,), self.record)[..., None])
