@@ -17,12 +17,12 @@ from test_physics_laws import ALL, COMBINED, Ripple
 
 from romsindy import CoupledModel, ReducedModel
 from romsindy.commands.main import main
-from romsindy.physics import coupled_export
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import Friction, PositionDamping
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.symbolic import symbols
 from romsindy.physics.term import ForceLaw
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -107,8 +107,9 @@ def solved(inertia, force):
 
 def filled(matrix, state):
     """The entries of a sympy matrix at states (n, 2 R), (rows, columns, n)."""
-    symbols = [x for x in coupled_export.symbols(state.shape[1] // 2) for x in x]
-    entries = [sympy.lambdify(symbols, x, "numpy")(*state.T) for x in matrix]
+    coordinates = tuple(f"q{i + 1}" for i in range(state.shape[1] // 2))
+    names = [x for several in symbols(coordinates) for x in several]
+    entries = [sympy.lambdify(names, x, "numpy")(*state.T) for x in matrix]
     return np.stack(np.broadcast_arrays(*entries, state[:, 0])[:-1]).reshape(*matrix.shape, -1)
 
 

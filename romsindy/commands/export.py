@@ -12,11 +12,10 @@ from romsindy.commands.options import estimate_of, model_of, text_of
 from romsindy.commands.outputs import Output, WritingCommand, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.fit.functions.identification import Identification
-from romsindy.physics import coupled_export
-from romsindy.physics import export as single_export
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.entries import several, table
 from romsindy.physics.entries import text as entry
+from romsindy.physics.export import python_script
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import read_json
 from romsindy.record.files.load import named
@@ -69,9 +68,7 @@ def _code(model: AnyModel, language: str, name: str) -> str:
         return str(model)
     if language == "sympy":
         pairs = list(zip(model.terms, model.values, strict=True))
-        if isinstance(model, CoupledModel):
-            return coupled_export.python_script(pairs, str(model), model.n_coordinates)
-        return single_export.python_script(pairs, str(model))
+        return python_script(pairs, str(model), model.coordinates)
     return model.to_matlab(name) if language == "matlab" else model.to_c(name)
 
 

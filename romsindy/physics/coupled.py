@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from romsindy.physics import coupled_export
+from romsindy.physics import export
 from romsindy.physics.coupling import (
     Along,
     CoupledTerm,
@@ -88,6 +88,11 @@ class CoupledModel(TermSum):
     def n_coordinates(self) -> int:
         """R."""
         return max(t.n_coordinates for t in self.terms if isinstance(t, CoupledTerm))
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Their names: q1 ... qR."""
+        return tuple(f"q{i + 1}" for i in range(self.n_coordinates))
 
     # -- the functions of the equations -------------------------------------------------------
 
@@ -329,14 +334,14 @@ class CoupledModel(TermSum):
         [0.5*q2**2 + 1,     0.5*q1*q2],
         [    0.5*q1*q2, 0.5*q1**2 + 1]])
         """
-        return coupled_export.inertia_and_force(self._pairs, self.n_coordinates)
+        return export.equations(self._pairs, self.coordinates)
 
     def to_matlab(self, name: str = "rhs") -> str:
         """Text of a MATLAB or Octave function dy = name(t, y), y = [q1; ...; q1_dot; ...].
 
         For ``ode45``, and else as `ReducedModel.to_matlab`.
         """
-        return coupled_export.matlab_function(self._pairs, str(self), name, self.n_coordinates)
+        return export.matlab_function(self._pairs, str(self), name, self.coordinates)
 
     def to_c(self, name: str = "rhs") -> str:
         """Text of a C99 function ``void name(double t, const double y[2 R], double dy[2 R])``.
@@ -344,7 +349,7 @@ class CoupledModel(TermSum):
         y = {q1, ..., q1_dot, ...}; M(q) must be positive definite, which it does not ask. Numbers
         have all their digits; raises as `to_matlab`.
         """
-        return coupled_export.c_function(self._pairs, str(self), name, self.n_coordinates)
+        return export.c_function(self._pairs, str(self), name, self.coordinates)
 
 
 AnyModel = ReducedModel | CoupledModel

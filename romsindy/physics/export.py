@@ -1,22 +1,30 @@
-"""Equations of motion for other programs: sympy, MATLAB, C.
+"""Equations of motion of any number of coordinates for other programs: sympy, MATLAB, C.
 
 Every law is written once, for numbers and arrays. Here a sympy expression goes through it in their
-place, and sympy's printers write what comes out.
+place, and sympy's printers write what comes out. Of one coordinate M(q) and the force are scalars;
+of several they are written entry by entry, and the linear equations for q_ddot are solved where the
+code runs.
 """
 
 from __future__ import annotations
 
-import operator
 import re
 import textwrap
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
-import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
-
-from romsindy.physics.input import Input
+from romsindy.physics.coupling import Along, PolynomialTerm
+from romsindy.physics.input import Input, input_in
+from romsindy.physics.symbolic import (
+    ALONE,
+    Coordinates,
+    exact,
+    symbols,
+    sympy_module,
+    traced,
+    whole,
+)
 from romsindy.physics.term import Term
 from romsindy.physics.term import exact as exact_text
 from romsindy.record.interpolation import Interpolation
@@ -36,20 +44,31 @@ _METHODS: dict[Interpolation, str] = {
     "linear": "linear",
     "hold": "previous",
 }
+_SOLVE = """\
+    // Elimination as it stands: M(q) is symmetric and positive definite.
+    for (int k = 0; k < {r}; k++)
+        for (int i = k + 1; i < {r}; i++) {{
+            const double ratio = inertia[i][k] / inertia[k][k];
+            for (int j = k; j < {r}; j++)
+                inertia[i][j] -= ratio * inertia[k][j];
+            {force}[i] -= ratio * {force}[k];
+        }}
+    for (int i = {r} - 1; i >= 0; i--) {{
+        for (int j = i + 1; j < {r}; j++)
+            {force}[i] += inertia[i][j] * dy[{r} + j];
+        dy[i] = y[{r} + i];
+        dy[{r} + i] = -{force}[i] / inertia[i][i];
+    }}"""
 _JUMP = (
     "Dry friction jumps where q_dot changes its sign, and solvers take small steps there;"
     " romsindy's model.regularised(velocity_scale) has no jump."
 )
 
 
-def symbols() -> tuple[Any, Any]:
-    """The real symbols q and q_dot of `to_sympy`."""
-    q, q_dot = sympy_module().symbols("q q_dot", real=True)
-    return q, q_dot
-
-
-def inertia_and_force(pairs: Pairs, symbol: Callable[[Input], Any]) -> tuple[Any, Any]:
-    """M(q) and K(q) + N(q) q_dot^2 + D(q, q_dot) as sympy expressions.
+def inertia_and_force(
+    pairs: Pairs, coordinates: Coordinates, symbol: Callable[[Input], Any]
+) -> tuple[Any, Any]:
+    """M(q), R x R, and all forces beside M(q) q_ddot, R x 1, as matrices of sympy.
 
     Less what inputs push, each by its symbol.
 
@@ -58,93 +77,204 @@ def inertia_and_force(pairs: Pairs, symbol: Callable[[Input], Any]) -> tuple[Any
     ValueError
         If a law does something that sympy has no word for, or sympy is not installed.
     """
-    q, q_dot = symbols()
-    inertia, force = sympy_module().sympify(1), sympy_module().sympify(0)
+    sympy, r = sympy_module(), len(coordinates)
+    inertia, force = sympy.eye(r), sympy.zeros(r, 1)
     for term, value in pairs:
-        added, push = traced(term, q, q_dot)
+        if isinstance(term, PolynomialTerm):
+            added, push = _polynomial(term, coordinates)
+        else:
+            added, push = _along(term, coordinates, symbol)
         inertia, force = inertia + value * added, force + value * push
-        if isinstance(term, Input):
-            force -= term.sign * value * symbol(term)
     return inertia, force
 
 
-def acceleration(pairs: Pairs) -> Any:
-    """q_ddot as a sympy expression of `symbols`; inputs are functions of the real symbol t."""
+def _along(term: Term, coordinates: Coordinates, symbol: Callable[[Input], Any]) -> tuple[Any, Any]:
+    """Of a law on d = w^T q: h w w^T, and its force times w."""
+    law, weights = (term.law, term.weights) if isinstance(term, Along) else (term, (1.0,))
+    w = sympy_module().Matrix([*map(whole, weights), *(0,) * (len(coordinates) - len(weights))])
+    d, d_dot = ((w.T * sympy_module().Matrix(x))[0] for x in symbols(coordinates))
+    h, push = traced(law, d, d_dot)
+    if isinstance(law, Input):
+        push -= law.sign * symbol(law)
+    return h * w * w.T, push * w
+
+
+def _polynomial(term: PolynomialTerm, coordinates: Coordinates) -> tuple[Any, Any]:
+    sympy, r = sympy_module(), len(coordinates)
+    (q, q_dot), inertia, force = symbols(coordinates), sympy.zeros(r, r), sympy.zeros(r, 1)
+    for m in term.monomials():
+        factors = [q[i] ** p for i, p in enumerate(m.powers)] + [q_dot[j] for j in m.rates]
+        product = sympy.Mul(whole(m.factor), *factors)
+        if m.second is None:
+            force[m.equation] += product
+        else:
+            inertia[m.equation, m.second] += product
+    return inertia, force
+
+
+def equations(pairs: Pairs, coordinates: Coordinates) -> tuple[Any, Any]:
+    """`inertia_and_force`; inputs are functions of the real symbol t."""
     sympy = sympy_module()
     t = sympy.Symbol("t", real=True)
-    inertia, force = inertia_and_force(
-        pairs, lambda term: sympy.Function(term.name)(t - whole(term.delay)) ** term.power
-    )
-    return -force / inertia
-
-
-def python_script(pairs: Pairs, title: str) -> str:
-    """Python that makes the sympy expression ``q_ddot``, every number to its last digit."""
-    sympy = sympy_module()
-    q_ddot, names = acceleration(pairs), list(_sources(pairs))
-    functions = {f.func.__name__ for f in q_ddot.atoms(sympy.Function, sympy.Max, sympy.Min)}
-    imports = {"symbols", *functions, *(["Function"] if names else [])} - {*names}
-    inputs = ['t = symbols("t", real=True)\n'] if names else []
-    inputs += [f'{name} = Function("{name}")\n' for name in names]
-    code = sympy.sstr(exact(q_ddot))
-    return (
-        f"{comment('#', pairs, title)}\n"
-        f"from sympy import {', '.join(sorted(imports))}\n\n"
-        'q, q_dot = symbols("q q_dot", real=True)\n'
-        f"{''.join(inputs)}"
-        f"q_ddot = (\n        {wrapped(code)}\n)"
+    return inertia_and_force(
+        pairs,
+        coordinates,
+        lambda term: sympy.Function(term.name)(t - whole(term.delay)) ** term.power,
     )
 
 
-def matlab_function(pairs: Pairs, title: str, name: str) -> str:
+def acceleration(pairs: Pairs) -> Any:
+    """q_ddot of one coordinate as a sympy expression of `symbols`; inputs as in `equations`."""
+    inertia, force = equations(pairs, ALONE)
+    return -force[0] / inertia[0]
+
+
+def python_script(pairs: Pairs, title: str, coordinates: Coordinates) -> str:
+    """Python that makes sympy expressions, every number to its last digit.
+
+    Of one coordinate ``q_ddot``, of several the matrices ``inertia`` and ``force``.
+    """
+    sympy, inputs = sympy_module(), list(_sources(pairs))
+    alone = coordinates == ALONE
+    if alone:
+        made = {"q_ddot": exact(acceleration(pairs))}
+    else:
+        made = dict(
+            zip(("inertia", "force"), map(exact, equations(pairs, coordinates)), strict=True)
+        )
+    kinds = (sympy.Function, sympy.Max, sympy.Min)
+    functions = {f.func.__name__ for x in made.values() for f in x.atoms(*kinds)}
+    imports = {"symbols", *functions, *(["Function"] if inputs else [])} - {*inputs}
+    names = _state(coordinates)
+    lines = [
+        comment("#", pairs, title, *(["inertia * q_ddot + force = 0"] if not alone else [])),
+        f"from sympy import {', '.join(sorted(imports | (set() if alone else {'Matrix'})))}\n",
+        f'{", ".join(names)} = symbols("{" ".join(names)}", real=True)',
+        *(['t = symbols("t", real=True)'] if inputs else []),
+        *(f'{name} = Function("{name}")' for name in inputs),
+    ]
+    for name, x in made.items():
+        code = wrapped(sympy.sstr(x if alone else x.tolist()))
+        lines.append(f"{name} = (\n        {code}\n)" if alone else f"{name} = Matrix({code})")
+    return "\n".join(lines)
+
+
+def matlab_function(pairs: Pairs, title: str, name: str, coordinates: Coordinates) -> str:
     """Text of a function for ``ode45``, for a file ``name``.m; inputs are functions of time."""
-    sympy, inputs, sum_name = sympy_module(), _sources(pairs), _sum_name(pairs)
+    sympy, inputs = sympy_module(), _sources(pairs)
     both = inertia_and_force(
-        pairs, lambda term: sympy.Symbol(term.called(term.delay)) ** term.power
+        pairs, coordinates, lambda term: sympy.Symbol(term.called(term.delay)) ** term.power
     )
-    inertia, force = (sympy.octave_code(exact(x)) for x in both)
-    call = f"[t, y] = ode45({_handle([*inputs.values()], named(name))}, [t0 t1], [q0; q_dot0]"
-    use = f"dy/dt of y = [q; q_dot]: {call}, odeset('RelTol', 1e-9));"
+    inertia, force = (x.applyfunc(exact) for x in both)
+    alone = coordinates == ALONE
+    start = "[q0; q_dot0]" if alone else "y0"
+    call = f"[t, y] = ode45({_handle([*inputs.values()], named(name))}, [t0 t1], {start}"
+    use = f"dy/dt of y = [{'; '.join(_state(coordinates))}]: {call}, odeset('RelTol', 1e-9));"
     samples = ["tu and u are the times and the samples of the input."] if inputs else []
-    return (
-        f"function dy = {name}({', '.join(['t', 'y', *inputs])})\n"
-        f"{comment('%', pairs, title, use, *samples)}\n"
-        "q = y(1);\n"
-        "q_dot = y(2);\n"
-        f"inertia = {wrapped(inertia, ' ...')};\n"
-        f"{sum_name} = {wrapped(force, ' ...')};\n"
-        f"dy = [q_dot; -{sum_name} / inertia];\n"
-        "end"
-    )
+    body = _matlab_of_one if alone else _matlab_of_several
+    lines = [
+        f"function dy = {name}({', '.join(['t', 'y', *inputs])})",
+        comment("%", pairs, title, use, *samples),
+        *body(inertia, force, _sum_name(pairs), coordinates),
+        "end",
+    ]
+    return "\n".join(lines)
 
 
-def c_function(pairs: Pairs, title: str, name: str) -> str:
+def _matlab_of_one(inertia: Any, force: Any, name: str, _: Coordinates) -> list[str]:
+    code = sympy_module().octave_code
+    return [
+        "q = y(1);",
+        "q_dot = y(2);",
+        f"inertia = {wrapped(code(inertia[0]), ' ...')};",
+        f"{name} = {wrapped(code(force[0]), ' ...')};",
+        f"dy = [q_dot; -{name} / inertia];",
+    ]
+
+
+def _matlab_of_several(inertia: Any, force: Any, name: str, coordinates: Coordinates) -> list[str]:
+    r, code = len(coordinates), sympy_module().octave_code
+    return [
+        *(f"{x} = y({k + 1});" for k, x in _used(coordinates, inertia, force)),
+        f"inertia = zeros({r}, {r});",
+        *_entries("inertia({}, {})", inertia, code, 1, " ..."),
+        f"{name} = zeros({r}, 1);",
+        *_entries(f"{name}({{}})", force, code, 1, " ..."),
+        f"dy = [y({r + 1}:{2 * r}); -(inertia \\ {name})];",
+    ]
+
+
+def c_function(pairs: Pairs, title: str, name: str, coordinates: Coordinates) -> str:
     """Text of a C99 function; inputs are values."""
-    sympy, inputs, sum_name = sympy_module(), _inputs(pairs), _sum_name(pairs)
-    both = inertia_and_force(pairs, lambda term: sympy.Symbol(_value(term)))
-    inertia, force = map(sympy.ccode, both)
+    sympy, inputs, n = sympy_module(), _inputs(pairs), 2 * len(coordinates)
+    both = inertia_and_force(pairs, coordinates, lambda term: sympy.Symbol(_value(term)))
     values = [
         f"The argument {_value(term)} is {term.raised(term.called(term.delay))}." for term in inputs
     ]
-    arguments = ["const double y[2]", *(f"double {_value(term)}" for term in inputs)]
-    arguments.append("double dy[2]")
-    return (
-        f"{comment('//', pairs, title, 'dy/dt of y = {q, q_dot}; link with -lm.', *values)}\n"
-        "#include <math.h>\n\n"
-        f"void {named(name)}(double t, {', '.join(arguments)})\n"
-        "{\n"
-        "    const double q = y[0], q_dot = y[1];\n"
-        f"    const double inertia = {wrapped(inertia)};\n"
-        f"    const double {sum_name} = {wrapped(force)};\n"
-        "    (void)t;\n"
-        "    dy[0] = q_dot;\n"
-        f"    dy[1] = -{sum_name} / inertia;\n"
-        "}"
-    )
+    arguments = [f"const double y[{n}]", *(f"double {_value(term)}" for term in inputs)]
+    use = f"dy/dt of y = {{{', '.join(_state(coordinates))}}}; link with -lm."
+    body = _c_of_one if coordinates == ALONE else _c_of_several
+    lines = [
+        comment("//", pairs, title, use, *values),
+        "#include <math.h>\n",
+        f"void {named(name)}(double t, {', '.join(arguments)}, double dy[{n}])\n{{",
+        *body(*both, _sum_name(pairs), coordinates),
+        "}",
+    ]
+    return "\n".join(lines)
+
+
+def _c_of_one(inertia: Any, force: Any, name: str, _: Coordinates) -> list[str]:
+    code = sympy_module().ccode
+    return [
+        "    const double q = y[0], q_dot = y[1];",
+        f"    const double inertia = {wrapped(code(inertia[0]))};",
+        f"    const double {name} = {wrapped(code(force[0]))};",
+        "    (void)t;",
+        "    dy[0] = q_dot;",
+        f"    dy[1] = -{name} / inertia;",
+    ]
+
+
+def _c_of_several(inertia: Any, force: Any, name: str, coordinates: Coordinates) -> list[str]:
+    r, code = len(force), sympy_module().ccode
+    body = [
+        *(f"const double {x} = y[{k}];" for k, x in _used(coordinates, inertia, force)),
+        f"double inertia[{r}][{r}], {name}[{r}];",
+        *_entries("inertia[{}][{}]", inertia, code, 0),
+        *_entries(f"{name}[{{}}]", force, code, 0),
+        "(void)t;",
+    ]
+    return [*(f"    {line}" for line in body), _SOLVE.format(r=r, force=name)]
+
+
+def _entries(
+    place: str, matrix: Any, code: Callable[[Any], str], first: int, joint: str = ""
+) -> list[str]:
+    """Assignments of the entries of a matrix, whose indices begin with ``first``."""
+    rows, columns = matrix.shape
+    return [
+        f"{place.format(i + first, j + first)} = {wrapped(code(matrix[i, j]), joint)};"
+        for i in range(rows)
+        for j in range(columns)
+    ]
+
+
+def _used(coordinates: Coordinates, *matrices: Any) -> list[tuple[int, Any]]:
+    """Places in the state, from 0, and symbols, of those that matrices hold."""
+    held = set().union(*(x.free_symbols for x in matrices))
+    several = [x for both in symbols(coordinates) for x in both]
+    return [(k, x) for k, x in enumerate(several) if x in held]
+
+
+def _state(coordinates: Coordinates) -> list[str]:
+    """Names of the coordinates, then of their velocities."""
+    return [x.name for several in symbols(coordinates) for x in several]
 
 
 def _inputs(pairs: Pairs) -> list[Input]:
-    return [term for term, _ in pairs if isinstance(term, Input)]
+    """Each once: one may push several coordinates."""
+    return list(dict.fromkeys(i for i in (input_in(term) for term, _ in pairs) if i is not None))
 
 
 def _sources(pairs: Pairs) -> dict[str, Input]:
@@ -182,13 +312,7 @@ def _handle(inputs: Sequence[Input], name: str) -> str:
     return f"@(t, y) {name}(t, y, {', '.join(functions)})"
 
 
-# -- what a model of several coordinates shares (`romsindy.physics.coupled_export`) ---------------
-
-
-def exact(expression: Any) -> Any:
-    """The same, so that printers show every digit of its numbers."""
-    sympy = sympy_module()
-    return expression.xreplace({x: sympy.Float(x, 17) for x in expression.atoms(sympy.Float)})
+# -- text -----------------------------------------------------------------------------------------
 
 
 def comment(sign: str, pairs: Pairs, title: str, *use: str) -> str:
@@ -225,92 +349,3 @@ def named(name: str) -> str:
             " and underscores"
         )
     return name
-
-
-# -- laws with sympy in the place of numbers ------------------------------------------------------
-
-
-def sympy_module() -> Any:
-    """Sympy, or a ValueError that says how to install it."""
-    try:
-        return import_module("sympy")
-    except ImportError:
-        raise ValueError(
-            "to export a model needs sympy, which is not installed: python -m pip install"
-            ' "romsindy[export]"'
-        ) from None
-
-
-def traced(term: Term, q: Any, q_dot: Any) -> tuple[Any, Any]:
-    """What a law adds to M and to K + N q_dot^2 + D, as expressions of two others.
-
-    Raises
-    ------
-    ValueError
-        If it does something that sympy has no word for.
-    """
-    q, q_dot = _Traced(q), _Traced(q_dot)
-    inertia, force = _Traced(0), _Traced(0)
-    try:
-        if term.has("inertia"):
-            inertia += term.inertia(q)
-        if term.has("convection"):
-            force += term.convection(q) * q_dot * q_dot
-        if term.has("stiffness"):
-            force += term.stiffness(q)
-        if term.has("damping"):
-            force += term.damping(q, q_dot)
-    except (AttributeError, TypeError) as error:
-        raise ValueError(
-            f"the term {term.key!r} cannot be exported ({error}): write its law with"
-            " arithmetic and functions that numpy and sympy share, such as abs, sign, maximum,"
-            " tanh, or leave the term out"
-        ) from error
-    return inertia.expression, force.expression
-
-
-def whole(number: Any) -> Any:
-    """1 in the place of 1.0: x^1.0 and 1.0 x are no power and product to a reader."""
-    return int(number) if float(number).is_integer() else number
-
-
-def _power(base: Any, exponent: Any) -> Any:
-    return base ** whole(exponent)
-
-
-# What numpy does with operators, and names that are others in sympy.
-_OPERATIONS: dict[str, Callable[..., Any]] = {
-    "absolute": abs,
-    "add": operator.add,
-    "divide": operator.truediv,
-    "multiply": operator.mul,
-    "negative": operator.neg,
-    "power": _power,
-    "subtract": operator.sub,
-}
-_NAMES = {"maximum": "Max", "minimum": "Min"}
-_LIKE: dict[Callable, int] = {np.ones_like: 1, np.zeros_like: 0}
-
-
-class _Traced(NDArrayOperatorsMixin):
-    """A sympy expression that numpy's operators and functions take for an array."""
-
-    def __init__(self, expression: Any) -> None:
-        self.expression = sympy_module().sympify(expression)
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        name = ufunc.__name__
-        function = _OPERATIONS.get(name) or getattr(sympy_module(), _NAMES.get(name, name), None)
-        # An operator in place (+=) may as well make a new expression: Python gives it the name.
-        if function is None or method != "__call__" or not {*options} <= {"out"}:
-            raise TypeError(f"numpy.{name} has no counterpart in sympy")
-        return _Traced(function(*map(_expression, inputs)))
-
-    def __array_function__(self, function: Callable, _: Any, inputs: Any, options: Any) -> Any:
-        if function not in _LIKE:
-            raise TypeError(f"numpy.{function.__name__} has no counterpart in sympy")
-        return _Traced(_LIKE[function])
-
-
-def _expression(x: Any) -> Any:
-    return x.expression if isinstance(x, _Traced) else sympy_module().sympify(x)

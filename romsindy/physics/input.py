@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from romsindy.physics.coupling import Along
 from romsindy.physics.term import Scalars, Term, WeakForm, exact, power_of, unit_text
 from romsindy.record.forced import is_base, require_input
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, interpolated
@@ -121,3 +122,9 @@ class Input(Term):
     def raised(self, text: str) -> str:
         """Text of something, with the power."""
         return text if self.power == 1 else f"{text}^{self.power}"
+
+
+def input_in(term: Term) -> Input | None:
+    """The input that a term is, or that it lets act along a direction; None if it is none."""
+    law = term.law if isinstance(term, Along) else term
+    return law if isinstance(law, Input) else None

@@ -69,6 +69,7 @@ class ReducedModel(TermSum):
                 " ReducedModel"
             )
 
+    coordinates = ("q",)
     n_coordinates = 1  # no field; shapes without an axis for it are the plain and the quick way
 
     @cached_property
@@ -604,7 +605,7 @@ class ReducedModel(TermSum):
         It belongs in a file of its name. Numbers have all their digits; raises as `to_sympy`, and
         ValueError for a name that MATLAB does not take.
         """
-        return export.matlab_function(self._pairs, str(self), name)
+        return export.matlab_function(self._pairs, str(self), name, self.coordinates)
 
     def to_c(self, name: str = "rhs") -> str:
         """Text of a C99 function ``void name(double t, const double y[2], double dy[2])``.
@@ -613,7 +614,7 @@ class ReducedModel(TermSum):
         double dy[2])``; the comment says at which time the value of force is to be taken. Numbers
         have all their digits; raises as `to_matlab`.
         """
-        return export.c_function(self._pairs, str(self), name)
+        return export.c_function(self._pairs, str(self), name, self.coordinates)
 
 
 @dataclass(frozen=True)

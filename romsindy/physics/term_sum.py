@@ -107,6 +107,11 @@ class TermSum(ABC):
     def n_coordinates(self) -> int:
         """R."""
 
+    @property
+    @abstractmethod
+    def coordinates(self) -> tuple[str, ...]:
+        """Their names in equations: q, where there is one, or q1 ... qR."""
+
     @abstractmethod
     def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
         """Left sides of the equations, (..., R): zero along a free motion."""
