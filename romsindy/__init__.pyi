@@ -33,11 +33,11 @@ from romsindy.orbits.curves import ForcedResponse as ForcedResponse
 from romsindy.orbits.curves import backbone_curve as backbone_curve
 from romsindy.orbits.curves import forced_response as forced_response
 from romsindy.physics.coupled import CoupledModel as CoupledModel
+from romsindy.physics.equations import SingularInertiaError as SingularInertiaError
 from romsindy.physics.example import add_noise as add_noise
 from romsindy.physics.example import example_decay as example_decay
 from romsindy.physics.integration import EscapeError as EscapeError
 from romsindy.physics.model import ReducedModel as ReducedModel
-from romsindy.physics.term_sum import SingularInertiaError as SingularInertiaError
 from romsindy.record.backbone import Backbone as Backbone
 from romsindy.record.backbone import extract_backbone as extract_backbone
 from romsindy.record.decay import Decay as Decay

@@ -15,7 +15,6 @@ from romsindy.fit.linear_steps import Linearisation
 from romsindy.fit.part import Part
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
-from romsindy.physics.input import Input
 from romsindy.physics.memory import Memory
 from romsindy.typing import Array
 
@@ -102,12 +101,11 @@ class ExtendedEquation:
         return Linearisation(residual, *slopes)
 
     def _pushed(self, t: Array) -> Array | float:
-        """What inputs among the terms of the model add to the right side."""
+        """What inputs among the terms of the model add to the right sides."""
         pushed: Array | float = 0.0
-        for term, value in zip(self.model.terms, self.model.values, strict=True):
-            samples = (self.inputs or {}).get(getattr(term, "source", ""))
-            if isinstance(term, Input) and samples is not None:
-                pushed = pushed + value * term.sign * samples.at(t, term)[:, None]
+        for term, gain in self._inside.pushes:
+            if (samples := (self.inputs or {}).get(term.source)) is not None:
+                pushed = pushed + np.outer(samples.at(t, term), term.sign * gain)
         return pushed
 
     def by_parameter(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Array:

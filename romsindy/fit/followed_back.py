@@ -21,8 +21,8 @@ from romsindy.fit.equation import equation_of
 from romsindy.fit.measured import NUMERICS, small_frequencies
 from romsindy.fit.pieces import shortest
 from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.equations import SingularInertiaError
 from romsindy.physics.integration import EscapeError
-from romsindy.physics.term_sum import SingularInertiaError
 from romsindy.record.decay import Decay
 from romsindy.typing import Array
 

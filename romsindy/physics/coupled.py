@@ -10,7 +10,7 @@ coordinates on their last axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -23,27 +23,21 @@ from romsindy.physics.coupling import (
     Along,
     CoupledTerm,
     MixedStiffness,
-    Names,
     PolynomialTerm,
     Powers,
 )
-from romsindy.physics.integration import integrate_smooth
+from romsindy.physics.equations import SINGULAR, Equations
+from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.serial import read_json
 from romsindy.physics.term import Term, law_called, type_name
-from romsindy.physics.term_sum import (
-    SINGULAR,
-    TermSum,
-    refuse_many,
-    signed_text,
-)
+from romsindy.physics.term_sum import refuse_many
 from romsindy.physics.validation import require_finite
-from romsindy.record.decay import Decay, checked_time
 from romsindy.typing import Array
 
 
 @dataclass(frozen=True)
-class CoupledModel(TermSum):
+class CoupledModel(Equations):
     """Equations of R coordinates with known coefficients.
 
     Parameters
@@ -94,6 +88,18 @@ class CoupledModel(TermSum):
         """Their names: q1 ... qR."""
         return tuple(f"q{i + 1}" for i in range(self.n_coordinates))
 
+    @property
+    def pushes(self) -> list[tuple[Input, float | Array]]:
+        """Inputs, each with its coefficients on the coordinates, (R,)."""
+        return [
+            (term.law, value * self._padded(term.weights))
+            for term, value in self._pairs
+            if isinstance(term, Along) and isinstance(term.law, Input)
+        ]
+
+    def _padded(self, weights: Sequence[float]) -> Array:
+        return np.array([*weights, *(0.0,) * (self.n_coordinates - len(weights))])
+
     # -- the functions of the equations -------------------------------------------------------
 
     @cached_property
@@ -103,8 +109,7 @@ class CoupledModel(TermSum):
         groups: dict[tuple[float, ...], dict] = {tuple(row.tolist()): {} for row in np.eye(r)}
         for term, value in self._pairs:
             if isinstance(term, Along):
-                weights = (*term.weights, *(0.0,) * (r - len(term.weights)))
-                groups.setdefault(weights, {})[term.law] = value
+                groups.setdefault(tuple(self._padded(term.weights).tolist()), {})[term.law] = value
         return [
             (np.array(w), ReducedModel(tuple(laws), tuple(laws.values()), self.unit))
             for w, laws in groups.items()
@@ -160,8 +165,8 @@ class CoupledModel(TermSum):
         along = [m.damping(q @ w, q_dot @ w)[..., None] * w for w, m in self._directions]
         return np.asarray(self._polynomials.damping(q, q_dot) + sum(along))
 
-    def acceleration(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
-        """q_ddot of the free motion, (..., R).
+    def acceleration(self, q: ArrayLike, q_dot: ArrayLike, push: Array | float = 0.0) -> Array:
+        """q_ddot of the free motion, or under forces of inputs per unit mass, (..., R).
 
         Raises
         ------
@@ -172,7 +177,7 @@ class CoupledModel(TermSum):
         force, _, _, inertia = self.linearise(q, q_dot, np.zeros_like(q))
         if np.any(np.linalg.eigvalsh(inertia)[..., 0] <= SINGULAR):
             self._refuse(q.reshape(-1, self.n_coordinates))
-        return -np.linalg.solve(inertia, force[..., None])[..., 0]
+        return np.linalg.solve(inertia, (push - force)[..., None])[..., 0]
 
     def objection(self, q: Array) -> str:
         """Why no motion goes through all positions q, (n, R); empty if one may."""
@@ -193,65 +198,22 @@ class CoupledModel(TermSum):
 
     # -- motion and energy --------------------------------------------------------------------
 
-    def simulate(
-        self, q0: ArrayLike, q_dot0: ArrayLike, t: ArrayLike, *, rtol: float = 1e-10
-    ) -> Decay:
-        """Integrate the free motion by LSODA.
-
-        Parameters
-        ----------
-        q0, q_dot0 : (R,) arrays
-            Displacements (unit of q) and velocities (per second) at t[0].
-        t : (n,) array
-            Increasing uniform times in s at which the motion is wanted.
-        rtol : float
-            Local relative tolerance of the integration.
-
-        Returns
-        -------
-        Decay
-            With q, q_dot, q_ddot, (n, R) each.
-
-        Raises
-        ------
-        ValueError
-            If a force jumps: take `regularised` first.
-        SingularInertiaError
-            If M(q) ceases to be positive definite on the way.
-        EscapeError
-            If the motion goes to infinity, or becomes too fast to be followed to the last time.
-        """
+    def _state(self, q0: Any, q_dot0: Any) -> Array:
         q, q_dot = self._motion(q0, q_dot0)
         if q.shape != (self.n_coordinates,):
             raise ValueError(f"q0 has the shape {q.shape}: give {self.n_coordinates} values")
         require_finite("q0", *q)
         require_finite("q_dot0", *q_dot)
-        jumps = [term.key for term in self.terms if not term.smooth]
-        if jumps:
-            raise ValueError(
-                f"the force {jumps[0]} jumps: give model.regularised(velocity_scale), such as a"
-                " hundredth of the largest velocity, in the place of the model"
-            )
-        t = checked_time(t)
-        rate = np.sqrt(np.abs(np.diag(self._slopes_at_rest))).max() or 1.0
-        scale = max(np.abs(q).max(), np.abs(q_dot).max() / rate, 1e-300)
-        state = np.stack([q, q_dot])
-        q, q_dot = integrate_smooth(self._quick_acceleration(), state, t, rtol, scale)
-        return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
+        return np.stack([q, q_dot])
 
-    @property
-    def _slopes_at_rest(self) -> Array:
-        rest = np.zeros(self.n_coordinates)
-        return self.linearise(rest, rest, rest)[1]
-
-    def _quick_acceleration(self) -> Callable[[Array, Array], Array]:
-        # An integrator asks for one state 1e5 times: laws along a direction take plain floats.
+    def _quick_acceleration(self) -> Callable[..., Array]:
+        # Laws along a direction take plain floats.
         polynomials, along = self._polynomials, []
         for w, model in self._directions:
             if model.terms:
                 along.append((w, w[:, None] * w, model.mass_and_force()))
 
-        def acceleration(q: Array, q_dot: Array) -> Array:
+        def acceleration(q: Array, q_dot: Array, push: Array | float = 0.0) -> Array:
             mass, force = polynomials.mass_and_force(q, q_dot)
             mass = mass + np.eye(len(q))
             for w, both, law in along:
@@ -262,7 +224,7 @@ class CoupledModel(TermSum):
                 np.linalg.cholesky(mass - SINGULAR * np.eye(len(q)))
             except np.linalg.LinAlgError:
                 self._refuse(q[None])
-            return -np.linalg.solve(mass, force)
+            return np.linalg.solve(mass, push - force)
 
         return acceleration
 
@@ -278,43 +240,17 @@ class CoupledModel(TermSum):
         along = (m.energy(q @ w, np.zeros(q.shape[:-1])) for w, m in self._directions)
         return np.asarray(self._polynomials.potential(q) + sum(along))
 
-    # -- text ---------------------------------------------------------------------------------
-
-    def equations(self, precision: int = 4) -> list[str]:
-        """One line of text for each equation."""
-        sums = self._sums(precision, Names())
-        return [f"q{i + 1}_ddot{''.join(parts)} = 0" for i, parts in enumerate(sums)]
-
-    def equation(self, precision: int = 4) -> str:
-        """All equations, a line each."""
-        return "\n".join(self.equations(precision))
-
-    def latex(self, precision: int = 4) -> str:
-        """The equations as LaTeX, for an ``aligned`` environment, without dollar signs."""
-        sums = self._sums(precision, Names("q_{}", r"\dot{{q}}_{}", r"\ddot{{q}}_{}"), latex=True)
-        lines = [rf"\ddot{{q}}_{i + 1}{''.join(parts)} &= 0" for i, parts in enumerate(sums)]
-        return " \\\\\n".join(lines)
-
-    def _sums(self, precision: int, names: Names, latex: bool = False) -> list[list[str]]:
-        sums: list[list[str]] = [[] for _ in range(self.n_coordinates)]
-        for term, value in self._pairs:
-            if isinstance(term, CoupledTerm):
-                for i, (factor, text) in term.expressions(names).items():
-                    sums[i].append(signed_text(factor * value, text, precision, latex=latex))
-        return sums
-
-    def __str__(self) -> str:
-        modes = _notes(self)
-        lines = self.equations()
-        lines[-1] += f"    (q in {self.unit or 'its own unit [q]'}, t in s)"
-        width = max(12, *(len(t.key) for t in self.terms))
-        for term, value in self._pairs:
-            note, unit = modes.get(term.key, ""), term.unit(self.unit)
-            lines.append(f"  {term.key:<{width}} {value:>12.6g}  {unit:<14}  {note}".rstrip())
-        if self.amplitude_range is not None:
-            low, high = self.amplitude_range
-            lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")
-        return "\n".join(lines)
+    def _notes(self) -> dict[str, str]:
+        """Frequencies of modes behind the stiffness of the coordinates that they move most."""
+        try:
+            omega, modes = self.linear_modes
+        except ValueError:
+            return {}
+        notes = {}
+        for number, (rate, mode) in enumerate(zip(omega, modes.T, strict=True), 1):
+            key = f"omega^2 [q{int(np.argmax(np.abs(mode))) + 1}]"
+            notes[key] = f"mode {number}: {rate:.5g} rad/s, {rate / (2 * np.pi):.5g} Hz"
+        return notes
 
     # -- other programs -----------------------------------------------------------------------
 
@@ -335,21 +271,6 @@ class CoupledModel(TermSum):
         [    0.5*q1*q2, 0.5*q1**2 + 1]])
         """
         return export.equations(self._pairs, self.coordinates)
-
-    def to_matlab(self, name: str = "rhs") -> str:
-        """Text of a MATLAB or Octave function dy = name(t, y), y = [q1; ...; q1_dot; ...].
-
-        For ``ode45``, and else as `ReducedModel.to_matlab`.
-        """
-        return export.matlab_function(self._pairs, str(self), name, self.coordinates)
-
-    def to_c(self, name: str = "rhs") -> str:
-        """Text of a C99 function ``void name(double t, const double y[2 R], double dy[2 R])``.
-
-        y = {q1, ..., q1_dot, ...}; M(q) must be positive definite, which it does not ask. Numbers
-        have all their digits; raises as `to_matlab`.
-        """
-        return export.c_function(self._pairs, str(self), name, self.coordinates)
 
 
 AnyModel = ReducedModel | CoupledModel
@@ -373,19 +294,6 @@ def model_from_json(text: str) -> AnyModel:
     refuse_many(named)
     several = types & coupled or any(isinstance(law_called(n), CoupledTerm) for n in named)
     return (CoupledModel if several else ReducedModel).from_json(text)
-
-
-def _notes(model: CoupledModel) -> dict[str, str]:
-    """Frequencies of the modes behind the stiffness of the coordinates that they move most."""
-    try:
-        omega, modes = model.linear_modes
-    except ValueError:
-        return {}
-    notes = {}
-    for number, (rate, mode) in enumerate(zip(omega, modes.T, strict=True), 1):
-        key = f"omega^2 [q{int(np.argmax(np.abs(mode))) + 1}]"
-        notes[key] = f"mode {number}: {rate:.5g} rad/s, {rate / (2 * np.pi):.5g} Hz"
-    return notes
 
 
 def _is_coordinate(w: Array) -> bool:

@@ -159,6 +159,9 @@ class Along(CoupledTerm):
     def dimension(self) -> tuple[float, float]:
         return self.law.dimension
 
+    def unit(self, unit: str | None) -> str:
+        return self.law.unit(unit)
+
     def _direction(self, name: str) -> str:
         text = ""
         for i, w in enumerate(self.weights):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TypeVar
 
-from romsindy.physics.input import Input
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.term_sum import TermSum
 
 Model = TypeVar("Model", bound=TermSum)
@@ -13,13 +13,13 @@ Model = TypeVar("Model", bound=TermSum)
 
 def inputs_of(model: TermSum) -> tuple[Input, ...]:
     """The inputs among the terms of a model."""
-    return tuple(term for term in model.terms if isinstance(term, Input))
+    return tuple(i for i in map(input_in, model.terms) if i is not None)
 
 
 def without_inputs(model: Model) -> Model:
     """The free model."""
     pairs = zip(model.terms, model.values, strict=True)
-    kept = {term: value for term, value in pairs if not isinstance(term, Input)}
+    kept = {term: value for term, value in pairs if input_in(term) is None}
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))
 
 

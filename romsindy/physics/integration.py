@@ -39,7 +39,7 @@ class _Followed:
         self.place = self.start = (t[0], *state)
         self.left = _MOST * (_AHEAD + len(t))
 
-    def __call__(self, t: float, q: Any, q_dot: Any, *force: float) -> Any:
+    def __call__(self, t: float, q: Any, q_dot: Any, *force: Any) -> Any:
         q_ddot = self.acceleration(q, q_dot, *force)
         whole = math.isfinite(q_ddot) if isinstance(q_ddot, float) else np.isfinite(q_ddot).all()
         if not whole:
@@ -104,11 +104,11 @@ def integrate_steps(
     acceleration: Acceleration,
     state: Array,
     t: Array,
-    steps: Iterable[tuple[float, Callable[[float], float]]],
+    steps: Iterable[tuple[float, Callable[[float], Any]]],
     rtol: float,
     scale: float,
 ) -> tuple[Array, Array]:
-    """As `integrate_smooth`, of one coordinate under a force that is smooth in each step.
+    """As `integrate_smooth`, under forces that are smooth in each step.
 
     ``steps`` are their ends, all of t[1:] among them, with the force as a function of time.
     """
@@ -118,9 +118,14 @@ def integrate_steps(
         q, q_dot = y.tolist()
         return [q_dot, followed(now, q, q_dot, force(now))]
 
-    solver = ode(rates).set_integrator("dop853", rtol=rtol, atol=rtol * scale, nsteps=followed.left)
-    solver.set_initial_value(state, t[0])
-    ends, states = [t[0]], [state]
+    def several(now: float, y: Array, force: Callable[[float], Array]) -> Array:
+        q, q_dot = y.reshape(state.shape)
+        return np.concatenate([q_dot, followed(now, q, q_dot, force(now))])
+
+    own = rates if state.ndim == 1 else several
+    solver = ode(own).set_integrator("dop853", rtol=rtol, atol=rtol * scale, nsteps=followed.left)
+    solver.set_initial_value(state.ravel(), t[0])
+    ends, states = [t[0]], [state.ravel()]
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.simplefilter("ignore", UserWarning)  # of steps that become too small: see below
         for end, force in steps:
@@ -130,7 +135,7 @@ def integrate_steps(
             if not solver.successful():
                 raise followed.escaped("goes to infinity")
     wanted = np.searchsorted(ends, t - (t[1] - t[0]) / 1e6)
-    q, q_dot = np.array(states)[wanted].T
+    q, q_dot = np.moveaxis(np.array(states)[wanted].reshape(len(t), *state.shape), 1, 0)
     return q, q_dot
 
 

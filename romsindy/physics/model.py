@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import Chebyshev
@@ -16,15 +15,12 @@ from scipy.optimize import elementwise
 
 from romsindy.physics import export
 from romsindy.physics.coupling import CoupledTerm
-from romsindy.physics.forcing import Excitation, Forcing
+from romsindy.physics.equations import SINGULAR, Equations
 from romsindy.physics.input import Input
-from romsindy.physics.integration import integrate_smooth, integrate_steps, integrate_strokes
+from romsindy.physics.integration import integrate_strokes
 from romsindy.physics.term import Term
-from romsindy.physics.term_sum import SINGULAR, TermSum, signed_text
 from romsindy.physics.validation import require_finite
-from romsindy.record.decay import Decay, checked_time
-from romsindy.record.forced import ForcedVibration
-from romsindy.record.recording import Quantity
+from romsindy.record.decay import Decay
 from romsindy.typing import Array
 
 # Gauss points over half a period: 80 give the period to 12 digits for polynomial models.
@@ -38,7 +34,7 @@ _OF_Q = ("inertia", "convection", "stiffness")
 
 
 @dataclass(frozen=True)
-class ReducedModel(TermSum):
+class ReducedModel(Equations):
     """Equation M(q) q_ddot + N(q) q_dot^2 + K(q) + D(q, q_dot) = 0 with known coefficients.
 
     Parameters
@@ -70,6 +66,12 @@ class ReducedModel(TermSum):
             )
 
     coordinates = ("q",)
+
+    @property
+    def pushes(self) -> list[tuple[Input, float | Array]]:
+        """Inputs, each with its coefficient."""
+        return [(term, value) for term, value in self._pairs if isinstance(term, Input)]
+
     n_coordinates = 1  # no field; shapes without an axis for it are the plain and the quick way
 
     @cached_property
@@ -180,8 +182,8 @@ class ReducedModel(TermSum):
     def _parts(self, part: str) -> list[tuple[float, Callable]]:
         return [(value, getattr(term, part)) for term, value in self._pairs if term.has(part)]
 
-    def acceleration(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
-        """q_ddot of the free motion, shape of q.
+    def acceleration(self, q: ArrayLike, q_dot: ArrayLike, push: Array | float = 0.0) -> Array:
+        """q_ddot of the free motion, or under a force of inputs per unit mass, shape of q.
 
         Raises
         ------
@@ -193,7 +195,7 @@ class ReducedModel(TermSum):
         if np.any(inertia <= SINGULAR):
             self._refuse(q)
         force = self.stiffness(q) + self.convection(q) * q_dot**2 + self.damping(q, q_dot)
-        return -force / inertia
+        return np.asarray((push - force) / inertia)
 
     def objection(self, q: ArrayLike) -> str:
         """Why no motion goes through all positions q, of any shape; empty if one may."""
@@ -205,122 +207,17 @@ class ReducedModel(TermSum):
 
     # -- motion -------------------------------------------------------------------------------
 
-    @overload
-    def simulate(
-        self, q0: float, q_dot0: float, t: ArrayLike, *, rtol: float = ..., u: None = ...
-    ) -> Decay: ...
-
-    @overload
-    def simulate(
-        self,
-        q0: float,
-        q_dot0: float,
-        t: ArrayLike,
-        *,
-        rtol: float = ...,
-        u: Excitation,
-        measured: Quantity = ...,
-    ) -> ForcedVibration: ...
-
-    def simulate(
-        self,
-        q0: float,
-        q_dot0: float,
-        t: ArrayLike,
-        *,
-        rtol: float = 1e-10,
-        u: Excitation | None = None,
-        measured: Quantity = "displacement",
-    ) -> Decay | ForcedVibration:
-        """Integrate the free motion, or that under inputs.
-
-        Smooth models go to LSODA. With dry friction the motion is integrated stroke by stroke
-        between reversals, and rests where friction holds it. Under inputs it is integrated by
-        DOP853 from sample to sample, so that no step goes across a jump.
-
-        Parameters
-        ----------
-        q0, q_dot0 : float
-            Displacement (unit of q) and velocity (per second) at t[0].
-        t : (n,) array
-            Increasing times in s at which the motion is wanted; uniform, as in every `Decay`.
-        rtol : float
-            Local relative tolerance of the integration; the error of 200 cycles is about 1e3 rtol.
-        u : (n,) or (n, k) array, or callable, optional
-            The inputs at the times t, a column for each source of the model, in its order.
-            Between samples they go on as the `Input` says, and they act late by its delay, and
-            after its lag; before the first sample they are as there. Or, without a lag, a function
-            of time that gives a number, or k of them.
-        measured : "displacement", "velocity" or "acceleration"
-            What the y of a motion under inputs is, as a sensor of that kind shows it.
-
-        Returns
-        -------
-        Decay or ForcedVibration
-            Of a free motion q, q_dot and q_ddot. With ``u`` a record as `romsindy.refine` takes it:
-            one measured quantity and the inputs.
-
-        Raises
-        ------
-        SingularInertiaError
-            If the motion reaches 1 + h(q) <= 0.
-        EscapeError
-            If the motion goes to infinity, or becomes too fast to be followed to the last time.
-        ValueError
-            With ``u``, for a model without inputs, dry friction, other numbers of samples or
-            columns, or inputs that are constant (see `ForcedVibration`).
-
-        Examples
-        --------
-        >>> t = np.arange(0.0, 10.0, 0.01)
-        >>> named = {"omega^2": 36.0, "c_linear": 0.1, "gain [force]": 2.0}
-        >>> ReducedModel.from_coefficients(named, "m").simulate(0, 0, t, u=np.sin(5 * t))
-        <ForcedVibration: 1000 samples at 100 Hz, 9.99 s, max |displacement| 0.3096 m, by force>
-        """
+    def _state(self, q0: Any, q_dot0: Any) -> Array:
         require_finite("q0", q0)
         require_finite("q_dot0", q_dot0)
-        t = checked_time(t)
-        frequency = np.sqrt(abs(self.coefficients.get("omega^2", 1.0))) or 1.0
-        scale = max(abs(q0), abs(q_dot0) / frequency, 1e-300)
-        state = np.array([q0, q_dot0], float)
-        if u is not None:
-            forcing = self._forcing(u, t)
-            scale = max(scale, float(np.abs(forcing(t)).max()) / frequency**2)
-            own = self._scalar_acceleration()
-            q, q_dot = integrate_steps(own, state, t, forcing.steps(), rtol, scale)
-            return self._shown(forcing, q, q_dot, measured)
-        if all(term.smooth for term in self.terms):
-            q, q_dot = integrate_smooth(self._scalar_acceleration(), state, t, rtol, scale)
-            return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
-        q, q_dot, rests = integrate_strokes(self._scalar_acceleration(), state, t, rtol, scale)
+        return np.array([q0, q_dot0], float)
+
+    def _by_strokes(self, state: Array, t: Array, rtol: float, scale: float) -> Decay:
+        q, q_dot, rests = integrate_strokes(self._quick_acceleration(), state, t, rtol, scale)
         q_ddot = np.where(rests, 0.0, self.acceleration(q, q_dot))
         return Decay(t, q, q_dot, q_ddot, unit=self.unit)
 
-    def _forcing(self, u: Excitation, t: Array) -> Forcing:
-        jumping = [term.key for term in self.terms if not term.smooth]
-        if jumping:
-            raise ValueError(
-                f"{jumping[0]!r} jumps where the velocity changes its sign, and is not integrated"
-                " under inputs: use model.regularised(velocity_scale)"
-            )
-        return Forcing([(term, c) for term, c in self._pairs if isinstance(term, Input)], u, t)
-
-    def _shown(
-        self, forcing: Forcing, q: Array, q_dot: Array, measured: Quantity
-    ) -> ForcedVibration:
-        q_ddot = self.acceleration(q, q_dot) + forcing(forcing.t) / self.inertia(q)
-        return ForcedVibration(
-            forcing.t,
-            {"displacement": q, "velocity": q_dot, "acceleration": q_ddot}.get(measured, q),
-            forcing.u,
-            unit=self.unit,
-            measured=measured,
-            inputs=forcing.sources,
-            input_unit=forcing.inputs[0][0].input_unit,
-            interpolation=forcing.interpolation,
-        )
-
-    def _scalar_acceleration(self) -> Callable[..., float]:
+    def _quick_acceleration(self) -> Callable[..., float]:
         mass_and_force = self.mass_and_force()
 
         def acceleration(q: float, q_dot: float, push: float = 0.0) -> float:
@@ -524,52 +421,16 @@ class ReducedModel(TermSum):
 
     # -- text ---------------------------------------------------------------------------------
 
-    def equation(self, precision: int = 4) -> str:
-        """One line of text."""
-        sums, driven = self._sums_of(precision, lambda term: term.expression())
-        return "".join(["q_ddot", *sums, " = ", driven])
-
-    def latex(self, precision: int = 4) -> str:
-        """The equation as LaTeX, without dollar signs."""
-        return "".join(self.latex_terms(precision))
-
     def latex_terms(self, precision: int = 4) -> list[str]:
         """The parts of `latex`, between which a line may end."""
+        return self._parts_of_text(precision, " = ", latex=True)[0]
 
-        def expression(term: Term) -> str:
-            text = term.expression("q", r"\dot{q}", r"\ddot{q}")
-            text = re.sub(r"\^(\d[\d.]+)", r"^{\1}", text)
-            return text.replace("sign", r"\operatorname{sign}")
-
-        sums, driven = self._sums_of(precision, expression, latex=True)
-        return [r"\ddot{q}", *sums, f" = {driven}"]
-
-    def _sums_of(
-        self, precision: int, expression: Callable[[Term], str], latex: bool = False
-    ) -> tuple[list[str], str]:
-        """Terms on the left side, and what drives the motion on the right one: 0 without inputs."""
-        left, right = [], ""
-        for t, v in self._pairs:
-            if isinstance(t, Input):
-                right += signed_text(t.sign * v, expression(t), precision, latex=latex)
-            else:
-                left.append(signed_text(v, expression(t), precision, latex=latex))
-        return left, right.strip().removeprefix("+ ") or "0"
-
-    def __str__(self) -> str:
-        lines = [f"{self.equation()}    (q in {self.unit or 'its own unit [q]'}, t in s)"]
-        for term, value in self._pairs:
-            note = ""
-            if term.key == "omega^2" and value > 0:
-                omega = np.sqrt(value / float(self.inertia(0.0)))  # mass may have been added
-                note = f"omega = {omega:.5g} rad/s, {omega / (2 * np.pi):.5g} Hz"
-            lines.append(
-                f"  {term.key:<12} {value:>12.6g}  {term.unit(self.unit):<14}  {note}".rstrip()
-            )
-        if self.amplitude_range is not None:
-            low, high = self.amplitude_range
-            lines.append(f"  from amplitudes {low:.3g} to {high:.3g} {self.unit or '[q]'}")
-        return "\n".join(lines)
+    def _notes(self) -> dict[str, str]:
+        squared = self.coefficients.get("omega^2", 0.0)
+        if not squared > 0:
+            return {}
+        omega = np.sqrt(squared / float(self.inertia(0.0)))  # mass may have been added
+        return {"omega^2": f"omega = {omega:.5g} rad/s, {omega / (2 * np.pi):.5g} Hz"}
 
     # -- other programs -----------------------------------------------------------------------
 
@@ -595,26 +456,6 @@ class ReducedModel(TermSum):
         (-0.5*q*q_dot**2 - 36.0*q)/(0.5*q**2 + 1)
         """
         return export.acceleration(self._pairs)
-
-    def to_matlab(self, name: str = "rhs") -> str:
-        """Text of a MATLAB or Octave function dy = name(t, y), y = [q; q_dot], for ``ode45``.
-
-        With an input it is dy = name(t, y, force), where force is a function handle of time; delays
-        are inside, and the comment says how it is called with samples.
-
-        It belongs in a file of its name. Numbers have all their digits; raises as `to_sympy`, and
-        ValueError for a name that MATLAB does not take.
-        """
-        return export.matlab_function(self._pairs, str(self), name, self.coordinates)
-
-    def to_c(self, name: str = "rhs") -> str:
-        """Text of a C99 function ``void name(double t, const double y[2], double dy[2])``.
-
-        y = {q, q_dot}. With an input it is ``void name(double t, const double y[2], double force,
-        double dy[2])``; the comment says at which time the value of force is to be taken. Numbers
-        have all their digits; raises as `to_matlab`.
-        """
-        return export.c_function(self._pairs, str(self), name, self.coordinates)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
-"""Terms with their coefficients: what models of one coordinate and of several share."""
+"""Terms with their coefficients: names, checks and JSON that all models share."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sized
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,32 +9,18 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.linalg import eigh
 
 from romsindy.physics.entries import finite, items, optional_text, several, table
 from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
 from romsindy.physics.term import MOST_TERMS, Term
-from romsindy.typing import Array
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 
-# Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
-SINGULAR = 1e-3
-
-
-class SingularInertiaError(ValueError):
-    """The inertia M(q) is not positive where the motion went."""
-
-
 @dataclass(frozen=True)
-class TermSum(ABC):
-    """Terms of the equations of R coordinates, each with its coefficient.
-
-    What is written for any R takes and gives arrays with the coordinates on the last axis, also
-    where R is 1.
+class TermSum:
+    """Terms of an equation of motion, each with its coefficient.
 
     Parameters
     ----------
@@ -100,74 +85,6 @@ class TermSum(ABC):
     def _pairs(self) -> list[tuple[Term, float]]:
         return list(zip(self.terms, self.values, strict=True))
 
-    # -- equations of any number of coordinates ---------------------------------------------------
-
-    @property
-    @abstractmethod
-    def n_coordinates(self) -> int:
-        """R."""
-
-    @property
-    @abstractmethod
-    def coordinates(self) -> tuple[str, ...]:
-        """Their names in equations: q, where there is one, or q1 ... qR."""
-
-    @abstractmethod
-    def residual(self, q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> Array:
-        """Left sides of the equations, (..., R): zero along a free motion."""
-
-    @abstractmethod
-    def residual_and_slopes(
-        self, q: Array, q_dot: Array, q_ddot: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Residual (..., R), its derivatives by q, q_dot and q_ddot (..., R, R) at (..., R)."""
-
-    @abstractmethod
-    def stiffness(self, q: ArrayLike) -> Array:
-        """Restoring forces per unit mass, (..., R)."""
-
-    @abstractmethod
-    def objection(self, q: Array) -> str:
-        """Why no motion goes through all positions q, (n, R); empty if one may."""
-
-    def _refuse(self, q: Array) -> None:
-        raise SingularInertiaError(
-            f"{self.objection(q)} {self.unit or '[q]'}: the model has no motion there; stay at"
-            " smaller amplitudes, or leave inertia terms out"
-        )
-
-    @cached_property
-    def linear_modes(self) -> tuple[Array, Array]:
-        """Of small vibrations: angular frequencies (R,), rad/s, and modes, the columns (R, R).
-
-        Raises
-        ------
-        ValueError
-            If q = 0 is not a stable position of rest.
-        """
-        rest = np.zeros(self.n_coordinates)
-        if self.objection(rest[None]):
-            self._refuse(rest[None])
-        _, stiffness, _, inertia = self.undamped().residual_and_slopes(rest, rest, rest)
-        squared, modes = eigh((stiffness + stiffness.T) / 2, inertia)
-        if not squared[0] > 0:
-            raise ValueError(
-                f"omega^2 = {squared[0]:.6g} is not positive: measure q from a stable position of"
-                " rest"
-            )
-        largest = np.argmax(np.abs(modes), axis=0)
-        return np.sqrt(squared), modes * np.sign(modes[largest, np.arange(len(squared))])
-
-    @cached_property
-    def linear_damping_ratios(self) -> Array:
-        """Damping ratios of small vibrations in the `linear_modes`, (R,)."""
-        omega, modes = self.linear_modes
-        rest = np.zeros(self.n_coordinates)
-        damping = self.residual_and_slopes(rest, rest, rest)[2]
-        return np.einsum("ik,ij,jk->k", modes, damping, modes) / (2 * omega)
-
-    # -- other models -----------------------------------------------------------------------------
-
     def undamped(self) -> Self:
         """Model without its damping terms."""
         pairs = [(term.undamped(), value) for term, value in self._pairs]
@@ -177,8 +94,6 @@ class TermSum(ABC):
     def regularised(self, velocity_scale: float) -> Self:
         """Model whose forces do not jump (see `Term.regularised`); unit of q per second."""
         return replace(self, terms=tuple(t.regularised(velocity_scale) for t in self.terms))
-
-    # -- files ------------------------------------------------------------------------------------
 
     def to_json(self) -> str:
         """JSON text: type, fields, name and value of every term, unit and amplitude range.
