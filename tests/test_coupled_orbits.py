@@ -317,6 +317,13 @@ def test_linear_response_is_the_closed_form():
     assert np.all(response.stable)
     lines = str(response).splitlines()
     assert "a force of 0.3 and -0.2" in lines[0] and "amplitude q2 [[q]]" in lines[1]
+    # The same through an input, which pushes both.
+    gains = {"gain [force] [q1]": 3.0, "gain [force] [q2]": -2.0}
+    driven = CoupledModel.from_coefficients({**model.coefficients, **gains})
+    same = forced_response(driven, 0.1, (0.8, 2.5), n_points=60)
+    np.testing.assert_allclose(same.coefficients, response.coefficients, rtol=1e-9, atol=1e-12)
+    with pytest.raises(ValueError, match=r"force = .* has the shape \(2,\): give a number"):
+        forced_response(driven, force, (0.8, 2.5))
 
 
 @pytest.mark.slow

@@ -7,8 +7,10 @@ from scipy.linalg import expm
 from test_forced import CUBIC, DAMPING, DT, GAIN, OMEGA, T, duffing, misses, multisine, noisy
 
 import romsindy as rs
+from romsindy.physics.coupling import Along
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.input import Input
+from romsindy.physics.driven import without_inputs
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.stiffness import Stiffness
 
 DUFFING = {
@@ -104,6 +106,68 @@ def test_several_inputs_go_by_columns():
     found = both.simulate(0, 0, t, u=np.column_stack([force, base]))
     assert found.names == ("force", "base") and found.interpolation is None
     np.testing.assert_allclose(found.y, alone, atol=1e-9 * np.abs(alone).max())
+
+
+SEVERAL = rs.CoupledModel.from_coefficients(
+    {
+        **{"omega^2 [q1]": OMEGA**2, "omega^2 [q2]": 4 * OMEGA**2, "c_linear [q1]": DAMPING},
+        **{"V q1^2 q2": 30.0, "g(q1^2)^2": 0.4, "gain [force] [q1]": GAIN},
+        **{"gain [force] [q2]": -0.5 * GAIN, "Gamma [base] [q1 + 0.3 q2]": 0.8},
+    },
+    "m",
+)
+
+
+def pushed_rates(t, y, force, base):
+    """Of `SEVERAL`, written down by hand."""
+    q1, q2, v1, v2 = y
+    f1 = GAIN * force(t) - 0.8 * base(t) - OMEGA**2 * q1 - DAMPING * v1 - 60 * q1 * q2
+    f2 = -0.5 * GAIN * force(t) - 0.24 * base(t) - 4 * OMEGA**2 * q2 - 30 * q1**2
+    return [v1, v2, (f1 - 1.6 * q1 * v1**2) / (1 + 1.6 * q1**2), f2]
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_several_coordinates_move_as_in_another_integrator(sampled):
+    """Under a force on both and a base; what goes straight between samples, or at all times."""
+    t, start = T[:800], [0.01, -0.02, 0.3, 0.1]
+    pushes = [multisine(seed)[1] for seed in (3, 4)]
+    u = np.stack([push(t) for push in pushes], axis=1)
+    model = SEVERAL
+    if sampled:
+        ways = {"force": Input("force", "linear"), "base": Input("base", "linear")}
+        terms = (Along(ways[t.law.source], t.weights) if input_in(t) else t for t in model.terms)
+        model = rs.CoupledModel(tuple(terms), model.values, "m")
+        pushes = [lambda s, x=x: np.interp(s, t, x) for x in u.T]
+    step = {"max_step": DT / 2} if sampled else {}
+    expected = solve_ivp(
+        pushed_rates, t[[0, -1]], start, "DOP853", t, args=pushes, rtol=1e-11, atol=1e-13, **step
+    ).y.T
+    given = u if sampled else lambda s: [push(s) for push in pushes]
+    found = model.simulate(start[:2], start[2:], t, u=given)
+    assert found.y.shape == (800, 2) and found.names == ("force", "base")
+    np.testing.assert_allclose(found.y, expected[:, :2], atol=1e-7 * np.abs(expected[:, :2]).max())
+    felt = model.simulate(start[:2], start[2:], t, u=given, measured="acceleration")
+    rates = np.array([pushed_rates(s, y, *pushes)[2:] for s, y in zip(t, expected, strict=True)])
+    np.testing.assert_allclose(felt.y, rates, atol=1e-6 * np.abs(rates).max())
+    with pytest.raises(ValueError, match=r"y has 2 channels, and one is needed here: choose one"):
+        rs.identify(found)
+
+
+def test_several_coordinates_say_what_drives_them():
+    first, second = SEVERAL.equations()
+    assert first.endswith("= 3 force(t) - 0.8 base(t)") and second.endswith("- 0.24 base(t)")
+    assert "gain [force] [q1]                     3  m/(s^2 [input])" in str(SEVERAL)
+    assert rs.CoupledModel.from_json(SEVERAL.to_json()) == SEVERAL
+    force = SEVERAL.to_sympy()[1]
+    assert str(force[1]).count("force(t)") == 1 and "base(t)" in str(force[0])
+    free = without_inputs(SEVERAL)
+    assert len(free.terms) == len(SEVERAL.terms) - 3 and not free.pushes
+    with pytest.raises(ValueError, match="the model has no input"):
+        free.simulate([0.1, 0.0], [0.0, 0.0], T, u=np.sin(T))
+    with pytest.raises(
+        ValueError, match=r"1 columns, and the model the inputs \['force', 'base'\]"
+    ):
+        SEVERAL.simulate([0.1, 0.0], [0.0, 0.0], T, u=np.sin(T))
 
 
 def test_the_work_of_the_force_is_energy_and_what_is_lost():

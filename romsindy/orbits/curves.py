@@ -405,7 +405,7 @@ def forced_response(
     force : float or (R,) array
         Amplitude of the force per unit mass, unit of q per s^2: positive, or those on the R
         coordinates of a `CoupledModel`, such as the mode shapes at the point of a force times it.
-        Of a model with an input, and of a `SteadyFit`, in the unit of what was measured.
+        Of a model with an input, and of a `SteadyFit`, in the unit of what was measured: a number.
     frequency : (float, float)
         Angular frequency where the branch starts and ends, rad/s; rising or falling.
     n_harmonics, velocity_scale
@@ -442,7 +442,7 @@ def forced_response(
         )
     ladder = _ladder(n_harmonics)
     smooth = _smooth(model, velocity_scale)
-    forces = abs(gain_of(model)) * checked_force(force, smooth.n_coordinates)
+    forces = _forces(smooth, force)
     size = _resonance(smooth, forces, (first + last) / 2)
 
     def family(path: Path, n: int) -> Family:
@@ -464,7 +464,7 @@ def forced_response(
     stable = np.abs(multipliers[:, 0]) <= 1 + _NEUTRAL
     return ForcedResponse(
         **_orbits(branch, f"frequency reached {branch.omega[-1]:.6g} rad/s", model.unit),
-        force=float(forces[0]) if np.ndim(force) == 0 else forces,
+        force=float(forces[0]) if np.ndim(force) == 0 and len(forces) == 1 else forces,
         multipliers=multipliers,
         stable=stable,
         bifurcations=_bifurcations(multipliers, stable, branch.folds),
@@ -588,6 +588,14 @@ def checked_force(force: ArrayLike, count: int) -> Array:
     elif not (np.all(np.isfinite(forces)) and np.any(forces)):
         raise ValueError(f"force = {force!r} must be finite, and not all of it zero")
     return forces.reshape(count)
+
+
+def _forces(model: AnyModel, force: ArrayLike) -> Array:
+    """Amplitudes of the forces per unit mass on the coordinates, (R,)."""
+    gain = gain_of(model)
+    if np.ndim(gain):  # one input, which pushes all coordinates in phase
+        return gain * checked_force(force, 1)
+    return np.abs(gain) * checked_force(force, model.n_coordinates)
 
 
 def _numbers(name: str, value: Any) -> Array:

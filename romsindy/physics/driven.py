@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from romsindy.physics.equations import Equations
 from romsindy.physics.input import Input, input_in
 from romsindy.physics.term_sum import TermSum
 
@@ -23,15 +24,15 @@ def without_inputs(model: Model) -> Model:
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))
 
 
-def gain_of(model: TermSum) -> float:
-    """Force per unit mass for an input of 1; 1 of a model without inputs.
+def gain_of(model: Equations) -> Any:
+    """Force per unit mass for an input of 1, a number or (R,) of several coordinates; or else 1.
 
     Raises
     ------
     ValueError
         If the model has several inputs, or one that lags or acts with a power.
     """
-    inputs = inputs_of(model)
+    inputs = list(dict.fromkeys(inputs_of(model)))
     if len(inputs) > 1:
         names = [term.signal for term in inputs]
         raise ValueError(f"the model has the inputs {names}, and one can be harmonic: drop others")
@@ -41,4 +42,4 @@ def gain_of(model: TermSum) -> float:
             f"the model is driven by {changed[0].expression()}, which is not as large as"
             f" {changed[0].source!r} itself: drop the input, and give the force per unit mass"
         )
-    return model.coefficients[inputs[0].key] if inputs else 1.0
+    return sum(gain for _, gain in model.pushes) if inputs else 1.0

@@ -52,9 +52,9 @@ class ForcedVibration:
     t : (n,) array
         Time in s, increasing, of response and input alike. Jitter is resampled, with a warning.
         Dates count in s from the first one.
-    y : (n,) array
+    y : (n,) or (n, n_channels) array
         What was measured of the motion: displacement, velocity or acceleration of q. With a base
-        that moves, q counts from the base.
+        that moves, q counts from the base. Fits take one channel.
     u : (n,) or (n, n_inputs) array
         Measured inputs: forces, or accelerations of the base.
     unit : str, optional
@@ -103,11 +103,7 @@ class ForcedVibration:
             )
         t = checked_time(self.t)
         y, u = (_checked(name, getattr(self, name), t) for name in ("y", "u"))
-        if y.ndim == 2 and y.shape[1] > 1:
-            raise ValueError(
-                f"y has {y.shape[1]} channels, and one is needed here: choose one, y[:, 0]"
-            )
-        y, u = y.reshape(len(t)), u.reshape(len(t), -1)
+        y, u = y[:, 0] if y.ndim == 2 and y.shape[1] == 1 else y, u.reshape(len(t), -1)
         names = (self.inputs,) if isinstance(self.inputs, str) else tuple(self.inputs)
         for name in names:
             require_input(name)
@@ -151,7 +147,17 @@ class ForcedVibration:
 
     @property
     def signal(self) -> Array:
-        """What was measured of the motion, (n,)."""
+        """What was measured of the motion, (n,).
+
+        Raises
+        ------
+        ValueError
+            If it has several channels.
+        """
+        if self.y.ndim == 2:
+            raise ValueError(
+                f"y has {self.y.shape[1]} channels, and one is needed here: choose one, y[:, 0]"
+            )
         return self.y
 
     @property

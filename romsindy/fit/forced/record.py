@@ -56,7 +56,7 @@ class ForcedRecord(OfDecay):
 
         More than the least steps are taken as long as all are no more than is ``affordable``.
         """
-        t, y = vibration.t - vibration.t[0], vibration.y
+        t, y = vibration.t - vibration.t[0], vibration.signal
         least = floor * float(np.abs(y - y.mean()).max())
         noise = Noise.white(float(np.hypot(quiet_std(y), least)), vibration.dt, least)
         mean, highest = _frequencies(y, vibration.dt, vibration.derivative)
