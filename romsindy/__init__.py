@@ -18,11 +18,12 @@ _MODULE_OF = {
 }
 # What old names are now.
 _MOVED = {
+    "study": "the package romsindy_study",
     "identify_coupled": 'identify(decays, coordinates="auto"), or with a number of them',
     "identify_forced": "identify(records)",
     "free_run": "the method predict(record, samples) of what identify and refine give",
 }
-_ROOMS = ("beam", "diagnosis", "effects", "physics", "show", "study")
+_ROOMS = ("beam", "diagnosis", "effects", "physics", "show")
 
 __all__ = sorted(_MODULE_OF)
 

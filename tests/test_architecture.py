@@ -25,8 +25,9 @@ MODULES = sorted(
 
 # The rooms in the order of the data flow: each imports from those before it, never from those
 # after it. `beam` is beside `fit`: neither knows the other, nor `regression`, which for several
-# coordinates starts from the records of a fit. `show` draws arrays, models and fits; a diagnosis,
-# an inspection and the study have pages of their own drawn by it.
+# coordinates starts from the records of a fit. `show` draws arrays, models and fits; a diagnosis
+# and an inspection have pages of their own drawn by it. `romsindy_study` stands beside the package:
+# no room knows it.
 ROOMS = [
     {"text", "typing"},
     {"record"},
@@ -35,7 +36,7 @@ ROOMS = [
     {"beam", "fit"},
     {"regression"},
     {"show"},
-    {"diagnosis", "inspection", "study"},
+    {"diagnosis", "inspection"},
     {"commands"},
 ]
 MOST_PACKAGES, MOST_MODULES, LONGEST_CHAIN = 12, 4, 10
@@ -118,16 +119,21 @@ def test_the_chain_of_rooms_is_short():
     assert max(map(floors, rooms)) <= LONGEST_CHAIN
 
 
-def test_only_show_and_the_study_know_matplotlib():
+def test_only_show_knows_matplotlib():
     knowing = {room(m) for m in MODULES if any(n.startswith("matplotlib") for n in imported(m))}
-    assert knowing <= {"show", "study"}
+    assert knowing <= {"show"}
 
 
 def test_models_and_signals_know_no_regression():
     """A ReducedModel holds no PySINDy object; only the regression side imports it."""
     hosts = {"pysindy", "sklearn"}
     knowing = {room(m) for m in MODULES if {n.split(".")[0] for n in imported(m)} & hosts}
-    assert knowing <= {"regression", "study"}
+    assert knowing <= {"regression"}
+
+
+def test_no_room_knows_the_study():
+    """It is an application, found by its entry point as any package's command is."""
+    assert not [m for m in MODULES for n in imported(m) if n.startswith("romsindy_study")]
 
 
 def test_what_is_not_needed_is_not_imported():

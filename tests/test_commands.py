@@ -26,6 +26,7 @@ from romsindy import (
 )
 from romsindy.commands import analysis as analysis_module
 from romsindy.commands import identify as identify_module
+from romsindy.commands import main as main_module
 from romsindy.commands.main import main
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.physics.example import EXAMPLE_MODEL
@@ -406,7 +407,7 @@ def test_help_imports_no_command(run):
     code = (
         "import sys; from romsindy.commands.main import main;"
         " main(['--help'], standalone_mode=False);"
-        " sys.exit(bool({'numpy', 'matplotlib', 'romsindy.commands.study'} & {*sys.modules}))"
+        " sys.exit(bool({'numpy', 'matplotlib', 'romsindy_study.command'} & {*sys.modules}))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0
@@ -415,6 +416,45 @@ def test_help_imports_no_command(run):
     for name, line in listed.items():
         assert line in " ".join(run(name, "--help").output.split())
     assert run().output == run("--help").output
+
+
+@pytest.fixture
+def others(tmp_path, monkeypatch):
+    """Commands of two more packages that are installed: of one the import fails."""
+    entries = "[romsindy.commands]\ngood = other_good:good\nidentify = other_good:good\n"
+    entries += "number = other_good:number\nbad = other_bad:bad\ngone = other_gone:gone\n"
+    code = "import click\nnumber = 3\n@click.command()\ndef good():\n    click.echo('it runs')\n"
+    (tmp_path / "other_good.py").write_text('"""Say that it runs.\n\nAnd more."""\n' + code)
+    (tmp_path / "other_bad.py").write_text('"""Is never run."""\nimport no_such_package\n')
+    about = tmp_path / "other-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(entries)
+    monkeypatch.syspath_prepend(tmp_path)
+    main_module._added.cache_clear()
+    yield
+    main_module._added.cache_clear()
+
+
+def test_any_package_adds_a_command(run, others):
+    """By an entry point; one that fails says why and stops no other command."""
+    assert run("good").output == "it runs\n"
+    listed = dict(re.findall(r"^  (\w+)  +(.+)$", run("--help").output, re.M))
+    assert listed["good"] == "Say that it runs."
+    assert listed["gone"].startswith("cannot be imported: ")
+    assert "other" not in run("identify", "--help").output  # a name of ours stays ours
+    for name, why in {
+        "bad": "cannot be imported: ModuleNotFoundError: No module named 'no_such_package'",
+        "gone": "cannot be imported: ModuleNotFoundError: No module named 'other_gone'",
+        "number": "is no click.Command: other_good:number is of type int",
+    }.items():
+        result = run(name, "file.csv", "--option", "3")
+        assert result.exit_code == 2
+        sentence = f"the command {name} of the package other {why}"
+        assert sentence in result.output and len(result.output.splitlines()) == 1
+        assert name in run(name, "--help").output
+    # Where an option is looked for in all commands, those that fail are looked through, too.
+    assert "but of romsindy identify" in run("export", "--coordinates", "2").output
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 BUILT = {DOCS / "changelog.md", DOCS / "effects" / "catalogue.md"}
 PAGES = [ROOT / "README.md", *sorted({*DOCS.rglob("*.md")} - BUILT)]
-FOLDERS = ("romsindy", "benchmarks", "docs", "examples", "tests")
+FOLDERS = ("romsindy", "romsindy_study", "benchmarks", "docs", "examples", "tests")
 TREE = [path for folder in FOLDERS for path in (ROOT / folder, *(ROOT / folder).rglob("*"))]
 # What a small name in the text stands for.
 VARIABLES = {

@@ -3,7 +3,6 @@
 import errno
 import os
 import stat
-from importlib import import_module
 from pathlib import Path
 
 import click
@@ -13,12 +12,12 @@ from click.testing import CliRunner
 
 from romsindy import ReducedModel, save_decay
 from romsindy.commands import identify as identify_module
-from romsindy.commands.main import _COMMANDS, main
+from romsindy.commands.main import main
 from romsindy.commands.outputs import Output, WritingCommand
 from romsindy.record.files.whole import whole, write_whole
 from romsindy.show.page import Picture
 
-COMMANDS = {name: getattr(import_module(f"romsindy.commands.{name}"), name) for name in _COMMANDS}
+COMMANDS = {name: main.get_command(None, name) for name in main.list_commands(None)}
 # Inputs of each command beside the one in question, so that parsing ends.
 NEEDED = {"export": ["--to", "c"], "diagnose": ["--measured", "other.csv"]}
 

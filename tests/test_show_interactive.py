@@ -24,8 +24,8 @@ from romsindy.show.interactive import curves, translated
 from romsindy.show.overview import write_overview
 from romsindy.show.page import Picture
 from romsindy.show.traces import words
-from romsindy.study.content import Chapter
-from romsindy.study.pages import write_chapter, write_story
+from romsindy_study.content import Chapter
+from romsindy_study.pages import write_chapter, write_story
 
 
 @pytest.fixture(scope="module")

@@ -14,24 +14,17 @@ from joblib import parallel_config
 from numpy.testing import assert_allclose
 
 from romsindy import HarmonicSINDy, ROMLibrary
-from romsindy.commands import study as study_command
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.record.cycles import crossings
 from romsindy.regression.comparison import PAPER, WEIGHTED
-from romsindy.study import (
-    chapters,
-    choose_harmonics,
-    identify,
-    identify_all,
-    measured_decay,
-    simulate_system,
-    story,
-    tables,
-    trials,
-)
-from romsindy.study.content import Check, Table
-from romsindy.study.harmonics import blocks
+from romsindy_study import chapters, story, tables
+from romsindy_study import command as study_command
+from romsindy_study.content import Check, Table
+from romsindy_study.experiment import measured_decay, trials
+from romsindy_study.harmonics import blocks, choose_harmonics
+from romsindy_study.models import identify, identify_all
+from romsindy_study.system import simulate_system
 
 # Ten quadratic elements have the linear frequency of the default beam within 1e-4, and twelve
 # seconds hold a decade of amplitudes.

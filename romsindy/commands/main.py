@@ -1,11 +1,20 @@
-"""The command ``romsindy``. Each of its commands is imported when it runs: help costs no time."""
+"""The command ``romsindy``. Each of its commands is imported when it runs: help costs no time.
+
+Any package that is installed adds a command of its own by an entry point of the group
+``romsindy.commands``, a `click.Command`; the first line of its module's docstring stands in the
+help. A name of ours stays ours.
+"""
 
 from __future__ import annotations
 
+import ast
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
 from typing import Any
 
 import click
@@ -20,7 +29,6 @@ _COMMANDS = {
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
-    "study": "Run the study of the method's paper on the default beam.",
 }
 REFUSED = 2
 INTERRUPTED = 130  # as a shell reports Ctrl-C
@@ -58,18 +66,60 @@ def _elsewhere(error: click.UsageError) -> str:
         return ""
     have = [
         f"romsindy {name}"
-        for name in _COMMANDS
+        for name in (*_COMMANDS, *_added())
         if any(error.option_name in p.opts for p in _command(name).params)
     ]
     return f"{error.option_name} is no option here, but of {listed(have)}" if have else ""
 
 
+@cache
+def _added() -> dict[str, EntryPoint]:
+    """Commands that installed packages add."""
+    found = entry_points(group="romsindy.commands")
+    return {entry.name: entry for entry in found if entry.name not in _COMMANDS}
+
+
 def _command(name: str) -> click.Command:
     try:
-        command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+        if name in _COMMANDS:
+            command: click.Command = getattr(import_module(f"romsindy.commands.{name}"), name)
+            return command
+        return _loaded(_added()[name])
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before any file was read") from None
+
+
+def _loaded(entry: EntryPoint) -> click.Command:
+    """The command of another package, or where it has none, one that says so."""
+    try:
+        command = entry.load()
+    except Exception as error:
+        return _without(entry, f"cannot be imported: {type(error).__name__}: {error}")
+    if not isinstance(command, click.Command):
+        kind = type(command).__name__
+        return _without(entry, f"is no click.Command: {entry.value} is of type {kind}")
     return command
+
+
+def _without(entry: EntryPoint, why: str) -> click.Command:
+    package = entry.dist.name if entry.dist else entry.module
+    reason = f"the command {entry.name} of the package {package} {why}; update or uninstall it"
+
+    def refuse() -> None:
+        raise _Refusal(_one_line(reason))
+
+    anything = {"ignore_unknown_options": True, "allow_extra_args": True}
+    return click.Command(entry.name, callback=refuse, help=reason, context_settings=anything)
+
+
+def _line(entry: EntryPoint) -> str:
+    """What the help says of another package's command, which is not imported for it."""
+    try:
+        spec = find_spec(entry.module)
+        source = spec.loader.get_source(entry.module)  # type: ignore[union-attr]
+        return str(ast.get_docstring(ast.parse(source))).partition("\n")[0]
+    except Exception as error:
+        return _one_line(f"cannot be imported: {type(error).__name__}: {error}")
 
 
 def _one_line(message: str) -> str:
@@ -80,16 +130,15 @@ class _Commands(click.Group):
     """Commands that are imported late and that refuse input alike."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
+        return sorted((*_COMMANDS, *_added()))
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in _COMMANDS:
-            return None
-        return _command(name)
+        return _command(name) if name in _COMMANDS or name in _added() else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+            lines = _COMMANDS | {name: _line(entry) for name, entry in _added().items()}
+            formatter.write_dl(sorted(lines.items()))
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
         with _refusals():

@@ -10,10 +10,10 @@ from sklearn.model_selection import GridSearchCV
 
 from romsindy.physics.model import ReducedModel
 from romsindy.regression.comparison import Candidate
-from romsindy.study.content import Cell, Table
-from romsindy.study.experiment import Trial
-from romsindy.study.models import FAMILIES, ORDERS
-from romsindy.study.system import System
+from romsindy_study.content import Cell, Table
+from romsindy_study.experiment import Trial
+from romsindy_study.models import FAMILIES, ORDERS
+from romsindy_study.system import System
 
 Fits = Mapping[str, Candidate]
 

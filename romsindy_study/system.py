@@ -12,7 +12,7 @@ from romsindy.beam.normal_modes import NormalMode
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.study.models import ORDERS
+from romsindy_study.models import ORDERS
 
 # Sensors of the simulated experiment, m; each reads the vertical and the axial displacement.
 SENSORS = (0.03, 0.135, 0.24, 0.345, 0.45)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 
-from romsindy.study import chapters
-from romsindy.study.content import Chapter
-from romsindy.study.experiment import RECIPES, Trial, trials
-from romsindy.study.models import FAMILIES, ORDERS, identify_all
-from romsindy.study.system import System, simulate_release, simulate_system
+from romsindy_study import chapters
+from romsindy_study.content import Chapter
+from romsindy_study.experiment import RECIPES, Trial, trials
+from romsindy_study.models import FAMILIES, ORDERS, identify_all
+from romsindy_study.system import System, simulate_release, simulate_system
 
 Progress = Callable[[Iterable, str, int], Iterable]
 

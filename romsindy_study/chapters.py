@@ -12,13 +12,13 @@ from sklearn.base import clone
 from romsindy.beam import Motion
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
-from romsindy.study import figures, tables
-from romsindy.study.content import Chapter, Check, Picture
-from romsindy.study.experiment import RECIPES, Trial, filtered_decay, measured_decay
-from romsindy.study.harmonics import choose_harmonics
-from romsindy.study.models import FAMILIES, ORDERS, identify, library
-from romsindy.study.system import System
-from romsindy.study.tables import Fits
+from romsindy_study import figures, tables
+from romsindy_study.content import Chapter, Check, Picture
+from romsindy_study.experiment import RECIPES, Trial, filtered_decay, measured_decay
+from romsindy_study.harmonics import choose_harmonics
+from romsindy_study.models import FAMILIES, ORDERS, identify, library
+from romsindy_study.system import System
+from romsindy_study.tables import Fits
 
 _FAMILY_NOTES = {
     "stiffness": "No term of inertia; damping is left out.",

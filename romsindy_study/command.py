@@ -1,4 +1,4 @@
-"""The command ``romsindy study``."""
+"""Run the study of the method's paper on the default beam."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from joblib import parallel_config
 
 from romsindy.commands.options import interactive_option
 from romsindy.commands.outputs import WritingCommand, claim_folder, told, writing
-from romsindy.study.content import Check
-from romsindy.study.pages import Written, checks_table, write_chapter, write_story
-from romsindy.study.story import tell
 from romsindy.text import bar, on_terminal
+from romsindy_study.content import Check
+from romsindy_study.pages import Written, checks_table, write_chapter, write_story
+from romsindy_study.story import tell
 
 QUICK: dict[str, Any] = {"elements": 20, "duration": 20.0, "orbits": 3, "both_releases": False}
 _QUICK_SEEDS, _SEEDS = 10, 100

@@ -15,9 +15,9 @@ from romsindy.regression.comparison import Candidate
 from romsindy.show import beam as beam_plots
 from romsindy.show import plots
 from romsindy.show.axes import look, with_unit
-from romsindy.study.experiment import ORDER, Trial
-from romsindy.study.system import System
-from romsindy.study.tables import parameters
+from romsindy_study.experiment import ORDER, Trial
+from romsindy_study.system import System
+from romsindy_study.tables import parameters
 
 _AMPLITUDE = with_unit("amplitude", "kg^0.5 m")
 

@@ -12,7 +12,7 @@ from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Butterworth
 from romsindy.regression.comparison import PAPER, WEIGHTED, Candidate
-from romsindy.study.models import identify
+from romsindy_study.models import identify
 
 MODES, SNR_DB, CUTOFF, END = 3, 35.0, 100.0, 18.0
 RECIPES = {"plain": PAPER, "weighted": WEIGHTED}

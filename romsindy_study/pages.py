@@ -9,7 +9,7 @@ from pathlib import Path
 
 from romsindy.record.files.whole import whole
 from romsindy.show.page import Image, Picture, write_page
-from romsindy.study.content import Chapter, Check, Table
+from romsindy_study.content import Chapter, Check, Table
 
 
 @dataclass(frozen=True)
