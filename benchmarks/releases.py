@@ -19,7 +19,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from romsindy.record.recording import QUANTITIES, Recording
-from romsindy.record.releases import find_releases
+from romsindy.record.releases import split_releases
 
 NEAR = 1.5  # s, cycles of the slowest mode too: its frequency is 1 Hz
 
@@ -34,7 +34,7 @@ class Trial:
 
     def found(self) -> tuple[int, int]:
         """Blows that were found, and releases that no blow began."""
-        starts = np.array([release.start for release in find_releases(self.recording)])
+        starts = np.array([release.start for release in split_releases(self.recording)[0]])
         late = starts[:, None] - self.blows
         near = (late > 0) & (late < NEAR)
         return int(near.any(axis=0).sum()), int((~near.any(axis=1)).sum())

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 from textwrap import indent
@@ -12,11 +13,11 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
 from romsindy.effects import BEAM_CATALOGUE, CATALOGUE
-from romsindy.effects.fingerprint import fingerprint
-from romsindy.effects.table import kinds_of, page
-from romsindy.show.effect_plots import plot_fingerprint
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+from catalogue import kinds_of, page  # noqa: E402
+from fingerprint import fingerprint, plot_fingerprint  # noqa: E402
 
 project = "romsindy"
 author = "The romsindy developers"

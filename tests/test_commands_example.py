@@ -5,9 +5,9 @@ import pytest
 from click.testing import CliRunner
 
 from romsindy import ReducedModel, diagnose, extract_backbone, load_decay
+from romsindy.beam import load_beam
 from romsindy.commands import example as example_module
 from romsindy.commands.main import main
-from romsindy.diagnosis.on_beam import load_beam
 
 FILES = ["decay.csv", "run1.csv", "run2.csv", "model.json", "sim.csv"]
 FILES += ["test.csv", "held_out.csv", "shaker.csv", "shaker.json"]

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from catalogue import described, page
+from fingerprint import averaged, fingerprint
 
 import romsindy
 from romsindy.effects import (
@@ -20,8 +22,6 @@ from romsindy.effects import (
     QuadraticStiffness,
     Viscoelastic,
 )
-from romsindy.effects.fingerprint import averaged, fingerprint
-from romsindy.effects.table import described, page
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from catalogue import page, rows
 
 import romsindy as rs
 from romsindy.beam import Beam
@@ -20,7 +21,6 @@ from romsindy.effects import (
     look_alikes,
 )
 from romsindy.effects.base import Scales, State
-from romsindy.effects.table import page, rows
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import ForceLaw
 

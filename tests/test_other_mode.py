@@ -8,9 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.diagnosis import other_mode
+from romsindy.diagnosis import interaction, other_mode
 from romsindy.effects import CubicStiffness, DryFriction, Hum, SecondMode
-from romsindy.fit import interaction
 
 OMEGA, GAMMA, DAMPING = 2 * np.pi * 10.0, 900.0, 0.6
 SEEN, NOISE = 0.5, 1e-3  # what the sensor shows of the other mode; m

@@ -3,6 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from fingerprint import fingerprint, plot_fingerprint
 
 from romsindy import (
     Adequacy,
@@ -16,13 +17,11 @@ from romsindy import (
     forced_response,
 )
 from romsindy.effects import AirDrag
-from romsindy.effects.fingerprint import fingerprint
 from romsindy.fit.functions.series import Sizes
 from romsindy.fit.functions.structures import Structure
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import function_plots, plots
-from romsindy.show.effect_plots import plot_fingerprint
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,7 @@
 """The beam simulator: geometrically exact beams, their modes, motion and reduced models."""
 
 from romsindy.beam.beam import Beam
+from romsindy.beam.beam_file import load_beam
 from romsindy.beam.excitation import BaseAcceleration, PointForce
 from romsindy.beam.modes import ModalBasis
 from romsindy.beam.motion import EnergyBalance, History, Motion, StepTooLongError

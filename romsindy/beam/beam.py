@@ -149,10 +149,6 @@ class Beam(Structure):
         """Return the nodal load of a dead force (N) and moment (N m) at a point (default: tip)."""
         return self.assembly.point_load(force, moment, at)
 
-    def line_load(self, force: tuple[float, float]) -> np.ndarray:
-        """Return the nodal load of a uniform dead force per unit length, N/m."""
-        return np.multiply.outer(self.assembly.tributary, (*force, 0.0))
-
     # -- statics and modes ---------------------------------------------------------------------
 
     def shape(self, displacement: np.ndarray, load: np.ndarray | None = None) -> Shape:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from romsindy.diagnosis import words
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.found import FoundEffect
+from romsindy.diagnosis.interaction import Interaction
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Left
 from romsindy.fit.fitted import Fit
-from romsindy.fit.interaction import Interaction
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.diagnosis.gap import Gap, Prediction, name_of
+from romsindy.diagnosis.interaction import Interaction, interaction_of
 from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.prediction import predict
 from romsindy.diagnosis.report import DiagnosisReport
@@ -16,7 +17,6 @@ from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.fitted import Fit
-from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import LEFT_OVER
 from romsindy.physics.model import ReducedModel

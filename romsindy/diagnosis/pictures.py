@@ -9,6 +9,7 @@ import numpy as np
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap, Prediction
+from romsindy.diagnosis.interaction import Interaction
 from romsindy.diagnosis.missing_force import (
     MissingForce,
     errors_per_cycle,
@@ -16,7 +17,6 @@ from romsindy.diagnosis.missing_force import (
     record_errors,
 )
 from romsindy.diagnosis.words import pieces
-from romsindy.fit.interaction import Interaction
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel

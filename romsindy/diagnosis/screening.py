@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from romsindy.diagnosis.tones import combs, strongest_tones, tuned
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.equation import ExtendedEquation
@@ -21,7 +22,6 @@ from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, read
 from romsindy.fit.record import Record
-from romsindy.fit.tones import combs, strongest_tones, tuned
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 

@@ -9,10 +9,10 @@ import numpy as np
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.interaction import Interaction
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, WIDEST, Tolerance
 from romsindy.fit.coupled_rounds import Fitted
 from romsindy.fit.fitted import Fit
-from romsindy.fit.interaction import Interaction
 from romsindy.fit.verdict import PREDICTED, SURE
 from romsindy.physics.coupling import Along
 from romsindy.physics.model import ReducedModel

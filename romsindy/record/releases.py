@@ -106,11 +106,6 @@ _ENDS = {
 }
 
 
-def find_releases(recording: Recording) -> tuple[Release, ...]:
-    """The free decays of a recording, in the order of time; see `split_releases`."""
-    return split_releases(recording)[0]
-
-
 def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Discarded, ...]]:
     """Split a recording into free decays and what is none, in the order of time.
 

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis, Trial, driven_instead, weighed
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screened
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.tones import strongest_tones
 from romsindy.diagnosis.workflow import with_textbook_exponent
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
@@ -19,7 +20,6 @@ from romsindy.effects.drive import Drive
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
-from romsindy.fit.tones import strongest_tones
 from romsindy.fit.verdict import EQUIVALENT, ROUNDED
 from romsindy.physics.model import ReducedModel
 

@@ -1,4 +1,4 @@
-"""The catalogue of effects, from themselves: ``python -m romsindy.effects.table``."""
+"""The catalogue of effects, from themselves: ``python docs/catalogue.py``."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import re
 from collections.abc import Iterable
 from dataclasses import fields
 
+from fingerprint import Fingerprint, fingerprint
+
 from romsindy.effects import BEAM_CATALOGUE, CATALOGUE, look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, TermEffect
-from romsindy.effects.fingerprint import Fingerprint, fingerprint
 from romsindy.effects.memory import MemoryEffect
 from romsindy.typing import Array
 

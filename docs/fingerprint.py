@@ -14,9 +14,11 @@ strength.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from romsindy.effects.base import Effect, Scales, State, TimedEffect
 from romsindy.typing import Array
@@ -83,3 +85,14 @@ def averaged(effect: Effect, a: float) -> tuple[float, float] | None:
     last = slice(_SAMPLES, None)
     by_cos, by_sin = (float(np.mean(forces[0, last] * x[last]) / a) for x in (np.cos(t), np.sin(t)))
     return by_cos, -by_sin
+
+
+def plot_fingerprint(found: Fingerprint, axes: Sequence[Axes]) -> None:
+    """Draw frequency into the first of two axes and damping ratio into the second."""
+    curves = (found.frequency, found.damping_ratio)
+    for ax, y, name in zip(axes, curves, ("frequency", "damping ratio"), strict=True):
+        ax.axhline(0.0, color="0.6", lw=0.8)
+        ax.plot(found.amplitude, y, color="C0", lw=2)
+        ax.set(xlim=(0, 1), ylim=(-1.1, 1.1), yticks=(-1, 0, 1))
+        ax.set(title=name, xlabel="amplitude / largest")
+    axes[0].set_ylabel("change")
