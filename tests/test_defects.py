@@ -7,7 +7,7 @@ from oracles import falling_decay, viscous_decay
 from romsindy.record.defects import clean
 from romsindy.record.faults import dropouts
 from romsindy.record.gaps import restored
-from romsindy.record.noise import NoiseLevel
+from romsindy.record.noise_level import NoiseLevel
 from romsindy.record.outliers import spikes
 from romsindy.record.recording import Recording
 

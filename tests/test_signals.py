@@ -1,11 +1,14 @@
 import numpy as np
 import pytest
 from oracles import falling_decay, viscous_decay
+from scipy.signal import lfilter
 
+from romsindy.record.autoregression import autoregression, predictor
 from romsindy.record.cycles import crossings, rest_level
 from romsindy.record.decay import Decay
 from romsindy.record.integration import integrate
-from romsindy.record.signals import fundamental_frequency, lowpass, noise_std, upsample
+from romsindy.record.noise_level import noise_std
+from romsindy.record.signals import fundamental_frequency, lowpass, upsample, vertex
 
 DT = 0.01
 T = np.arange(4000) * DT
@@ -151,3 +154,24 @@ def test_records_that_cannot_be_used_are_refused():
     slowly = (1 + 0.002 * T) * np.sin(2 * np.pi * T)
     with pytest.raises(ValueError, match="amplitude grows by 8%"):
         free_part(slowly, DT)
+
+
+@pytest.mark.parametrize("top", [-0.5, -0.2, 0.0, 0.45])
+def test_vertex_of_a_parabola(top):
+    """Exact for a parabola; 0 where there is no top."""
+    three = [7.0 - 3.0 * (k - top) ** 2 for k in (-1, 0, 1)]
+    assert vertex(*three) == pytest.approx(top, abs=1e-14)
+    assert vertex(0.0, -1.0, 0.0) == vertex(0.0, 1.0, 2.0) == 0.0
+
+
+def test_two_autoregressions():
+    """Least squares goes on with a tone as it is, 2 cos(w) x - y; Yule-Walker equations damp it."""
+    w, x = 0.3, np.cos(0.3 * np.arange(200))
+    exact = np.array([1.0, -2 * np.cos(w), 1.0])
+    np.testing.assert_allclose(predictor(x, 2), exact, atol=1e-12)
+    apart = np.array([1.0, -2 * np.cos(3 * w), 1.0])
+    np.testing.assert_allclose(predictor(x, 2, stride=3), apart, atol=1e-12)
+    assert np.all(np.abs(np.roots(autoregression(x, 2))) < 1 - 1e-3)
+    # The order of a process is found: x_t = 0.9 x_(t-1) - 0.5 x_(t-2) + noise.
+    driven = lfilter([1.0], [1.0, -0.9, 0.5], np.random.default_rng(1).standard_normal(20_000))
+    np.testing.assert_allclose(autoregression(driven), [1.0, -0.9, 0.5], atol=0.02)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from romsindy.effects.outside import HIGHEST
+from romsindy.record.signals import vertex
 from romsindy.record.spectrum import Line
 from romsindy.typing import Array
 
@@ -40,9 +41,8 @@ def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]
         k = int(np.argmax(power))
         if not 0 < k < len(power) - 1 or power[k] <= 0:
             break
-        a, b, c = np.log(power[k - 1 : k + 2] + 1e-300)
-        shift = 0.5 * (a - c) / (a - 2 * b + c) if a - 2 * b + c < 0 else 0.0
-        found.append(float(step * (k + np.clip(shift, -1, 1))))
+        top = vertex(*np.log(power[k - 1 : k + 2] + 1e-300))
+        found.append(float(step * (k + np.clip(top, -1, 1))))
         width = max(int(apart / step), 16)
         power[max(k - width, 0) : k + width] = 0.0
     return found

@@ -21,6 +21,7 @@ from scipy.interpolate import CubicSpline
 from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
+from romsindy.record.signals import vertex
 from romsindy.typing import Array
 
 BRANCHES = ("upper", "lower")
@@ -160,8 +161,7 @@ class ForcedBand:
             return float(w[at]), float(a[at])
         # By the parabola through three points along the curve, which has no folds there.
         before, here, after = a[at - 1 : at + 2]
-        bend = before - 2 * here + after
-        shift = float(np.clip((before - after) / (2 * bend), -1, 1)) if bend < 0 else 0.0
+        shift = float(vertex(before, here, after))
         on = np.interp(at + shift, np.arange(len(w)), w)
         return float(on), float(here - (before - after) * shift / 4)
 

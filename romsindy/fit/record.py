@@ -19,7 +19,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
 from romsindy.record.lag import distortion, settling
 from romsindy.record.noise import Noise
-from romsindy.record.signals import noise_std
+from romsindy.record.noise_level import noise_std
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.spectrum import Spectrum
 from romsindy.typing import Array, Indices

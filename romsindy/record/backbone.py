@@ -18,8 +18,8 @@ from romsindy.record.events import (
     interpolation_error,
     sides,
 )
+from romsindy.record.noise_level import noise_std
 from romsindy.record.scatter import Scatter, noise_behind
-from romsindy.record.signals import noise_std
 from romsindy.record.trend import Curves, Pace, Trend
 from romsindy.typing import Array
 

@@ -12,7 +12,7 @@ import itertools
 import numpy as np
 from scipy.interpolate import make_interp_spline, make_lsq_spline
 
-from romsindy.record.signals import fundamental_frequency, lowpass
+from romsindy.record.signals import fundamental_frequency, lowpass, vertex
 from romsindy.typing import Array, Indices
 
 
@@ -79,10 +79,9 @@ def _turning_points(t: Array, q: Array, dt: float) -> Array:
     bounds = np.sort(np.concatenate(crossings(q, dt)))
     largest = np.array([i + np.argmax(np.abs(q[i:j])) for i, j in itertools.pairwise(bounds)])
     largest = np.clip(largest, 1, len(q) - 2)
-    before, at, after = q[largest - 1], q[largest], q[largest + 1]
-    bend = before - 2 * at + after
-    offset = np.where(bend != 0, (before - after) / (2 * np.where(bend != 0, bend, 1.0)), 0.0)
-    return t[largest] + dt * np.clip(offset, -0.5, 0.5)
+    way = np.sign(q[largest])
+    top = vertex(*(way * q[largest + k] for k in (-1, 0, 1)))
+    return t[largest] + dt * np.clip(top, -0.5, 0.5)
 
 
 def _smooth_curve(t: Array, x: Array, at: Array, spacing: float) -> Array:

@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from romsindy.record.disturbances import hidden_mains, level_and_drift, steady_lines
 from romsindy.record.faults import Mask, clipped, dropouts, filled, resolution, runs
 from romsindy.record.gaps import restored
-from romsindy.record.noise import NoiseLevel
+from romsindy.record.noise_level import NoiseLevel
 from romsindy.record.outliers import spikes, steps
 from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times

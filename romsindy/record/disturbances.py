@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
-from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks, periodogram
-from scipy.special import binom
-from scipy.stats import chi2
 
 from romsindy.record.faults import Mask, filled
-from romsindy.record.signals import moving_mean
+from romsindy.record.noise_level import noise_std
+from romsindy.record.signals import moving_mean, vertex
+from romsindy.record.spectrum import LINE, round_about
 from romsindy.typing import Array, Indices
 
 # Cycles for each value of a drift; a midline that moves faster belongs to the vibration.
@@ -42,8 +42,6 @@ _OWN = 0.25
 _EXPLAINED = 0.3
 # Degree of the drift beside which the vibration's own midline is sought.
 _DEGREE = 4
-# Power of a line over the median of the spectrum round it, and how far that reaches.
-_LINE, _NEAR = 30.0, 40
 # Pieces of the quieter half over which a line must keep its size, and the most that it may change,
 # relative: mains are known beforehand, and may be as faint as the noise.
 _PIECES, _STEADY, _MAINS_STEADY = 4, 0.05, 0.5
@@ -75,7 +73,7 @@ def level_and_drift(x: Array, cycle: float) -> tuple[float, Array]:
     here = here[minimum_filter1d(known, 2 * round(cycle) + 1)[here]]
     if len(here) < _RATE or not np.any(power[here]):
         return 0.0, np.zeros(n)  # hardly a cycle between holes
-    here, alive = _moving(here, power[here], _noise_power(x))
+    here, alive = _moving(here, power[here], noise_std(x) ** 2)
     if len(here) < _RATE:
         return 0.0, np.zeros(n)  # hardly a cycle before it comes to rest
     # The ends of a vibration, the loud one above all, would bend the spline: the taper.
@@ -139,13 +137,6 @@ def _own_midline(at: Indices, slow: Array, power: Array, weight: Array) -> Array
 def _power(x: Array, cycle: float) -> Array:
     """Mean square over two cycles."""
     return np.maximum(uniform_filter1d(x**2, 2 * round(cycle) + 1), 0.0)  # sums are rounded
-
-
-def _noise_power(x: Array) -> float:
-    """That of white noise; fourth differences leave next to nothing of a vibration."""
-    return float(
-        np.median(np.diff(x, 4) ** 2) / (chi2.ppf(0.5, 1) * np.sum(binom(4, range(5)) ** 2))
-    )
 
 
 def _slow_part(t: Array, x: Array, weight: Array, values: int) -> Array:
@@ -219,19 +210,14 @@ def _candidates(x: Array, dt: float) -> list[float]:
     half = len(x) // 2
     frequency, power = periodogram(x[half:], 1 / dt, window="hann")
     own = periodogram(x[:half], 1 / dt, window="hann")
-    floor = median_filter(power, 2 * _NEAR + 1, mode="nearest")
+    floor = round_about(power)
     floor = np.maximum(floor, max(1e-12 * power.max(), np.finfo(float).tiny))
-    peaks = find_peaks(power / floor, height=_LINE, distance=3)[0]
+    peaks = find_peaks(power / floor, height=LINE, distance=3)[0]
     peaks = peaks[np.argsort(-power[peaks])][:_MOST]
     peaks = peaks[peaks < len(power) - 4]  # a window mirrors the last lines into themselves
     peaks = peaks[np.abs(frequency[peaks] - own[0][np.argmax(own[1])]) > 4 * frequency[1]]
-    return [_refined(np.log(power[p - 1 : p + 2]), frequency[p], frequency[1]) for p in peaks]
-
-
-def _refined(three: Array, middle: float, step: float) -> float:
-    """Top of a parabola through three values a step apart."""
-    bend = three[0] - 2 * three[1] + three[2]
-    return float(middle + step * (three[0] - three[2]) / (2 * bend))
+    tops = vertex(*(np.log(power[peaks + k]) for k in (-1, 0, 1)))
+    return (frequency[peaks] + tops * frequency[1]).tolist()
 
 
 def _stays(x: Array, dt: float, f: float) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import ShortTimeFFT, find_peaks, periodogram
 
+from romsindy.record.signals import vertex
 from romsindy.typing import Array
 
 # An input acts where it reaches this part of its largest value, and drives a record where it acts
@@ -89,6 +90,4 @@ def _tops(power: Array) -> Array:
     """Lines, not whole, at which each column is greatest: a parabola through three logarithms."""
     top = np.clip(np.argmax(power, axis=0), 1, len(power) - 2)
     log = np.log(np.maximum(power, 1e-300))
-    a, b, c = (np.take_along_axis(log, top[None] + k, axis=0)[0] for k in (-1, 0, 1))
-    bend = a - 2 * b + c
-    return np.asarray(top + np.where(bend < 0, 0.5 * (a - c) / np.minimum(bend, -1e-9), 0.0))
+    return top + vertex(*(np.take_along_axis(log, top[None] + k, axis=0)[0] for k in (-1, 0, 1)))

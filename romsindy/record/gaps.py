@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.linalg import lstsq
 
+from romsindy.record.autoregression import interpolated, predictor
 from romsindy.record.faults import LONGEST_SPIKE, Mask, runs
 from romsindy.typing import Array
 
@@ -64,7 +64,7 @@ def _bridged_over(x: Array, gap: Mask, stride: int) -> Array:
     guess = make_interp_spline(at[~gap], x[~gap], k=3)(at)
     x = np.where(gap, guess, x)
     for _ in range(_ROUNDS):
-        a = _fitted(x, stride)
+        a = predictor(x, _ORDER, stride)
         for phase in range(stride):  # samples of one phase know nothing of the others
             every = slice(phase, None, stride)
             if np.any(gap[every]):
@@ -88,21 +88,3 @@ def _known_stretch(unknown: Mask, at: int) -> slice:
         int(before[-1]) + 1 if len(before) else 0,
         at + int(after[0]) if len(after) else len(unknown),
     )
-
-
-def _fitted(x: Array, stride: int) -> Array:
-    """Autoregression over lags of so many samples."""
-    order = min(_ORDER, (len(x) // stride - 1) // 3)
-    rows = np.stack(
-        [x[(order - k) * stride : len(x) - k * stride] for k in range(order + 1)], axis=1
-    )
-    return np.concatenate([[1.0], -lstsq(rows[:, 1:], rows[:, 0], cond=1e-6)[0]])
-
-
-def interpolated(x: Array, missing: Mask, a: Array) -> Array:
-    """Least-squares interpolation by an autoregression (Janssen, Veldhuis and Vries, 1986)."""
-    known = np.where(missing, 0.0, x)
-    units = np.eye(len(x))[missing]
-    columns = np.stack([np.convolve(unit, a, "valid") for unit in units], axis=1)
-    known[missing] = lstsq(columns, -np.convolve(known, a, "valid"))[0]
-    return known

@@ -10,9 +10,10 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from romsindy.record.decay import Decay
+from romsindy.record.noise_level import noise_std
 from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
-from romsindy.record.signals import downsample, noise_std
+from romsindy.record.signals import downsample
 from romsindy.record.spectrum import HARMONICS
 from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array

@@ -1,4 +1,4 @@
-"""Noise of a record: its level, its colour and the lines in it. The one estimator of all rooms.
+"""Noise of a record whose motion is known: its level, its colour and the lines in it.
 
 It looks at what a smooth motion (`romsindy.record.smoothing`) leaves of a record, between the
 harmonics of the vibration, where no such motion reaches. Medians of the spectrum there do not see
@@ -7,22 +7,15 @@ lines (mains hum, a second mode), which are listed beside it.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import dct, idct
-from scipy.linalg import solve_toeplitz
-from scipy.ndimage import median_filter
-from scipy.signal import lfilter, periodogram
-from scipy.stats import theilslopes
 
 from romsindy.record.drift import drift
 from romsindy.record.spectrum import Line, Spectrum, lines_between, strong_lines
 from romsindy.typing import Array
 
-# Bands of a spectrum for its slope, from this line on: what is slower may be drift.
-_BANDS, _FIRST = 30, 4
 # Where the noise is 30 dB below its mean (beyond a filter), all that is known is that it is quiet:
 # whatever a wrong model leaves there must not decide.
 _QUIETEST = 1e-3
@@ -153,84 +146,3 @@ class Noise:
 
     def _frequency(self, n: int) -> Array:
         return np.arange(n) / (2 * n * self.dt)
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """Noise of one channel in two numbers, whatever vibrates in it.
-
-    Attributes
-    ----------
-    rms : float
-        Without the vibration and lines, unit of the channel.
-    slope : float
-        Power of the frequency that the spectrum of the noise follows: 0 white, -1 pink.
-    slope_std : float
-        Its standard error.
-    ratio : float
-        Signal-to-noise ratio at the loudest, dB.
-    """
-
-    rms: float
-    slope: float
-    slope_std: float
-    ratio: float
-
-    @property
-    def coloured(self) -> bool:
-        """Whether slow noise is clearly the stronger."""
-        return self.slope + 2 * self.slope_std < -0.5
-
-    @classmethod
-    def of(cls, x: Array, dt: float) -> NoiseLevel:
-        """From medians of the spectrum of the later, quieter half of a channel (n,).
-
-        Vibrations and lines fill few lines of the spectrum, and the slope that suits most pairs of
-        medians (Theil and Sen) does not see those that they do fill.
-        """
-        frequency, power = periodogram(x[len(x) // 2 :], 1 / dt, window="hann")
-        edges = np.geomspace(_FIRST * frequency[1], 0.5 / dt, _BANDS + 1)
-        places = np.searchsorted(frequency, edges)
-        bands = [slice(a, b) for a, b in itertools.pairwise(places) if b - a >= 3]
-        middle = np.array([np.sqrt(frequency[b.start] * frequency[b.stop - 1]) for b in bands])
-        density = np.array([np.median(power[b]) for b in bands]) / np.log(2)
-        density = np.maximum(density, np.finfo(float).tiny)
-        slope, _, low, high = theilslopes(np.log(density), np.log(middle), 0.95)
-        width = frequency[1] * np.array([b.stop - b.start for b in bands])
-        rms = float(np.sqrt(np.sum(median_filter(density, 3) * width)))
-        ratio = 20 * np.log10(np.abs(x).max() / np.sqrt(2) / max(rms, np.finfo(float).tiny))
-        return cls(rms, float(slope), float(high - low) / 4, float(ratio))
-
-
-_HIGHEST_ORDER = 30  # of the autoregression of any signal
-
-
-def autoregression(x: Array) -> Array:
-    """Coefficients [1, a_1, ..., a_p] that whiten a signal (n,), p by the Bayesian criterion.
-
-    Yule-Walker equations; p = 0, no filter at all, where the signal is white already.
-    """
-    n = len(x)
-    highest = min(_HIGHEST_ORDER, n // 10)
-    lags = np.array([x[: n - k] @ x[k:] / n for k in range(highest + 1)])
-    if not lags[0] > 0:
-        return np.ones(1)
-    best, choice = n * np.log(lags[0]), np.ones(1)
-    for p in range(1, highest + 1):
-        a = solve_toeplitz(lags[:p], -lags[1 : p + 1])
-        power = lags[0] + a @ lags[1 : p + 1]
-        criterion = n * np.log(power) + p * np.log(n) if power > 0 else np.inf
-        if criterion < best:
-            best, choice = criterion, np.concatenate([[1.0], a])
-    return choice
-
-
-def coloured_product(a: Array, x: Array, y: Array) -> Array:
-    """x' S y, (m, k), for the covariance matrix S of an autoregression driven by unit white noise.
-
-    The coefficients a (p + 1,) are as `autoregression` returns them; x is (n, m), y (n, k).
-    """
-    # S = H H' with H the impulse response 1/A: filtering backwards in time applies H'.
-    left = lfilter([1.0], a, x[::-1], axis=0)
-    right = lfilter([1.0], a, y[::-1], axis=0)
-    return left.T @ right

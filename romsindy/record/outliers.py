@@ -8,11 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
+from romsindy.record.autoregression import autoregression, interpolated
 from romsindy.record.faults import LONGEST_SPIKE, Mask, filled
-from romsindy.record.gaps import interpolated
 from romsindy.typing import Array
 
 # Order of the autoregression that predicts a sample from those on one side.
@@ -72,16 +71,9 @@ def steps(x: Array, cycle: float) -> list[tuple[int, float]]:
 
 
 def _whitening(x: Array) -> Array:
-    """Coefficients [1, a_1, ..., a_p] of the autoregression of the whole channel."""
+    """The autoregression of the whole channel, which must not learn the spikes."""
     limit = np.quantile(np.abs(x), _USUAL)
-    x = np.clip(x, -limit, limit)  # it must not learn the spikes
-    order = min(_ORDER, len(x) // 10)
-    spectrum = np.fft.rfft(x, 2 * len(x))
-    lags = np.fft.irfft(np.abs(spectrum) ** 2)[: order + 1]
-    if not lags[0] > 0:
-        return np.ones(1)
-    lags[0] *= 1 + 1e-8  # a clean signal needs fewer values than there are
-    return np.concatenate([[1.0], solve_toeplitz(lags[:-1], -lags[1:])])
+    return autoregression(np.clip(x, -limit, limit), _ORDER)
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.record.faults import runs
+from romsindy.record.noise_level import noise_std
 from romsindy.record.prediction import JUMP_KNOWN, departures, jumps, slowest_frequency
 from romsindy.record.recording import QUANTITIES, Recording
-from romsindy.record.signals import noise_std
 from romsindy.record.swings import (
     CYCLES_AT_LEAST,
     LOUD,

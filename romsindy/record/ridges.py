@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 from scipy.ndimage import maximum_filter1d
 from scipy.signal import decimate
 
+from romsindy.record.signals import vertex
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.record.spectrum import HARMONICS
 from romsindy.typing import Array
@@ -321,14 +322,9 @@ def _look(
     inner = 0 < peak < 2 * _BINS
     clear = inner and bool(size_of[peak] > _LOST * noise)
     at = first * level.dt + (size - 1) / 2 * level.dt
-    shift = _vertex(size_of[peak - 1 : peak + 2]) if inner else 0.0
+    top = np.log(np.maximum(size_of[peak - 1 : peak + 2], 1e-300))
+    shift = float(vertex(*top)) if inner else 0.0
     return at, float(near[peak] + shift * (near[1] - near[0])), float(size_of[peak]), clear
-
-
-def _vertex(peak: Array) -> float:
-    a, b, c = np.log(np.maximum(peak, 1e-300))
-    bend = a - 2 * b + c
-    return float(0.5 * (a - c) / bend) if bend < 0 else 0.0
 
 
 # -- fitting ------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Signal conditioning on plain arrays: fundamental, noise, filters, upsampling.
+"""Signal conditioning on plain arrays: fundamental, added noise, filters, upsampling.
 
 Arrays have time on axis 0; unless another shape is named, ``x`` is one channel (n,), sampled every
 ``dt`` seconds. Nothing here knows what was measured.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt, welch
+from scipy.signal import butter, detrend, periodogram, resample_poly, sosfiltfilt
 
 from romsindy.typing import Array
 
@@ -61,19 +61,14 @@ def moving_mean(x: Array, width: int) -> Array:
     return np.asarray(uniform_filter1d(_continued(x, margin), width))[margin : margin + len(x)]
 
 
-def noise_std(x: Array) -> float:
-    """Standard deviation of white noise in one channel, from the median of its spectrum.
+def vertex(before: Array | float, here: Array | float, after: Array | float) -> Array:
+    """Where a parabola through three samples is greatest, in samples from the middle one.
 
-    Vibration fills few lines of the spectrum, white noise all of them; the median sees the noise.
-    Coloured or low-passed noise is underestimated.
+    0 where it has no top. For a peak of a spectrum the logarithms are given, which fit it better.
     """
-    pieces = max(len(x) // 1024, 1)
-    # Half overlapping, these are an odd number of segments. The median of a line over them is
-    # distributed about ln 2 of its mean, but was divided by its expectation there, an alternating
-    # harmonic sum (Allen et al., FINDCHIRP, Phys. Rev. D 85 (2012), appendix B).
-    _, power = welch(x, 1.0, nperseg=len(x) // pieces, average="median")
-    expected = 1 + sum(1 / (k + 1) - 1 / k for k in range(2, 2 * pieces - 1, 2))
-    return float(np.sqrt(np.median(power) * expected / np.log(2) / 2))
+    bend = np.subtract(before, here) + np.subtract(after, here)
+    top = np.subtract(before, after) / (2 * np.where(bend < 0, bend, 1.0))
+    return np.where(bend < 0, top, 0.0)
 
 
 def with_noise(x: Array, snr_db: float, seed: int | None) -> Array:

@@ -27,7 +27,7 @@ _STEEP = np.log(10.0)  # from bin to bin: an edge
 TOGETHER = 5.0
 # Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
 # much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
-_LINE, _NEAR = 30.0, 40
+LINE, _NEAR = 30.0, 40
 
 
 @dataclass(frozen=True)
@@ -155,12 +155,17 @@ def level_of(power: Array) -> float:
     return float(np.mean(power[power <= cut]) / (1 - 0.05 * tail / 0.95))
 
 
+def round_about(power: Array) -> Array:
+    """Medians of a spectrum round each of its lines, which a line itself does not move."""
+    return median_filter(power, 2 * _NEAR + 1, mode="nearest")
+
+
 def strong_lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]:
     """Peaks that stand out of the spectrum round them as noise never does, strongest first."""
     # What does not stand out of the whole spectrum adds nothing to the noise.
-    floor = np.maximum(median_filter(power, 2 * _NEAR + 1, mode="nearest"), np.median(power) / 2)
+    floor = np.maximum(round_about(power), np.median(power) / 2)
     left, found = np.where(order > 0.5, power, 0.0), []
-    while np.any(left > _LINE * floor):
+    while np.any(left > LINE * floor):
         peak = int(np.argmax(left / np.maximum(floor, 1e-300)))
         # The window spreads a line over four lines of the spectrum; a decaying one over more.
         around = slice(max(peak - 5, 0), peak + 6)

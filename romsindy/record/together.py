@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from romsindy.record.noise_level import noise_std
 from romsindy.record.ridges import Ridge
-from romsindy.record.signals import noise_std
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.typing import Array
 

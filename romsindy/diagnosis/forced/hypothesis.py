@@ -22,7 +22,7 @@ from romsindy.fit.part import Part, columns_of, prior_cost
 from romsindy.fit.verdict import RARER
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
-from romsindy.record.noise import autoregression
+from romsindy.record.autoregression import autoregression
 from romsindy.typing import Array, Indices
 
 _ITERATIONS = 40  # of a fit that others are held against

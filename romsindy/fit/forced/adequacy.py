@@ -12,7 +12,7 @@ from scipy.special import fdtrc
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.verdict import FALSE_ALARM
-from romsindy.record.noise import autoregression
+from romsindy.record.autoregression import autoregression
 from romsindy.text import quantity
 from romsindy.typing import Array
 

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from romsindy.fit.verdict import EQUIVALENT, FORM
+from romsindy.record.autoregression import autoregression
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
-from romsindy.record.noise import autoregression
 from romsindy.text import listed
 from romsindy.typing import Array
 

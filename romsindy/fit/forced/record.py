@@ -11,11 +11,12 @@ import numpy as np
 
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.forced.sampled import Sampled
-from romsindy.fit.forced.smooth import quiet_power, quiet_std, smooth_motion
+from romsindy.fit.forced.smooth import smooth_motion
 from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.record import OfDecay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
+from romsindy.record.noise_level import quiet_power, quiet_std
 from romsindy.typing import Array
 
 # Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies

@@ -8,24 +8,11 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.record.noise_level import quiet_power
 from romsindy.typing import Array
 
 _LINES = 9  # of the spectrum over which its power is averaged
 _FINER = 4  # samples of the smooth motion in the place of one
-_QUIET_PART = 20  # of the spectrum: its quietest such part is taken for noise
-
-
-def quiet_power(power: Array) -> float:
-    """Mean power of a line in the quietest part of a spectrum, (n,)."""
-    return float(min(np.mean(band) for band in np.array_split(power[1:], _QUIET_PART)))
-
-
-def quiet_std(y: Array) -> float:
-    """Standard deviation of white noise as strong as the quietest part of a signal's spectrum."""
-    n = len(y)
-    window = np.hanning(n)
-    power = np.abs(np.fft.rfft((y - y.mean()) * window)) ** 2
-    return float(np.sqrt(quiet_power(power) / np.sum(window**2)))
 
 
 def smooth_motion(y: Array, dt: float, derivative: int, grid: Grid) -> Trajectory:

@@ -24,7 +24,7 @@ from romsindy.physics.driven import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
-from romsindy.record.noise import autoregression
+from romsindy.record.autoregression import autoregression
 from romsindy.typing import Array
 
 LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
