@@ -17,6 +17,7 @@ import click
 import pytest
 
 import romsindy
+import romsindy_study
 from romsindy.commands.main import main
 
 if find_spec("tomllib"):
@@ -27,8 +28,9 @@ else:  # Python 3.10
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 BUILT = {DOCS / "changelog.md", DOCS / "effects" / "catalogue.md"}
-PAGES = [ROOT / "README.md", *sorted({*DOCS.rglob("*.md")} - BUILT)]
-FOLDERS = ("romsindy", "romsindy_study", "benchmarks", "docs", "examples", "tests")
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted({*DOCS.rglob("*.md")} - BUILT)]
+PACKAGES = ("romsindy", "romsindy_study")
+FOLDERS = (*PACKAGES, "benchmarks", "docs", "examples", "tests")
 TREE = [path for folder in FOLDERS for path in (ROOT / folder, *(ROOT / folder).rglob("*"))]
 # What a small name in the text stands for.
 VARIABLES = {
@@ -42,7 +44,9 @@ VARIABLES = {
     "model": ("ReducedModel", "CoupledModel"),
     "report": ("DiagnosisReport", "BeamReport", "ForcedReport", "InteractionReport"),
 }
-NOT_OURS = {"GridSearchCV", "Gamma", "MyEffect"}  # scikit-learn's, a coefficient, the reader's
+# Of other packages, a coefficient, the reader's; and another command.
+NOT_OURS = {"Axes", "Figure", "GridSearchCV", "ValueError", "Gamma", "MyEffect"}
+OTHER_COMMAND = "jupyter"
 FILES = ("csv", "html", "json", "npz", "toml")  # `beam.toml` is a file, no attribute of a beam
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
@@ -107,6 +111,8 @@ def of_benchmarks() -> set[str]:
 
 def wrong_options(words: list[str]) -> list[str]:
     """Those that the command named before them lacks; without one, those that are nowhere."""
+    if words[0] == OTHER_COMMAND:
+        return []
     if words[0] == "romsindy" and len(words) > 1:
         if words[1] not in options():
             return [f"no command {words[1]}"]
@@ -124,7 +130,7 @@ def wrong_options(words: list[str]) -> list[str]:
 def places() -> dict[str, list[str]]:
     """The modules in which a class or function is defined, by its name."""
     found: dict[str, list[str]] = {}
-    for path in (ROOT / "romsindy").rglob("*.py"):
+    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
         module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
         for name in re.findall(r"^(?:class|def) (\w+)", path.read_text(), re.M):
             found.setdefault(name, []).append(module)
@@ -180,8 +186,8 @@ def meant(node: ast.AST) -> list[Any]:
 
 
 def named(name: str) -> list[Any]:
-    if name in ("rs", "romsindy"):
-        return [romsindy]
+    if name in ("rs", *PACKAGES):
+        return [romsindy_study if name == "romsindy_study" else romsindy]
     found = [cls for word in VARIABLES.get(name, (name,)) for cls in defined(word)]
     if not found and re.fullmatch(r"([A-Z][a-z]+)+", name):
         raise LookupError(f"no class {name}")
@@ -274,6 +280,19 @@ def test_what_stands_in_back_quotes_is_there(path):
 )
 def test_what_is_not_there_is_seen(text):
     assert wrong(text)
+
+
+@each
+def test_what_stands_in_fences_is_there(path):
+    """Names of `rs` and options of commands, also in what is not run."""
+    wrong = []
+    for fence in re.findall(r"^```.*?^```", path.read_text(), re.S | re.M):
+        wrong += [name for name in re.findall(r"\brs\.(\w+)", fence) if not hasattr(romsindy, name)]
+        commands = re.findall(r"^(?:\$ )?romsindy (.*)", fence.replace("\\\n", " "), re.M)
+        for words in (["romsindy", *command.split()] for command in commands):
+            if len(words) > 1 and re.fullmatch("[a-z]+", words[1]):
+                wrong += wrong_options(words)
+    assert wrong == []
 
 
 @each
