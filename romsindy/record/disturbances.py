@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
-from scipy.signal import find_peaks, periodogram
+from scipy.signal import periodogram
 
 from romsindy.record.faults import Mask, filled
 from romsindy.record.noise_level import noise_std
 from romsindy.record.signals import moving_mean, vertex
-from romsindy.record.spectrum import LINE, round_about
+from romsindy.record.spectrum import round_about, standing_out
 from romsindy.typing import Array, Indices
 
 # Cycles for each value of a drift; a midline that moves faster belongs to the vibration.
@@ -210,9 +210,8 @@ def _candidates(x: Array, dt: float) -> list[float]:
     half = len(x) // 2
     frequency, power = periodogram(x[half:], 1 / dt, window="hann")
     own = periodogram(x[:half], 1 / dt, window="hann")
-    floor = round_about(power)
-    floor = np.maximum(floor, max(1e-12 * power.max(), np.finfo(float).tiny))
-    peaks = find_peaks(power / floor, height=LINE, distance=3)[0]
+    floor = np.maximum(round_about(power), 1e-12 * power.max())
+    peaks = standing_out(power, floor, 3)
     peaks = peaks[np.argsort(-power[peaks])][:_MOST]
     peaks = peaks[peaks < len(power) - 4]  # a window mirrors the last lines into themselves
     peaks = peaks[np.abs(frequency[peaks] - own[0][np.argmax(own[1])]) > 4 * frequency[1]]

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
 from scipy.stats import chi2
 
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 HARMONICS = 6  # of the smooth motion
 # Scatter of the logarithm of the median of n lines of a windowed spectrum: 1.8 / sqrt(n). Noise
@@ -27,7 +28,7 @@ _STEEP = np.log(10.0)  # from bin to bin: an edge
 TOGETHER = 5.0
 # Power of a line over the median of its surroundings, which is known to a fifth: noise reaches as
 # much once in 1e7 lines of a spectrum. What lies below half of the fundamental is drift.
-LINE, _NEAR = 30.0, 40
+_LINE, _NEAR = 30.0, 40
 
 
 @dataclass(frozen=True)
@@ -160,16 +161,21 @@ def round_about(power: Array) -> Array:
     return median_filter(power, 2 * _NEAR + 1, mode="nearest")
 
 
+def standing_out(power: Array, floor: Array, apart: int) -> Indices:
+    """Places of lines in a spectrum that noise does not reach, ``apart`` places at least."""
+    over = np.concatenate([[0.0], power / np.maximum(floor, np.finfo(float).tiny), [0.0]])
+    return find_peaks(over, height=_LINE, distance=apart)[0] - 1
+
+
 def strong_lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line, ...]:
     """Peaks that stand out of the spectrum round them as noise never does, strongest first."""
     # What does not stand out of the whole spectrum adds nothing to the noise.
     floor = np.maximum(round_about(power), np.median(power) / 2)
-    left, found = np.where(order > 0.5, power, 0.0), []
-    while np.any(left > LINE * floor):
-        peak = int(np.argmax(left / np.maximum(floor, 1e-300)))
+    power = np.where(order > 0.5, power, 0.0)
+    found = []
+    for peak in standing_out(power, floor, _NEAR + 1).tolist():
         # The window spreads a line over four lines of the spectrum; a decaying one over more.
         around = slice(max(peak - 5, 0), peak + 6)
-        energy = np.sum(np.maximum(left[around] - floor[around] / np.log(2), 0.0))
+        energy = np.sum(np.maximum(power[around] - floor[around] / np.log(2), 0.0))
         found.append(Line(float(order[peak] / cycle), float(np.sqrt(2 * energy / n))))
-        left[slice(max(peak - _NEAR, 0), peak + _NEAR + 1)] = 0.0
     return tuple(sorted(found, key=lambda line: -line.rms))
