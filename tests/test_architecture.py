@@ -9,6 +9,7 @@ import sys
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 
+import house
 import pytest
 from house import HOUSE, MODULES, PACKAGE, ROOT, arrows, imported, room
 
@@ -46,6 +47,16 @@ def test_the_house_gets_no_worse(measure):
     """A ratchet: who makes a number smaller writes the new one into `house.py`."""
     assert measure.goal <= measure.ceiling
     assert measure.measure() <= measure.ceiling, "python tests/house.py says where"
+
+
+def test_floors_are_counted_by_files_and_subfolders(monkeypatch):
+    """a > s.one > s.two > b: four files, three floors; what lies in another room is none."""
+    ways = {"a": ["s.one"], "s.one": ["s.two"], "s.two": ["b"], "b": []}
+    graph = {f"romsindy.toy.{m}": {f"romsindy.toy.{n}" for n in to} for m, to in ways.items()}
+    graph["romsindy.toy.b"] = {"romsindy.other.c"}
+    monkeypatch.setattr(house, "arrows", lambda module: graph.get(module, set()))
+    assert house.floors("romsindy.toy.a") == 3
+    assert house.chain("romsindy.toy.a") == 5
 
 
 @pytest.mark.parametrize("module", MODULES)
