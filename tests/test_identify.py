@@ -163,7 +163,7 @@ def test_what_a_way_cannot_have_is_refused_with_a_remedy():
         assert message in str(refused.value)
 
 
-@pytest.mark.parametrize("name", ["identify_coupled", "identify_forced", "free_run"])
+@pytest.mark.parametrize("name", ["identify_coupled", "identify_forced", "free_run", "study"])
 def test_an_old_name_answers_with_the_new_one(name):
     with pytest.raises(AttributeError, match=f"romsindy.{name} is now "):
         getattr(rs, name)

@@ -40,6 +40,16 @@ def autoregression(x: Array, order: int | None = None) -> Array:
     return choice
 
 
+def innovation(x: Array) -> tuple[Array, int]:
+    """That part of a signal (n,) which its own past does not foretell, and the order of that.
+
+    Of its departure from its mean, by `autoregression`; the first samples have no past.
+    """
+    centred = x - x.mean()
+    a = autoregression(centred)
+    return lfilter(a, [1.0], centred)[len(a) :], len(a) - 1
+
+
 def predictor(x: Array, order: int, stride: int = 1) -> Array:
     """Coefficients (order + 1,) by least squares, over lags of ``stride`` samples.
 

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.special import fdtrc
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.verdict import FALSE_ALARM
-from romsindy.record.autoregression import autoregression
+from romsindy.record.autoregression import innovation
 from romsindy.text import quantity
 from romsindy.typing import Array
 
@@ -104,14 +103,13 @@ def examine_forced(
     power = sum(float(e @ e) for e in residuals)
     noise = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
     heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records)
-    innovation, order = 0.0, 0
+    driven, order = 0.0, 0
     if np.isfinite(power):
         for e in residuals:
-            a = autoregression(e - e.mean())
-            driven = lfilter(a, [1.0], e - e.mean())[len(a) :]
-            innovation += float(np.mean(driven**2)) * len(e)
-            order += len(a) - 1
-    structure = power / innovation if innovation > 0 else np.inf
+            own, more = innovation(e)
+            driven += float(np.mean(own**2)) * len(e)
+            order += more
+    structure = power / driven if driven > 0 else np.inf
     freedom = max(n - order, 1)
     p = float(fdtrc(order, freedom, (structure - 1) * freedom / order)) if order else 1.0
     return ForcedAdequacy(

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from romsindy.fit.verdict import EQUIVALENT, FORM
-from romsindy.record.autoregression import autoregression
+from romsindy.record.autoregression import innovation
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 from romsindy.text import listed
@@ -46,9 +45,8 @@ def deviance(residuals: Sequence[Array]) -> float:
     for e in residuals:
         if not np.all(np.isfinite(e)):
             return np.inf
-        a = autoregression(e - e.mean())
-        driven = lfilter(a, [1.0], e - e.mean())[len(a) :]
-        values = len(a) + _OWN
+        driven, order = innovation(e)
+        values = order + 1 + _OWN
         found += len(e) * float(np.log(np.mean(driven**2))) + values * np.log(len(e))
     return found
 

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from romsindy.effects.choices import sought
 from romsindy.fit.coefficient import Coefficient
@@ -24,7 +23,7 @@ from romsindy.physics.driven import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
-from romsindy.record.autoregression import autoregression
+from romsindy.record.autoregression import innovation
 from romsindy.typing import Array
 
 LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
@@ -49,13 +48,6 @@ def candidates(order: int) -> tuple[Term, ...]:
     stiffness = stiffness_to(order)
     inertia = [Inertia(k) for k in range(3, order + 1)]
     return (*stiffness, *sought("driven"), *inertia)
-
-
-def innovation(residual: Array) -> float:
-    """Rms of that part of a residual, (n,), which its own past does not predict."""
-    centred = residual - residual.mean()
-    a = autoregression(centred)
-    return float(np.sqrt(np.mean(lfilter(a, [1.0], centred)[len(a) :] ** 2)))
 
 
 def needed_terms(
@@ -94,7 +86,8 @@ def linearised(
     total, grams = sum(map(len, tables)), []
     for rows in tables:
         pieces = max(round(_STRETCHES * len(rows) / total), 2)
-        grams += _stretches(rows / innovation(_left(rows)), at, pieces)
+        rms = float(np.sqrt(np.mean(innovation(_left(rows))[0] ** 2)))
+        grams += _stretches(rows / rms, at, pieces)
     groups = dict(enumerate(terms[len(always) :]))
     least = {g: law.least for g, law in groups.items() if law.least > -np.inf}
     damping = [g for g, law in groups.items() if law.has("damping")]
