@@ -3,12 +3,15 @@
 import json
 import re
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from romsindy import Beam
 from romsindy.commands.main import main
+from romsindy.physics.coupled import model_from_json
 from romsindy.physics.example import EXAMPLE_MODEL
 
 
@@ -67,6 +70,15 @@ def test_what_no_command_can_use_is_refused_by_all(run, tmp_path, content, messa
     for result in results:
         assert result.exit_code == 2 and re.search(message, result.stderr), result.output
     assert results[0].stderr == results[1].stderr
+
+
+def test_models_that_0_2_0_saved_move_as_they_did():
+    """Of one coordinate, under inputs, of two: saved by 0.2.0, with accelerations by its code."""
+    for row in json.loads((Path(__file__).parent / "models_of_0_2_0.json").read_text()):
+        model = model_from_json(json.dumps(row["model"]))
+        assert json.loads(model.to_json()) == row["model"]
+        found = model.acceleration(np.array(row["q"]), np.array(row["q_dot"]))
+        np.testing.assert_allclose(found, row["q_ddot"], rtol=1e-12)
 
 
 @pytest.mark.parametrize("elements", [0, 100_000_000, True, 2.5])

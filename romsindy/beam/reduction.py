@@ -116,9 +116,7 @@ def relative_error(
     >>> relative_error({"omega^2": 45.0}, {"omega^2": 36.0})
     {'omega^2': 0.25}
     """
-    found, true = (
-        m.coefficients if isinstance(m, ReducedModel) else m for m in (identified, truth)
-    )
+    found, true = (m if isinstance(m, Mapping) else m.coefficients for m in (identified, truth))
     return {
         name: abs(found.get(name, 0.0) - value) / abs(value) if value else float("nan")
         for name, value in true.items()

@@ -28,9 +28,8 @@ from romsindy.orbits.families import (
 )
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import floquet_multipliers, free_multipliers
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.driven import gain_of
-from romsindy.physics.model import ReducedModel
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
 
@@ -436,7 +435,7 @@ def forced_response(
     ['fold', 'fold']
     """
     first, last = frequency_range(frequency)
-    if not isinstance(model, (ReducedModel, CoupledModel)):
+    if hasattr(model, "forced_response"):
         return model.forced_response(
             force, frequency, n_harmonics, velocity_scale=velocity_scale, n_points=n_points
         )
@@ -504,7 +503,7 @@ def _untraced(branch: OrbitBranch, from_rest: Callable[[], Start], last: float) 
 
 def _limit(model: AnyModel) -> float | None:
     """Largest amplitude of the data behind a model of one coordinate."""
-    if not isinstance(model, ReducedModel) or model.amplitude_range is None:
+    if model.numbered or model.amplitude_range is None:
         return None
     return model.amplitude_range[1]
 

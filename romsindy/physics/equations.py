@@ -53,6 +53,11 @@ class Equations(TermSum, ABC):
         """Their names in equations: q, where there is one, or q1 ... qR."""
 
     @property
+    def numbered(self) -> bool:
+        """Whether terms say on which coordinates they act, as those of a `CoupledModel` do."""
+        return self.coordinates != ("q",)
+
+    @property
     @abstractmethod
     def pushes(self) -> Sequence[tuple[Input, float | Array]]:
         """Inputs, each with its coefficient: a number, or one for each of several coordinates."""
@@ -270,13 +275,9 @@ class Equations(TermSum, ABC):
 
     def latex(self, precision: int = 4) -> str:
         """LaTeX without dollar signs; of several coordinates for an ``aligned`` environment."""
-        equal = " &= " if self._numbered else " = "
+        equal = " &= " if self.numbered else " = "
         lines = ["".join(p) for p in self._parts_of_text(precision, equal, latex=True)]
         return " \\\\\n".join(lines)
-
-    @property
-    def _numbered(self) -> bool:
-        return self.coordinates != ("q",)
 
     def _parts_of_text(self, precision: int, equal: str, *, latex: bool = False) -> list[list[str]]:
         """Of each equation q_ddot, the terms on the left, and what drives it on the right."""
@@ -299,7 +300,7 @@ class Equations(TermSum, ABC):
         ]
 
     def _names(self, latex: bool) -> Names:
-        n = ("_{}" if latex else "{}") if self._numbered else ""
+        n = ("_{}" if latex else "{}") if self.numbered else ""
         if latex:
             return Names(f"q{n}", rf"\dot{{{{q}}}}{n}", rf"\ddot{{{{q}}}}{n}")
         return Names(f"q{n}", f"q{n}_dot", f"q{n}_ddot")

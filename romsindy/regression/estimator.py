@@ -14,7 +14,6 @@ from sklearn.metrics import r2_score
 from sklearn.utils.validation import check_is_fitted
 
 from romsindy.fit.measured import require_unit, several_decays
-from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -224,7 +223,7 @@ class HarmonicSINDy(BaseEstimator):
                 "the model has inputs: use model_.simulate(q0, q_dot0, t, u=u), or .predict of"
                 " refine(model_, records)"
             )
-        if isinstance(self.model_, CoupledModel):
+        if self.model_.numbered:
             raise ValueError(
                 f"the model has {self.model_.n_coordinates} coordinates, which no channel shows"
                 " alone: use model_.acceleration(q, q_dot) with coordinates, or .predict of"
@@ -247,7 +246,7 @@ class HarmonicSINDy(BaseEstimator):
         third or fourth digit. Compare backbones too.
         """
         check_is_fitted(self)
-        if isinstance(self.model_, CoupledModel):
+        if self.model_.numbered:
             several = rows_of(
                 self.model_, _whole_decays(x), self._windows(), self.mode_shapes_, self.weighted
             )
