@@ -115,6 +115,15 @@ class Trials:
         return free if gain > REFUSED**2 * max(less / self.n, 1.0) else held
 
     def _best(self, present: Sequence[int]) -> tuple[list[int], float]:
+        """The best choice, and its misfit.
+
+        On the way to it values stand for terms that are still missing, and what is dragged along
+        may seem to have no mass: the choice is judged, and looked for with that rule if it fails.
+        """
+        found = replace(self, kinetic={})._cheapest(present)
+        return self._cheapest(present) if self._negative(found[0]) else found
+
+    def _cheapest(self, present: Sequence[int]) -> tuple[list[int], float]:
         found = [self._grown(list(start)) for start in ((), present)]
         least = min(left for _, left in found)
         return min(found, key=lambda x: x[1] + self.cost(x[0], least))
@@ -181,10 +190,12 @@ class Trials:
         values = self.values(kept)
         own = {g: float(values[self.groups[g][0]]) for g in kept}
         wrong = [g for g in kept if g in self.least and own[g] <= self.least[g]]
-        return wrong or self._negative({g: own[g] for g in kept if g in self.kinetic}, kept)
+        return wrong or self._negative(kept)
 
-    def _negative(self, values: Mapping[int, float], kept: Sequence[int]) -> list[int]:
+    def _negative(self, kept: Sequence[int]) -> list[int]:
         """Groups that take kinetic energy away where all of them together leave less than none."""
+        found = self.values(kept)
+        values = {g: float(found[self.groups[g][0]]) for g in kept if g in self.kinetic}
         each = np.array([self.kinetic[g] * value for g, value in values.items()])
         if not len(each) or np.all(each.sum(axis=0) >= 0):
             return []
