@@ -31,8 +31,7 @@ from romsindy.effects.mounting import AlongBeam, Mounting, Point
 from romsindy.physics.damping import FrictionLaw
 from romsindy.physics.input import Input
 from romsindy.physics.memory import Memory
-from romsindy.physics.stiffness import side_name
-from romsindy.physics.term import Term, unit_text
+from romsindy.physics.term import Term, side_name, unit_text
 from romsindy.typing import Array
 
 

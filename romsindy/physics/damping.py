@@ -9,8 +9,9 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from romsindy.physics.stiffness import NUMBER, SIDES, side_name
 from romsindy.physics.term import (
+    NUMBER,
+    SIDES,
     ForceLaw,
     Scalars,
     WeakForm,
@@ -18,6 +19,7 @@ from romsindy.physics.term import (
     power_of,
     power_slope,
     power_text,
+    side_name,
     size_slope,
 )
 

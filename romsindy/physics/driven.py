@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from romsindy.physics.equations import Equations
-from romsindy.physics.input import Input, input_in
+from romsindy.physics.forcing import input_in
+from romsindy.physics.input import Input
 from romsindy.physics.term_sum import TermSum
 
 Model = TypeVar("Model", bound=TermSum)

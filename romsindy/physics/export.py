@@ -15,7 +15,8 @@ from importlib import import_module
 from typing import Any
 
 from romsindy.physics.coupling import Along, PolynomialTerm
-from romsindy.physics.input import Input, input_in
+from romsindy.physics.forcing import input_in
+from romsindy.physics.input import Input
 from romsindy.physics.symbolic import (
     ALONE,
     Coordinates,

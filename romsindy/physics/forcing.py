@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from romsindy.physics.coupling import Along
 from romsindy.physics.input import Input
+from romsindy.physics.term import Term
 from romsindy.record.decay import checked_signal
 from romsindy.record.interpolation import Interpolation
 from romsindy.record.sampling import uniform_times
@@ -22,6 +24,12 @@ Push = Callable[[float], Any]
 # sample moves an oscillator right to 1e-6, with one of a fiftieth to 1e-4.
 _PLACES = np.cos(np.pi * (np.arange(12) + 0.5) / 12)
 _POLYNOMIAL = np.linalg.inv(np.vander(_PLACES)).T
+
+
+def input_in(term: Term) -> Input | None:
+    """The input that a term is, or that it lets act along a direction; None if it is none."""
+    law = term.law if isinstance(term, Along) else term
+    return law if isinstance(law, Input) else None
 
 
 class Forcing:

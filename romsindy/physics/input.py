@@ -6,7 +6,6 @@ import math
 import re
 from dataclasses import dataclass
 
-from romsindy.physics.coupling import Along
 from romsindy.physics.term import Scalars, Term, WeakForm, exact, power_of, unit_text
 from romsindy.record.forced import is_base, require_input
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, interpolated
@@ -15,7 +14,7 @@ from romsindy.typing import Array
 # Name of the coefficient: what stands on the right is the gain times a force, or minus the
 # participation factor times an acceleration of the base.
 _GAIN, _PARTICIPATION = "gain", "Gamma"
-_KEY = re.compile(rf"(?:{_GAIN}|{_PARTICIPATION}) \[(.+)\](?:\^([1-9]\d*))?")
+_KEY = re.compile(rf"(?:{_GAIN}|{_PARTICIPATION}) \[([^\[\]]+)\](?:\^([1-9]\d*))?")
 
 
 @dataclass(frozen=True)
@@ -122,9 +121,3 @@ class Input(Term):
     def raised(self, text: str) -> str:
         """Text of something, with the power."""
         return text if self.power == 1 else f"{text}^{self.power}"
-
-
-def input_in(term: Term) -> Input | None:
-    """The input that a term is, or that it lets act along a direction; None if it is none."""
-    law = term.law if isinstance(term, Along) else term
-    return law if isinstance(law, Input) else None

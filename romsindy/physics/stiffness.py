@@ -8,15 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.physics.term import ForceLaw, Scalars, exact, power_of, power_slope, power_text
-
-NUMBER = r"(-?[\d.]+(?:e[+-]?\d+)?)"
-SIDES = {"above": 1, "below": -1}
-
-
-def side_name(side: int) -> str:
-    """ "above" or "below"."""
-    return "above" if side > 0 else "below"
+from romsindy.physics.term import (
+    NUMBER,
+    SIDES,
+    ForceLaw,
+    Scalars,
+    exact,
+    power_of,
+    power_slope,
+    power_text,
+    side_name,
+)
 
 
 def _superscript(exponent: float) -> str:

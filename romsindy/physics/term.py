@@ -29,6 +29,10 @@ import numpy as np
 # A model may have so much: beyond it a file is damaged, and arrays of powers fill the memory.
 MOST_TERMS, MOST_ORDER, MOST_COORDINATES = 1000, 100, 20
 
+# In names of coefficients: a number, and the sides of a stop.
+NUMBER = r"(-?[\d.]+(?:e[+-]?\d+)?)"
+SIDES = {"above": 1, "below": -1}
+
 Scalars = Any  # float or array: every method of a term takes both
 
 
@@ -207,6 +211,11 @@ class ForceLaw(Term):
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
         """The force has no derivatives to integrate by parts."""
         return WeakForm(zeroth=self.stiffness(q) + self.damping(q, q_dot))
+
+
+def side_name(side: int) -> str:
+    """ "above" or "below"."""
+    return "above" if side > 0 else "below"
 
 
 def unit_text(powers: Mapping[str, float]) -> str:
