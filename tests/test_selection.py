@@ -5,9 +5,10 @@ import pytest
 
 from romsindy.effects.choices import PLACES, sought
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.estimate import Estimate
 from romsindy.fit.friction import smoothed
 from romsindy.fit.selection import Gram, Trials
-from romsindy.fit.signs import dragged
+from romsindy.fit.signs import dragged, massless, stand_ins
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import Friction, PowerDamping
@@ -127,3 +128,18 @@ def test_inertia_that_nothing_has_is_no_choice():
         kinetic = {0: q**2 / 2, 1: q**4 / 2}
         found = Trials([gram], [0], [[1], [2]], {}, kinetic=kinetic).chosen([])
         assert sorted(found) == expected
+
+
+def test_fast_modes_cannot_have_less_than_no_mass():
+    """What is judged is the least of the energies that the products stand for, by its error."""
+    names = ("g(q1^2)^2", "g(q1^2) g(q2^2)", "g(q2^2)^2")
+
+    def found(*values, error=0.01):
+        model = CoupledModel.from_coefficients(dict(zip(names, values, strict=True)))
+        return Estimate(model, names, error**2 * np.eye(3), None, ())
+
+    assert massless(found(0.4, 0.2, 0.1)) == 0.0 and not [*stand_ins(found(0.4, 0.2, 0.1))]
+    # With both squares alike the least is their mean less the product.
+    assert massless(found(0.1, 0.13, 0.1)) == pytest.approx(0.03 / (0.01 * np.sqrt(1.5)))
+    (said,) = stand_ins(found(0.1, 0.15, 0.1))
+    assert "fast modes with less than no mass, by 4.08 standard errors" in said
