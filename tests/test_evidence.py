@@ -14,8 +14,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import cho_factor, cho_solve, expm
 
 import romsindy as rs
-from romsindy.diagnosis.evidence import Hypothesis, ranked, weights
+from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.process import ProcessNoise
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
@@ -154,7 +155,7 @@ def trials(size):
         own = rivals[list(strengths).index(name)].at(FormError(size))
         z = (own.effects[0].strengths[0, 0] - true) / np.sqrt(own.covariance[2, 2])
         blind = sorted(rivals, key=lambda h: h.at(NO_FORM_ERROR).score)
-        best = ranked(rivals)
+        best = ProcessNoise().ranked(rivals)
         found.append(
             (
                 z,
@@ -162,7 +163,7 @@ def trials(size):
                 weights(best)[0],
                 blind[0].effects[0].effect.name == name,
                 weights([h.at(NO_FORM_ERROR) for h in blind])[0],
-                best[0].form.jump,
+                best[0].noise.jump,
             )
         )
     return np.array(found, float).T
@@ -215,7 +216,7 @@ def explanation(
 ):
     """An explanation on stand-ins that hold what the rule looks at, and nothing else."""
     found = SimpleNamespace(
-        names=names, score=score, misfit=misfit, sureness=sureness, needs=needs, form=LEAVES
+        names=names, score=score, misfit=misfit, sureness=sureness, needs=needs, noise=LEAVES
     )
     found.at = lambda _: found
     found.effects, found.moved = (names, ()) if lacking else ((), names)
@@ -310,6 +311,6 @@ def test_without_a_motion_nothing_is_weighed():
     """Where no hypothesis has a motion, all were weighed at an infinite form error: a traceback."""
     with_motion, _ = fitted([wandering(0, 0.0)])
     without = replace(with_motion, weighed=None)
-    (alone,) = ranked([without])
-    assert (alone.form, alone.score) == (NO_FORM_ERROR, np.inf)
-    assert ranked([without, with_motion])[0].weighed is not None
+    (alone,) = ProcessNoise().ranked([without])
+    assert (alone.noise, alone.score) == (NO_FORM_ERROR, np.inf)
+    assert ProcessNoise().ranked([without, with_motion])[0].weighed is not None

@@ -11,7 +11,7 @@ import romsindy as rs
 from romsindy.commands.diagnose import _CODES
 from romsindy.commands.main import main
 from romsindy.commands.measurement import Choice, decays_in
-from romsindy.diagnosis import diagnose, search
+from romsindy.diagnosis import decay_search, diagnose
 from romsindy.diagnosis.checks import shared_part
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.simulated import model_of_simulation
@@ -61,7 +61,7 @@ def no_search(monkeypatch):
     def refuse(self):
         raise AssertionError("a search was started")
 
-    monkeypatch.setattr(search.Search, "run", refuse)
+    monkeypatch.setattr(decay_search.DecaySearch, "run", refuse)
 
 
 def test_hold_level_and_tail_are_taken_off(tmp_path):

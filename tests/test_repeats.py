@@ -10,11 +10,13 @@ from test_diagnosis import LONG, MODEL, NOMINAL, OMEGA, decay
 
 import romsindy as rs
 from romsindy.diagnosis import diagnose
+from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.innocent import innocent, other_values
 from romsindy.diagnosis.nuisance import allowed, nuisances
-from romsindy.diagnosis.search import Options, Search
+from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.textbook import with_whole_exponent
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.workflow import unsure_parts, with_whole_exponent
+from romsindy.diagnosis.workflow import unsure_parts
 from romsindy.effects import CATALOGUE, AirDrag, Bias, CubicStiffness, Gain, Viscous
 from romsindy.effects.outside import SensorNonlinearity
 from romsindy.fit.part import Part
@@ -111,7 +113,7 @@ def test_nuisances_stay_within_what_is_known():
     records = [Record.loud(again(gain=1.05, offset=0.3, curvature=0.03), 2e-4)]
     parts = unsure_parts(MODEL, ("omega^2", "c_linear"), {}, scales(records), 1)
     options = Options((), 0.01, 1, 2e-4, 1, lambda _: None)
-    search = Search(MODEL, records, parts, options)
+    search = DecaySearch.of(MODEL, records, parts, options)
     slack = replace(search, free=nuisances(records)).hypothesis([])
     _, found = innocent(search, slack, search.hypothesis([]), ())
     values = {p.effect.name: float(p.strengths[0, 0]) for p in found.parts}

@@ -10,7 +10,7 @@ from test_diagnosis import LONG, MODEL, OMEGA, decay
 
 import romsindy as rs
 from romsindy.commands.main import main
-from romsindy.diagnosis import diagnose, search
+from romsindy.diagnosis import decay_search, diagnose, search
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.held_out import SHORTEST, parted
 from romsindy.diagnosis.simulated import model_of_simulation
@@ -31,7 +31,7 @@ def no_search(monkeypatch):
     def refuse(self):
         raise AssertionError("a search was started")
 
-    monkeypatch.setattr(search.Search, "run", refuse)
+    monkeypatch.setattr(decay_search.DecaySearch, "run", refuse)
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_a_stated_tolerance_ends_the_search_where_the_record_shows_that_it_is_ke
         exact = self.hypothesis([])
         return search.Finding([exact], [exact], exact)
 
-    monkeypatch.setattr(search.Search, "run", run)
+    monkeypatch.setattr(decay_search.DecaySearch, "run", run)
     fine = {"frequency": 1e-5, "damping": 1e-2, "signal": 1e-3}
     assert diagnose(MODEL, decay(1.0, snr_db=noise), tolerance=fine).verdict == "none"
     assert bool(asked) == (found == "not known")
@@ -200,7 +200,7 @@ def test_an_interrupted_diagnosis_names_nothing(monkeypatch):
         self.hypothesis([])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(search.Search, "_best_of", interrupted)
+    monkeypatch.setattr(decay_search.DecaySearch, "_best_of", interrupted)
     found = diagnose(MODEL, decay(1.0, changed=OTHER))
     assert found.interrupted and found.verdict != "named"
     assert found.sentence.startswith("Interrupted when ")

@@ -1,8 +1,8 @@
 """Find what a simulation lacks: name it, add it, show the gap shrink."""
 
 from romsindy.diagnosis.diagnose import diagnose
+from romsindy.diagnosis.driven.report import ForcedReport
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
-from romsindy.diagnosis.forced.report import ForcedReport
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.on_beam import BeamReport

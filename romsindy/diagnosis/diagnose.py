@@ -9,8 +9,8 @@ import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
 from romsindy.diagnosis.checks import FREE, check_numbers, decays_of, shared_part
-from romsindy.diagnosis.forced.report import ForcedReport
-from romsindy.diagnosis.forced.workflow import diagnose_forced, forced_alone, refuse_with_inputs
+from romsindy.diagnosis.driven.report import ForcedReport
+from romsindy.diagnosis.driven.workflow import diagnose_forced, forced_alone, refuse_with_inputs
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.checks import checked_readings

@@ -1,30 +1,21 @@
-"""What a hypothesis is worth: fit, less the price of its values.
-
-The score of a hypothesis is minus twice the logarithm of its evidence, up to a constant: the
-chi-square of the whitened residual, plus log n for every strength (as in the Bayesian information
-criterion [1]), plus, for every shape value, how much the data narrow down its prior (Laplace's
-method, [2]). Values that the simulation itself is unsure of stay at their nominal ones unless
-freeing them pays. Whitening makes samples of correlated noise count for what they are worth.
-
-[1] G. Schwarz, Annals of Statistics 6 (1978).  [2] D. MacKay, Neural Computation 4 (1992).
-"""
+"""Hypotheses on what is missing: fitted, weighed by one kind of noise, and compared."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, Protocol
 
 import numpy as np
+from scipy.stats import chi2
 
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
 from romsindy.diagnosis.nuisance import allowed, largest_reading
+from romsindy.diagnosis.worth import Solved, Worth
 from romsindy.effects.base import ReadingEffect
-from romsindy.fit.gauss_newton import Solution, limits, moved_parts
-from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, prior_cost
+from romsindy.fit.gauss_newton import Solution
+from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import NAMED_ABOVE
 from romsindy.physics.model import ReducedModel
@@ -34,65 +25,71 @@ from romsindy.typing import Array
 _FAR = 2.0
 
 
+class Weighing(Protocol):
+    """What a fit says of its values by noise of any size or colour, and which it asks for."""
+
+    @property
+    def needed(self) -> Any:
+        """Noise that its own residual asks for."""
+
+    def excess(self, noise: Any) -> float:
+        """Structure left in the residual, over that of noise, at least 1."""
+
+    def solved(self, solution: Solution, noise: Any) -> Solved:
+        """The fit by noise of one kind: values, misfit and covariance."""
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """A fitted hypothesis and what it is worth, given how far its model may be from the truth.
 
-    The first ``n_free`` parts are the unsure ones. Hypotheses are compared at the same form error:
-    see `at` and `ranked`.
+    The first ``n_unsure`` parts are values that the simulation is unsure of, all up to ``n_free``
+    by default; those after them are fitted whatever the hypothesis. ``noise`` is what separates a
+    right model from the records: the `FormError` of decays, the `Colours` of driven records.
+    Hypotheses are compared by the same noise: see `at` and `ProcessNoise`, `ColourOfBest`.
     """
 
     solution: Solution
     n_free: int
     n_samples: float
-    weighed: Weighed | None  # None where there is no motion
-    form: FormError = NO_FORM_ERROR
+    weighed: Weighing | None  # None where there is no motion
+    noise: Any = NO_FORM_ERROR
     tested: float = 0.0  # misfit on what took no part in the fit, beyond that of the best there
     reach: float = 0.0  # largest reading of all records
     unsaid: tuple[str, ...] = ()  # values that moved by less than matters
+    n_unsure: int | None = None
 
     @classmethod
     def of(
         cls, model: ReducedModel, solution: Solution, n_free: int, records: Sequence[Record]
     ) -> Hypothesis:
-        """Weigh a solution; one that did not converge still counts for what it reached."""
+        """Weigh a fit to decays; one that did not converge counts for what it reached."""
         weighed = Weighed.of(model, solution, records)
         n_samples, reach = sum(r.count for r in records), largest_reading(records)
         return cls(solution, n_free, n_samples, weighed, reach=reach)
 
-    def at(self, form: FormError) -> Hypothesis:
-        """The same with another form error."""
-        return self if form == self.form else replace(self, form=form)
+    def at(self, noise: Any) -> Hypothesis:
+        """The same by other noise."""
+        return self if noise == self.noise else replace(self, noise=noise)
 
     def settled(self, known: FormError) -> Hypothesis:
         """The same with the form error that is known, or as much more as it needs."""
         return self.at(known if self.weighed is None else known.joined(self.needs))
 
     @property
-    def needs(self) -> FormError:
-        """Form error that its own misfit asks for."""
+    def needs(self) -> Any:
+        """Noise that its own misfit asks for."""
         return FormError(np.inf, np.inf) if self.weighed is None else self.weighed.needed
 
     @property
     def excess(self) -> float:
         """Structure left in the residual, over that of noise, at least 1."""
-        return np.inf if self.weighed is None else self.weighed.excess(self.form)
+        return np.inf if self.weighed is None else self.weighed.excess(self.noise)
 
     @property
     def misfit(self) -> float:
         """Minus twice the logarithm of the likelihood: without form error, the chi-square."""
         return self._worth.misfit
-
-    @property
-    def own(self) -> float:
-        """Score at the form error that it needs itself: what repeats has the power of that."""
-        if self.weighed is None:
-            return np.inf
-        plain, n = self.at(FormError(self.needs.jump)), self.weighed.n_functions
-        # The other samples hold noise: what repeats cannot have more than the rest of the misfit.
-        most = max((plain.misfit - (self.n_samples - n)) / n, 1.0)
-        excess = min(self.weighed.excess(self.needs), most)
-        return plain.score - n * (excess - 1 - float(np.log(excess)))
 
     @property
     def price(self) -> float:
@@ -106,7 +103,7 @@ class Hypothesis:
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """All parts, with the values that are best at this form error."""
+        """All parts, with the values that are best by this noise."""
         return self._worth.parts
 
     @property
@@ -202,99 +199,32 @@ class Hypothesis:
 
     @cached_property
     def _worth(self) -> Worth:
-        solution, n = self.solution, len(self.solution.covariance)
         if self.weighed is None:
-            return Worth(np.inf, 0.0, (), solution.parts, solution.covariance)
-        marginal, jump = self.weighed.marginal, self.form.jump
-        system, step = marginal.solve(jump, self.excess)
-        if jump:
-            parts, misfit = moved_parts(marginal.parts, step[:n]), marginal.cost(jump, self.excess)
-        else:
-            parts, known = solution.parts, prior_cost(solution.parts)
-            misfit = (solution.chi_squared - known) / self.excess + known
-        covariance = _given(system.covariance()[:n, :n], parts)
-        rise, price, moved = price_of_free(system, solution.parts, self.n_free, self.n_samples)
-        for part, where in list(zip(parts, solution.slices(), strict=True))[self.n_free :]:
-            price += price_of(part, covariance[where, where], self.n_samples)
-        return Worth(misfit + rise, price, moved, parts, covariance)
+            return Worth.of_none(self.solution)
+        solved = self.weighed.solved(self.solution, self.noise)
+        n_unsure = self.n_free if self.n_unsure is None else self.n_unsure
+        return Worth.of(self.solution, solved, n_unsure, self.n_free, self.n_samples)
 
 
-def _given(covariance: Array, parts: Sequence[Part]) -> Array:
-    """Covariance of the values of parts where shape values that are held are known."""
-    held: list[bool] = []
-    for part in parts:
-        held += [False] * part.strengths.size + [p.low == p.high for p in part.parameters]
-    if not any(held):
-        return covariance
-    cross = covariance[:, held]
-    known = covariance - cross @ np.linalg.pinv(cross[held], hermitian=True) @ cross.T
-    known[held] = known[:, held] = 0.0
-    return known
+def pays(before: Hypothesis, after: Hypothesis, n_candidates: int, false_alarm: float) -> bool:
+    """Whether it gains more than chance would to say more, over all that was looked at.
 
-
-class Worth(NamedTuple):
-    """What the score of a hypothesis is made of."""
-
-    misfit: float
-    price: float
-    moved: tuple[str, ...]
-    parts: tuple[Part, ...]
-    covariance: Array
-
-
-def price_of_free(
-    system: NormalEquations, parts: Sequence[Part], n_free: int, n_samples: float
-) -> tuple[float, float, tuple[str, ...]]:
-    """Cheapest choice of which unsure values to free.
-
-    Each costs log n, or the rise of the misfit when it is fixed: effects take its place as far as
-    their limits let them. Returns rise, price and names.
+    One candidate of n is right with odds of 1/n beforehand, exp(-looks / 2) with looks = 2 log n,
+    and chance has so many tries for each effect.
     """
-    first = np.cumsum([0, *(p.size for p in parts)])
-    judged = [i for i in range(n_free) if parts[i].tolerance is None]
-    names = [parts[i].effect.name for i in judged]
-    low, high = limits(parts)
-    choices = []
-    for freed in itertools.product((False, True), repeat=len(judged)):
-        for i, free in zip(judged, freed, strict=True):
-            own = parts[i].limits() if free else (np.zeros(1), np.zeros(1))
-            low[first[i]], high[first[i]] = (x[0] - parts[i].values[0] for x in own)
-        there = system.bounded_step(np.zeros(0, bool), low, high)
-        moved = tuple(n for n, f in zip(names, freed, strict=True) if f)
-        choices.append((system.chi_squared(there), sum(freed) * float(np.log(n_samples)), moved))
-    least = min(misfit for misfit, _, _ in choices)
-    misfit, price, moved = min(choices, key=lambda c: c[0] + c[1])
-    return misfit - least, price, moved
+    if after.weighed is None:  # it has no motion
+        return False
+    more = max(len(after.effects) - len(before.effects), 1)
+    looks = 2 * float(np.log(max(n_candidates, 1)))
+    gain, price = before.misfit - after.misfit, after.price - before.price
+    n_values = _count(after) - _count(before)
+    alarm = chi2.isf(false_alarm * np.exp(-looks / 2 * more), max(n_values, more))
+    return bool(gain > alarm and gain > price + more * looks)
 
 
-def price_of(part: Part, covariance: Array, n_samples: float) -> float:
-    """Of the values of an effect, with their covariance."""
-    k, sets = part.strengths.size, len(part.strengths)
-    shared = int(np.sum(part.shared))
-    price = shared * float(np.log(n_samples))
-    price += (k - sets * shared) * float(np.log(n_samples / sets))
-    return price + _price_of_shape(part, covariance[k:, k:])
-
-
-def _price_of_shape(part: Part, covariance: Array) -> float:
-    price = 0.0
-    for p, variance in zip(part.parameters, np.diag(covariance), strict=True):
-        prior = p.spread or (p.high - p.low) / np.sqrt(2 * np.pi)
-        if p.low < p.high:  # one that is rounded to the textbook's costs nothing
-            price += max(float(np.log(prior**2 / max(variance, 1e-300))), 0.0)
-    return price
-
-
-def ranked(hypotheses: Sequence[Hypothesis], known: FormError = NO_FORM_ERROR) -> list[Hypothesis]:
-    """Best first, all with the form error that is known, or as much more as one of them needs.
-
-    It is the one that is most likely with departures of its own size.
-    """
-    if not hypotheses:
-        return []
-    each = [h.settled(known) for h in hypotheses]
-    form = min(each, key=lambda h: h.own).form
-    return sorted((h.at(form) for h in hypotheses), key=lambda h: h.score)
+def _count(hypothesis: Hypothesis) -> int:
+    """Values of the effects, and unsure ones that moved."""
+    return sum(p.size for p in hypothesis.effects) + len(hypothesis.moved)
 
 
 def weights(hypotheses: Sequence[Hypothesis]) -> Array:

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from romsindy.diagnosis.worth import Solved
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.adequacy import examine_white
-from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.part import Part
+from romsindy.fit.gauss_newton import Solution, fit, moved_parts
+from romsindy.fit.part import Part, prior_cost
 from romsindy.fit.process_noise import Departures, Marginal
 from romsindy.fit.record import Record, scales
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
+from romsindy.typing import Array
 
 
 @dataclass(frozen=True)
@@ -114,3 +116,28 @@ class Weighed:
     def excess(self, form: FormError) -> float:
         """Power at the harmonics over that of noise: 1 where nothing is wrong."""
         return 1 + self.gain * form.structure**2
+
+    def solved(self, solution: Solution, form: FormError) -> Solved:
+        """The fit at a form error: values, misfit and covariance."""
+        jump, excess, n = form.jump, self.excess(form), len(solution.covariance)
+        system, step = self.marginal.solve(jump, excess)
+        if jump:
+            parts = moved_parts(self.marginal.parts, step[:n])
+            misfit = self.marginal.cost(jump, excess)
+        else:
+            parts, known = solution.parts, prior_cost(solution.parts)
+            misfit = (solution.chi_squared - known) / excess + known
+        return Solved(system, misfit, parts, _given(system.covariance()[:n, :n], parts))
+
+
+def _given(covariance: Array, parts: Sequence[Part]) -> Array:
+    """Covariance of the values of parts where shape values that are held are known."""
+    held: list[bool] = []
+    for part in parts:
+        held += [False] * part.strengths.size + [p.low == p.high for p in part.parameters]
+    if not any(held):
+        return covariance
+    cross = covariance[:, held]
+    known = covariance - cross @ np.linalg.pinv(cross[held], hermitian=True) @ cross.T
+    known[held] = known[:, held] = 0.0
+    return known

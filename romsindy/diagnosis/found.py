@@ -122,7 +122,7 @@ def _effect(
 ) -> FoundEffect:
     part, where = hypothesis.parts[index], hypothesis.solution.slices()[index]
     # Where the residual is above the noise, the errors grow with it.
-    grow = max(ratio, 1.0) if hypothesis.form == NO_FORM_ERROR else 1.0
+    grow = max(ratio, 1.0) if hypothesis.noise == NO_FORM_ERROR else 1.0
     std = grow * np.sqrt(np.diag(hypothesis.covariance[where, where]))
     # Where a mass was at the start of a record says nothing about the mass.
     k, shared = part.strengths.size, part.effect.n_shared

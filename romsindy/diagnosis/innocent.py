@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.nuisance import nuisances
 from romsindy.diagnosis.screening import part_of, screen
-from romsindy.diagnosis.search import Search
 from romsindy.effects.base import Effect
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.record import scales
@@ -46,7 +46,7 @@ def other_values(
 
 
 def innocent(
-    search: Search, slack: Hypothesis, base: Hypothesis, values: Sequence[Coefficient]
+    search: DecaySearch, slack: Hypothesis, base: Hypothesis, values: Sequence[Coefficient]
 ) -> list[Hypothesis]:
     """What nuisances do, ``slack``, linear values beside, and these with one more of ``values``.
 
@@ -54,13 +54,13 @@ def innocent(
     ``base``, without nuisances: beside these a frequency that is far off is not found by itself.
     """
     started = base.solution.parts[: base.n_free] if base.solution.finite else search.free
-    search = replace(search, free=(*started, *nuisances(search.records)), done=[])
+    search = replace(search, free=(*started, *nuisances(search.records)), compared=[])
     linear = search.settled(search.hypothesis([]))
     left = search.remainder(linear)
     enough = left.explained and left.ratio < NOTHING_LEFT
     if enough or not (values and linear.solution.finite):
-        linear = linear.settled(search.form)
-        return [slack.at(linear.form), linear]
+        linear = linear.settled(search.noise.known)
+        return [slack.at(linear.noise), linear]
     known = scales(search.records)
     parts, names = linear.solution.parts, {v.variant: v for v in values}
     found = screen(search.model, parts, list(names.values()), search.records, known)
@@ -70,5 +70,5 @@ def innocent(
     asked = [*singles[:_TRIED], *second]
     trials = search.fitted([[part_of(s, known, len(search.records))] for s in asked])
     ranked = search.ranked([linear, *(h for h in trials if h.solution.finite)])
-    form = ranked[0].form
+    form = ranked[0].noise
     return [slack.at(form), linear.at(form), *(h for h in ranked if h.effects)]

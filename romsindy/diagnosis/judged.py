@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.prediction import misfit_of
-from romsindy.diagnosis.search import Finding, Search
+from romsindy.diagnosis.search import Finding
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import AS_GOOD, EQUIVALENT, GAINED, MATERIAL, PREDICTED, UNJUDGED
 
@@ -29,7 +30,7 @@ class Judges:
     could not tell what was found from less.
     """
 
-    search: Search
+    search: DecaySearch
     exact: Hypothesis
     records: Mapping[str, Record]
     unseen: bool = True
@@ -47,7 +48,7 @@ class Judges:
 
     def weighed(self, found: Finding) -> Finding:
         """The same, ranked with the predictions of those that these decide about."""
-        most, form = len(found.rivals[0].effects), found.rivals[0].form
+        most, form = len(found.rivals[0].effects), found.rivals[0].noise
         compared = [h for h in found.compared if len(h.effects) <= most]
         misfits: dict[int, float] = {}
 
@@ -96,7 +97,7 @@ class Judges:
             if not fewer[i].forced and len(fewer[i].moved) > len(best.moved):
                 # Values of the model in its place are another explanation, not a simpler one.
                 apart = np.sum((without[i] - left) ** 2) > EQUIVALENT * best.excess * self.scale
-                if not apart and fewer[i].at(best.form).score - best.score > UNJUDGED:
+                if not apart and fewer[i].at(best.noise).score - best.score > UNJUDGED:
                     break  # no one could tell here, and the fits do
                 found = self.search.finding(best, found)
                 return replace(found, rivals=[*found.rivals, self._tested(fewer[i], misfit)])

@@ -120,7 +120,7 @@ class Rival:
             replace(windows, where=np.concatenate([np.arange(n), n + 2 * i + np.arange(2)]))
             for i in range(test.repetitions)
         ]
-        system = Marginal.of(parts, several).equations(self.fitted.form.jump, self._excess(test))
+        system = Marginal.of(parts, several).equations(self.fitted.noise.jump, self._excess(test))
         system.matrix[:n, :n] += self.information
         return system.chi_squared(system.bounded_step(np.zeros(n, bool), *limits(parts)))
 
@@ -169,7 +169,7 @@ def _without_unmoved(
     if len(kept) == len(free):
         return hypothesis
     solution = fit(model, (*kept, *hypothesis.effects), records, hypothesis.solution.motions)
-    again = Hypothesis.of(model, solution, len(kept), records).at(hypothesis.form)
+    again = Hypothesis.of(model, solution, len(kept), records).at(hypothesis.noise)
     return again if again.misfit < hypothesis.misfit + EQUIVALENT else hypothesis
 
 

@@ -60,7 +60,7 @@ class Explanation:
     @property
     def sureness(self) -> float:
         """Standard errors, as they are told, by which its least sure strength is off zero."""
-        grow = max(self.left.ratio, 1.0) if self.hypothesis.form == NO_FORM_ERROR else 1.0
+        grow = max(self.left.ratio, 1.0) if self.hypothesis.noise == NO_FORM_ERROR else 1.0
         return self.hypothesis.sureness / grow
 
     @property
@@ -93,7 +93,7 @@ class Explanation:
 
 def _off_zero(found: Explanation, without: Hypothesis) -> float:
     """Standard errors that it is off zero, by what it gains; none if it is not sure by its own."""
-    a, b = found.hypothesis, without.at(found.hypothesis.form)
+    a, b = found.hypothesis, without.at(found.hypothesis.noise)
     return max(b.misfit - a.misfit, 0.0) ** 0.5 if found.sureness >= NAMED_ABOVE else 0.0
 
 
@@ -222,7 +222,7 @@ class Rule:
 
     def _likelier(self, effect: Explanation, plain: Explanation, by: float) -> bool:
         """Whether an effect explains, and is likelier than what needs none."""
-        a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.form)
+        a, b = effect.hypothesis, plain.hypothesis.at(effect.hypothesis.noise)
         return self._explains(effect) and effect.lacking and a.score < b.score - by
 
     def _explains(self, effect: Explanation) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from romsindy.diagnosis.checks import check_request, checked_records
+from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.difference import over_all
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
@@ -19,11 +20,12 @@ from romsindy.diagnosis.judged import Judges
 from romsindy.diagnosis.nuisance import nuisances
 from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.search import Finding, Options, Search
+from romsindy.diagnosis.search import Finding, Options, alternatives
+from romsindy.diagnosis.textbook import with_textbook_exponent, with_whole_exponent
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
 from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import LinearFrequency, Viscous
-from romsindy.effects.base import Effect, Parameter, Scales
+from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended, in_place
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
@@ -69,9 +71,9 @@ def diagnose_model(
     catalogue = [e for e in options.catalogue if e.name not in unsure]
     known = [c for c in in_place(model, catalogue) if c.of.key not in tolerances]
     looked_for = (*catalogue, *known)
-    search = Search(model, records, parts, replace(options, catalogue=looked_for), form)
-    exact = replace(search, free=()).hypothesis([])
-    slack = replace(search, free=nuisances(records)).hypothesis([])
+    search = DecaySearch.of(model, records, parts, replace(options, catalogue=looked_for), form)
+    exact = search.with_free(()).hypothesis([])
+    slack = search.with_free(nuisances(records)).hypothesis([])
     agree = _agree(search, slack, as_it_was)
     found = Finding([exact], [exact], exact) if agree else search.run()
     judged = tests or {name_of(i): record for i, record in enumerate(records)}
@@ -94,9 +96,9 @@ def diagnose_model(
     answer = rule.answer([explained(h) for h in values], effect)
     verdict, chosen = answer.verdict, answer.explanation
     best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
-    rivals = [*_rivals(search, best, found, values, chosen is effect)]
+    rivals = [*_rivals(best, found, values, chosen is effect)]
     if answer.rival is not None and answer.rival.hypothesis.names not in {h.names for h in rivals}:
-        rivals.append(answer.rival.hypothesis.at(best.form))
+        rivals.append(answer.rival.hypothesis.at(best.noise))
     # Of values of the model several are no headline; what it lacks is, whatever moved beside it.
     several = not chosen.lacking and len(best.blamed if not best.effects else best.moved) > 1
     if verdict == "named" and (several or len(rivals) > 1):
@@ -113,8 +115,8 @@ def diagnose_model(
         added=added,
         best=best,
         rivals=tuple(rivals),
-        compared=tuple(sorted((h.at(best.form) for h in found.compared), key=lambda h: h.score)),
-        base=found.base.at(best.form),
+        compared=tuple(sorted((h.at(best.noise) for h in found.compared), key=lambda h: h.score)),
+        base=found.base.at(best.noise),
         remainder=left,
         gap=gap,
         differences=as_it_was.differences_before,
@@ -129,7 +131,7 @@ def diagnose_model(
 
 
 def _explained(
-    search: Search,
+    search: DecaySearch,
     judged: Mapping[str, Record],
     unseen: bool,
     as_it_was: Gap,
@@ -150,7 +152,7 @@ def _explained(
 
 
 def _rivals(
-    search: Search, best: Hypothesis, found: Finding, values: Sequence[Hypothesis], is_effect: bool
+    best: Hypothesis, found: Finding, values: Sequence[Hypothesis], is_effect: bool
 ) -> Sequence[Hypothesis]:
     """What the data do not tell apart from the best, itself first; odds of values as told.
 
@@ -158,11 +160,11 @@ def _rivals(
     """
     if not is_effect:
         effects = [h for h in (*values, *found.rivals, *found.compared) if h.effects]
-        return search.rivals(best, [h.at(best.form) for h in effects])
+        return alternatives(best, [h.at(best.noise) for h in effects])
     likeliest = min(values, key=lambda h: h.score)
     alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [likeliest]
-    near_by = search.rivals(best, [h.at(best.form) for h in alike])[1:]
-    others = {h.names: h.at(best.form) for h in (*found.rivals[1:], *near_by)}
+    near_by = alternatives(best, [h.at(best.noise) for h in alike])[1:]
+    others = {h.names: h.at(best.noise) for h in (*found.rivals[1:], *near_by)}
     return [best, *(h for names, h in others.items() if names and names != best.names)]
 
 
@@ -183,7 +185,7 @@ def _without_small(plain: Hypothesis, model: ReducedModel, tolerance: Tolerance)
 
 def _with_plain_values(found: Finding) -> Finding:
     """Where nothing took no part, an effect must be twice as sure to outdo values that moved."""
-    best, base = found.rivals[0], found.base.at(found.rivals[0].form)
+    best, base = found.rivals[0], found.base.at(found.rivals[0].noise)
     if not (best.effects and base.names) or base.score - best.score > UNJUDGED:
         return found
     others = [h for h in found.rivals if h.names != base.names]
@@ -202,7 +204,7 @@ def _parted(
     return [learns for learns, _ in pairs], {**judges, **tests}
 
 
-def _agree(search: Search, slack: Hypothesis, as_it_was: Gap) -> bool:
+def _agree(search: DecaySearch, slack: Hypothesis, as_it_was: Gap) -> bool:
     """Whether there is nothing to look for in the simulation as it was.
 
     It is within what repeats or a reference leave open, is known to be within a tolerance that was
@@ -248,13 +250,13 @@ def unsure_parts(
     return tuple(parts)
 
 
-def _snapped(search: Search, best: Hypothesis, judged: Mapping[str, Record]) -> Hypothesis:
+def _snapped(search: DecaySearch, best: Hypothesis, judged: Mapping[str, Record]) -> Hypothesis:
     """Round exponents to whole numbers where the data do not object, that of the textbook first."""
     for whole in (with_textbook_exponent, with_whole_exponent):
         fixed = [whole(p) for p in best.effects]
         if all(p is q for p, q in zip(fixed, best.effects, strict=True)):
             continue
-        trial = search.unsure_as(best).hypothesis(fixed).at(best.form)
+        trial = search.unsure_as(best).hypothesis(fixed).at(best.noise)
         rise = trial.solution.chi_squared - best.solution.chi_squared
         if trial.solution.converged and (
             rise < ROUNDED * best.excess
@@ -275,31 +277,10 @@ def _nearly(parts: Sequence[Part], fixed: Sequence[Part]) -> bool:
 
 
 def _as_well(
-    search: Search, trial: Hypothesis, best: Hypothesis, judged: Mapping[str, Record]
+    search: DecaySearch, trial: Hypothesis, best: Hypothesis, judged: Mapping[str, Record]
 ) -> bool:
     """Whether what took no part is foretold as well."""
     after, before = (
         float(np.sqrt(np.sum(misfit_of(search.model, h, judged) ** 2))) for h in (trial, best)
     )
     return after <= AS_WELL * before
-
-
-def with_textbook_exponent(part: Part) -> Part:
-    """The same with its exponent held at that of the textbook."""
-    return _at_exponent(part, lambda p: p.starts[0])
-
-
-def with_whole_exponent(part: Part) -> Part:
-    """The same with its exponent held at the next whole number."""
-    return _at_exponent(part, lambda p: float(round(part.effect.value(p.name))))
-
-
-def _at_exponent(part: Part, value: Callable[[Parameter], float]) -> Part:
-    held = [
-        replace(p, low=value(p), high=value(p)) if p.name == "exponent" else p
-        for p in part.parameters
-    ]
-    if held == list(part.parameters):
-        return part
-    shape = np.clip(part.shape, [p.low for p in held], [p.high for p in held])
-    return replace(part.shaped(shape), parameters=tuple(held))

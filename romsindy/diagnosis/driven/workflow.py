@@ -9,11 +9,12 @@ import numpy as np
 
 from romsindy.beam import Beam
 from romsindy.diagnosis.checks import check_request
-from romsindy.diagnosis.forced.gap import ForcedGap
-from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis
-from romsindy.diagnosis.forced.report import ForcedReport
-from romsindy.diagnosis.forced.search import ForcedSearch
-from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.colour import ColourOfBest, driven_instead
+from romsindy.diagnosis.driven.gap import ForcedGap
+from romsindy.diagnosis.driven.report import ForcedReport
+from romsindy.diagnosis.driven.search import DrivenSearch
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.search import Finding, Options
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.workflow import smooth_model, unsure_parts
 from romsindy.effects.base import Effect, Scales
@@ -38,7 +39,7 @@ from romsindy.fit.forced.drives import (
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
-from romsindy.fit.verdict import ABOVE_NOISE, AS_ONE, CLOSED, EQUIVALENT, NAMED_ABOVE, PREDICTED
+from romsindy.fit.verdict import ABOVE_NOISE, CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.driven import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
@@ -114,21 +115,17 @@ def diagnose_forced(
     given = (model, records, scales, unsure, options)
     search = _search(*given, ways(measured)[0])
     found = search.run()
-    way, note = _between_samples(search, found[0], measured)
+    way, note = _between_samples(search, found.rivals[0], measured)
     if way != ways(measured)[0]:
         search = _search(*given, way)
         found = search.run()
     return _report(search, found, note)
 
 
-def _report(
-    search: ForcedSearch, found: Sequence[ForcedHypothesis], note: Sequence[str]
-) -> ForcedReport:
-    records, best = search.records, found[0]
-    base = min((h for h in found if not (h.effects or h.moved)), key=lambda h: h.n_free)
+def _report(search: DrivenSearch, found: Finding, note: Sequence[str]) -> ForcedReport:
+    records, best = search.records, found.rivals[0]
     left = search.remainder(best)
-    gap = ForcedGap.of(records, base.solution.residuals, best.solution.residuals)
-    rivals = _rivals(best, found)
+    gap = ForcedGap.of(records, found.base.solution.residuals, best.solution.residuals)
     verdict: Verdict
     little = gap.closed >= CLOSED and left.ratio <= PREDICTED
     if not (left.explained or little):
@@ -136,17 +133,17 @@ def _report(
     elif not best.names:
         verdict = "none"
     else:
-        several = len(rivals) > 1 or len(best.moved) > 1
+        several = len(found.rivals) > 1 or len(best.moved) > 1 or found.interrupted
         verdict = "ambiguous" if several or best.sureness < NAMED_ABOVE else "named"
     added = best.parts if best.names else ()
     return ForcedReport(
         verdict=verdict,
         nominal=search.model,
-        model=extended(best.trial.model, added) if added else search.model,
+        model=extended(driven_instead(search.model, best.parts), added) if added else search.model,
         best=best,
-        rivals=rivals,
-        compared=tuple(found),
-        base=base,
+        rivals=tuple(found.rivals),
+        compared=tuple(found.compared),
+        base=found.base,
         remainder=left,
         gap=gap,
         differences=(),
@@ -154,26 +151,9 @@ def _report(
         records=tuple(records),
         scales=search.scales,
         added=added,
+        interrupted=found.interrupted,
         notes=(*note, *_on_inputs(search)),
     )
-
-
-def _rivals(
-    best: ForcedHypothesis, found: Sequence[ForcedHypothesis]
-) -> tuple[ForcedHypothesis, ...]:
-    """What the data do not tell apart from the best, itself first."""
-    if not best.names:
-        return (best,)
-    kinds = {frozenset(best.names): best}
-    for h in found:
-        near = h.score - best.score < EQUIVALENT
-        # Values that moved do what one effect does, as those of a mass where a gain is fitted.
-        near |= not h.effects and h.misfit - best.misfit < AS_ONE
-        more = {*h.names, *h.moved} > {*best.names, *best.moved}
-        # One effect may stand for values that moved.
-        if near and h.names and not more and len(h.effects) <= max(len(best.effects), 1):
-            kinds.setdefault(frozenset(h.names), h)
-    return tuple(kinds.values())
 
 
 def _records(measured: Sequence[ForcedVibration], floor: float) -> list[ForcedRecord]:
@@ -229,7 +209,7 @@ def _search(
     unsure: tuple[Part, ...],
     options: Options,
     way: Interpolation,
-) -> ForcedSearch:
+) -> DrivenSearch:
     """A search in which the inputs that the model does not know do this between their samples."""
     own = {t.source for t in inputs_of(model)}
     others = [t for t in inputs_in([r.decay for r in records], way) if t.source not in own]
@@ -237,8 +217,9 @@ def _search(
     if others:
         gains = regressed(without_inputs(model).terms, others, records)[1].tolist()
         drives = free_drives(others, gains, records)
-    nuisance = (*drives, free_offsets(records))
-    return ForcedSearch(model, records, scales, unsure, nuisance, _chain(model, records), options)
+    beside = (*drives, free_offsets(records))
+    given = (model, records, unsure, options, ColourOfBest(), beside)
+    return DrivenSearch(*given, scales=scales, chain=_chain(model, records))
 
 
 def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, ...]:
@@ -257,19 +238,17 @@ def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, 
 
 
 def _between_samples(
-    search: ForcedSearch, best: ForcedHypothesis, measured: Sequence[ForcedVibration]
+    search: DrivenSearch, best: Hypothesis, measured: Sequence[ForcedVibration]
 ) -> tuple[Interpolation, tuple[str, ...]]:
     """What inputs that the model does not know do between their samples, and a note on it."""
     first, *others = ways(measured)
-    if not (others and any(p.effect.name == "input" for p in search.nuisance)):
+    if not (others and any(p.effect.name == "input" for p in search.beside)):
         return first, ()
     residuals = {first: best.solution.residuals}
     for way in others:
-        there = replace(
-            search, nuisance=tuple(_with_way(p, way) for p in search.nuisance), trials=[]
-        )
-        unsure = best.parts[: best.n_free - len(search.nuisance)]
-        residuals[way] = there.fitted([best.effects], unsure)[0].solution.residuals
+        beside = tuple(_with_way(p, way) for p in search.beside)
+        there = replace(search.unsure_as(best), beside=beside, compared=[])
+        residuals[way] = there.hypothesis(best.effects).solution.residuals
     rivals = rated(residuals)
     return rivals.best, (str(rivals),)
 
@@ -281,9 +260,9 @@ def _with_way(part: Part, way: Interpolation) -> Part:
     return replace(part, effect=replace(part.effect, of=replace(of, interpolation=way)))  # type: ignore[type-var]
 
 
-def _on_inputs(search: ForcedSearch) -> list[str]:
+def _on_inputs(search: DrivenSearch) -> list[str]:
     """That gains were fitted, and what cannot be seen then."""
-    free = [p.effect.variant for p in search.nuisance if p.effect.name == "input"]
+    free = [p.effect.variant for p in search.beside if p.effect.name == "input"]
     if not free:
         return []
     return [

@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
+from romsindy.diagnosis.driven.gap import ForcedGap
+from romsindy.diagnosis.driven.next_test import Level, most_apart
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
-from romsindy.diagnosis.forced.gap import ForcedGap
-from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis
-from romsindy.diagnosis.forced.next_test import Level, most_apart
-from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Left
 from romsindy.fit.forced.record import ForcedRecord
@@ -33,19 +31,8 @@ class ForcedReport(DiagnosisReport):
     says whether what is left is white; ``differences`` and ``next_test`` are empty.
     """
 
-    best: ForcedHypothesis
-    rivals: tuple[ForcedHypothesis, ...]
     gap: ForcedGap  # type: ignore[assignment]
     records: tuple[ForcedRecord, ...]  # type: ignore[assignment]
-
-    @property
-    def moved(self) -> tuple[FoundEffect, ...]:
-        """Values that the simulation was unsure of and that moved, beside the effects."""
-        return moved_of(self.best, self.rivals, 1.0, self.nominal)
-
-    def _found(self, hypothesis: Any) -> tuple[FoundEffect, ...]:
-        # Their covariance is that by the noise that is left.
-        return effects_of(hypothesis, self.rivals, 1.0, self.nominal)
 
     @property
     def left(self) -> Left:
@@ -123,7 +110,7 @@ class ForcedReport(DiagnosisReport):
         """At which the first two rivals differ most; None where there is but one."""
         if len(self.rivals) < 2:
             return None
-        return most_apart(self.rivals[0], self.rivals[1], self.records)
+        return most_apart(self.nominal, self.rivals[:2], self.records)
 
     # -- tables and files ------------------------------------------------------------------------
 

@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import welch
 
-from romsindy.diagnosis.forced.hypothesis import ForcedHypothesis
+from romsindy.diagnosis.colour import driven_instead
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.sampled import Sampled
 from romsindy.fit.verdict import AS_GOOD
+from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array
 
 LEVELS = (0.5, 2.0, 4.0)  # of the inputs so far
@@ -50,7 +52,7 @@ class Level:
 
 
 def most_apart(
-    one: ForcedHypothesis, other: ForcedHypothesis, records: Sequence[ForcedRecord]
+    model: ReducedModel, rivals: Sequence[Hypothesis], records: Sequence[ForcedRecord]
 ) -> Level | None:
     """The record and the level at which two rivals, as they were fitted, differ most.
 
@@ -60,7 +62,7 @@ def most_apart(
     for level in LEVELS:
         for i, record in enumerate(records):
             try:
-                signals = [_shown(h, record, i, level) for h in (one, other)]
+                signals = [_shown(model, h, record, i, level) for h in rivals]
             except TrajectoryError:
                 continue
             difference = signals[0] - signals[1]
@@ -71,11 +73,16 @@ def most_apart(
     return max(found, key=lambda f: f.apart, default=None)
 
 
-def _shown(hypothesis: ForcedHypothesis, record: ForcedRecord, number: int, level: float) -> Array:
+def _shown(
+    model: ReducedModel, hypothesis: Hypothesis, record: ForcedRecord, number: int, level: float
+) -> Array:
     """What a hypothesis says of a record with inputs at another level, (n,)."""
     sampled = {k: Sampled(level * s.u, s.dt, s.grid) for k, s in record.sampled.items()}
     equation = equation_of(
-        hypothesis.trial.model, hypothesis.parts, number, replace(record, sampled=sampled)
+        driven_instead(model, hypothesis.parts),
+        hypothesis.parts,
+        number,
+        replace(record, sampled=sampled),
     )
     m = hypothesis.solution.motions[number]
     guess = Trajectory(m.grid, level * m.q, level * m.q_dot, level * m.q_ddot)

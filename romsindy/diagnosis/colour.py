@@ -1,0 +1,199 @@
+"""Driven records: hypotheses by the colour of the noise that the best of them leaves.
+
+Where the noise starts in a driven record is not known beforehand: what the best explanation leaves
+stands for it. An autoregression makes that white, and the misfits of all others alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import lfilter
+from threadpoolctl import threadpool_limits
+
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.worth import Solved
+from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
+from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.forced.adequacy import examine_forced
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.gauss_newton import Solution, fit, linear_table
+from romsindy.fit.normal_equations import NormalEquations
+from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.physics.input import Input
+from romsindy.physics.model import ReducedModel
+from romsindy.record.autoregression import autoregression
+from romsindy.typing import Array, Indices
+
+_CHECKS = 8  # iterations, to see what values that did not settle leave
+_FURTHER = 40  # of a fit that others are held against
+
+
+@dataclass(frozen=True, eq=False)
+class Colour:
+    """Noise as an autoregression: its filter, and the standard deviation of what drives it."""
+
+    filter: Array
+    std: float
+
+    @classmethod
+    def of(cls, residual: Array) -> Colour:
+        """That of what is left of a record, (n,)."""
+        a = autoregression(residual - residual.mean())
+        driven = lfilter(a, [1.0], residual - residual.mean())[len(a) :]
+        return cls(a, float(np.std(driven)))
+
+    def whitened(self, rows: Array) -> Array:
+        """Rows (n, m), white and over the noise."""
+        return lfilter(self.filter, [1.0], rows, axis=0) / self.std
+
+
+Colours = tuple[Colour, ...]  # of the records
+
+
+@dataclass(frozen=True, eq=False)
+class Coloured:
+    """What a fit to driven records says of its values by noise of any colour.
+
+    ``rows`` are derivatives of the reading of each record and its misfit, over the noise, at the
+    ``places`` of the values.
+    """
+
+    n_values: int
+    places: tuple[Indices, ...]
+    rows: tuple[Array, ...]
+
+    @classmethod
+    def of(
+        cls, model: ReducedModel, solution: Solution, records: Sequence[ForcedRecord]
+    ) -> Coloured:
+        """Linearise a fit about its motion."""
+        n_values = sum(p.size for p in solution.parts)
+        system, parts = NormalEquations(n_values, len(records)), solution.parts
+        rows, places = [], []
+        for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
+            rows.append(linear_table(model, parts, i, record, motion)[1])
+            # A step further may lead astray where the motion is sensitive.
+            rows[i][:, -1] = record.whitened(solution.residuals[i])
+            places.append(np.concatenate([columns_of(parts, i), system.states_of(i)]))
+        return cls(n_values, tuple(places), tuple(rows))
+
+    @cached_property
+    def needed(self) -> Colours:
+        """The colours of what it leaves itself."""
+        return tuple(Colour.of(rows[:, -1]) for rows in self.rows)
+
+    def excess(self, noise: Colours) -> float:
+        """None: what is left is white by its own colour."""
+        return 1.0
+
+    def solved(self, solution: Solution, noise: Colours) -> Solved:
+        """The fit by noise of these colours, its own where none are given."""
+        parts, n = solution.parts, self.n_values
+        system, misfit = NormalEquations(n, len(self.rows)), prior_cost(parts)
+        for where, rows, colour in zip(self.places, self.rows, noise or self.needed, strict=True):
+            white = colour.whitened(rows)
+            system.add(where, white)
+            misfit += float(white[:, -1] @ white[:, -1])
+        system.add_priors(parts)
+        return Solved(system, misfit, parts, system.covariance()[:n, :n])
+
+
+@dataclass(frozen=True)
+class ColourOfBest:
+    """All by the noise that the one leaves that fits best, of all that were fitted so far."""
+
+    def fitted(
+        self,
+        model: ReducedModel,
+        records: Sequence[ForcedRecord],
+        parts: Sequence[Part],
+        n_unsure: int,
+        n_free: int,
+    ) -> Hypothesis:
+        """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects.
+
+        Those that stand instead of inputs take their place.
+        """
+        given = driven_instead(model, parts)
+        n_samples = sum(r.count for r in records)
+        with threadpool_limits(limits=1, user_api="blas"):
+            solution = fit(given, parts, records)
+            empty = Hypothesis(solution, n_free, n_samples, None, noise=(), n_unsure=n_unsure)
+            return _weighed(given, records, empty)
+
+    def further(
+        self, model: ReducedModel, records: Sequence[ForcedRecord], hypothesis: Hypothesis
+    ) -> Hypothesis:
+        """Go on with a fit that has not come to its end."""
+        s = hypothesis.solution
+        if s.converged or not s.finite:
+            return hypothesis
+        given = driven_instead(model, s.parts)
+        with threadpool_limits(limits=1, user_api="blas"):
+            more = fit(given, s.parts, records, s.motions, iterations=_FURTHER)
+            return _weighed(given, records, replace(hypothesis, solution=more))
+
+    def ranked(
+        self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis]
+    ) -> list[Hypothesis]:
+        """The best first."""
+        noise = _noise_of(among)
+        return sorted((h.at(noise) for h in hypotheses), key=lambda h: h.score)
+
+    def alike(
+        self, before: Hypothesis, after: Hypothesis, among: Sequence[Hypothesis]
+    ) -> tuple[Hypothesis, Hypothesis]:
+        """Two by the same noise."""
+        noise = _noise_of(among)
+        return before.at(noise), after.at(noise)
+
+    def examined(
+        self, records: Sequence[ForcedRecord], hypothesis: Hypothesis, false_alarm: float
+    ) -> Adequacy:
+        """What a hypothesis leaves."""
+        s = hypothesis.solution
+        return examine_forced(records, s.residuals, s.n_values, false_alarm)
+
+
+def _weighed(
+    model: ReducedModel, records: Sequence[ForcedRecord], hypothesis: Hypothesis
+) -> Hypothesis:
+    """The same with what its fit says; nothing where no motion satisfies its equation."""
+    s = hypothesis.solution
+    ended = s.converged
+    if s.finite and not ended:
+        # A motion that does not yet satisfy its equation leaves too little.
+        s = fit(model, s.parts, records, s.motions, fixed=True, iterations=_CHECKS)
+    weighed = Coloured.of(model, s, records) if s.converged else None
+    return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
+
+
+def _noise_of(hypotheses: Sequence[Hypothesis]) -> Colours:
+    """What the one that fits best leaves of the records."""
+    followed = [h for h in hypotheses if h.weighed is not None]
+    if not followed:
+        return ()
+    nearest = min(followed, key=lambda h: h.solution.chi_squared).weighed
+    return nearest.needed if nearest is not None else ()
+
+
+def driven_instead(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
+    """The model without the inputs that parts stand instead of, and with those that are others."""
+    others = (InputDelay, InputLag, InputBetweenSamples)
+    changed = [p.effect for p in parts if isinstance(p.effect, others)]
+    instead: dict[str, Input | None] = {
+        e.of.key: replace(e.of, delay=e.delay) if isinstance(e, InputBetweenSamples) else None
+        for e in changed
+    }
+    pairs = zip(model.terms, model.values, strict=True)
+    inputs = {t: v for t, v in pairs if t.key in instead}
+    kept = {t: v for t, v in zip(model.terms, model.values, strict=True) if t not in inputs}
+    for term, value in inputs.items():
+        other = instead[term.key]
+        if other is not None:
+            kept[other] = value
+    return replace(model, terms=tuple(kept), values=tuple(kept.values()))

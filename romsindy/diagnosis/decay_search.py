@@ -1,0 +1,268 @@
+"""The search for what is missing in decays: effects one after another, pairs, and their rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.process import ProcessNoise
+from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
+from romsindy.diagnosis.search import Finding, Options, Search, alternatives, leaders
+from romsindy.effects import look_alikes
+from romsindy.effects.memory import MemoryEffect
+from romsindy.effects.outside import Hum
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record, scales
+from romsindy.fit.shooting import shoot
+from romsindy.fit.verdict import EQUIVALENT, SCREENED, WORTH
+from romsindy.physics.model import ReducedModel
+
+# So many candidates are simulated again after each screening.
+_SURVIVORS = 8
+_PAIRS = 5
+_INSTEAD = 2  # of what stands for values that moved, however coarse their shapes in the screening
+_HOPELESS = 30.0  # chi-square over samples
+_SIMULATIONS = 20  # to settle values by simulation
+
+
+@dataclass(eq=False)
+class DecaySearch(Search):
+    """Looks for effects that a model lacks in decays."""
+
+    records: Sequence[Record]
+    noise: ProcessNoise
+
+    @classmethod
+    def of(
+        cls,
+        model: ReducedModel,
+        records: Sequence[Record],
+        free: tuple[Part, ...],
+        options: Options,
+        form: FormError = NO_FORM_ERROR,
+    ) -> DecaySearch:
+        """A search by process noise; ``form`` is the error of the model, as a reference shows."""
+        return cls(model, records, free, options, ProcessNoise(form))
+
+    def unsure_as(self, hypothesis: Hypothesis) -> DecaySearch:
+        """The same, unsure of the values that are free in a hypothesis alone."""
+        names = {p.effect.name for p in hypothesis.parts[: hypothesis.n_free]}
+        return replace(self, free=tuple(p for p in self.free if p.effect.name in names))
+
+    def run(self) -> Finding:
+        """Look for the best hypothesis; an interrupt keeps what was compared.
+
+        Raises
+        ------
+        ValueError
+            If the model alone has no motion near the measured one.
+        """
+        form = self.noise.known
+        base = self.settled(self.hypothesis([])).settled(form)
+        if not base.solution.finite:
+            raise ValueError(
+                "the model has no motion near that of the records: small disturbances of it grow"
+                " without bound; check the signs and the units of its coefficients"
+            )
+        interrupted = False
+        try:
+            best, seen = self._best_of(base)
+        except KeyboardInterrupt:
+            seen, interrupted = [base, *self.compared[1:]], True  # the first is the base
+            best = self.ranked(seen)[0]
+        # An effect beside values that moved is no rival of these alone unless it gains something.
+        seen = [h for h in seen if not self._gains_nothing(h.at(base.noise), base)]
+        if not self.remainder(best).explained:
+            best = self._plainest([best, *seen])
+            more = [] if interrupted else self._with_hum(best)
+            seen += more
+            best = next((h for h in more if self.worth(best, h)), best)
+        alike = [h for h in seen if len(h.effects) == len(best.effects)]
+        best = self.settled(self.ranked([best, *alike])[0])
+        best = self.ranked([best, *alike])[0]
+        compared = sorted((h.at(best.noise) for h in seen), key=lambda h: h.score)
+        return Finding(alternatives(best, compared), compared, base.at(best.noise), interrupted)
+
+    def _best_of(self, base: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
+        """The best hypothesis, and all that were weighed on the way."""
+        best, tried = self.grown(base)
+        seen = [base, *tried]
+        if best.moved:
+            seen += self._instead(base)
+            beside = best.effects if len(best.effects) < self.options.max_effects else ()
+            if beside and not best.forced:
+                seen += self._instead(best, beside)
+            best = self._other_than_values(best, seen)
+        best, tried = self.pruned(best, seen)
+        seen += tried
+        return best, seen + self._replaced(base, best)
+
+    def _other_than_values(self, best: Hypothesis, seen: Sequence[Hypothesis]) -> Hypothesis:
+        """Unsure values alone are blamed unless something else fits distinctly better."""
+        margin = 0.0 if best.forced else EQUIVALENT
+        most = len(best.effects) + 1
+        instead = [h for h in seen if 0 < len(h.effects) <= most and not h.moved]
+        other = self.ranked([best, *instead])[0]
+        return other if other.score + margin < best.at(other.noise).score else best
+
+    def settled(self, hypothesis: Hypothesis) -> Hypothesis:
+        """One that others are held against, at its least misfit."""
+        s = hypothesis.solution
+        # Two forces that remember can be followed in short steps only: hours.
+        slow = sum(isinstance(p.effect, MemoryEffect) for p in s.parts) > 1
+        if s.converged or slow or not s.chi_squared < _HOPELESS * hypothesis.n_samples:
+            return hypothesis
+        try:
+            more = shoot(self.model, s.parts, self.records, s.motions, evaluations=_SIMULATIONS)[0]
+        except TrajectoryError:
+            return hypothesis
+        again = Hypothesis.of(self.model, more, hypothesis.n_free, self.records)
+        # A motion that is not settled is judged by its misfit: its score may lie steps away.
+        better = again.solution.chi_squared < s.chi_squared
+        return again if more.converged or better else hypothesis
+
+    def _gains_nothing(self, hypothesis: Hypothesis, base: Hypothesis) -> bool:
+        """Whether it is what explains already, and an effect that gains next to nothing."""
+        if not (hypothesis.effects and hypothesis.moved):
+            return False
+        margin = EQUIVALENT if set(hypothesis.moved) >= set(base.moved) else 0.0
+        return hypothesis.score > base.score - margin
+
+    def enough(self, best: Hypothesis) -> bool:
+        """Whether what a hypothesis leaves is too small to matter."""
+        left = self.remainder(best)
+        return left.explained and left.below_floor
+
+    def one_more(self, best: Hypothesis) -> list[Hypothesis]:
+        """The survivors of a screening beside a hypothesis; at first pairs of them, if needed."""
+        screening = self._screened(best)
+        tried = self._one_more(best, screening)
+        if best.effects or not tried or self.remainder(tried[0]).explained:
+            return tried
+        pairs = [*self._pairs(screening), *self._beside_hum(screening)]
+        return self.ranked([*tried, *pairs])
+
+    def _screened(self, best: Hypothesis) -> Screening:
+        used = {p.effect.name for p in best.solution.parts}
+        left = [e for e in self.options.catalogue if e.name not in used]
+        # Linearised about the measured motion, where all effects have left their mark.
+        return screen(self.model, best.solution.parts, left, self.records, scales(self.records))
+
+    def _instead(self, base: Hypothesis, beside: tuple[Part, ...] = ()) -> list[Hypothesis]:
+        """Effects that do what values that moved do, with those at their nominal values."""
+        used = {p.effect.name for p in beside}
+        left = [e for e in self.options.catalogue if e.name not in used]
+        parts = (*self.free, *beside)
+        screening = screen(self.model, parts, left, self.records, scales(self.records))
+        n_free = sum(p.strengths.size for p in self.free)
+        singles = leaders(screening.singles(held=n_free))
+        slack = SCREENED * (screening.left(held=n_free) - screening.base)
+        most = screening.base + max(3 * EQUIVALENT * base.excess, slack)
+        near = [s for i, s in enumerate(singles) if i < _INSTEAD or s.chi_squared < most]
+        trials = [[*beside, self._part(s, screening)] for s in near[:_SURVIVORS]]
+        known = tuple(p for p in self.free if p.tolerance is not None)
+        return replace(self, free=known).fitted(trials)
+
+    def _one_more(self, best: Hypothesis, screening: Screening) -> list[Hypothesis]:
+        """The survivors of a screening, fitted together with what was accepted, best first."""
+        singles = screening.singles()
+        needed = chi2.isf(self.options.false_alarm / max(len(self.options.catalogue), 1), 1)
+        now = min(screening.base, best.at(NO_FORM_ERROR).misfit)
+        if not singles or now - singles[0].chi_squared < 0.5 * needed:
+            return []
+        trials = [[*best.effects, self._part(s, screening)] for s in self._survivors(singles)]
+        tried = self.ranked(self.fitted(trials))
+        tried = self.ranked([*self.further(tried[:3]), *tried[3:]])
+        return self.ranked([self.settled(tried[0]), *tried[1:]])
+
+    def _survivors(self, singles: Sequence[Screened]) -> list[Screened]:
+        """The best effects and what resembles them, and a second start for the leaders."""
+        best = leaders(singles)
+        names = [s.effect.name for s in best[:_SURVIVORS]]
+        alike = [look_alikes(name, self.options.catalogue) for name in names[:2]]
+        kept = set(names).union(*alike)
+        chosen = [s for s in best if s.effect.name in kept]
+        again = [s for s in singles if s.effect.name in names[:2] and s not in chosen]
+        return chosen + again[:2]
+
+    def _part(self, screened: Screened, screening: Screening) -> Part:
+        return part_of(screened, screening.scales, len(self.records))
+
+    def _pairs(self, screening: Screening) -> list[Hypothesis]:
+        chosen = leaders(screening.singles(), 3)
+        trials, names = [], set()
+        for a, b in screening.pairs(chosen):
+            key = frozenset((a.effect.name, b.effect.name))
+            if key not in names:
+                names.add(key)
+                trials.append([self._part(a, screening), self._part(b, screening)])
+            if len(trials) == _PAIRS:
+                break
+        return self.fitted(trials)
+
+    def _beside_hum(self, screening: Screening) -> list[Hypothesis]:
+        """Where the records show lines: hum, and effects that show once it is gone."""
+        hums = self._hums(screening)
+        if not hums:
+            return []
+        hum = self.hypothesis([self._part(hums[0], screening)])
+        return [hum, *self._one_more(hum, self._screened(hum))]
+
+    def _with_hum(self, best: Hypothesis) -> list[Hypothesis]:
+        """The same and hum, where the records show lines; found late, no screening led there."""
+        used = {p.effect.name for p in best.solution.parts}
+        left = [e for e in self.options.catalogue if isinstance(e, Hum) and e.name not in used]
+        if not left or len(best.effects) == self.options.max_effects:
+            return []
+        known, motions = scales(self.records), best.solution.motions
+        screening = screen(self.model, best.solution.parts, left, self.records, known, motions)
+        hums = self._hums(screening)[:1]
+        return self.fitted([[*best.effects, self._part(s, screening)] for s in hums])
+
+    def _hums(self, screening: Screening) -> list[Screened]:
+        """Hum that lines of the records show, what gains most for its price first."""
+        lines = np.array([line.frequency for r in self.records for line in r.noise.lines])
+        width = 2 / min(float(r.t[-1]) for r in self.records)  # Hz, as in `combs`
+        price = float(np.log(sum(r.count for r in self.records)))
+
+        def shown(hum: Hum) -> bool:
+            apart = np.abs(lines - hum.frequency / (2 * np.pi))
+            return hum.harmonics > 1 or bool(np.any(apart < width))
+
+        hums = [s for s in screening.singles() if isinstance(s.effect, Hum) and shown(s.effect)]
+        return sorted(hums, key=lambda s: s.chi_squared + price * s.strengths.size)
+
+    def _plainest(self, seen: Sequence[Hypothesis]) -> Hypothesis:
+        """Where nothing closes the gap: as few effects as explain nearly as much."""
+        best = min(seen, key=lambda h: h.solution.chi_squared * WORTH ** len(h.effects))
+        return self.ranked([h for h in seen if len(h.effects) == len(best.effects)])[0]
+
+    def finding(self, best: Hypothesis, found: Finding) -> Finding:
+        """The same finding without what was better than another hypothesis, now the best."""
+        (best,) = self.ranked([best])
+        others = (h.at(best.noise) for h in found.compared)
+        worse = sorted((h for h in others if h.score >= best.score), key=lambda h: h.score)
+        compared = [best, *worse]
+        rivals = alternatives(best, [h for h in compared if len(h.effects) == len(best.effects)])
+        return replace(found, rivals=rivals, compared=compared, base=found.base.at(best.noise))
+
+    def _replaced(self, base: Hypothesis, best: Hypothesis) -> list[Hypothesis]:
+        """Where several effects were accepted: siblings of each in its place."""
+        if len(best.effects) < 2:
+            return []
+        first = self._screened(base)
+        singles = {s.effect.name: s for s in reversed(first.singles())}
+        used = {p.effect.name for p in best.effects}
+        trials = []
+        for i, part in enumerate(best.effects):
+            for name in sorted(look_alikes(part.effect.name, self.options.catalogue) - used):
+                if name in singles:
+                    other = self._part(singles[name], first)
+                    trials.append([*best.effects[:i], other, *best.effects[i + 1 :]])
+        return self.fitted(trials)
