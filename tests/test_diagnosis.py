@@ -18,9 +18,10 @@ from scipy.interpolate import CubicSpline
 import romsindy as rs
 from romsindy.commands import diagnose as diagnose_command
 from romsindy.commands.main import main
-from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose, search
+from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
 from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.missing_force import MissingForce, record_errors
+from romsindy.diagnosis.process import ProcessNoise
 from romsindy.diagnosis.screening import screen
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag
@@ -542,7 +543,7 @@ def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
     """Of the candidates the base and two are there; the page and the files are written."""
     rs.save_decay(decay(1.0, HIDDEN["quadratic_drag"][0]["force"]), tmp_path / "test.csv")
     (tmp_path / "model.json").write_text(MODEL.to_json())
-    fitted, calls = search._fitted, []
+    fitted, calls = ProcessNoise.fitted, []
 
     def interrupted(*arguments):
         calls.append(1)
@@ -550,7 +551,7 @@ def test_an_interrupt_keeps_what_was_compared(tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return fitted(*arguments)
 
-    monkeypatch.setattr(search, "_fitted", interrupted)
+    monkeypatch.setattr(ProcessNoise, "fitted", interrupted)
     monkeypatch.chdir(tmp_path)
     arguments = [
         "diagnose",

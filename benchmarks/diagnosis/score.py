@@ -27,8 +27,9 @@ class Said:
 
     @classmethod
     def of(cls, report: Any) -> Said:
-        """Read a report of a model or of a beam; a parameter that moved is no name."""
-        best = report.best if hasattr(report, "best") else report.reduced.best
+        """Read a report of a model, of a beam or of two modes; a value that moved is no name."""
+        whose = [getattr(report, part, None) for part in ("reduced", "one_coordinate")]
+        best = next((of for of in whose if of is not None), report).best
         names = tuple(report.names) if hasattr(report, "names") else best.names
         return cls(report.verdict, names, tuple(report.equivalent), tuple(best.moved))
 

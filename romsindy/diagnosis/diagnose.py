@@ -13,6 +13,7 @@ from romsindy.diagnosis.driven.report import ForcedReport
 from romsindy.diagnosis.driven.workflow import diagnose_forced, forced_alone, refuse_with_inputs
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import HELD_OUT, name_of
+from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
@@ -57,7 +58,7 @@ def diagnose(
     floor: float | None = None,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
-) -> DiagnosisReport | BeamReport | ForcedReport:
+) -> DiagnosisReport | InteractionReport | BeamReport | ForcedReport:
     """Find, name and add what a simulation lacks.
 
     Against forced vibrations an input of the model is taken as known, gain, delay and all, and may
@@ -202,8 +203,8 @@ def diagnose(
         given = given.or_more(left)
     options = replace(options, tolerance=given)
     unsure = FREE if free is None else free
-    report = diagnose_model(simulation, several, held_out, unsure, near, options, form)
-    report = with_other_mode(report, options)
+    alone = diagnose_model(simulation, several, held_out, unsure, near, options, form)
+    report = with_other_mode(alone, options)
     return replace(report, notes=(*_left_out(simulation, several, held_out), *report.notes))
 
 

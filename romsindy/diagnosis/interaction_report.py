@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.found import FoundEffect
-from romsindy.diagnosis.interaction import Interaction
-from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.verdict import Left
+from romsindy.diagnosis.explained import TABLE_HEAD, notes_of
+from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.report import BesideDecays, DiagnosisReport
+from romsindy.diagnosis.verdict import Left, Verdict
+from romsindy.diagnosis.written import Written
+from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.fitted import Fit
+from romsindy.fit.interaction import Interaction
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.model import ReducedModel
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
@@ -19,45 +24,72 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class InteractionReport(DiagnosisReport):
+class InteractionReport(BesideDecays, Written):
     """What a simulation of one coordinate lacks, where another mode takes part.
 
-    ``model`` is the `CoupledModel` of both: the simulation along q1, the other mode as q2, and what
-    couples them, with all values fitted. ``best``, ``rivals`` and ``compared`` are those of one
-    coordinate, which explained nothing; ``effects`` is empty. The gap is that of the records in
-    which both modes ring, none of which was held out; after, they are followed in pieces of
-    ``interaction.longest.cycles`` cycles.
+    The gap is that of the records in which both modes ring, none of which was held out; after, they
+    are followed in pieces of ``interaction.longest.cycles`` cycles. ``effects`` is empty: values of
+    the simulation were all fitted anew, and nothing but the other mode is missing.
 
     Attributes
     ----------
+    one_coordinate : DiagnosisReport
+        What was found by effects of one coordinate, which was not enough.
     interaction : Interaction
         What one coordinate and two leave.
     fit : Fit
         Of the model, with the errors of its coefficients.
+    gap, differences, tolerance, records
+        As those of a `DiagnosisReport`.
+    notes : tuple of str
+        What else was found, a sentence each.
     """
 
+    one_coordinate: DiagnosisReport
     interaction: Interaction
     fit: Fit
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, report: DiagnosisReport, interaction: Interaction, fit: Fit, gap: Gap
+    ) -> InteractionReport:
+        """Of a mode that takes part in some records, beside what one coordinate said."""
+        return cls(
+            gap=gap,
+            differences=report.differences,
+            tolerance=report.tolerance,
+            records=report.records,
+            one_coordinate=report,
+            interaction=interaction,
+            fit=fit,
+            notes=report.notes,
+        )
 
     @property
-    def effects(self) -> tuple[FoundEffect, ...]:
-        """None: no effect of one coordinate explains the records."""
-        return ()
+    def verdict(self) -> Verdict:
+        """Always "named": the other mode."""
+        return "named"
 
     @property
-    def moved(self) -> tuple[FoundEffect, ...]:
-        """None: all values of the model were fitted anew."""
-        return ()
+    def interrupted(self) -> bool:
+        """Whether the search was stopped before its end."""
+        return self.one_coordinate.interrupted
 
     @property
-    def next_best(self) -> Hypothesis | None:
-        """None: one coordinate alone is what it was compared with."""
-        return None
+    def nominal(self) -> ReducedModel:
+        """The simulation."""
+        return self.one_coordinate.nominal
 
     @property
-    def equivalent(self) -> tuple[tuple[str, ...], ...]:
-        """None."""
-        return ()
+    def model(self) -> AnyModel:
+        """Of both modes: the simulation along q1, the other as q2, and what couples them."""
+        return self.fit.model
+
+    @property
+    def remainder(self) -> Adequacy:
+        """What the model of both leaves."""
+        return self.fit.verdict
 
     @property
     def left(self) -> Left:
@@ -65,16 +97,25 @@ class InteractionReport(DiagnosisReport):
         return "noise" if self.remainder.explained else "effect"
 
     @property
-    def _missing(self) -> str:
+    def sentence(self) -> str:
+        """The finding, a line for each question: do they differ, what is missing, what is left?"""
         found = words.takes_part(self.interaction, self.fit)
         moved = words.values_that_moved(self.nominal, self.fit)
-        return f"{found}. {self._closing('It closes')} {words.footing(self.interaction)}{moved}"
+        missing = f"{found}. {self._closing('It closes')} {words.footing(self.interaction)}{moved}"
+        return "\n".join(
+            [
+                self.one_coordinate.opening,
+                f"Missing: {missing}",
+                f"Left: {words.remainder(self.gap, self.left)}",
+                *self._noted(self.notes),
+            ]
+        )
 
     # -- tables and files ------------------------------------------------------------------------
 
     def table(self) -> list[list[str]]:
         """Rows of text: what couples the modes, with its values."""
-        head, ratio = super().table()[0], words.ratio(self.interaction.resonance)
+        ratio = words.ratio(self.interaction.resonance)
         values, errors = self.fit.model.coefficients, self.fit.standard_errors
         rows = [
             [
@@ -88,12 +129,22 @@ class InteractionReport(DiagnosisReport):
             ]
             for t in self.interaction.couplings
         ]
-        return [head, *rows]
+        return [list(TABLE_HEAD), *rows]
 
     def _content(self) -> dict[str, Any]:
         found, resonance = self.interaction, self.interaction.resonance
         return {
-            **super()._content(),
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "interrupted": self.interrupted,
+            **self._sizes(self.remainder),
+            "effects": [],
+            "moved": [],
+            "equivalent": [],
+            "odds": None,
+            "left": self.left,
+            "next": None,
+            "model": json.loads(self.model.to_json()),
             "interaction": {
                 "frequency": found.frequency,
                 "resonance": resonance and vars(resonance),
@@ -110,12 +161,21 @@ class InteractionReport(DiagnosisReport):
 
         return {p.name: p for p in pictures_of_two(self.gap, self.interaction)}
 
-    def _equation(self) -> dict[str, Any]:
-        return {"equation_title": "The simulation and the other mode", "equation": str(self.model)}
-
-    def _tables(self) -> list[TextTable]:
-        return [
-            *super()._tables(),
-            TextTable("One coordinate and two", words.footing_table(self.interaction)),
-            TextTable("Coefficients", self.fit.table()),
-        ]
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures."""
+        rows = self.table()
+        explanations = TextTable("Explanations that the data allow", rows)
+        return {
+            "title": "What the simulation lacks",
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "equation_title": "The simulation and the other mode",
+            "equation": str(self.model),
+            "tables": [
+                TextTable("The gap, before and after", self.gap.table()),
+                *([explanations] if rows[1:] else []),
+                TextTable("One coordinate and two", words.footing_table(self.interaction)),
+                TextTable("Coefficients", self.fit.table()),
+            ],
+            "notes": notes_of(self.records),
+        }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
-from romsindy.fit.fitted import Fit
+from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import LEFT_OVER
 from romsindy.physics.model import ReducedModel
@@ -40,7 +40,9 @@ class _Ringing(NamedTuple):
     numbers: tuple[int, ...]
 
 
-def with_other_mode(report: DiagnosisReport, options: Options) -> DiagnosisReport:
+def with_other_mode(
+    report: DiagnosisReport, options: Options
+) -> DiagnosisReport | InteractionReport:
     """The report; or what another mode explains, where what one coordinate explains is in doubt."""
     unknown = report.verdict == "unknown"
     if report.interrupted or not (unknown or _in_doubt(report)):
@@ -55,19 +57,10 @@ def with_other_mode(report: DiagnosisReport, options: Options) -> DiagnosisRepor
             notes.append(not_followed(other))
             continue
         if found.takes_part and found.fit is not None:
-            return _with(report, found, found.fit, ringing.numbers)
+            gap = _gap(report.nominal, report.records, ringing.numbers, found)
+            return InteractionReport.of(report, found, found.fit, gap)
         notes.append(rings_along(found))
     return replace(report, notes=tuple(notes)) if unknown else report
-
-
-def _with(
-    report: DiagnosisReport, found: Interaction, fit: Fit, numbers: Sequence[int]
-) -> InteractionReport:
-    """The report of a mode that takes part in some records."""
-    gap = _gap(report.nominal, report.records, numbers, found)
-    kept = {f.name: getattr(report, f.name) for f in fields(DiagnosisReport)}
-    now = {"verdict": "named", "model": fit.model, "added": (), "gap": gap}
-    return InteractionReport(**kept | now | {"remainder": fit.verdict}, interaction=found, fit=fit)
 
 
 def _in_doubt(report: DiagnosisReport) -> bool:

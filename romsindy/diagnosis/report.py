@@ -1,42 +1,26 @@
-"""What a diagnosis found, in words, tables and files."""
+"""What a diagnosis from decays found, in words, tables and files."""
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference, over_all
-from romsindy.diagnosis.evidence import Hypothesis, weights
+from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
+from romsindy.diagnosis.explained import Explained, notes_of
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.found import (
-    FoundEffect,
-    effects_of,
-    moved_of,
-    of_the_measurement,
-    titles,
-)
+from romsindy.diagnosis.found import of_the_measurement
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.verdict import Left, Verdict, left_over
-from romsindy.effects.base import Scales
+from romsindy.diagnosis.verdict import Left, left_over
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.part import Part
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
-from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import json_text
-from romsindy.record.files.whole import whole
-from romsindy.text import TextTable, listed
+from romsindy.text import listed
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -44,8 +28,45 @@ if TYPE_CHECKING:
 _ADVICE = ("action", "odds", "cost", "rivals")
 
 
-@dataclass(frozen=True)
-class DiagnosisReport:
+@dataclass(frozen=True, kw_only=True)
+class BesideDecays:
+    """The part of a report that decays have: how far simulation and records are apart."""
+
+    gap: Gap
+    differences: tuple[Difference, ...]
+    tolerance: Tolerance
+    records: tuple[Record, ...]
+
+    def _closing(self, closes: str) -> str:
+        return words.closing(self.gap, self.tolerance, closes)
+
+    def _noted(self, notes: Sequence[str]) -> list[str]:
+        """Lines of notes, what records do not determine first."""
+        tolerance = over_all(self.tolerance, self.differences)
+        return [f"Note: {note}" for note in (*words.undetermined(tolerance), *notes)]
+
+    def _sizes(self, remainder: Adequacy) -> dict[str, Any]:
+        """What JSON says of differences, the gap and what is left."""
+        tolerance = vars(over_all(self.tolerance, self.differences))
+        gap = self.gap
+        return {
+            "differences": [_without_parts(d) for d in self.differences],
+            "tolerance": {k: v for k, v in tolerance.items() if k != "bands"},
+            "adequacy": remainder.ratio,
+            "structure": remainder.structure,
+            "gap": {
+                "on": gap.where,
+                "before": gap.before,
+                "after": gap.after,
+                "closed": gap.closed,
+                "differences_before": [_without_parts(d) for d in gap.differences_before],
+                "differences_after": [_without_parts(d) for d in gap.differences_after],
+            },
+        }
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class DiagnosisReport(BesideDecays, Explained):
     """What a simulation lacks.
 
     Attributes
@@ -63,87 +84,37 @@ class DiagnosisReport:
         Only what the simulation is unsure of, fitted.
     remainder : Adequacy
         What the best leaves of the records it was fitted to.
-    gap : Gap
-        Before and after, on what took no part.
-    differences : tuple of Difference
-        Of the simulation as it was, from every record as a whole.
-    whole : tuple of Difference
-        The same of what was found.
-    tolerance : Tolerance
-        What does not matter.
-    records : tuple of Record
     scales : Scales
     added : tuple of Part
         What stands behind "after": all parts of the best, or nothing where they explain nothing.
     interrupted : bool
         Whether the search was stopped before its end: what it had compared is all there is.
-    form : FormError
-        Of the model, as its reference record shows it.
     notes : tuple of str
         What else was found, a sentence each.
+    gap : Gap
+        Before and after, on what took no part.
+    differences : tuple of Difference
+        Of the simulation as it was, from every record as a whole.
+    tolerance : Tolerance
+        What does not matter.
+    records : tuple of Record
+    whole : tuple of Difference
+        Of what was found, from every record as a whole.
+    form : FormError
+        Of the model, as its reference record shows it.
     small : bool
         Whether what is named changes less than matters.
     """
 
-    verdict: Verdict
-    nominal: ReducedModel
-    model: ReducedModel
-    best: Hypothesis
-    rivals: tuple[Hypothesis, ...]
-    compared: tuple[Hypothesis, ...]
-    base: Hypothesis
-    remainder: Adequacy
-    gap: Gap
-    differences: tuple[Difference, ...]
-    tolerance: Tolerance
-    records: tuple[Record, ...]
-    scales: Scales
-    added: tuple[Part, ...]
-    interrupted: bool = False
     form: FormError = NO_FORM_ERROR
-    notes: tuple[str, ...] = ()
     small: bool = False
     whole: tuple[Difference, ...] = ()
-
-    @cached_property
-    def effects(self) -> tuple[FoundEffect, ...]:
-        """Effects of the best hypothesis; values that moved where nothing else is needed."""
-        return self._found(self.best)
-
-    @property
-    def moved(self) -> tuple[FoundEffect, ...]:
-        """Values that the simulation was unsure of and that moved, beside the effects."""
-        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal)
-
-    def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
-        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal)
-
-    @property
-    def next_best(self) -> Hypothesis | None:
-        """The best of what was compared that says something else than the best."""
-        # More, beside all that the best says, is no alternative to it.
-        others = (h for h in self.compared if h.names and not self.best.said <= h.said)
-        return next(others, None) if self.best.names else None
-
-    @property
-    def odds(self) -> float:
-        """Of the best hypothesis against the next; infinite where nothing else was compared."""
-        other = self.next_best
-        return float(np.exp(self._log_odds(other))) if other is not None else float("inf")
-
-    def _log_odds(self, other: Hypothesis) -> float:
-        return min((other.score - self.best.score) / 2, np.log(np.finfo(float).max))
 
     @property
     def left(self) -> Left:
         """What is left: noise, what does not matter, the form of the model, or more than that."""
         given = (self.remainder, self.gap, self.whole, self.tolerance, self.form)
         return left_over(self.best, *given)
-
-    @property
-    def equivalent(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the explanations that the data do not tell apart, best first."""
-        return tuple(h.names for h in self.rivals if h.names)
 
     @cached_property
     def next_test(self) -> Advice | None:
@@ -175,19 +146,13 @@ class DiagnosisReport:
 
     def lines(self, left: str) -> list[str]:
         """The lines of the finding, with what is left in other words."""
-        tolerance = over_all(self.tolerance, self.differences)
-        difference = words.difference(self.differences, self.tolerance, self.nominal.unit)
-        if self.best.names and self.verdict != "none" and not (self._differ or self.small):
-            difference += words.single_swings(self._log_odds(self.base))
         lines = [
-            difference,
+            *self._interrupted,
+            self.opening,
             f"Missing: {self._missing}",
             f"Left: {left}",
-            *(f"Note: {note}" for note in (*words.undetermined(tolerance), *self.notes)),
+            *self._noted(self.notes),
         ]
-        if self.interrupted:
-            n = len(self.compared)
-            lines.insert(0, f"Interrupted when {n} explanations were compared: not the last word.")
         if self.next_test is not None:
             lines.append(f"Next: {self.next_test.sentence}")
         elif self.verdict == "named" and self.effects:
@@ -195,40 +160,24 @@ class DiagnosisReport:
         return lines
 
     @property
+    def opening(self) -> str:
+        """Whether simulation and records differ, and by how much: the first line."""
+        line = words.difference(self.differences, self.tolerance, self.nominal.unit)
+        if self.best.names and self.verdict != "none" and not (self._differ or self.small):
+            line += words.single_swings(self._log_odds(self.base))
+        return line
+
+    @property
     def _differ(self) -> bool:
         return any(d.exceeds(self.tolerance) for d in self.differences)
 
     @property
-    def _missing(self) -> str:
-        if self.verdict == "none":
-            return self._nothing
-        found = " and ".join(map(str, self.effects))
-        also = "".join(f" Fitted beside it: {e}." for e in self.moved)
-        closes = "They close" if len(self.effects) > 1 else "It closes"
-        if self.verdict == "unknown":
-            nothing = "nothing in the catalogue explains it"
-            if not (found and self.best.sureness >= NAMED_ABOVE and self.gap.closed > 0):
-                return f"{nothing}."
-            return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
-        other = self.next_best
-        odds = ""
-        if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
-            odds = f" ({words.odds(self._log_odds(other), titles(other))})"
-        others = ", or ".join(titles(h) for h in self.rivals[1:])
-        if others and self.verdict == "named":  # values of the simulation come first
-            also += f" {others[0].upper()}{others[1:]} would do as well."
-        elif others:
-            if odds and self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
-                odds = f"{odds[:-1]}, by the fitted records alone)"
-            closing = self._closing("The first closes")
-            return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
-        if len(self.effects) > 1 and not self.best.effects:
-            also += (
-                " One cause may stand behind both, such as a viscoelastic support or a small mass"
-                " that vibrates along; decays at another frequency would tell."
-            )
-        small = " It is small: less than what tests repeat to." if self.small else ""
-        return f"{found}{odds}. {self._closing(closes)}{small}{also}"
+    def _gap_closed(self) -> float:
+        return self.gap.closed
+
+    @property
+    def _small(self) -> str:
+        return " It is small: less than what tests repeat to." if self.small else ""
 
     @property
     def _nothing(self) -> str:
@@ -239,85 +188,19 @@ class DiagnosisReport:
             return "nothing that these data show."
         return f"nothing: a measurement may add what differs ({listed([str(e) for e in added])})."
 
-    def _closing(self, closes: str) -> str:
-        return words.closing(self.gap, self.tolerance, closes)
-
-    def __str__(self) -> str:
-        return self.sentence
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
-
     # -- tables and files ------------------------------------------------------------------------
 
-    def table(self) -> list[list[str]]:
-        """Rows of text: every explanation that the data allow, with its values."""
-        head = "explanation,variant,value,estimate,standard error,unit,posterior"
-        rows = [head.split(",")]
-        for h, share in zip(self.rivals, weights(self.rivals), strict=True):
-            for effect in self._found(h):
-                for key, value in effect.values.items():
-                    error = effect.standard_errors[key]
-                    numbers = [f"{value:.6g}", f"{error:.2g}", effect.units[key], f"{share:.3f}"]
-                    rows.append([effect.name, effect.variant, key, *numbers])
-        return rows
-
-    def to_json(self) -> str:
-        """All that was found as JSON text."""
-        return json_text(self._content())
-
     def _content(self) -> dict[str, Any]:
-        other, advice = self.next_best, self.next_test
+        advice = self.next_test
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
             "interrupted": self.interrupted,
-            "differences": [_without_parts(d) for d in self.differences],
-            "tolerance": {
-                k: v
-                for k, v in vars(over_all(self.tolerance, self.differences)).items()
-                if k != "bands"
-            },
-            "effects": [vars(e) for e in self.effects],
-            "moved": [vars(e) for e in self.moved],
-            "equivalent": [list(names) for names in self.equivalent],
-            "odds": {"against": list(other.names), "odds": self.odds} if other else None,
-            "adequacy": self.remainder.ratio,
-            "structure": self.remainder.structure,
-            "gap": {
-                "on": self.gap.where,
-                "before": self.gap.before,
-                "after": self.gap.after,
-                "closed": self.gap.closed,
-                "differences_before": [_without_parts(d) for d in self.gap.differences_before],
-                "differences_after": [_without_parts(d) for d in self.gap.differences_after],
-            },
+            **self._sizes(self.remainder),
+            **self._explanations(),
             "left": self.left,
             "next": None if advice is None else {k: getattr(advice, k) for k in _ADVICE},
-            "model": json.loads(self.model.to_json()),
         }
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table of explanations."""
-        with whole(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows(self.table())
-
-    def to_html(self, path: str | Path, *, interactive: bool = False) -> None:
-        """Write one self-contained page with figures.
-
-        Parameters
-        ----------
-        path : str or Path
-        interactive : bool
-            Whether figures zoom and show what is under the pointer; needs plotly:
-            ``pip install "romsindy[interactive]"``.
-        """
-        from romsindy.show.page import write_page  # draws: only where a page is asked for
-
-        pictures = self.pictures().values()
-        write_page(
-            path, "report", "diagnose", pictures=pictures, interactive=interactive, **self.page()
-        )
 
     def pictures(self) -> dict[str, Picture]:
         """Pictures by name; ``draw(figure)`` draws one, its caption is what its numbers say.
@@ -330,39 +213,7 @@ class DiagnosisReport:
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        return {
-            "title": "What the simulation lacks",
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            **self._equation(),
-            "tables": self._tables(),
-            "notes": [line for r in self.records for line in _of_record(r)],
-        }
-
-    def _equation(self) -> dict[str, Any]:
-        parts = self.added
-        terms = {p.effect.name for p in parts if p.effect.term() is not None}
-        outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
-        note = "Not a term of the equation of motion, so not in it: "
-        return {
-            "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
-            "formula": self.model.latex_terms(),
-            "equation": str(self.model),
-            "equation_note": f"{note}{outside}." if outside else "",
-        }
-
-    def _tables(self) -> list[TextTable]:
-        rows = self.table()
-        explained = self.verdict in ("named", "ambiguous")
-        found = "Explanations that the data allow" if explained else "What comes nearest"
-        gap = TextTable("The gap, before and after", self.gap.table())
-        return [gap, *([TextTable(found, rows)] if rows[1:] else [])]
-
-
-def _of_record(record: Record) -> list[str]:
-    """What a record is, and what was done to it."""
-    head, *done = repr(record.decay).splitlines()
-    return [head.strip("<>"), *(line.removeprefix("  - ") for line in done)]
+        return self._page(self.gap.table(), notes_of(self.records))
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

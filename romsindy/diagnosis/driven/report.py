@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -13,8 +11,7 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.driven.gap import ForcedGap
 from romsindy.diagnosis.driven.next_test import Level, most_apart
-from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
-from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.explained import Explained, notes_of
 from romsindy.diagnosis.verdict import Left
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.text import percent, quantity
@@ -24,15 +21,24 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ForcedReport(DiagnosisReport):
-    """What a simulation lacks against forced vibrations.
+class ForcedReport(Explained):
+    """What a simulation lacks against driven records.
 
-    ``gap`` is that of the records that were fitted, of which nothing was held out, ``remainder``
-    says whether what is left is white; ``differences`` and ``next_test`` are empty.
+    Attributes
+    ----------
+    verdict, nominal, model, best, rivals, compared, scales, added, interrupted, notes
+        As those of a `DiagnosisReport`.
+    base : Hypothesis
+        The simulation as it was.
+    gap : ForcedGap
+        Of the records that were fitted, of which nothing was held out.
+    remainder : ForcedAdequacy
+        Whether what is left is white.
+    records : tuple of ForcedRecord
     """
 
-    gap: ForcedGap  # type: ignore[assignment]
-    records: tuple[ForcedRecord, ...]  # type: ignore[assignment]
+    gap: ForcedGap
+    records: tuple[ForcedRecord, ...]
 
     @property
     def left(self) -> Left:
@@ -41,16 +47,13 @@ class ForcedReport(DiagnosisReport):
             return "noise"
         return "effect" if self.verdict == "unknown" else "little"
 
-    def advised(self, tests: Sequence[Experiment] = EXPERIMENTS) -> Advice | None:
-        """None: the tests are decays."""
-        return None
-
     # -- words ---------------------------------------------------------------------------------
 
     @property
     def sentence(self) -> str:
         """The finding, a line for each question: do they differ, what is missing, left, next?"""
         lines = [
+            *self._interrupted,
             self._difference,
             f"Missing: {self._missing}",
             f"Left: {self._left}",
@@ -67,6 +70,14 @@ class ForcedReport(DiagnosisReport):
         share = percent(self.gap.before)
         differ = "They agree" if self.verdict == "none" else "They differ"
         return f"{differ}: the simulation leaves {size} rms, {share} of the response."
+
+    @property
+    def _nothing(self) -> str:
+        return "nothing that matters."
+
+    @property
+    def _gap_closed(self) -> float:
+        return self.gap.closed
 
     def _closing(self, closes: str) -> str:
         share = percent(self.gap.closed)
@@ -115,14 +126,12 @@ class ForcedReport(DiagnosisReport):
     # -- tables and files ------------------------------------------------------------------------
 
     def _content(self) -> dict[str, Any]:
-        other, gap = self.next_best, self.gap
+        gap = self.gap
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
-            "effects": [vars(e) for e in self.effects],
-            "moved": [vars(e) for e in self.moved],
-            "equivalent": [list(names) for names in self.equivalent],
-            "odds": {"against": list(other.names), "odds": self.odds} if other else None,
+            "interrupted": self.interrupted,
+            **self._explanations(),
             "structure": self.remainder.structure,
             "gap": {
                 "on": gap.where,
@@ -134,7 +143,6 @@ class ForcedReport(DiagnosisReport):
             },
             "left": self.left,
             "notes": list(self.notes),
-            "model": json.loads(self.model.to_json()),
         }
 
     def pictures(self) -> dict[str, Picture]:
@@ -169,3 +177,7 @@ class ForcedReport(DiagnosisReport):
                 ),
             )
         }
+
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures."""
+        return self._page(self.gap.table(), notes_of(self.records))

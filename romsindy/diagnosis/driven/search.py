@@ -13,12 +13,12 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screened
 from romsindy.diagnosis.search import Finding, Search, alternatives, leaders
 from romsindy.diagnosis.textbook import with_textbook_exponent
+from romsindy.diagnosis.tones import strongest_tones
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
-from romsindy.diagnosis.tones import strongest_tones
 from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED
 
 _SURVIVORS = 6  # of each screening are simulated

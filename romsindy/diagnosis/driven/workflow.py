@@ -146,8 +146,6 @@ def _report(search: DrivenSearch, found: Finding, note: Sequence[str]) -> Forced
         base=found.base,
         remainder=left,
         gap=gap,
-        differences=(),
-        tolerance=search.options.tolerance,
         records=tuple(records),
         scales=search.scales,
         added=added,

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,9 +22,8 @@ from romsindy.diagnosis.on_beam.place import Place
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Verdict
+from romsindy.diagnosis.written import Written
 from romsindy.fit.part import Part
-from romsindy.physics.serial import json_text
-from romsindy.record.files.whole import whole
 from romsindy.text import TextTable
 
 if TYPE_CHECKING:
@@ -45,7 +42,7 @@ class SensorError:
 
 
 @dataclass(frozen=True, repr=False)
-class BeamReport:
+class BeamReport(Written):
     """What a beam and its sensors lack.
 
     Attributes
@@ -172,12 +169,6 @@ class BeamReport:
         worst = max(known, key=lambda e: e.after)
         return words.over_sensors(rest, gap, kind, worst.label, worst.after)
 
-    def __str__(self) -> str:
-        return self.sentence
-
-    def __repr__(self) -> str:
-        return f"<BeamReport: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
-
     def table(self) -> list[list[str]]:
         """Rows of text: every explanation that the data allow, with its values."""
         return self.reduced.table()
@@ -187,20 +178,14 @@ class BeamReport:
         rows = [[e.label, f"{e.before:.3g}", f"{e.after:.3g}"] for e in self.sensor_errors]
         return [["sensor: error over noise", "before", "after"], *rows]
 
-    def to_json(self) -> str:
-        """Verdict, faults, effects, explanations and gaps as JSON text."""
+    def _content(self) -> dict[str, Any]:
         content = json.loads(self.reduced.to_json())
         content |= {"verdict": self.verdict, "sentence": self.sentence}
         content["faults"] = [vars(f) for f in self.faults]
         content["adjusted"] = [vars(a) for a in self.adjusted]
         content["place"] = None if self.place is None else vars(self.place)
         content["sensors"] = [vars(e) for e in self.sensor_errors]
-        return json_text(content)
-
-    def to_csv(self, path: str | Path) -> None:
-        """Write the table of explanations."""
-        with whole(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows(self.table())
+        return content
 
     def pictures(self) -> dict[str, Picture]:
         """Pictures by name, as those of a `DiagnosisReport`, and "sensor"."""
@@ -210,10 +195,8 @@ class BeamReport:
         sensors = by("sensor", [e.label for e in self.sensor_errors], before, after)
         return {**self.reduced.pictures(), sensors.name: sensors}
 
-    def to_html(self, path: str | Path, *, interactive: bool = False) -> None:
-        """Write one self-contained page with figures; see `DiagnosisReport.to_html`."""
-        from romsindy.show.page import write_page
-
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures, with a table of the sensors."""
         page = self.reduced.page()
         gap, *explanations = page["tables"]
         sensors = TextTable("Sensors of the beam", self.sensor_table())
@@ -225,10 +208,7 @@ class BeamReport:
             "equation_note": "",
             "tables": [gap, sensors, *explanations],
         }
-        pictures = self.pictures().values()
-        write_page(
-            path, "report", "diagnose", pictures=pictures, interactive=interactive, **page | own
-        )
+        return page | own
 
 
 def recipe_of(effects: Sequence[Any]) -> str:

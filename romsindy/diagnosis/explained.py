@@ -1,0 +1,203 @@
+"""The part of a report that explanations by effects have: what they say, and their odds."""
+
+from __future__ import annotations
+
+import json
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from romsindy.diagnosis import words
+from romsindy.diagnosis.evidence import Hypothesis, weights
+from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
+from romsindy.diagnosis.verdict import Verdict
+from romsindy.diagnosis.written import Written
+from romsindy.effects.base import Scales
+from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record
+from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
+from romsindy.physics.model import ReducedModel
+from romsindy.text import TextTable
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Explained(Written):
+    """What a simulation lacks, by effects of a catalogue: see `DiagnosisReport`."""
+
+    verdict: Verdict
+    nominal: ReducedModel
+    model: ReducedModel
+    best: Hypothesis
+    rivals: tuple[Hypothesis, ...]
+    compared: tuple[Hypothesis, ...]
+    base: Hypothesis
+    remainder: Adequacy
+    scales: Scales
+    added: tuple[Part, ...]
+    interrupted: bool = False
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """Effects of the best hypothesis; values that moved where nothing else is needed."""
+        return self._found(self.best)
+
+    @property
+    def moved(self) -> tuple[FoundEffect, ...]:
+        """Values that the simulation was unsure of and that moved, beside the effects."""
+        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal)
+
+    def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
+        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal)
+
+    @property
+    def next_best(self) -> Hypothesis | None:
+        """The best of what was compared that says something else than the best."""
+        # More, beside all that the best says, is no alternative to it.
+        others = (h for h in self.compared if h.names and not self.best.said <= h.said)
+        return next(others, None) if self.best.names else None
+
+    @property
+    def odds(self) -> float:
+        """Of the best hypothesis against the next; infinite where nothing else was compared."""
+        other = self.next_best
+        return float(np.exp(self._log_odds(other))) if other is not None else float("inf")
+
+    def _log_odds(self, other: Hypothesis) -> float:
+        return min((other.score - self.best.score) / 2, np.log(np.finfo(float).max))
+
+    @property
+    def equivalent(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the explanations that the data do not tell apart, best first."""
+        return tuple(h.names for h in self.rivals if h.names)
+
+    # -- words ---------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def _nothing(self) -> str:
+        """What is said where nothing is missing."""
+
+    @property
+    @abstractmethod
+    def _gap_closed(self) -> float:
+        """Part of the squared gap that closes."""
+
+    @abstractmethod
+    def _closing(self, closes: str) -> str:
+        """How much of the gap closes, in words."""
+
+    @property
+    def _small(self) -> str:
+        """That what is named changes less than matters, if so."""
+        return ""
+
+    @property
+    def _missing(self) -> str:
+        if self.verdict == "none":
+            return self._nothing
+        found = " and ".join(map(str, self.effects))
+        also = "".join(f" Fitted beside it: {e}." for e in self.moved)
+        closes = "They close" if len(self.effects) > 1 else "It closes"
+        if self.verdict == "unknown":
+            nothing = "nothing in the catalogue explains it"
+            if not (found and self.best.sureness >= NAMED_ABOVE and self._gap_closed > 0):
+                return f"{nothing}."
+            return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
+        other = self.next_best
+        odds = ""
+        if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
+            odds = f" ({words.odds(self._log_odds(other), titles(other))})"
+        others = ", or ".join(titles(h) for h in self.rivals[1:])
+        if others and self.verdict == "named":  # values of the simulation come first
+            also += f" {others[0].upper()}{others[1:]} would do as well."
+        elif others:
+            if odds and self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
+                odds = f"{odds[:-1]}, by the fitted records alone)"
+            closing = self._closing("The first closes")
+            return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
+        if len(self.effects) > 1 and not self.best.effects:
+            also += (
+                " One cause may stand behind both, such as a viscoelastic support or a small mass"
+                " that vibrates along; decays at another frequency would tell."
+            )
+        return f"{found}{odds}. {self._closing(closes)}{self._small}{also}"
+
+    @property
+    def _interrupted(self) -> list[str]:
+        if not self.interrupted:
+            return []
+        n = len(self.compared)
+        return [f"Interrupted when {n} explanations were compared: not the last word."]
+
+    # -- tables and files ------------------------------------------------------------------------
+
+    def table(self) -> list[list[str]]:
+        """Rows of text: every explanation that the data allow, with its values."""
+        rows = [list(TABLE_HEAD)]
+        for h, share in zip(self.rivals, weights(self.rivals), strict=True):
+            for effect in self._found(h):
+                for key, value in effect.values.items():
+                    error = effect.standard_errors[key]
+                    numbers = [f"{value:.6g}", f"{error:.2g}", effect.units[key], f"{share:.3f}"]
+                    rows.append([effect.name, effect.variant, key, *numbers])
+        return rows
+
+    def _explanations(self) -> dict[str, Any]:
+        """What JSON says of them."""
+        other = self.next_best
+        return {
+            "effects": [vars(e) for e in self.effects],
+            "moved": [vars(e) for e in self.moved],
+            "equivalent": [list(names) for names in self.equivalent],
+            "odds": {"against": list(other.names), "odds": self.odds} if other else None,
+            "model": json.loads(self.model.to_json()),
+        }
+
+    def _page(self, gap: list[list[str]], notes: list[str]) -> dict[str, Any]:
+        """What the page shows beside the pictures, with the table of the gap."""
+        rows = self.table()
+        explained = self.verdict in ("named", "ambiguous")
+        found = "Explanations that the data allow" if explained else "What comes nearest"
+        tables = [TextTable("The gap, before and after", gap)]
+        parts = self.added
+        terms = {p.effect.name for p in parts if p.effect.term() is not None}
+        outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
+        note = "Not a term of the equation of motion, so not in it: "
+        return {
+            "title": "What the simulation lacks",
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
+            "formula": self.model.latex_terms(),
+            "equation": str(self.model),
+            "equation_note": f"{note}{outside}." if outside else "",
+            "tables": [*tables, *([TextTable(found, rows)] if rows[1:] else [])],
+            "notes": notes,
+        }
+
+
+def notes_of(records: Sequence[Record | ForcedRecord]) -> list[str]:
+    """What each record is, and what was done to it."""
+    found = []
+    for record in records:
+        head, *done = repr(record.decay).splitlines()
+        found += [head.strip("<>"), *(line.removeprefix("  - ") for line in done)]
+    return found
+
+
+TABLE_HEAD = (
+    "explanation",
+    "variant",
+    "value",
+    "estimate",
+    "standard error",
+    "unit",
+    "posterior",
+)
