@@ -56,15 +56,25 @@ def test_a_wrong_gain_is_named(run, folder):
     assert "input_gain,gain [force],strength," in (folder / "out.csv").read_text(encoding="utf-8")
 
 
+def test_held_out_tolerance_and_repeats(run):
+    """A gain that is 10 % low: beyond the tolerance of the frequency, and on the other file too."""
+    given = ["--measured", "first.csv", "--model", "weak.json", "--floor", 1e-3]
+    more = ["--held-out", "second.csv", "--tolerance", "0.002", "--free", "nothing"]
+    result = run(*given, *PART, *more, "--full")
+    assert result.exit_code == 0 and result.stdout.startswith("named"), result.output
+    assert "on the record that took no part (tolerance: 0.2 %, 5 % and 1 %)." in result.stdout
+    assert "Missing: another gain of the input than assumed" in result.stdout
+    assert "on the record that took no part before after" in " ".join(result.stdout.split())
+    alone = run(*given, *PART, "--repeats", "first.csv")
+    assert alone.exit_code == 2 and "--repeats holds 1 record: give two or more" in alone.stderr
+
+
 @pytest.mark.parametrize(
     ("option", "value", "remedy"),
     [
         ("simulated", "first.csv", "give the equation, --model"),
         ("beam", "beam.toml", "in Python, beam.reduce(...) makes a model"),
-        ("held-out", "second.csv", "give it as a further --measured"),
-        ("repeats", "second.csv", "--floor raises it"),
-        ("reference", "second.csv", "--floor raises it"),
-        ("tolerance", "0.1", "--floor raises it"),
+        ("reference", "second.csv", "--repeats, is asked instead"),
         ("mode", 1, "cut it with --start and --end"),
         ("release", 1, "cut it with --start and --end"),
         ("whole", None, "the whole record is taken"),

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.diagnosis import ForcedReport
+from romsindy.diagnosis.colour import ColourOfBest
 from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, MoreMass, Viscous
 from romsindy.physics.input import Input
 
@@ -23,18 +24,33 @@ def sweep(t):
     return 2.0 * np.sin(2 * np.pi * (3.0 + 2.0 * t / T[-1]) * t)
 
 
-def record(seed, more=lambda q, v: 0.0, gain=GAIN, mass=1.0, late=0.0):
+def record(
+    seed, more=lambda q, v: 0.0, gain=GAIN, mass=1.0, late=0.0, level=1.0, stiff=1.0, damped=1.0
+):
     """A swept sine, 40 dB, with a force (m/s^2) on the left side that the simulation lacks."""
+    return remembering(
+        seed, lambda q, v, z: (more(q, v), 0.0), gain, mass, late, level, stiff, damped
+    )
+
+
+def remembering(seed, law, gain=GAIN, mass=1.0, late=0.0, level=1.0, stiff=1.0, damped=1.0):
+    """The same with a force that has a state: ``law(q, v, z)`` gives it, and the rate of z."""
 
     def rates(t, y):
-        q, v = y
-        push = gain * sweep(t - late) - more(q, v)
-        return [v, (push - DAMPING * v - OMEGA**2 * q - CUBIC * q**3) / mass]
+        q, v, z = y
+        force, rate = law(q, v, z)
+        push = gain * level * sweep(t - late) - force
+        own = damped * DAMPING * v + stiff * OMEGA**2 * q + CUBIC * q**3
+        return [v, (push - own) / mass, rate]
 
     options = {"t_eval": T, "method": "DOP853", "rtol": 1e-9, "atol": 1e-12, "max_step": DT}
-    q = solve_ivp(rates, (0.0, T[-1]), (0.0, 0.0), **options).y[0]
+    q = solve_ivp(rates, (0.0, T[-1]), (0.0, 0.0, 0.0), **options).y[0]
     noise = 0.01 * q.std() * np.random.default_rng(seed).standard_normal(len(q))
-    return rs.ForcedVibration(T, q + noise, sweep(T), unit="m", input_unit="N")
+    return rs.ForcedVibration(T, q + noise, level * sweep(T), unit="m", input_unit="N")
+
+
+def drag(q, v):
+    return 2.0 * v * abs(v)
 
 
 def model(**changed):
@@ -59,11 +75,11 @@ def test_nothing_is_missing(right):
 
 
 def test_drag_is_named_with_its_strength():
-    report = rs.diagnose(model(), record(2, lambda q, v: 2.0 * v * abs(v)))
-    (drag,) = report.effects
-    assert report.verdict == "named" and drag.name == "quadratic_drag"
-    assert abs(drag.values["strength"] - 2.0) < 4 * drag.standard_errors["strength"] < 1.0
-    assert drag.units["strength"] == "1/m"
+    report = rs.diagnose(model(), record(2, drag))
+    (found,) = report.effects
+    assert report.verdict == "named" and found.name == "quadratic_drag"
+    assert abs(found.values["strength"] - 2.0) < 4 * found.standard_errors["strength"] < 1.0
+    assert found.units["strength"] == "1/m"
     assert report.gap.before > 5 * report.gap.after and report.gap.closed > 0.99
     assert report.gap.after == pytest.approx(0.01, rel=0.05)
     # The input is as it was.
@@ -127,10 +143,113 @@ def test_a_mass_is_told_from_stiffness_by_a_known_gain():
     assert "Next: at no level that was simulated" in report.sentence
 
 
+@pytest.mark.parametrize(
+    ("name", "law", "truth"),
+    [
+        (
+            "maxwell",
+            lambda q, v, z: (40.0 * z, v - z / 0.05),
+            {"strength": 40.0, "relaxation": 0.05},
+        ),
+        pytest.param(
+            "bouc_wen",
+            lambda q, v, z: (30.0 * z, v - abs(v) * z / 0.02),
+            {"strength": 30.0, "slip": 0.02},
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_a_force_that_remembers_is_named(name, law, truth):
+    """A spring and a damper in series, 40 / s^2 and 50 ms; a loop that softens, z within 2 cm."""
+    report = rs.diagnose(model(), remembering(21, law))
+    (found,) = report.effects
+    assert report.verdict == "named" and found.name == name
+    for value, true in truth.items():
+        error = found.standard_errors[value]
+        assert abs(found.values[value] - true) < 4 * error < 0.1 * true
+
+
+def test_a_difference_within_the_stated_tolerance_is_none():
+    """0.2 % of the frequency is 11 % of the response in resonance."""
+    off = record(11, stiff=1.004)
+    assert rs.diagnose(model(), off, catalogue=FEW).best.names == ("linear_frequency",)
+    report = rs.diagnose(model(), off, catalogue=FEW, tolerance=0.003)
+    assert report.verdict == "none" and report.left == "noise"
+    assert "11 % of the response (tolerance: 0.3 %, 5 % and 1 %)." in report.sentence
+    assert report.model == report.nominal
+    closer = rs.diagnose(model(), off, catalogue=FEW, tolerance=0.001)
+    assert closer.verdict == "named" and closer.best.names == ("linear_frequency",)
+
+
+def test_what_is_beyond_the_tolerance_is_named_beside_it():
+    report = rs.diagnose(model(), record(12, drag), catalogue=FEW, tolerance=0.003)
+    assert report.verdict == "named" and report.best.names == ("quadratic_drag",)
+
+
+def test_repeats_say_what_does_not_matter():
+    """Two runs whose frequencies differ by 0.2 %, damping by 2 %; a third between them."""
+    runs = [record(15, stiff=0.998, damped=0.99), record(16, stiff=1.002, damped=1.01)]
+    third = record(17, stiff=1.001)
+    assert rs.diagnose(model(), third, catalogue=FEW).verdict == "named"
+    report = rs.diagnose(model(), third, catalogue=FEW, repeats=runs)
+    assert report.verdict == "none"
+    assert report.tolerance.frequency == pytest.approx(0.002, abs=2e-5)
+    assert "repeat runs differ by 0.2 % in frequency" in report.sentence
+
+
+def test_a_held_out_record_takes_no_part_and_tells():
+    """Drag that was learnt in one sweep closes the gap of a weaker one; else it stays open."""
+    weaker = record(13, drag, level=0.7)
+    report = rs.diagnose(model(), record(12, drag), held_out=weaker, catalogue=FEW)
+    assert report.verdict == "named" and report.best.names == ("quadratic_drag",)
+    assert report.gap.where == "the record that took no part" and len(report.records) == 1
+    assert len(report.gap.records) == 1 and report.gap.records[0].decay is weaker
+    assert report.gap.before > 1 and report.gap.after == pytest.approx(0.01, rel=0.05)
+    assert "It closes all of the squared gap on the record that took no part." in report.sentence
+    assert report.gap.table()[0][0] == "on the record that took no part"
+    assert "held-out record" in report.pictures()["time"].caption
+    other = rs.diagnose(model(), record(1), held_out=weaker, catalogue=FEW)
+    assert other.verdict == "unknown" and other.gap.closed < 0.5
+
+
+def test_an_effect_that_gains_nothing_on_the_held_out_record_is_dropped():
+    """Drag in one of the runs alone is no property of the structure that both measure."""
+    report = rs.diagnose(model(), record(12, drag), held_out=record(14), catalogue=FEW)
+    assert report.verdict == "unknown" and not report.best.effects
+
+
+def test_an_interrupt_keeps_what_was_compared(monkeypatch):
+    """The simulation, its values as far as they came, and one candidate."""
+    fitted, calls = ColourOfBest.fitted, []
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return fitted(*arguments)
+
+    monkeypatch.setattr(ColourOfBest, "fitted", interrupted)
+    report = rs.diagnose(model(), record(12, drag), catalogue=FEW)
+    assert report.interrupted and report.verdict != "named" and len(report.compared) == 4
+    assert report.sentence.startswith("Interrupted when 4 explanations were compared")
+
+
 def test_what_does_not_go_with_inputs_is_refused(right):
     decay = rs.Decay(T, right.y, unit="m")
-    with pytest.raises(ValueError, match=r"held_out = \.\.\. does not go with forced"):
+    with pytest.raises(ValueError, match="held_out = a Decay does not go with forced"):
         rs.diagnose(model(), right, held_out=decay)
+    with pytest.raises(ValueError, match="repeats = a Decay does not go with forced"):
+        rs.diagnose(model(), right, repeats=[right, decay])
+    with pytest.raises(ValueError, match=r"reference = \.\.\. does not go with forced"):
+        rs.diagnose(model(), right, reference=decay)
+    with pytest.raises(ValueError, match="repeats holds 1 record: give two or more"):
+        rs.diagnose(model(), right, repeats=[right])
+    with pytest.raises(ValueError, match="repeats holds a record twice"):
+        rs.diagnose(model(), right, repeats=[right, right])
+    with pytest.raises(ValueError, match="hold 2500 and 2000 samples: cut them alike"):
+        rs.diagnose(model(), right, repeats=[right, right.between(end=19.995)])
+    with pytest.raises(ValueError, match="record 1 is the same record as an earlier one"):
+        rs.diagnose(model(), right, held_out=right)
     with pytest.raises(ValueError, match="one kind at a time"):
         rs.diagnose(model(), [right, decay])
     with pytest.raises(ValueError, match="driven by 'base', and record 0 has"):

@@ -58,15 +58,11 @@ _OPTIONS = {"n_jobs": "jobs", "held_out": "held-out"}
 _ARGUMENTS = "free|tolerances|tolerance|floor|repeats|reference|n_jobs|held_out"
 _ARGUMENT = re.compile(rf"^(?:the )?({_ARGUMENTS})(?: ==?)?(?= )")
 # Options that are for free decays, and what to do without them.
-_NOISE = "what matters is what stands out of the noise; --floor raises it"
 _DECAYS = {
     "simulated": "a series has no input: give the equation, --model",
     "beam": "in Python, beam.reduce(...) makes a model: give that, --model",
-    "held-out": "records are judged as a whole; give it as a further --measured",
     "whole": "the whole record is taken",
-    "tolerance": _NOISE,
-    "repeats": _NOISE,
-    "reference": _NOISE,
+    "reference": "what repeats of the test differ by, --repeats, is asked instead",
 }
 
 
@@ -118,7 +114,7 @@ _HEADINGS = {
     help="The simulation as a model (JSON), as identify --model or --save writes it.",
 )
 @click.option("--beam", "beam_file", type=_FILE, help="The simulation as a beam (TOML).")
-@click.option("--held-out", type=_FILE, help="Decay to judge by, which takes no part otherwise.")
+@click.option("--held-out", type=_FILE, help="Record to judge by, which takes no part otherwise.")
 @reading_options
 @input_options
 @click.option("--mode", type=int, help="Isolate this mode, by its number, see inspect.")
@@ -245,7 +241,8 @@ def diagnose(
     series = [] if simulated is None else [f"{simulated}"]
     names = {
         "decay": [name for name, _ in (*learnt, *tests)],
-        "record": [name for name, _ in learnt],
+        "record": [name for name, _ in (*learnt, *tests)],
+        "repeat": [name for name, _ in again],
         "reference": [*series, *(name for name, _ in known)],
     }
     result = _run(simulation | asked, [d for _, d in learnt], jobs, names)

@@ -73,11 +73,12 @@ def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: in
 def check_request(
     model: ReducedModel,
     measured: Sequence[Decay] | Sequence[ForcedVibration],
-    held_out: Decay | None,
+    held_out: Decay | ForcedVibration | None,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
+    word: str = "decay",
 ) -> None:
-    """Raise a ValueError for arguments that cannot be meant."""
+    """Raise a ValueError for arguments that cannot be meant: "decay 0" in messages."""
     if not measured:
         raise ValueError("measured is empty: give at least one Decay")
     if isinstance(free, str) or not isinstance(free, Iterable):
@@ -110,16 +111,16 @@ def check_request(
     for i, decay in enumerate(everything):
         if decay.unit is not None and model.unit is not None and decay.unit != model.unit:
             known = UNITS.get(model.unit)
-            remedy = f"load the decay with unit={model.unit!r}, or give"
+            remedy = f"load the {word} with unit={model.unit!r}, or give"
             if known is None or known.base == decay.unit:  # records are in SI once they are read
                 remedy = "give"
             raise ValueError(
-                f"decay {i} is in {decay.unit}, the model in {model.unit}: {remedy} the model's"
+                f"{word} {i} is in {decay.unit}, the model in {model.unit}: {remedy} the model's"
                 f" coefficients for q in {decay.unit}"
             )
         if any(np.array_equal(decay.signal, other.signal) for other in everything[:i]):
             raise ValueError(
-                f"decay {i} is the same record as an earlier one: give it once, and hold out"
+                f"{word} {i} is the same record as an earlier one: give it once, and hold out"
                 " another"
             )
 

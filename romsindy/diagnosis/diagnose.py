@@ -9,8 +9,10 @@ import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
 from romsindy.diagnosis.checks import FREE, check_numbers, decays_of, shared_part
+from romsindy.diagnosis.driven.checks import driven_of, forced_alone, refuse_with_inputs
 from romsindy.diagnosis.driven.report import ForcedReport
-from romsindy.diagnosis.driven.workflow import diagnose_forced, forced_alone, refuse_with_inputs
+from romsindy.diagnosis.driven.workflow import diagnose_forced
+from romsindy.diagnosis.driven.workflow import of_repeats as of_driven_repeats
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.interaction_report import InteractionReport
@@ -45,12 +47,12 @@ def diagnose(
     measured: Decay | ForcedVibration | Sequence[Decay] | Sequence[ForcedVibration],
     *,
     sensors: SensorArray | None = None,
-    held_out: Decay | None = None,
+    held_out: Decay | ForcedVibration | None = None,
     release: Shape | None = None,
     free: Sequence[str | Effect] | None = None,
     tolerances: Mapping[str, float] | None = None,
     tolerance: Tolerance | float | Mapping[str, float] | None = None,
-    repeats: Sequence[Decay] | None = None,
+    repeats: Sequence[Decay] | Sequence[ForcedVibration] | None = None,
     reference: Decay | Sequence[Decay] | None = None,
     catalogue: Sequence[Effect] = CATALOGUE,
     false_alarm: float = FALSE_ALARM,
@@ -71,15 +73,16 @@ def diagnose(
         and knows how far that may be off. A decay is a simulated series, which is reduced to an
         equation of one coordinate first.
     measured : Decay, ForcedVibration, or sequence of either
-        For a model: one channel each, in its unit. Forced vibrations take ``free``,
-        ``tolerances``, ``catalogue``, ``false_alarm``, ``max_effects``, ``floor``, ``n_jobs`` and
-        ``progress``, nothing else. For a beam: displacements from the equilibrium
-        [m], one channel per sensor, or velocities or accelerations where a decay says so.
+        For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
+        [m], one channel per sensor, or velocities or accelerations where a decay says so. Forced
+        vibrations are compared with a model, and take all but ``sensors``, ``release`` and
+        ``reference``.
     sensors : SensorArray, optional
         Where the displacements of a beam were measured; needed for a beam, and for it alone.
-    held_out : Decay, optional
-        A decay to judge by, which takes no part otherwise. Without it every fourth stretch of a few
-        cycles of each record is held out, if it has 18 cycles.
+    held_out : Decay or ForcedVibration, optional
+        A record to judge by, of the kind of the others, which takes no part otherwise. Without it
+        every fourth stretch of a few cycles of each decay is held out, if it has 18 cycles; of
+        forced vibrations nothing is.
     release : Shape, optional
         The shape that a beam is let go from, as of `Beam.release_shape`: its load, of any size,
         held the beam in every record. By default the load is read from the sensors.
@@ -100,8 +103,10 @@ def diagnose(
         (of the damping ratio, relative) and "signal" (rms of the waveform, as a part of the largest
         amplitude). Where the simulation is within it, nothing is looked for. By default what
         tests repeat to: 0.1 %, 5 % and 1 %, or ``floor`` if that is more, or what an `Estimate`
-        itself is known to; what is smaller is told only where an effect is there beyond doubt.
-    repeats : sequence of Decay, optional
+        itself is known to; what is smaller is told only where an effect is there beyond doubt. Of
+        forced vibrations "frequency" and "damping" are those of the equation, "signal" what it
+        leaves with other values of these; by default all counts that stands out of the noise.
+    repeats : sequence of Decay or ForcedVibration, optional
         The same test, measured two times or more: what these differ by does not matter.
     reference : Decay or sequence of Decay, optional
         What a model was identified from, or a beam updated to: what it leaves there does not
@@ -137,8 +142,6 @@ def diagnose(
     """
     _check_searched(catalogue, progress)
     check_numbers(FLOOR if floor is None else floor, false_alarm, max_effects, n_jobs)
-    if held_out is not None and not isinstance(held_out, Decay):
-        raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
     references = decays_of("reference", reference) if reference is not None else []
     driven = forced_alone(measured)
     if isinstance(model, Decay):
@@ -157,19 +160,21 @@ def diagnose(
     options = Options(
         tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or (lambda _: None)
     )
+    usual = Tolerance(signal=max(SAME_SIGNAL, floor))
     if driven:
-        refuse_with_inputs(
-            sensors=sensors,
-            held_out=held_out,
-            release=release,
-            tolerance=tolerance,
-            repeats=repeats,
-            reference=reference,
-        )
-        return diagnose_forced(simulation, driven, FREE if free is None else free, near, options)
+        refuse_with_inputs(sensors=sensors, release=release, reference=reference)
+        test = None if held_out is None else driven_of("held_out", held_out)[0]
+        given = usual if tolerance is None else stated(tolerance)
+        if repeats is not None:
+            runs = driven_of("repeats", repeats)
+            given = given.or_more(of_driven_repeats(simulation, runs, options))
+        options = replace(options, tolerance=given)
+        unsure = FREE if free is None else free
+        return diagnose_forced(simulation, driven, test, unsure, near, options)
+    if held_out is not None and not isinstance(held_out, Decay):
+        raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
-    usual = Tolerance(signal=max(SAME_SIGNAL, floor))
     given = usual if tolerance is None else stated(tolerance)
     if isinstance(simulation, Beam):
         if sensors is None:

@@ -54,12 +54,12 @@ def difference(differences: Sequence[Difference], tolerance: Tolerance, unit: st
         return f"They agree within {percent(worst.signal)} of the amplitude {over}."
     sure = [k for k in KINDS if worst.excess_of(k, tolerance) > SURE]
     if sure:
-        known = _known(tolerance.over(*worst.amplitude), sure)
+        known = tolerated(tolerance.over(*worst.amplitude), sure)
         over += ", where they differ most" if worst is not differences[which] else ""
         return f"They differ: {_sizes(worst, sure)} {over} ({known})."
     worst = differences[which]  # all of it: chance is smaller there than in a part
     tolerance = tolerance.over(*worst.amplitude)
-    known = _known(tolerance, KINDS)
+    known = tolerated(tolerance)
     told = {k: f"{percent(worst.bound(k))} {_WHERE[k]}" for k in KINDS}
     agree = [text for k, text in told.items() if worst.agrees(k, tolerance)]
     may_differ = [text for text in told.values() if text not in agree]
@@ -87,7 +87,7 @@ def _sizes(found: Difference, kinds: Sequence[str]) -> str:
     return listed(texts)
 
 
-def _known(tolerance: Tolerance, kinds: Sequence[str]) -> str:
+def tolerated(tolerance: Tolerance, kinds: Sequence[str] = KINDS) -> str:
     """What is tolerated of each kind, with those of one source together."""
     of: dict[str, list[str]] = {}
     for kind in kinds:

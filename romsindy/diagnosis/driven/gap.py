@@ -11,6 +11,8 @@ from romsindy.fit.forced.record import ForcedRecord
 from romsindy.record.recording import unit_of
 from romsindy.typing import Array
 
+HELD_OUT = "the record that took no part"
+
 
 @dataclass(frozen=True)
 class ForcedGap:
@@ -18,6 +20,8 @@ class ForcedGap:
 
     Attributes
     ----------
+    records : tuple of ForcedRecord
+        On which it was measured.
     residuals_before, residuals_after : tuple of (n,) arrays
         Measured minus simulated, of each record.
     rms_before, rms_after : float
@@ -28,8 +32,11 @@ class ForcedGap:
         Part of the squared gap beyond the noise that is closed, 0 to 1.
     unit : str
         Of the rms.
+    where : str
+        What it was measured on, in words.
     """
 
+    records: tuple[ForcedRecord, ...]
     residuals_before: tuple[Array, ...]
     residuals_after: tuple[Array, ...]
     rms_before: float
@@ -38,12 +45,17 @@ class ForcedGap:
     after: float
     closed: float
     unit: str
+    where: str = "the records themselves"
 
     @classmethod
     def of(
-        cls, records: Sequence[ForcedRecord], before: Sequence[Array], after: Sequence[Array]
+        cls,
+        records: Sequence[ForcedRecord],
+        before: Sequence[Array],
+        after: Sequence[Array],
+        where: str = "the records themselves",
     ) -> ForcedGap:
-        """Compare residuals of records."""
+        """Compare residuals of records, which are called ``where``."""
         n = sum(len(r.signal) for r in records)
         heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records) / n
         noise = sum(len(r.signal) * r.noise.std**2 for r in records) / n
@@ -56,6 +68,7 @@ class ForcedGap:
         rms, shares = np.sqrt([old, new]), np.sqrt(np.array([old, new]) / heard)
         decay = records[0].decay
         return cls(
+            tuple(records),
             tuple(before),
             tuple(after),
             rms_before=float(rms[0]),
@@ -64,12 +77,8 @@ class ForcedGap:
             after=float(shares[1]),
             closed=closed,
             unit=unit_of(decay.measured, decay.unit),
+            where=where,
         )
-
-    @property
-    def where(self) -> str:
-        """What it was measured on, in words."""
-        return "the records themselves"
 
     def table(self) -> list[list[str]]:
         """Rows of text: what, before, after."""
@@ -78,4 +87,5 @@ class ForcedGap:
             "rms left, % of the response": (100 * self.before, 100 * self.after),
         }
         rows = [[name, *(f"{x:.3g}" for x in pair)] for name, pair in pairs.items()]
-        return [["fitted", "before", "after"], *rows]
+        first = f"on {HELD_OUT}" if self.where == HELD_OUT else "fitted"
+        return [[first, "before", "after"], *rows]

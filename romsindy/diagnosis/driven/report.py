@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.driven.gap import ForcedGap
+from romsindy.diagnosis.driven.gap import HELD_OUT, ForcedGap
 from romsindy.diagnosis.driven.next_test import Level, most_apart
+from romsindy.diagnosis.driven.tolerance import beyond_noise
 from romsindy.diagnosis.explained import Explained, notes_of
+from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.verdict import Left
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.text import percent, quantity
@@ -31,21 +33,27 @@ class ForcedReport(Explained):
     base : Hypothesis
         The simulation as it was.
     gap : ForcedGap
-        Of the records that were fitted, of which nothing was held out.
+        Before and after, on what was held out, or else on the records that were fitted.
+    tolerance : Tolerance
+        What does not matter; where it is the default, what is noise.
     remainder : ForcedAdequacy
         Whether what is left is white.
     records : tuple of ForcedRecord
     """
 
     gap: ForcedGap
+    tolerance: Tolerance
     records: tuple[ForcedRecord, ...]
 
     @property
     def left(self) -> Left:
-        """Noise, next to nothing of the gap, or a further effect."""
+        """Noise, what does not matter, next to nothing of the gap, or a further effect."""
         if self.remainder.explained:
             return "noise"
-        return "effect" if self.verdict == "unknown" else "little"
+        if self.verdict == "unknown":
+            return "effect"
+        within = beyond_noise(self.gap.records, self.gap.residuals_after) <= self.tolerance.signal
+        return "tolerance" if self.tolerance.source != DEFAULT and within else "little"
 
     # -- words ---------------------------------------------------------------------------------
 
@@ -57,7 +65,7 @@ class ForcedReport(Explained):
             self._difference,
             f"Missing: {self._missing}",
             f"Left: {self._left}",
-            *(f"Note: {note}" for note in self.notes),
+            *(f"Note: {note}" for note in (*words.undetermined(self.tolerance), *self.notes)),
             *self._next,
         ]
         return "\n".join(lines)
@@ -69,7 +77,11 @@ class ForcedReport(Explained):
         size = quantity(self.gap.rms_before, self.gap.unit)
         share = percent(self.gap.before)
         differ = "They agree" if self.verdict == "none" else "They differ"
-        return f"{differ}: the simulation leaves {size} rms, {share} of the response."
+        line = f"{differ}: the simulation leaves {size} rms, {share} of the response"
+        on = f" on {HELD_OUT}" if self.gap.where == HELD_OUT else ""
+        asked = self.tolerance.source != DEFAULT
+        known = f" ({words.tolerated(self.tolerance)})" if asked else ""
+        return f"{line}{on}{known}."
 
     @property
     def _nothing(self) -> str:
@@ -91,6 +103,8 @@ class ForcedReport(Explained):
         share = f"{size} rms, {percent(self.gap.after)} of the response"
         if self.remainder.explained:
             return f"{share}, as noise."
+        if self.left == "tolerance":
+            return f"{share}, which does not matter."
         predicted = percent(1 - 1 / self.remainder.structure)
         return f"{share}; {predicted} of its power is no noise, for its past predicts it."
 
@@ -151,13 +165,13 @@ class ForcedReport(Explained):
         from romsindy.show.page import Picture
 
         worst = int(np.argmax([np.std(e) for e in self.gap.residuals_after]))
-        record, after = self.records[worst], self.gap.residuals_after[worst]
+        record, after = self.gap.records[worst], self.gap.residuals_after[worst]
         before = self.gap.residuals_before[worst]
         before = np.where(np.isfinite(before), before, np.nan)  # nan where there is no motion
         name, unit = record.decay.measured, self.gap.unit
         both = f"{percent(self.gap.before)} of the response before, "
         both += f"{percent(self.gap.after)} after"
-        of = f"Of record {worst + 1}"
+        of = "Of the held-out record" if self.gap.where == HELD_OUT else f"Of record {worst + 1}"
         given = (record.signal, before, after, name, unit)
         spectra = (record.decay.dt, record.noise.std, *given)
         return {

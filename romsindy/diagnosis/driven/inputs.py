@@ -1,0 +1,131 @@
+"""What inputs do under a diagnosis: known ones may be wrong, others are fitted every time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from romsindy.diagnosis.colour import ColourOfBest
+from romsindy.diagnosis.driven.search import DrivenSearch
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.search import Options
+from romsindy.effects.base import Effect, Scales
+from romsindy.effects.drive import (
+    InputBetweenSamples,
+    InputDelay,
+    InputDistortion,
+    InputGain,
+    InputLag,
+)
+from romsindy.effects.outside import Bias, SecondMode
+from romsindy.fit.coefficient import in_place
+from romsindy.fit.forced.between_samples import rated, ways
+from romsindy.fit.forced.drives import (
+    free_drives,
+    freed,
+    inputs_in,
+    latest,
+    regressed,
+)
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.measured import free_offsets
+from romsindy.fit.part import Part
+from romsindy.physics.driven import inputs_of, without_inputs
+from romsindy.physics.input import Input
+from romsindy.physics.model import ReducedModel
+from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
+
+# A mode that rings down belongs to decays; the zero of the sensor is fitted always.
+_OF_DECAYS = (SecondMode, Bias)
+_POWERS = 2, 3  # of an input that is distorted
+
+
+def catalogue_of(
+    model: ReducedModel,
+    unsure: Sequence[Part],
+    tolerances: Mapping[str, float],
+    catalogue: Sequence[Effect],
+) -> tuple[Effect, ...]:
+    """What can be looked for in these records, and what may be wrong with the inputs."""
+    taken = {p.effect.name for p in unsure}
+    driven = [e for e in catalogue if not isinstance(e, _OF_DECAYS)]
+    sought = [e for e in driven if e.name not in taken]
+    known = [c for c in in_place(model, sought) if c.of.key not in tolerances]
+    inputs = [(replace(t, delay=0.0), t.delay) for t in inputs_of(model)]
+    plain = [(t, late) for t, late in inputs if t.power == 1]
+    powers = [(replace(t, power=power), late) for t, late in plain for power in _POWERS]
+    distorted = [InputDistortion(*p) for p in powers if p[0].key not in model.coefficients]
+    gains = [InputGain(*given) for given in inputs]
+    return (*sought, *known, *gains, *distorted)
+
+
+def search_beside_inputs(
+    model: ReducedModel,
+    records: Sequence[ForcedRecord],
+    scales: Scales,
+    unsure: tuple[Part, ...],
+    options: Options,
+    way: Interpolation,
+) -> DrivenSearch:
+    """A search in which the inputs that the model does not know do this between their samples."""
+    own = {t.source for t in inputs_of(model)}
+    others = [t for t in inputs_in([r.decay for r in records], way) if t.source not in own]
+    drives: tuple[Part, ...] = ()
+    if others:
+        gains = regressed(without_inputs(model).terms, others, records)[1].tolist()
+        drives = free_drives(others, gains, records)
+    beside = (*drives, free_offsets(records))
+    given = (model, records, unsure, options, ColourOfBest(), beside)
+    return DrivenSearch(*given, scales=scales, chain=_chain(model, records))
+
+
+def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, ...]:
+    """What may stand instead of known inputs: late, after a lag, or another between samples."""
+    parts: list[Part] = []
+    dt = max(r.decay.dt for r in records)  # a lag of none is felt by no sample that is held
+    for term in inputs_of(model):
+        gain = model.coefficients[term.key]
+        known = replace(term, delay=0.0), term.delay, latest(records)
+        parts += [freed(InputDelay(*known), gain), freed(InputLag(*known, term.lag or dt), gain)]
+        for way in INTERPOLATIONS:
+            if way != term.interpolation:
+                other = replace(term, interpolation=way, delay=0.0)
+                parts.append(Part(InputBetweenSamples(other, term.delay), (), np.zeros((1, 0))))
+    return tuple(parts)
+
+
+def between_samples(
+    search: DrivenSearch, best: Hypothesis, measured: Sequence[ForcedVibration]
+) -> tuple[Interpolation, tuple[str, ...]]:
+    """What inputs that the model does not know do between their samples, and a note on it."""
+    first, *others = ways(measured)
+    if not (others and any(p.effect.name == "input" for p in search.beside)):
+        return first, ()
+    residuals = {first: best.solution.residuals}
+    for way in others:
+        beside = tuple(_with_way(p, way) for p in search.beside)
+        there = replace(search.unsure_as(best), beside=beside, compared=[])
+        residuals[way] = there.hypothesis(best.effects).solution.residuals
+    rivals = rated(residuals)
+    return rivals.best, (str(rivals),)
+
+
+def _with_way(part: Part, way: Interpolation) -> Part:
+    of = getattr(part.effect, "of", None)
+    if not isinstance(of, Input):
+        return part
+    return replace(part, effect=replace(part.effect, of=replace(of, interpolation=way)))  # type: ignore[type-var]
+
+
+def on_inputs(search: DrivenSearch) -> list[str]:
+    """That gains were fitted, and what cannot be seen then."""
+    free = [p.effect.variant for p in search.beside if p.effect.name == "input"]
+    if not free:
+        return []
+    return [
+        f"the model has no {', '.join(free)}: gain and delay are fitted, so that a wrong one, or a"
+        " factor on all forces, is not seen; add the Input to the model where it is known"
+    ]
