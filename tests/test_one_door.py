@@ -16,8 +16,8 @@ from romsindy.diagnosis.checks import shared_part
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import WIDEST, Tolerance
+from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
-from romsindy.diagnosis.what_matters import of_repeats
 from romsindy.diagnosis.words import difference, over_sensors
 from romsindy.fit.verdict import SHARED
 

@@ -11,8 +11,8 @@ from test_diagnosis import LONG, MODEL, NOMINAL, OMEGA, decay
 import romsindy as rs
 from romsindy.diagnosis import diagnose
 from romsindy.diagnosis.decay_search import DecaySearch
-from romsindy.diagnosis.innocent import innocent, other_values
 from romsindy.diagnosis.nuisance import allowed, nuisances
+from romsindy.diagnosis.plain_values import other_values, without_effects
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.textbook import with_whole_exponent
 from romsindy.diagnosis.tolerance import Tolerance
@@ -115,7 +115,7 @@ def test_nuisances_stay_within_what_is_known():
     options = Options((), 0.01, 1, 2e-4, 1, lambda _: None)
     search = DecaySearch.of(MODEL, records, parts, options)
     slack = replace(search, free=nuisances(records)).hypothesis([])
-    _, found = innocent(search, slack, search.hypothesis([]), ())
+    _, found = without_effects(search, slack, search.hypothesis([]), ())
     values = {p.effect.name: float(p.strengths[0, 0]) for p in found.parts}
     reach = np.abs(records[0].signal).max()
     assert abs(values["gain"]) <= 0.01 and abs(values["sensor_nonlinearity"]) * reach <= 0.01

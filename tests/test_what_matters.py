@@ -15,7 +15,7 @@ from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.held_out import SHORTEST, parted
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import WIDEST, Tolerance
-from romsindy.diagnosis.what_matters import of_repeats, stated
+from romsindy.diagnosis.tolerance_sources import of_repeats, stated
 from romsindy.diagnosis.words import odds
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine

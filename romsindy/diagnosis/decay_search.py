@@ -12,7 +12,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.process import ProcessNoise
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
-from romsindy.diagnosis.search import Finding, Options, Search, alternatives, leaders
+from romsindy.diagnosis.search import Finding, Options, Search, leaders, rivals_of
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum
@@ -87,7 +87,7 @@ class DecaySearch(Search):
         best = self.settled(self.ranked([best, *alike])[0])
         best = self.ranked([best, *alike])[0]
         compared = sorted((h.at(best.noise) for h in seen), key=lambda h: h.score)
-        return Finding(alternatives(best, compared), compared, base.at(best.noise), interrupted)
+        return Finding(rivals_of(best, compared), compared, base.at(best.noise), interrupted)
 
     def _best_of(self, base: Hypothesis) -> tuple[Hypothesis, list[Hypothesis]]:
         """The best hypothesis, and all that were weighed on the way."""
@@ -249,7 +249,7 @@ class DecaySearch(Search):
         others = (h.at(best.noise) for h in found.compared)
         worse = sorted((h for h in others if h.score >= best.score), key=lambda h: h.score)
         compared = [best, *worse]
-        rivals = alternatives(best, [h for h in compared if len(h.effects) == len(best.effects)])
+        rivals = rivals_of(best, [h for h in compared if len(h.effects) == len(best.effects)])
         return replace(found, rivals=rivals, compared=compared, base=found.base.at(best.noise))
 
     def _replaced(self, base: Hypothesis, best: Hypothesis) -> list[Hypothesis]:

@@ -25,7 +25,7 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.what_matters import (
+from romsindy.diagnosis.tolerance_sources import (
     of_estimate,
     of_references,
     of_repeats,

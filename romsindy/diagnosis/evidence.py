@@ -143,7 +143,7 @@ class Hypothesis:
         return (*effects, *free)
 
     @property
-    def innocent(self) -> tuple[int, ...]:
+    def of_measurement(self) -> tuple[int, ...]:
         """Which of the parts are what a measurement may add, as far as it may."""
         return tuple(i for i in range(len(self.parts)) if self._as_it_may_be(i))
 

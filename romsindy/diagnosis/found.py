@@ -96,7 +96,7 @@ def of_the_measurement(
     hypothesis: Hypothesis, ratio: float, model: ReducedModel
 ) -> tuple[FoundEffect, ...]:
     """What the measurement surely adds, of what it may add without being wrong."""
-    told = (_effect(hypothesis, i, [hypothesis], ratio, model) for i in hypothesis.innocent)
+    told = (_effect(hypothesis, i, [hypothesis], ratio, model) for i in hypothesis.of_measurement)
     return tuple(
         e
         for e in told

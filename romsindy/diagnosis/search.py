@@ -216,7 +216,7 @@ class Search(ABC):
         return found
 
 
-def alternatives(
+def rivals_of(
     best: Hypothesis, compared: Sequence[Hypothesis], as_one: float = 0.0
 ) -> list[Hypothesis]:
     """Different hypotheses that the data do not tell apart from the best, itself first.

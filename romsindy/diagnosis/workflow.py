@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,15 +15,15 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
 from romsindy.diagnosis.held_out import parted
-from romsindy.diagnosis.innocent import innocent, other_values
-from romsindy.diagnosis.judged import Judges
 from romsindy.diagnosis.nuisance import nuisances
+from romsindy.diagnosis.plain_values import other_values, without_effects
 from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.search import Finding, Options, alternatives
+from romsindy.diagnosis.search import Finding, Options, rivals_of
 from romsindy.diagnosis.textbook import with_textbook_exponent, with_whole_exponent
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
-from romsindy.diagnosis.verdict import Explanation, Rule
+from romsindy.diagnosis.validation import Validation
+from romsindy.diagnosis.verdict import Answer, Explanation, Rule, Verdict
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.coefficient import Coefficient, extended, in_place
@@ -56,60 +56,119 @@ def diagnose_model(
     ``own_values`` says whether its coefficients are values of the simulation, not of its reduction.
     """
     check_request(model, measured, held_out, free, tolerances)
-    everything = [*measured, *([] if held_out is None else [held_out])]
-    records = sharing_drift(checked_records(model, everything, options.floor))
-    tests = {} if held_out is None else {HELD_OUT: records.pop()}
-    all_scales = scales(records)
-    model = smooth_model(model, all_scales)
-    judged = {name_of(i): record for i, record in enumerate(records)} | tests
-    as_it_was = Gap(tuple(predict(model, (), r, n) for n, r in judged.items()), unseen=True)
-    largest = max(record.amplitude for record in records)
-    if not any(test.amplitude >= SHARED * largest for test in tests.values()):
-        records, tests = _parted(records, tests)
-    parts = unsure_parts(model, free, tolerances, all_scales, len(records))
-    unsure = {p.effect.name for p in parts}
-    catalogue = [e for e in options.catalogue if e.name not in unsure]
-    known = [c for c in in_place(model, catalogue) if c.of.key not in tolerances]
-    looked_for = (*catalogue, *known)
-    search = DecaySearch.of(model, records, parts, replace(options, catalogue=looked_for), form)
+    records = _Records.of(model, measured, held_out, options.floor)
+    model = smooth_model(model, records.scales)
+    whole = tuple(predict(model, (), r, name) for name, r in records.whole.items())
+    as_it_was = Gap(whole, unseen=True)
+    parts = unsure_parts(model, free, tolerances, records.scales, len(records.learning))
+    sought = _sought(model, options.catalogue, parts, tolerances)
+    given = (model, records.learning, parts, replace(options, catalogue=sought))
+    search = DecaySearch.of(*given, form)
     exact = search.with_free(()).hypothesis([])
-    slack = search.with_free(nuisances(records)).hypothesis([])
+    slack = search.with_free(nuisances(records.learning)).hypothesis([])
     agree = _agree(search, slack, as_it_was)
     found = Finding([exact], [exact], exact) if agree else search.run()
-    judged = tests or {name_of(i): record for i, record in enumerate(records)}
     if not found.interrupted:
-        judges = Judges(search, exact, judged, unseen=bool(tests))
-        found = judges.weighed(found)
-        found = judges.useful(found) if tests else _with_plain_values(found)
-        if judges.blind:
-            tests, judged = {}, {name_of(i): record for i, record in enumerate(records)}
+        found, records = _validated(search, exact, found, records)
     others = other_values(model, options.catalogue, tolerances) if own_values else ()
     own = frozenset({LinearFrequency.name, Viscous.name, *(v.name for v in others)})
-    explained = partial(_explained, search, judged, bool(tests), as_it_was, own)
-    settled = agree or found.interrupted
-    plain = [slack] if settled else innocent(search, slack, found.base, others)
+    explained = partial(_explained, search, records, as_it_was, own)
+    known = agree or found.interrupted
+    plain = [slack] if known else without_effects(search, slack, found.base, others)
     usual = over_all(options.tolerance, as_it_was.differences_before)
     values = [_without_small(h, model, usual) for h in plain]
     best = found.rivals[0]
-    effect = explained(_snapped(search, best, judged)) if best.names else None
+    effect = explained(_snapped(search, best, records.compared)) if best.names else None
     rule = Rule(as_it_was, values[0], values[:2][-1], options.tolerance, form)
     answer = rule.answer([explained(h) for h in values], effect)
-    verdict, chosen = answer.verdict, answer.explanation
-    best, left, gap = chosen.hypothesis, chosen.left, chosen.gap
-    rivals = [*_rivals(best, found, values, chosen is effect)]
-    if answer.rival is not None and answer.rival.hypothesis.names not in {h.names for h in rivals}:
-        rivals.append(answer.rival.hypothesis.at(best.noise))
-    # Of values of the model several are no headline; what it lacks is, whatever moved beside it.
-    several = not chosen.lacking and len(best.blamed if not best.effects else best.moved) > 1
-    if verdict == "named" and (several or len(rivals) > 1):
-        verdict = "ambiguous"
-    added = best.parts
-    if verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
+    rivals = _rivals(answer, found, values, answer.explanation is effect)
+    return _report(search, records, as_it_was, found, answer, rivals)
+
+
+@dataclass(frozen=True)
+class _Records:
+    """Records of a diagnosis: what they learn from, and what takes no part.
+
+    Attributes
+    ----------
+    whole : dict of str to Record
+        All of them by name, that which was held out last.
+    learning : list of Record
+        What hypotheses are fitted to: whole records, or these without the stretches of ``tests``.
+    tests : dict of str to Record
+        What takes no part, by name; empty where all are too short to spare anything.
+    """
+
+    whole: dict[str, Record]
+    learning: list[Record]
+    tests: dict[str, Record]
+    scales: Scales
+
+    @classmethod
+    def of(
+        cls, model: ReducedModel, measured: Sequence[Decay], held_out: Decay | None, floor: float
+    ) -> _Records:
+        """Look at decays, and hold out what judges.
+
+        A record that was held out but reaches less far tells too little alone.
+        """
+        everything = [*measured, *([] if held_out is None else [held_out])]
+        records = sharing_drift(checked_records(model, everything, floor))
+        tests = {} if held_out is None else {HELD_OUT: records.pop()}
+        whole = {name_of(i): record for i, record in enumerate(records)} | tests
+        all_scales = scales(records)
+        largest = max(record.amplitude for record in records)
+        if any(test.amplitude >= SHARED * largest for test in tests.values()):
+            return cls(whole, records, tests, all_scales)
+        pairs = [parted(record) or (record, None) for record in records]
+        apart = {name_of(i): test for i, (_, test) in enumerate(pairs) if test is not None}
+        return cls(whole, [learns for learns, _ in pairs], {**apart, **tests}, all_scales)
+
+    @property
+    def compared(self) -> dict[str, Record]:
+        """That on which explanations are compared: what took no part, if there is such."""
+        return self.tests or {name_of(i): record for i, record in enumerate(self.learning)}
+
+
+def _sought(
+    model: ReducedModel,
+    catalogue: Sequence[Effect],
+    unsure: Sequence[Part],
+    tolerances: Mapping[str, float],
+) -> tuple[Effect, ...]:
+    """What is looked for: effects that are not among the unsure values, and too much of a term."""
+    names = {p.effect.name for p in unsure}
+    effects = [e for e in catalogue if e.name not in names]
+    known = [c for c in in_place(model, effects) if c.of.key not in tolerances]
+    return (*effects, *known)
+
+
+def _validated(
+    search: DecaySearch, exact: Hypothesis, found: Finding, records: _Records
+) -> tuple[Finding, _Records]:
+    """The finding by what took no part; records without tests where these cannot tell."""
+    validation = Validation(search, exact, records.compared, unseen=bool(records.tests))
+    found, least = validation.weighed(found)
+    if not records.tests:
+        return _with_plain_values(found), records
+    found, blind = validation.useful(found, least)
+    return found, replace(records, tests={}) if blind else records
+
+
+def _report(
+    search: DecaySearch,
+    records: _Records,
+    as_it_was: Gap,
+    found: Finding,
+    answer: Answer,
+    rivals: Sequence[Hypothesis],
+) -> DiagnosisReport:
+    chosen, model = answer.explanation, search.model
+    best, gap, added = chosen.hypothesis, chosen.gap, chosen.hypothesis.parts
+    if answer.verdict == "unknown" and not gap.closed:  # nothing is added that makes it worse
         added, gap = (), gap.unchanged()
-    if found.interrupted and verdict == "named":
-        verdict = "ambiguous"  # with what was not compared
     return DiagnosisReport(
-        verdict=verdict,
+        verdict=_verdict(answer, found, rivals),
         nominal=model,
         model=extended(model, added),
         added=added,
@@ -117,55 +176,70 @@ def diagnose_model(
         rivals=tuple(rivals),
         compared=tuple(sorted((h.at(best.noise) for h in found.compared), key=lambda h: h.score)),
         base=found.base.at(best.noise),
-        remainder=left,
+        remainder=chosen.left,
         gap=gap,
         differences=as_it_was.differences_before,
-        tolerance=options.tolerance,
-        records=tuple(records),
-        scales=all_scales,
+        tolerance=search.options.tolerance,
+        records=tuple(records.learning),
+        scales=records.scales,
         interrupted=found.interrupted,
-        form=form,
+        form=search.noise.known,
         small=answer.small,
         whole=chosen.whole.differences_after,
     )
 
 
+def _verdict(answer: Answer, found: Finding, rivals: Sequence[Hypothesis]) -> Verdict:
+    """That of the rule; named is one thing alone, beside which all was compared."""
+    chosen = answer.explanation
+    best = chosen.hypothesis
+    # Of values of the model several are no headline; what it lacks is, whatever moved beside it.
+    several = not chosen.lacking and len(best.blamed if not best.effects else best.moved) > 1
+    if answer.verdict == "named" and (several or len(rivals) > 1 or found.interrupted):
+        return "ambiguous"
+    return answer.verdict
+
+
 def _explained(
     search: DecaySearch,
-    judged: Mapping[str, Record],
-    unseen: bool,
+    records: _Records,
     as_it_was: Gap,
     own: frozenset[str],
     hypothesis: Hypothesis,
 ) -> Explanation:
     """A hypothesis with what it leaves and changes; ``own`` are names of values of the model."""
     near, given = motions_of(hypothesis), (search.model, hypothesis.parts)
-    predictions = [predict(*given, r, name, near.get(name)) for name, r in judged.items()]
+    predictions = [predict(*given, r, name, near.get(name)) for name, r in records.compared.items()]
     whole = [follow(p, *given, near) for p in as_it_was.predictions]
     return Explanation(
         hypothesis,
         search.remainder(hypothesis),
-        Gap(tuple(predictions), unseen),
+        Gap(tuple(predictions), bool(records.tests)),
         replace(as_it_was, predictions=tuple(whole)),
         lacking=not own.issuperset(hypothesis.names),
     )
 
 
 def _rivals(
-    best: Hypothesis, found: Finding, values: Sequence[Hypothesis], is_effect: bool
-) -> Sequence[Hypothesis]:
+    answer: Answer, found: Finding, values: Sequence[Hypothesis], is_effect: bool
+) -> list[Hypothesis]:
     """What the data do not tell apart from the best, itself first; odds of values as told.
 
     ``values`` are what values of the model do; of effects the best of these is a rival alone.
     """
-    if not is_effect:
+    best = answer.explanation.hypothesis
+    if is_effect:
+        likeliest = min(values, key=lambda h: h.score)
+        alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [likeliest]
+        near_by = rivals_of(best, [h.at(best.noise) for h in alike])[1:]
+        others = {h.names: h.at(best.noise) for h in (*found.rivals[1:], *near_by)}
+        rivals = [best, *(h for names, h in others.items() if names and names != best.names)]
+    else:
         effects = [h for h in (*values, *found.rivals, *found.compared) if h.effects]
-        return alternatives(best, [h.at(best.noise) for h in effects])
-    likeliest = min(values, key=lambda h: h.score)
-    alike = [h for h in found.compared if len(h.effects) == len(best.effects)] + [likeliest]
-    near_by = alternatives(best, [h.at(best.noise) for h in alike])[1:]
-    others = {h.names: h.at(best.noise) for h in (*found.rivals[1:], *near_by)}
-    return [best, *(h for names, h in others.items() if names and names != best.names)]
+        rivals = rivals_of(best, [h.at(best.noise) for h in effects])
+    if answer.rival is None or answer.rival.hypothesis.names in {h.names for h in rivals}:
+        return rivals
+    return [*rivals, answer.rival.hypothesis.at(best.noise)]
 
 
 def _without_small(plain: Hypothesis, model: ReducedModel, tolerance: Tolerance) -> Hypothesis:
@@ -190,18 +264,6 @@ def _with_plain_values(found: Finding) -> Finding:
         return found
     others = [h for h in found.rivals if h.names != base.names]
     return replace(found, rivals=[*others, base])
-
-
-def _parted(
-    records: Sequence[Record], tests: Mapping[str, Record]
-) -> tuple[list[Record], dict[str, Record]]:
-    """Records to learn from, and what takes no part: nothing where all are too short.
-
-    A record that was held out but reaches less far tells too little alone.
-    """
-    pairs = [parted(record) or (record, None) for record in records]
-    judges = {name_of(i): judge for i, (_, judge) in enumerate(pairs) if judge is not None}
-    return [learns for learns, _ in pairs], {**judges, **tests}
 
 
 def _agree(search: DecaySearch, slack: Hypothesis, as_it_was: Gap) -> bool:
@@ -250,7 +312,7 @@ def unsure_parts(
     return tuple(parts)
 
 
-def _snapped(search: DecaySearch, best: Hypothesis, judged: Mapping[str, Record]) -> Hypothesis:
+def _snapped(search: DecaySearch, best: Hypothesis, records: Mapping[str, Record]) -> Hypothesis:
     """Round exponents to whole numbers where the data do not object, that of the textbook first."""
     for whole in (with_textbook_exponent, with_whole_exponent):
         fixed = [whole(p) for p in best.effects]
@@ -260,7 +322,7 @@ def _snapped(search: DecaySearch, best: Hypothesis, judged: Mapping[str, Record]
         rise = trial.solution.chi_squared - best.solution.chi_squared
         if trial.solution.converged and (
             rise < ROUNDED * best.excess
-            or (_nearly(best.effects, fixed) and _as_well(search, trial, best, judged))
+            or (_nearly(best.effects, fixed) and _as_well(search, trial, best, records))
         ):
             return trial
     return best
@@ -277,10 +339,10 @@ def _nearly(parts: Sequence[Part], fixed: Sequence[Part]) -> bool:
 
 
 def _as_well(
-    search: DecaySearch, trial: Hypothesis, best: Hypothesis, judged: Mapping[str, Record]
+    search: DecaySearch, trial: Hypothesis, best: Hypothesis, records: Mapping[str, Record]
 ) -> bool:
     """Whether what took no part is foretold as well."""
     after, before = (
-        float(np.sqrt(np.sum(misfit_of(search.model, h, judged) ** 2))) for h in (trial, best)
+        float(np.sqrt(np.sum(misfit_of(search.model, h, records) ** 2))) for h in (trial, best)
     )
     return after <= AS_WELL * before

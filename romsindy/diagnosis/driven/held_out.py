@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.driven.search import DrivenSearch
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.search import Finding, alternatives
+from romsindy.diagnosis.search import Finding, rivals_of
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
@@ -74,4 +74,4 @@ def _with_best(search: DrivenSearch, found: Finding, best: Hypothesis) -> Findin
     best = next(h for h in every if h.solution is best.solution)
     compared = [best, *(h for h in every if h is not best and h.score >= best.score)]
     base = next(h for h in every if h.solution is found.base.solution)
-    return replace(found, rivals=alternatives(best, compared, AS_ONE), compared=compared, base=base)
+    return replace(found, rivals=rivals_of(best, compared, AS_ONE), compared=compared, base=base)

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from romsindy.diagnosis.colour import ColourOfBest, driven_instead
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screened
-from romsindy.diagnosis.search import Finding, Search, alternatives, leaders
+from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
 from romsindy.diagnosis.textbook import with_textbook_exponent
 from romsindy.diagnosis.tones import strongest_tones
 from romsindy.effects import look_alikes
@@ -75,7 +75,7 @@ class DrivenSearch(Search):
         best = self._now(best)
         others = [h for h in self._weighed() if h.solution is not best.solution]
         compared = [best, *others]
-        found = alternatives(best, compared, AS_ONE)
+        found = rivals_of(best, compared, AS_ONE)
         return Finding(found, compared, self._now(exact), interrupted)
 
     def enough(self, best: Hypothesis) -> bool:

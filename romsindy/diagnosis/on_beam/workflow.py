@@ -31,7 +31,7 @@ from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.what_matters import of_references
+from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.fit.record import Record

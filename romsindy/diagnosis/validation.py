@@ -7,7 +7,7 @@ misses beyond the noise, others may miss by chance.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,33 +21,32 @@ from romsindy.fit.verdict import AS_GOOD, EQUIVALENT, GAINED, MATERIAL, PREDICTE
 _MOST = 6  # hypotheses that are asked
 
 
-@dataclass
-class Judges:
+@dataclass(frozen=True)
+class Validation:
     """Records that hypotheses are asked to predict, by name.
 
     ``exact`` is the simulation as it was. Records that are not ``unseen`` took part in the fits:
-    they settle hypotheses, and have no further say. ``blind`` says afterwards whether these records
-    could not tell what was found from less.
+    they settle hypotheses, and have no further say.
     """
 
     search: DecaySearch
     exact: Hypothesis
     records: Mapping[str, Record]
     unseen: bool = True
-    blind: bool = field(default=False, init=False)
-    least: float = field(default=np.inf, init=False)  # chi-square of the best of those asked
 
-    @property
-    def scale(self) -> float:
-        """What the best leaves, over noise: at least 1."""
-        return max(1.0, self.least / self._count)
+    def _scale(self, least: float) -> float:
+        """What the best leaves, over noise, by its chi-square: at least 1."""
+        return max(1.0, least / self._count)
 
     @property
     def _count(self) -> float:
         return sum(record.count for record in self.records.values())
 
-    def weighed(self, found: Finding) -> Finding:
-        """The same, ranked with the predictions of those that these decide about."""
+    def weighed(self, found: Finding) -> tuple[Finding, float]:
+        """The same, ranked with the predictions of those that these decide about.
+
+        Beside it, the chi-square of the best of them here.
+        """
         most, form = len(found.rivals[0].effects), found.rivals[0].noise
         compared = [h for h in found.compared if len(h.effects) <= most]
         misfits: dict[int, float] = {}
@@ -66,18 +65,22 @@ class Judges:
             first = min(left, key=lambda i: scores[i])
             compared[first] = self.search.settled(compared[first]).at(form)
             misfits[first] = float(np.sum(self._left(compared[first]) ** 2))
-        self.least = min(misfits.values())
+        least = min(misfits.values())
         if len(misfits) == 1 and any(h is compared[i] for h in found.compared for i in misfits):
-            return found  # as the search left it
-        tested = [self._tested(compared[i], x) for i, x in misfits.items()]
+            return found, least  # as the search left it
+        tested = [self._tested(compared[i], x, least) for i, x in misfits.items()]
         others = [h for i, h in enumerate(compared) if i not in misfits]
         others += [h for h in found.compared if len(h.effects) > most]
         best = min(tested, key=lambda h: h.score)
-        return self.search.finding(best, replace(found, compared=[*tested, *others]))
+        return self.search.finding(best, replace(found, compared=[*tested, *others])), least
 
-    def useful(self, found: Finding) -> Finding:
-        """The same, without effects that gain nothing here, or next to nothing of the gap."""
-        best = found.rivals[0]
+    def useful(self, found: Finding, least: float) -> tuple[Finding, bool]:
+        """The same, without effects that gain nothing here, or next to nothing of the gap.
+
+        Beside it, whether these records are blind: they cannot tell what was found from less.
+        ``least`` is the chi-square of the best of those that were asked.
+        """
+        best, scale = found.rivals[0], self._scale(least)
         left = self._left(best)
         whole = float(np.sum(self._left(self.exact) ** 2)) if len(best.effects) > 1 else 0.0
         while best.effects:
@@ -86,22 +89,25 @@ class Judges:
             without = [self._left(h) for h in fewer]
             i = int(np.argmin([np.sum(x**2) for x in without]))
             misfit = float(np.sum(without[i] ** 2))
-            gain, chance = misfit - np.sum(left**2), GAINED * best.excess * self.scale
-            least = max(MATERIAL**2 * whole, MATERIAL * self._count)
-            little = gain < least and misfit < PREDICTED**2 * self._count
+            gain, chance = misfit - np.sum(left**2), GAINED * best.excess * scale
+            matters = max(MATERIAL**2 * whole, MATERIAL * self._count)
+            little = gain < matters and misfit < PREDICTED**2 * self._count
             if gain > chance and not (fewer[i].effects and little):
                 break
             if not fewer[i].effects and np.sum((self._left(best, bare=True) - left) ** 2) < chance:
-                self.blind = True
-                break
+                return self._with(found, best), True
             if not fewer[i].forced and len(fewer[i].moved) > len(best.moved):
                 # Values of the model in its place are another explanation, not a simpler one.
-                apart = np.sum((without[i] - left) ** 2) > EQUIVALENT * best.excess * self.scale
+                apart = np.sum((without[i] - left) ** 2) > EQUIVALENT * best.excess * scale
                 if not apart and fewer[i].at(best.noise).score - best.score > UNJUDGED:
                     break  # no one could tell here, and the fits do
                 found = self.search.finding(best, found)
-                return replace(found, rivals=[*found.rivals, self._tested(fewer[i], misfit)])
-            best, left = self._tested(fewer[i], misfit), without[i]
+                other = self._tested(fewer[i], misfit, least)
+                return replace(found, rivals=[*found.rivals, other]), False
+            best, left = self._tested(fewer[i], misfit, least), without[i]
+        return self._with(found, best), False
+
+    def _with(self, found: Finding, best: Hypothesis) -> Finding:
         return found if best is found.rivals[0] else self.search.finding(best, found)
 
     def _left(self, hypothesis: Hypothesis, bare: bool = False) -> np.ndarray:
@@ -109,6 +115,6 @@ class Judges:
         parts = hypothesis.parts[: hypothesis.n_free] if bare else None
         return misfit_of(self.search.model, hypothesis, self.records, parts)
 
-    def _tested(self, hypothesis: Hypothesis, misfit: float) -> Hypothesis:
-        beyond = (misfit - self.least) / self.scale - AS_GOOD if self.unseen else 0.0
+    def _tested(self, hypothesis: Hypothesis, misfit: float, least: float) -> Hypothesis:
+        beyond = (misfit - least) / self._scale(least) - AS_GOOD if self.unseen else 0.0
         return replace(hypothesis, tested=max(beyond, 0.0))

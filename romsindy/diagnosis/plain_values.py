@@ -45,7 +45,7 @@ def other_values(
     )
 
 
-def innocent(
+def without_effects(
     search: DecaySearch, slack: Hypothesis, base: Hypothesis, values: Sequence[Coefficient]
 ) -> list[Hypothesis]:
     """What nuisances do, ``slack``, linear values beside, and these with one more of ``values``.
