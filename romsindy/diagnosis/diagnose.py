@@ -151,66 +151,95 @@ def diagnose(
         model, references = known.model, [known.reference, *references]
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
-    floor = FLOOR if floor is None else floor
-    estimate = model if isinstance(model, Estimate) else None
     simulation = model.model if isinstance(model, Estimate) else model
     if not isinstance(simulation, (ReducedModel, Beam)):
         raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
-    near = tolerances or {}
+    floor, near = FLOOR if floor is None else floor, tolerances or {}
+    given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
     options = Options(
-        tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or (lambda _: None)
+        tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or _silent, given
     )
-    usual = Tolerance(signal=max(SAME_SIGNAL, floor))
     if driven:
         refuse_with_inputs(sensors=sensors, release=release, reference=reference)
-        test = None if held_out is None else driven_of("held_out", held_out)[0]
-        given = usual if tolerance is None else stated(tolerance)
-        if repeats is not None:
-            runs = driven_of("repeats", repeats)
-            given = given.or_more(of_driven_repeats(simulation, runs, options))
-        options = replace(options, tolerance=given)
-        unsure = FREE if free is None else free
-        return diagnose_forced(simulation, driven, test, unsure, near, options)
+        values = (FREE if free is None else free, near)
+        return _of_driven(simulation, driven, held_out, repeats, values, options)
     if held_out is not None and not isinstance(held_out, Decay):
         raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
-    given = usual if tolerance is None else stated(tolerance)
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(
                 "sensors = None: a Beam needs the sensors that measured it, such as"
                 " sensors=beam.sensors([0.2, 0.45])"
             )
-        if again is not None:
-            seen = InstrumentedBeam(simulation, sensors)
-            again = [
-                checked_readings(d, i, sensors, simulation.length) for i, d in enumerate(again)
-            ]
-            given = given.or_more(of_repeats([seen.decay(d) for d in again], floor))
-        options = replace(options, tolerance=given)
-        unsure = free or ()
-        given_too = (sensors, held_out, release, unsure, near, options, references)
+        options = _with_runs_of_sensors(options, simulation, sensors, again)
+        given_too = (sensors, held_out, release, free or (), near, options, references)
         return diagnose_beam(simulation, several, *given_too)
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for an equation")
     if release is not None:
         raise ValueError("release = ... belongs to a Beam: leave it out for an equation")
     if again is not None:
-        given = given.or_more(of_repeats(again, floor))
-    form = NO_FORM_ERROR
-    if estimate is not None:
+        options = options.tolerating(of_repeats(again, floor))
+    if isinstance(model, Estimate):
         if tolerance is None:
-            given = given.or_more(of_estimate(estimate, _largest(simulation, several)))
-        references += estimate.decays if isinstance(estimate, Fit) else ()
+            options = options.tolerating(of_estimate(model, _largest(simulation, several)))
+        references += model.decays if isinstance(model, Fit) else ()
+    values = (FREE if free is None else free, near)
+    return _of_decays(simulation, several, held_out, references, values, options)
+
+
+_Values = tuple[Sequence[str | Effect], Mapping[str, float]]  # free ones, and tolerances of others
+
+
+def _silent(_: str) -> None:
+    """Nobody is told of progress."""
+
+
+def _of_driven(
+    simulation: ReducedModel | Beam,
+    measured: Sequence[ForcedVibration],
+    held_out: object,
+    repeats: object,
+    values: _Values,
+    options: Options,
+) -> ForcedReport:
+    """Against driven records."""
+    test = None if held_out is None else driven_of("held_out", held_out)[0]
+    if repeats is not None:
+        runs = of_driven_repeats(simulation, driven_of("repeats", repeats), options)
+        options = options.tolerating(runs)
+    return diagnose_forced(simulation, measured, test, *values, options)
+
+
+def _with_runs_of_sensors(
+    options: Options, beam: Beam, sensors: SensorArray, again: Sequence[Decay] | None
+) -> Options:
+    """Options that tolerate what repeats of a beam differ by, in its first mode."""
+    if again is None:
+        return options
+    seen = InstrumentedBeam(beam, sensors)
+    runs = [checked_readings(d, i, sensors, beam.length) for i, d in enumerate(again)]
+    return options.tolerating(of_repeats([seen.decay(d) for d in runs], options.floor))
+
+
+def _of_decays(
+    simulation: ReducedModel,
+    measured: Sequence[Decay],
+    held_out: Decay | None,
+    references: Sequence[Decay],
+    values: _Values,
+    options: Options,
+) -> DiagnosisReport | InteractionReport:
+    """An equation against decays, of one coordinate or with another mode."""
+    form = NO_FORM_ERROR
     if references:
-        left, form = of_references(simulation, references, floor)
-        given = given.or_more(left)
-    options = replace(options, tolerance=given)
-    unsure = FREE if free is None else free
-    alone = diagnose_model(simulation, several, held_out, unsure, near, options, form)
+        left, form = of_references(simulation, references, options.floor)
+        options = options.tolerating(left)
+    alone = diagnose_model(simulation, measured, held_out, *values, options, form)
     report = with_other_mode(alone, options)
-    return replace(report, notes=(*_left_out(simulation, several, held_out), *report.notes))
+    return replace(report, notes=(*_left_out(simulation, measured, held_out), *report.notes))
 
 
 def _check_searched(catalogue: object, progress: object) -> None:

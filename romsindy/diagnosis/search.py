@@ -36,6 +36,10 @@ class Options:
     progress: Callable[[str], None]
     tolerance: Tolerance = field(default_factory=Tolerance)
 
+    def tolerating(self, other: Tolerance) -> Options:
+        """The same with the larger of two tolerances, of each kind."""
+        return replace(self, tolerance=self.tolerance.or_more(other))
+
 
 @dataclass(frozen=True)
 class Finding:
