@@ -17,6 +17,7 @@ from romsindy.diagnosis.tones import strongest_tones
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive
+from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED
@@ -165,7 +166,10 @@ class DrivenSearch(Search):
         if not singles:
             return []
         alike = look_alikes(singles[0].effect.name, self.options.catalogue)
-        best = leaders(singles, by_variant=True)
+        # What a joint remembers of the start is forgotten once it has slipped: one is enough.
+        remember = [s for s in singles if isinstance(s.effect, MemoryEffect)]
+        worse = {id(s) for s in remember} - {id(s) for s in leaders(remember)}
+        best = leaders([s for s in singles if id(s) not in worse], by_variant=True)
         return [s for i, s in enumerate(best) if i < most or s.effect.name in alike]
 
     def _tones(self, start: Hypothesis) -> tuple[float, ...]:
