@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 from romsindy.diagnosis import words
 from romsindy.diagnosis.explained import TABLE_HEAD, notes_of
 from romsindy.diagnosis.gap import Gap
+from romsindy.diagnosis.interaction import Interaction
 from romsindy.diagnosis.report import BesideDecays, DiagnosisReport
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.diagnosis.written import Written
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.fitted import Fit
-from romsindy.fit.interaction import Interaction
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.text import TextTable

@@ -16,7 +16,6 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
-from romsindy.fit.interaction import Interaction, interaction_of
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import LEFT_OVER
 from romsindy.physics.model import ReducedModel
