@@ -95,6 +95,8 @@ def identify_coupled(
     with threadpool_limits(limits=1, user_api="blas"):
         try:
             for count in range(fewest, len(ringing) + 1):
+                if best is not None and not _loud_enough(ringing[count - 1], best):
+                    break
                 kept.clear()
                 told = Progress(say, kept.append)
                 found = _identified(ringing[:count], free, known, told)
@@ -198,6 +200,16 @@ def _with_tones_of(
 def _lasts(tone: Ridge) -> float:
     """Seconds."""
     return tone.end - tone.start if np.any(tone.amplitude) else 0.0
+
+
+def _loud_enough(more: Vibration, best: Fitted) -> bool:
+    """Whether as much of what is left may be one more vibration as a coordinate must explain.
+
+    Of pieces nobody knows: the motion may be followed longer with it.
+    """
+    heard = sum(float(np.sum(r.signal**2)) for r in best.records)
+    left = sum(float(np.sum(e**2)) for e in best.residuals) / heard
+    return bool(best.cycles < np.inf or more.share > (1 - (1 - MODE) ** 2) * left)
 
 
 def _needed(found: Fitted, before: Fitted) -> bool:

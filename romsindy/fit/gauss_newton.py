@@ -21,6 +21,7 @@ from romsindy.fit.equation import equation_of
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
+from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
@@ -83,6 +84,7 @@ def fit(
     *,
     fixed: bool = False,
     iterations: int = _ITERATIONS,
+    rough: float = 0.0,
 ) -> Solution:
     """Fit the values of all parts, and the initial states, to all records.
 
@@ -98,11 +100,14 @@ def fit(
         Fit initial states and strengths that differ between records only.
     iterations : int
         At most.
+    rough : float
+        The fit ends where a step changes chi-square by less than this part of what is left beyond
+        the noise: where the form of the equation decides, no digit of its values matters.
     """
     parts = tuple(parts)
     motions = list(motions or [r.motion for r in records])
     n_values = sum(p.size for p in parts)
-    last, converged = np.inf, False
+    last, converged, n_samples = np.inf, False, sum(len(r.signal) for r in records)
     kept: _Stage | None = None
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
@@ -135,9 +140,10 @@ def fit(
             kept = _Stage(parts, tuple(responses), weights, step[:n_values], short, system)
             parts, motions = kept.moved()
         chi_squared = system.chi_squared(step)
-        settled = short == 1.0 and abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared
+        beyond = rough * max(chi_squared - EXPLAINED**2 * n_samples, 0.0)
+        near = abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared + beyond
         # Along a valley of values that make up for one another a step leaves the curved floor.
-        converged = settled and system.power < last + _OFF_THE_FLOOR
+        converged = short == 1.0 and near and system.power < last + _OFF_THE_FLOOR + beyond
         if converged:
             break
         last = chi_squared

@@ -25,6 +25,7 @@ from romsindy.typing import Array
 # Cycles of the slowest coordinate in the first pieces, and at least so many beats of the two that
 # are nearest; by about how much they grow.
 _CYCLES, _BEATS, _GROWTH = 10.0, 2.0, 2.0
+_ROUGH = 1e-3  # change of chi-square, of what is left beyond the noise, at which a fit ends
 
 
 def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
@@ -57,7 +58,7 @@ def fit_pieces(
     """
     several = [cut(record, cycles) for record in records]
     every = [piece for own in several for piece in own]
-    solution = fit(model, parts, every)
+    solution = fit(model, parts, every, rough=_ROUGH)
     if not solution.finite:
         return None
     motions, residuals = list(solution.motions), list(solution.residuals)
