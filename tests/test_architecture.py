@@ -122,6 +122,19 @@ sys.exit(str(names & {*sys.modules}) if names & {*sys.modules} else 0)
     assert done.returncode == 0, done.stderr
 
 
+def test_laws_are_known_by_name_whatever_was_imported():
+    """A model is read in a new interpreter, where nothing else has asked for its laws."""
+    code = """
+import romsindy as rs
+laws = {"omega^2": 36.0, "c_coulomb": 0.1, "gain [force]": 1.0, "Upsilon_3": 0.5}
+rs.ReducedModel.from_coefficients(laws)
+laws = {f"{name} [q1]": value for name, value in laws.items() if not name.startswith("gain")}
+rs.CoupledModel.from_coefficients({**laws, "omega^2 [q2]": 40.0, "V q1^2 q2": 1.0})
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_public_names_exist_once():
     assert len(set(romsindy.__all__)) == len(romsindy.__all__)
     for name in romsindy.__all__:

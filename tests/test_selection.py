@@ -5,10 +5,11 @@ import pytest
 
 from romsindy.effects.choices import PLACES, sought
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.dragged import dragged
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.friction import smoothed
 from romsindy.fit.selection import Gram, Trials
-from romsindy.fit.signs import dragged, massless, stand_ins
+from romsindy.fit.signs import massless, stand_ins
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import Friction, PowerDamping

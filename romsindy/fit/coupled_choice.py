@@ -11,13 +11,13 @@ import numpy as np
 
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
+from romsindy.fit.dragged import dragged
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import cut
 from romsindy.fit.selection import Gram, Linearised, Trials
-from romsindy.fit.signs import dragged
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.term import Term
 from romsindy.typing import Indices

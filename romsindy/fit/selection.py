@@ -85,7 +85,7 @@ class Trials:
         Groups of which the data may refuse that, by `REFUSED` standard errors.
     kinetic : mapping of int to (n,) array
         Kinetic energy at some states that a value of 1 of a group of one adds: see
-        `romsindy.fit.signs.dragged`. Their sum is not negative, by `NEGATIVE` standard errors.
+        `romsindy.fit.dragged`. Their sum is not negative, by `NEGATIVE` standard errors.
     """
 
     parts: Sequence[Gram]

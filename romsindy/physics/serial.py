@@ -19,7 +19,14 @@ from typing import Any
 import numpy as np
 
 # The laws must be there before they are looked up by name.
-from romsindy.physics import combination, coupling, inertia, input  # noqa: F401
+from romsindy.physics import (  # noqa: F401
+    combination,
+    coupling,
+    inertia,
+    input,
+    memory,
+    stiffness,
+)
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.entries import finite, made, number, several, table, text, whole
 from romsindy.physics.term import (

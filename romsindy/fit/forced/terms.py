@@ -13,11 +13,11 @@ import numpy as np
 from romsindy.effects.choices import sought
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.dragged import dragged
 from romsindy.fit.fitted import Fit
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.selection import Gram, Linearised, Trials
-from romsindy.fit.signs import dragged
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.driven import without_inputs
 from romsindy.physics.inertia import Inertia
