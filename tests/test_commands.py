@@ -25,8 +25,8 @@ from romsindy import (
     save_decay,
 )
 from romsindy.commands import analysis as analysis_module
-from romsindy.commands import identify as identify_module
 from romsindy.commands import main as main_module
+from romsindy.commands import one_mode
 from romsindy.commands.main import main
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.physics.example import EXAMPLE_MODEL
@@ -85,13 +85,13 @@ def test_the_answer_comes_first(run, tmp_path):
 
 @pytest.mark.slow
 def test_same_seed_same_numbers(run):
-    first, second = (run("identify", "--example", "--seed", 4, "--plain").output for _ in range(2))
-    assert first == second != run("identify", "--example", "--seed", 5, "--plain").output
+    first, second = (run("regress", "--example", "--seed", 4, "--plain").output for _ in range(2))
+    assert first == second != run("regress", "--example", "--seed", 5, "--plain").output
 
 
 def test_plain_is_the_regression_of_the_paper(run, tmp_path):
     """As by hand: least squares on harmonics 0 to 5 of the terms as they stand."""
-    result = run("identify", "--example", "--plain", "--model", "model.json", "--full")
+    result = run("regress", "--example", "--plain", "--model", "model.json", "--full")
     assert result.exit_code == 0 and "stiffness, omega fixed" in result.output
     assert "+-" not in result.output and "Regressions have no error bars" in result.output
     decays = inspect(example_decay(35.0, 0)).decays()
@@ -104,7 +104,7 @@ def test_plain_is_the_regression_of_the_paper(run, tmp_path):
     expected = recipe.fit(decays).model_
     plain = ReducedModel.from_json((tmp_path / "model.json").read_text())
     assert plain.coefficients == pytest.approx(expected.coefficients, rel=1e-9)
-    run("identify", "--example", "--weighted", "--model", "weighted.json")
+    run("regress", "--example", "--model", "weighted.json")
     weighted = ReducedModel.from_json((tmp_path / "weighted.json").read_text())
     expected = HarmonicSINDy(recipe.library).fit(decays).model_
     assert weighted.coefficients == pytest.approx(expected.coefficients, rel=1e-9)
@@ -115,7 +115,7 @@ def test_an_inertia_that_no_structure_has_is_marked(run, tmp_path):
     truth = {"omega^2": 36.0, "gamma_3": 9.0, "Upsilon_3": -0.05, "c_linear": 0.06}
     model = ReducedModel.from_coefficients(truth, unit="m")
     save_decay(model.simulate(1.5, 0.0, np.arange(0, 60, 0.02)), tmp_path / "decay.npz")
-    result = run("identify", "decay.npz", "--plain", "--order", 3)
+    result = run("regress", "decay.npz", "--plain", "--order", 3)
     assert re.search(
         r"IC-ROM: its inertia h\(q\) is negative within the data, first at", result.output
     )
@@ -125,13 +125,18 @@ def test_an_inertia_that_no_structure_has_is_marked(run, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--plain", "--weighted"], "are two regressions: ask for one"),
-        (["--plain", "--save", "found.json"], "--save needs the bands"),
-        (["--select"], "--select is for records with inputs: say --input"),
+        (["regress", "--plain", "--weighted"], "are two regressions: ask for one"),
+        (["regress", "--save", "x.json"], "--save is no option here, but of romsindy identify"),
+        (["identify", "--select"], "--select is for records with inputs: say --input"),
+        (["identify", "--order", "3"], "--order is for records with inputs: say --input"),
+        (["identify", "--plain"], "--plain is no option here, but of romsindy regress"),
+        (["identify", "--weighted"], "--weighted is no option here, but of romsindy regress"),
+        (["identify", "--harmonics", "0-3"], "is no option here, but of romsindy regress"),
+        (["identify", "--cutoff", "9"], "--cutoff is no option here, but of romsindy regress"),
     ],
 )
 def test_options_that_do_not_go_together(run, options, message):
-    result = run("identify", "--example", *options)
+    result = run(*options, "--example")
     assert result.exit_code == 2 and message in result.stderr
 
 
@@ -145,7 +150,7 @@ def test_options_reach_the_identification(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(analysis_module, "fit", refuse)
     save_decay(example_decay(40.0, 1), tmp_path / "decay.npz")
-    result = run("identify", "decay.npz", "--fix", "omega^2=36", "--seed", 7, "--order", 3,
+    result = run("identify", "decay.npz", "--fix", "omega^2=36", "--seed", 7,
                  "--amplitude", 0.5, 1.5, "--curvature", 0.03)  # fmt: skip
     assert result.exit_code == 2 and "seen" in result.stderr
     ((decay, options),) = seen
@@ -161,10 +166,10 @@ def test_file_with_options(run, tmp_path):
     decay = example_decay(40.0, 1)
     table = np.stack([decay.t, 1000 * decay.q], axis=1)
     np.savetxt(tmp_path / "decay.csv", table, delimiter=";", header="t;q", comments="")
-    result = run("identify", "decay.csv", "--unit", "mm", "--order", 3, "--fix", "omega^2=36",
+    result = run("regress", "decay.csv", "--unit", "mm", "--order", 3, "--fix", "omega^2=36",
                  "--harmonics", "0,1,2,3,4", "--damping", "linear", "--damping", "quadratic",
                  "--report", "page.html", "--amplitude", 0.1, 1.5, "--cutoff", 8,
-                 "--weighted", "--full")  # fmt: skip
+                 "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "36 (fixed)" in result.output and "c_quadratic" in result.output
     assert "Upsilon_4" not in result.output and "cutoff=8.0" in result.output
@@ -184,7 +189,7 @@ def test_amplitudes_without_a_cycle(run):
 
 @pytest.mark.slow
 def test_measured_velocity(run, measured):
-    result = run("identify", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
+    result = run("regress", measured / "cc_beam_bristol.npz", "--unit", "m/s", "--cutoff", 300,
                  "--weighted", "--column", "mode1b_v", "--time", "mode1b_t", "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert "measured velocity" in result.output
@@ -252,25 +257,38 @@ def bad(name):
         ("good", ["--fix", "gamma_3=1"], "the unit of q is not known: load the decay with --unit"),
         ("good", ["--fix", "omega^2=39.5e6"], "contradicts the data"),
         ("good", ["--fix", "omega^2"], "is not NAME=NUMBER"),
-        ("good", ["--harmonics", "0..3"], "neither a range such as 0-3 nor a list"),
         (
             "good",
             ["--figure", "backbone.doc"],
             "backbone.doc: its name must end in .png or .svg or .pdf",
         ),
         ("good", ["--unit", "yard"], "unit 'yard' is not known"),
-        ("good", ["--order", "2"], "order = 2 must be at least 3"),
-        ("good", ["--cutoff", "-5"], "must be a positive frequency"),
-        ("good", ["--cutoff", "0.5"], "cutoff = 0.5 Hz would take away the vibration itself"),
-        ("good", ["--harmonics", "5-2"], "neither a range such as 0-3 nor a list"),
         ("good", ["--fix", "omega^2=-36"], "fixed omega^2 = -36 must not be negative"),
         ("good", ["--start", "50"], "leave 0 samples"),
-        ("good", ["--damping", "magic"], "'magic' is not one of"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(run, tmp_path, name, options, message):
     (tmp_path / "decay.csv").write_text(bad(name))
-    result = run("identify", "decay.csv", *options)
+    refused_in_one_line(run("identify", "decay.csv", *options), message)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--harmonics", "0..3"], "neither a range such as 0-3 nor a list"),
+        (["--harmonics", "5-2"], "neither a range such as 0-3 nor a list"),
+        (["--order", "2"], "order = 2 must be at least 3"),
+        (["--cutoff", "-5"], "must be a positive frequency"),
+        (["--cutoff", "0.5"], "cutoff = 0.5 Hz would take away the vibration itself"),
+        (["--damping", "magic"], "'magic' is not one of"),
+    ],
+)
+def test_what_no_regression_can_do_is_refused(run, tmp_path, options, message):
+    (tmp_path / "decay.csv").write_text(bad("good"))
+    refused_in_one_line(run("regress", "decay.csv", *options), message)
+
+
+def refused_in_one_line(result, message):
     assert result.exit_code == 2
     assert message in " ".join(result.output.split())
     assert "Traceback" not in result.output
@@ -296,7 +314,7 @@ def test_millimetres_get_a_hint(run, tmp_path):
     decay = example_decay(40.0, 1)
     table = np.stack([decay.t, 1000 * decay.q], axis=1)
     np.savetxt(tmp_path / "decay.csv", table, delimiter=",", header="t,q", comments="")
-    result = run("identify", "decay.csv", "--unit", "m", "--fix", "omega^2=36", "--weighted")
+    result = run("regress", "decay.csv", "--unit", "m", "--fix", "omega^2=36")
     assert "if it is in millimetres, load it with --unit mm" in result.output
     wrong = run("identify", "decay.csv", "--unit", "m", "--fix", "gamma_3=9")
     assert wrong.exit_code == 2 and "1000 means millimetres" in wrong.output
@@ -310,7 +328,7 @@ def test_neither_or_both_of_file_and_example(run):
 
 def test_saved_decays_are_read_back(run, tmp_path):
     save_decay(example_decay(), tmp_path / "clean.npz")
-    result = run("identify", "clean.npz", "--weighted")
+    result = run("regress", "clean.npz")
     assert result.exit_code == 0, result.output
     assert "IC-ROM model misses the measured frequency by 0.001" in result.output
 
@@ -376,7 +394,7 @@ def test_a_choice_that_is_not_there_is_all_that_is_told(run, tmp_path, choice):
     ("command", "files"),
     [
         (["inspect", "decay.csv", "--json", "x.json"], ["x.json", "decay_inspection.html"]),
-        (["identify", "decay.csv", "--plain", "--model", "x.json"], ["x.json"]),
+        (["regress", "decay.csv", "--model", "x.json"], ["x.json"]),
     ],
 )
 def test_who_reads_a_pipe_may_stop(tmp_path, command, files):
@@ -397,7 +415,7 @@ def test_an_internal_error_is_no_refusal(run, monkeypatch):
     def broken(*_):
         raise KeyError("a bug")
 
-    monkeypatch.setattr(identify_module, "example_decay", broken)
+    monkeypatch.setattr(one_mode, "example_decay", broken)
     result = run("identify", "--example")
     assert result.exit_code == 1 and isinstance(result.exception, KeyError)
 
@@ -460,7 +478,7 @@ def test_any_package_adds_a_command(run, others):
 @pytest.mark.parametrize(
     "command",
     [
-        ["identify", "--example", "--plain"],
+        ["regress", "--example"],
         ["inspect", "decay.csv"],
         ["diagnose", "--measured", "decay.csv", "--model", "model.json"],
         ["simulate", "beam.npz", "--duration", "0.01", "--elements", "10"],
@@ -525,14 +543,14 @@ def test_a_regression_that_cannot_be_made_leaves_the_identification(run, monkeyp
     assert result.exit_code == 0 and "no regression beside the identification" in result.output
     assert Identification.load("found.json").structures
     monkeypatch.setattr(analysis_module, "fit", refuse)
-    result = run("identify", "--example", "--plain")
+    result = run("regress", "--example")
     assert result.exit_code == 2 and "too few samples a cycle" in result.stderr
 
 
 @pytest.mark.parametrize(
     ("module", "name", "words"),
     [
-        (identify_module, "inspect", "Interrupted while inspecting"),
+        (one_mode, "inspect", "Interrupted while inspecting"),
         (analysis_module, "extract_backbone", "Interrupted while reading the cycles, after the"),
         (analysis_module, "compare_models", "Interrupted while making the regressions, after the"),
     ],
@@ -552,7 +570,7 @@ def test_an_early_interrupt_says_what_was_reached(run, tmp_path, monkeypatch, mo
     assert result.exit_code == 130 and "a.npz: interrupted while" in result.stdout
 
 
-@pytest.mark.parametrize("name", ["identify", "diagnose", "simulate"])
+@pytest.mark.parametrize("name", ["identify", "regress", "diagnose", "simulate"])
 def test_help_has_every_option_once_under_a_heading(name):
     command = getattr(importlib.import_module(f"romsindy.commands.{name}"), name)
     text = CliRunner().invoke(main, [name, "--help"]).output

@@ -147,14 +147,10 @@ def test_damping_ratios_of_modes_are_those_of_the_eigenvalues():
     [
         (["--mode", "1"], "--mode is for one coordinate: leave it out beside --coordinates"),
         (["--band", "5", "15"], "--band is for one coordinate"),
-        (["--order", "5"], "--order is for one coordinate"),
-        (["--damping", "linear"], "--damping is for one coordinate"),
+        (["--order", "5"], "--order is for records with inputs"),
+        (["--damping", "linear"], "--damping is for records with inputs"),
         (["--fix", "omega^2=36"], "--fix is for one coordinate"),
-        (["--harmonics", "0-3"], "--harmonics is for one coordinate"),
         (["--amplitude", "0.1", "1"], "cut the record with --start and --end"),
-        (["--cutoff", "50"], "--cutoff is for one coordinate"),
-        (["--plain"], "--plain is for one coordinate"),
-        (["--weighted"], "--weighted is for one coordinate"),
         (["--coordinates", "x"], "'x' is neither auto nor a whole number of at least 1"),
         (["--coordinates", "0"], "'0' is neither auto nor a whole number of at least 1"),
         (["--coordinates", "7"], "hammer.csv: --coordinates 7: "),
@@ -174,8 +170,8 @@ def test_columns_are_chosen_as_for_one_coordinate(run):
 
 @pytest.mark.slow
 def test_one_coordinate_is_the_command_as_it_is(run):
-    plain = ["identify", "--example", "--plain", "--report", "one.html"]
-    assert run(*plain, "--coordinates", 1).output == run(*plain).output
+    alone = ["identify", "--example", "--report", "one.html"]
+    assert run(*alone, "--coordinates", 1).output == run(*alone).output
 
 
 def test_a_motion_that_is_not_found_is_refused_with_a_remedy(run, monkeypatch):

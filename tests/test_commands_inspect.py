@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from romsindy.commands import analysis
-from romsindy.commands import identify as identify_module
+from romsindy.commands import analysis, one_mode
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.text import aligned, as_options, quantity, with_band, with_error
@@ -104,7 +103,7 @@ def test_the_command_that_comes_next_works(run, record, tmp_path):
 
 def test_one_mode_and_one_release_by_choice(run, record, tmp_path):
     for choice in (["--mode", 2], ["--band", 20, 28]):
-        result = run("identify", "test.csv", *choice, "--release", 2, "--weighted", "--json", "-")
+        result = run("regress", "test.csv", *choice, "--release", 2, "--json", "-")
         (found,) = json.loads(result.stdout)
         assert found["mode"] == 2 and found["releases"] == [2]
         # The damped frequency is 1.4e-4 below; the noise is a part of 150 of this mode.
@@ -165,17 +164,17 @@ def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
 def test_an_interrupt_between_files_keeps_them(run, tmp_path, monkeypatch):
     for i in (1, 2):
         write(tmp_path / f"run{i}.csv", *duffing(1.0, i)[:1], "t [s],q [m]", duffing(1.0, i)[1])
-    read = identify_module.read
+    read = one_mode.read
 
     def interrupted(file, options):
         if file.stem == "run2":
             raise KeyboardInterrupt
         return read(file, options)
 
-    monkeypatch.setattr(identify_module, "read", interrupted)
-    result = run("identify", "run1.csv", "run2.csv", "--weighted")
+    monkeypatch.setattr(one_mode, "read", interrupted)
+    result = run("regress", "run1.csv", "run2.csv")
     assert result.exit_code == 130 and "Identified: 1 files" in result.output
-    assert (tmp_path / "identify_overview.html").is_file()
+    assert (tmp_path / "regress_overview.html").is_file()
 
 
 @pytest.mark.parametrize("command", ["inspect", "identify"])
@@ -218,7 +217,7 @@ def test_several_channels(run, tmp_path):
     refused = run("identify", "two.csv")
     assert refused.exit_code == 2 and "choose with --column" in refused.stderr
     assert "['base', 'left tip']" in refused.stderr
-    result = run(*shlex.split(commands[0]), "--weighted", "--full")
+    result = run("regress", *shlex.split(commands[0])[1:], "--full")
     assert result.exit_code == 0 and "in channels base and left tip" in result.output
     assert "channels base (+0.1) and left tip (+1) together" in result.output
 
@@ -246,7 +245,7 @@ def test_every_command_that_is_proposed_runs(run, tmp_path, header, name, option
     assert len({*commands}) == len(commands) == (1 if len(options) == 1 else 3)
     for command in commands:
         words = shlex.split(command)
-        result = run(*words, "--plain")  # reads alike, and is fast
+        result = run("regress", *words[1:])  # reads alike, and is fast
         assert result.exit_code == 0, f"{command}: {result.stderr}"
         columns = [b for a, b in itertools.pairwise(words) if a == "--column"]
         assert f"in channel{'s' * (len(columns) > 1)} {' and '.join(columns)}" in result.output
@@ -263,7 +262,7 @@ def test_negative_damping_is_not_printed_without_a_word(run, tmp_path):
     model = ReducedModel.from_coefficients(truth, unit="m")
     t = np.arange(0, 5, 0.004)
     write(tmp_path / "dry.csv", t, "t [s],q [m]", model.simulate(0.1, 0.0, t).q)
-    result = run("identify", "dry.csv", "--plain", "--order", 3,
+    result = run("regress", "dry.csv", "--plain", "--order", 3,
                  "--damping", "linear", "--damping", "quadratic", "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
     assert re.search(r"^c_quadratic +1/m +-\d", result.output, re.M)

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from romsindy import ReducedModel, save_decay
-from romsindy.commands import identify as identify_module
+from romsindy.commands import one_mode
 from romsindy.commands.main import main
 from romsindy.commands.outputs import Output, WritingCommand
 from romsindy.record.files.whole import whole, write_whole
@@ -107,6 +107,7 @@ def test_no_output_replaces_an_input(run, tmp_path, name, source, output, way):
         (["identify", "FILE"], "a_report.html"),
         (["identify", "FILE", "a_report.html"], "a_report.html"),
         (["identify", "FILE", "b.csv"], "identify_overview.html"),
+        (["regress", "FILE"], "a_regression.html"),
         (["diagnose", "--model", "m.json", "--measured", "FILE"], "a_diagnosis.html"),
     ],
 )
@@ -173,7 +174,7 @@ def test_every_kind_of_output_knows_itself(run, tmp_path):
         "--report",
         "page.html",
     ]
-    result = run("identify", "decay.csv", "--plain", *written)
+    result = run("regress", "decay.csv", *written)
     assert result.exit_code == 0, result.output
     assert ReducedModel.from_json((tmp_path / "f.json").read_text()).coefficients["omega^2"]
     for ending in ("pdf", "svg"):
@@ -181,7 +182,7 @@ def test_every_kind_of_output_knows_itself(run, tmp_path):
             tmp_path / f"f.{ending}"
         )
     for known in (written, ["--figure", "f.pdf"], ["--figure", "f.svg"]):
-        result = run("identify", "missing.csv", *known)
+        result = run("regress", "missing.csv", *known)
         assert "missing.csv: no such file" in result.stderr
     for taken in ("r.json", "f.png", "page.html"):
         result = run("identify", "decay.csv", "--save", taken)
@@ -274,9 +275,9 @@ def test_a_page_that_fails_costs_no_result(run, tmp_path, monkeypatch, failure, 
     def fail(*_, **__):
         raise failure
 
-    monkeypatch.setattr(identify_module, "write_identification", fail)
+    monkeypatch.setattr(one_mode, "write_identification", fail)
     (tmp_path / "page.html").write_text("old")
-    result = run("identify", "decay.csv", "--plain", "--report", "page.html", "--force",
+    result = run("regress", "decay.csv", "--report", "page.html", "--force",
                  "--full", "--model", "m.json")  # fmt: skip
     assert result.exit_code == code and "omega^2" in result.stdout
     assert "Report: not written" in result.stdout and "Model: m.json" in result.stdout

@@ -100,9 +100,9 @@ def test_under_the_pointer_are_the_numbers_of_the_cycles(backbone):
 @pytest.mark.slow
 def test_a_page_from_the_command_stands_alone(run, tmp_path):
     """The numbers are those of the JSON, plotly is in it once, and nothing is fetched or sent."""
-    result = run("identify", "--example", "--plain", "--interactive", "--json", "all.json")
+    result = run("regress", "--example", "--plain", "--interactive", "--json", "all.json")
     assert result.exit_code == 0, result.output
-    page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
+    page = (tmp_path / "example_regression.html").read_text(encoding="utf-8")
     told = json.loads((tmp_path / "all.json").read_text())[0]["backbone"]
     for name in ("backbone", "damping"):
         shown = columns(named(traces_of(page, f"{name}-1"), "cycles of the decay"))
@@ -128,8 +128,8 @@ def test_a_page_from_the_command_stands_alone(run, tmp_path):
 
 @pytest.mark.slow
 def test_pages_are_static_unless_asked_otherwise(run, tmp_path):
-    run("identify", "--example", "--plain")
-    page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
+    run("regress", "--example")
+    page = (tmp_path / "example_regression.html").read_text(encoding="utf-8")
     assert "<script" not in page and page.count("data:image/png") == 5
 
 

@@ -1,10 +1,11 @@
-"""One record identified: free decays, regressions beside the identification, and the report."""
+"""Decays of one mode: the identification with regressions beside it, or regressions alone."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from romsindy.regression.comparison import (
 from romsindy.show.identification_page import IdentificationReport
 from romsindy.text import bar
 
-USUAL_ORDER, USUAL_DAMPING = 5, ("linear",)  # of regressions, where nothing else is asked for
+USUAL = (5, ("linear",))  # order and damping of regressions, where nothing else is asked for
 # Parts of the largest amplitude below which a decay is identified, one after the other, where the
 # fit of more of it breaks down.
 _QUIETER = (1.0, 0.5, 0.25)
@@ -37,25 +38,67 @@ class Settings:
     """What the command line asks of an identification; see `romsindy identify --help`."""
 
     seed: int
+    fix: Mapping[str, float]
+    amplitude: tuple[float, float] | None
+    curvature: float
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What the command line asks of regressions; see `romsindy regress --help`."""
+
+    plain: bool
     order: int
     damping: tuple[str, ...]
     fix: Mapping[str, float]
     harmonics: tuple[int, ...] | None
     amplitude: tuple[float, float] | None
     cutoff: float | None
-    plain: bool
-    weighted: bool
-    curvature: float
-
-    @property
-    def chosen(self) -> bool:
-        """Whether something was asked of the regressions, which then is at fault if they fail."""
-        usual = (self.order, self.damping) == (USUAL_ORDER, USUAL_DAMPING)
-        return not usual or bool(self.fix or self.harmonics or self.cutoff)
 
 
-def analysed(
-    title: str, decays: Sequence[Decay], settings: Settings, picked: str = ""
+def regressed(
+    title: str, decays: Sequence[Decay], picked: str, recipe: Recipe
+) -> IdentificationReport:
+    """Make the regressions of the free decays of one mode.
+
+    Parameters
+    ----------
+    title : str
+        Of the report.
+    decays : sequence of Decay
+    picked : str
+        What was used of the record.
+    recipe : Recipe
+
+    Raises
+    ------
+    ValueError
+        If the decays cannot be used, or the recipe contradicts them.
+    """
+    free, backbones = _used(decays, recipe.amplitude)
+    backbone = joined(backbones)
+    fastest = float(backbone.frequency.max()) / (2 * np.pi)
+    if recipe.cutoff is not None and 0 < recipe.cutoff < fastest:
+        raise ValueError(
+            f"cutoff = {recipe.cutoff:g} Hz would take away the vibration itself, of up to"
+            f" {fastest:.4g} Hz: choose a multiple of that"
+        )
+    conditioned = [d.conditioned(Butterworth(recipe.cutoff)) for d in free]
+    how = deepcopy(PAPER if recipe.plain else WEIGHTED)
+    if recipe.harmonics is not None:
+        how.set_params(projection__harmonics=recipe.harmonics)
+    four, broken = _regressions(
+        conditioned, backbone, recipe.order, recipe.damping, recipe.fix, how
+    )
+    if broken is not None:
+        raise broken
+    return IdentificationReport(
+        title, conditioned, backbones, [*four.values()], four["IC-ROM"], picked=picked
+    )
+
+
+def identified(
+    title: str, decays: Sequence[Decay], picked: str, settings: Settings
 ) -> IdentificationReport:
     """Identify an equation from the free decays of one mode, beside plain regressions.
 
@@ -63,41 +106,24 @@ def analysed(
 
     Parameters
     ----------
-    title : str
-        Of the report.
-    decays : sequence of Decay
+    title, decays, picked
+        As of `regressed`.
     settings : Settings
-    picked : str
-        What was used of the record.
 
     Raises
     ------
     ValueError
         If the decays cannot be used, or the settings contradict them.
     """
-    with bar(None, "reading the cycles"):
-        free, backbones = _used(decays, settings.amplitude)
-    backbone = joined(backbones)
-    fastest = float(backbone.frequency.max()) / (2 * np.pi)
-    if settings.cutoff is not None and 0 < settings.cutoff < fastest:
-        raise ValueError(
-            f"cutoff = {settings.cutoff:g} Hz would take away the vibration itself, of up to"
-            f" {fastest:.4g} Hz: choose a multiple of that"
-        )
-    conditioned = [d.conditioned(Butterworth(settings.cutoff)) for d in free]
-    recipe = deepcopy(WEIGHTED if settings.weighted else PAPER)
-    if settings.harmonics is not None:
-        recipe.set_params(projection__harmonics=settings.harmonics)
-    choices = (settings.order, settings.damping, settings.fix, recipe)
-    four, broken = _regressions(conditioned, backbone, choices)
-    if broken is not None and settings.chosen:
+    free, backbones = _used(decays, settings.amplitude)
+    backbone, fixed = joined(backbones), settings.fix
+    conditioned = [d.conditioned(Butterworth()) for d in free]
+    four, broken = _regressions(conditioned, backbone, *USUAL, fixed, PAPER)
+    if broken is not None and fixed:  # what was asked for may be at fault
         raise broken
-    found, trouble, interrupted = None, "", False
+    found, trouble, interrupted = _functions(free, settings)
     columns: list[Judged] = list(four.values())
-    if not (settings.plain or settings.weighted):
-        found, trouble, interrupted = _functions(free, settings)
     if found is not None:
-        fixed = settings.fix
         main: Judged = judge(
             "identified", found.single_model, backbone, fixed, found.standard_errors
         )
@@ -106,7 +132,7 @@ def analysed(
             note = f"there is no regression beside the identification: {broken}"
             found = replace(found, notes=(*found.notes, note))
     elif broken is not None:
-        raise ValueError("; ".join(filter(None, [str(broken), trouble.rstrip(".")]))) from broken
+        raise ValueError(f"{broken}; {trouble.rstrip('.')}") from broken
     else:
         main = four["IC-ROM"]
     return IdentificationReport(
@@ -115,7 +141,7 @@ def analysed(
 
 
 def _regressions(
-    decays: Sequence[Decay], backbone: Backbone, choices: tuple
+    decays: Sequence[Decay], backbone: Backbone, *choices: Any
 ) -> tuple[dict[str, Candidate], Exception | None]:
     """The four regressions by name; or none, and why."""
     with bar(None, "making the regressions"):
@@ -196,8 +222,9 @@ def _used(
     decays: Sequence[Decay], amplitude: tuple[float, float] | None
 ) -> tuple[list[Decay], list[Backbone]]:
     """The free decays, or their cycles with these amplitudes, and their backbones."""
-    free = [d.single().free() for d in decays]
-    backbones = [extract_backbone(d) for d in free]
+    with bar(None, "reading the cycles"):
+        free = [d.single().free() for d in decays]
+        backbones = [extract_backbone(d) for d in free]
     if amplitude is None:
         return free, backbones
     low, high = amplitude

@@ -29,21 +29,13 @@ from romsindy.text import as_text, bar, with_error
 Coordinates = int | str  # "auto"
 
 _STRONGEST = "the strongest vibrations are modelled, say how many"
-_CHOSEN = "terms are chosen by what they gain on data that took no part"
-_REGRESSION = "no regression is made"
 # Options that are for one coordinate, and what to do without them.
 _ALONE = {
     "mode": _STRONGEST,
     "band": _STRONGEST,
-    "order": _CHOSEN,
-    "damping": _CHOSEN,
     "fix": "every coefficient is fitted; in Python, rs.refine keeps fixed ones",
-    "harmonics": _REGRESSION,
     "amplitude": "cut the record with --start and --end",
-    "cutoff": _REGRESSION,
     "curvature": "sensors are taken for straight, or for curved by what they show of products",
-    "plain": _REGRESSION,
-    "weighted": _REGRESSION,
 }
 
 

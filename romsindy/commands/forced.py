@@ -28,18 +28,13 @@ from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.show.page import Picture
 from romsindy.text import as_text, bar, with_error
 
-_REGRESSION = "no regression is made"
 # Options that are for free decays, and what to do without them.
 _FREE = {
     "example": "name a file; `romsindy example` writes one",
     "coordinates": "one coordinate is modelled",
     "fix": "every coefficient is fitted; in Python, rs.refine keeps fixed ones",
-    "harmonics": _REGRESSION,
     "amplitude": "cut the record with --start and --end",
-    "cutoff": _REGRESSION,
     "curvature": "the sensor is taken for straight",
-    "plain": _REGRESSION,
-    "weighted": _REGRESSION,
 }
 _CHOSEN = {"damping": "kinds of damping are among what is chosen from"}
 _OPTIONS = (
@@ -79,7 +74,7 @@ class Driven(Inputs):
         click.UsageError
             If there are such.
         """
-        self.check(_FREE, ("select", "held-out"))
+        self.check(_FREE, ("select", "held-out", "order", "damping"))
         if self.select:
             refuse_beside("select", "models whose terms are given", _CHOSEN)
 

@@ -28,6 +28,7 @@ _COMMANDS = {
     "export": "Write the equation of motion in FILE for MATLAB, C or sympy, or as text.",
     "identify": "Identify equations of motion from the free or driven vibrations in FILES.",
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
+    "regress": "Fit models of a given structure to the free decays in FILES, by regression.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
 }
 REFUSED = 2

@@ -83,6 +83,29 @@ interactive_option = click.option(
     help="Figures of pages zoom and show what is under the pointer (needs romsindy[interactive]).",
 )
 
+
+def _coefficients(
+    _: click.Context, __: click.Parameter, values: tuple[str, ...]
+) -> dict[str, float]:
+    fixed = {}
+    for value in values:
+        name, _sep, number = value.partition("=")
+        try:
+            fixed[name.strip()] = float(number)
+        except ValueError:
+            raise click.BadParameter(
+                f"{value!r} is not NAME=NUMBER, such as omega^2=1482.2"
+            ) from None
+    return fixed
+
+
+def fix_option(words: str) -> Callable:
+    """The option that states coefficients which are known."""
+    return click.option(
+        "--fix", multiple=True, callback=_coefficients, metavar="NAME=VALUE", help=words
+    )
+
+
 full_option = click.option(
     "--full", is_flag=True, help="Print all tables; without it they are on the page alone."
 )

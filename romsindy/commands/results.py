@@ -26,7 +26,7 @@ HEADER += ["structure", "explained", "report"]
 
 
 @dataclass(frozen=True)
-class Refusal:
+class Refused:
     """A file from which nothing was identified, and why, in a sentence."""
 
     file: str

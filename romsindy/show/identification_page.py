@@ -302,12 +302,13 @@ def write_identification(
     figures: Iterable[Picture],
     *,
     interactive: bool = False,
+    command: str = "identify",
 ) -> None:
-    """Write the page with figures, those of `pictures` and others."""
+    """Write the page with figures, those of `pictures` and others; a ``command`` makes it."""
     write_page(
         path,
         "report",
-        "identify",
+        command,
         title=report.title,
         equation_title="The equation of motion",
         **_found_or_not(report),

@@ -29,6 +29,7 @@ def write_overview(
     notes: Sequence[str] = (),
     *,
     interactive: bool = False,
+    command: str = "identify",
 ) -> None:
     """Write the page.
 
@@ -45,6 +46,8 @@ def write_overview(
         Why files have no report.
     interactive : bool
         Whether the figure zooms and shows the cycle under the pointer.
+    command : str
+        The one that makes it.
     """
     header, *body = rows
     linked = [[*row[:-1], _link(row[-1])] for row in body]
@@ -52,7 +55,7 @@ def write_overview(
     write_page(
         path,
         "report",
-        "identify",
+        command,
         title=f"{len(body)} records",
         sentence=sentence,
         tables=[TextTable("Files", [header, *linked])],
