@@ -11,8 +11,6 @@ from typing import Any
 
 import click
 
-from romsindy.commands.coupled import CoupledResult
-from romsindy.commands.forced import ForcedResult
 from romsindy.commands.main import INTERRUPTED, REFUSED
 from romsindy.commands.options import full_option, interactive_option
 from romsindy.commands.outputs import (
@@ -30,8 +28,7 @@ from romsindy.physics.serial import json_text
 from romsindy.show.overview import write_overview
 from romsindy.text import aligned, as_options, at_most, bar
 
-AnyResult = Result | CoupledResult | ForcedResult
-Job = Callable[[Path | None, Path], AnyResult]
+Job = Callable[[Path | None, Path], Result]
 
 _LINES = 20  # that are read at once; the tables are on the page
 _FIGURE = "romsindy backbone"  # what the file says of itself
@@ -118,7 +115,7 @@ class Telling:
 
     def _of_many(
         self, job: Job, files: Sequence[Path], ending: str
-    ) -> tuple[Sequence[AnyResult | Refused], bool, Callable[[], None]]:
+    ) -> tuple[Sequence[Result | Refused], bool, Callable[[], None]]:
         if self.model or self.save or self.figure:
             raise click.UsageError("--model, --save and --figure hold one result: name one FILE")
         command = click.get_current_context().info_name
@@ -133,7 +130,7 @@ class Telling:
         # With JSON on the standard output, words go to the other one.
         click.echo("\n".join(lines), err=str(self.json_file) == "-")
 
-    def _tell_one(self, result: AnyResult) -> None:
+    def _tell_one(self, result: Result) -> None:
         """Print a result, in short or in full, and write what was asked for beside its page."""
         written = [told("Report", result.page)]
         # Files come first: who reads a pipe may stop.
@@ -145,21 +142,21 @@ class Telling:
             written.append(told("Saved", self.save))
         if self.figure is not None:
             with writing(self.figure):
-                next(p for p in result.pictures() if p.name == "backbone").write(self.figure)
+                next(p for p in result.pictures if p.name == "backbone").write(self.figure)
             written.append(told("Figure", self.figure))
-        words = [str(result)] if self.full else in_brief(result, _LINES - len(written))
+        words = [result.full] if self.full else in_brief(result, _LINES - len(written))
         self._say([*words, *written])
         if self.save is not None and result.found is None:
-            raise click.ClickException(result.report.trouble)
+            raise click.ClickException(result.trouble)
 
-    def _tell_all(self, results: Sequence[AnyResult | Refused], overview: Path) -> None:
+    def _tell_all(self, results: Sequence[Result | Refused], overview: Path) -> None:
         """Print the table, and write the page of all files."""
         done = [r for r in results if not isinstance(r, Refused)]
         refused = [r.sentence for r in results if isinstance(r, Refused)]
-        explained = sum(r.explained for r in done)
+        explained = sum(bool(r.explained) for r in done)
         sentence = f"Identified: {len(done)} files, {explained} of them explained to the noise."
         rows = [HEADER, *(row for r in results for row in r.rows())]
-        backbones = {r.file: r.report.backbone for r in done if isinstance(r, Result)}
+        backbones = {r.file: r.backbone for r in done if r.backbone is not None}
         command = str(click.get_current_context().info_name)
         with writing(overview):
             write_overview(
@@ -174,16 +171,16 @@ class Telling:
         self._say([aligned(rows), "", *refused, sentence, told("Overview", overview)])
 
 
-def in_brief(result: AnyResult, room: int) -> list[str]:
+def in_brief(result: Result, room: int) -> list[str]:
     """What was found and how sure, what is wrong with it, what next: so many lines at most."""
-    found, doubts, step = result.brief()
+    found, doubts, step = result.brief
     more = "with --full, and on the page."
     return [*at_most([*found, *doubts], room - 1, more), f"Next: {step}"]
 
 
-def _all_of(jobs: Mapping[str, Callable[[], AnyResult]]) -> tuple[list[AnyResult | Refused], bool]:
+def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Refused], bool]:
     """Results of all files, and whether they were interrupted: what is done is kept."""
-    results: list[AnyResult | Refused] = []
+    results: list[Result | Refused] = []
     for file, job in bar(jobs.items(), "files"):
         try:
             result = job()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +11,16 @@ import numpy as np
 
 from romsindy.commands.options import refuse_beside
 from romsindy.commands.outputs import writing
-from romsindy.commands.results import coefficients
+from romsindy.commands.results import Brief, Result, Small
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_identify import identify_coupled
-from romsindy.fit.fitted import Fit
 from romsindy.fit.small_vibrations import small_vibrations
 from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked_together
 from romsindy.orbits.curves import BackboneCurve
-from romsindy.physics.coupled import AnyModel
 from romsindy.show.coupled_page import CoupledReport, pictures, write_coupled
-from romsindy.show.page import Picture
-from romsindy.text import as_text, bar, with_error
+from romsindy.text import as_text, bar
 
 Coordinates = int | str  # "auto"
 
@@ -61,110 +57,6 @@ def refuse_others() -> None:
     refuse_beside("coordinates", "one coordinate", _ALONE)
 
 
-@dataclass(frozen=True, eq=False)
-class CoupledResult:
-    """What was identified of several coordinates from one file.
-
-    Attributes
-    ----------
-    file : str
-    report : CoupledReport
-    inspection : Inspection
-    releases : sequence of int
-        From 1.
-    page : Path
-    """
-
-    file: str
-    report: CoupledReport
-    inspection: Inspection
-    releases: Sequence[int]
-    page: Path
-
-    @property
-    def found(self) -> Fit:
-        """All that was identified."""
-        return self.report.fit
-
-    @property
-    def model(self) -> AnyModel:
-        """The equations that are printed."""
-        return self.found.model
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the user wished to stop."""
-        return self.report.interrupted
-
-    @property
-    def explained(self) -> bool:
-        """Whether the residual of the equations is down to the noise."""
-        return self.found.verdict.explained
-
-    def pictures(self) -> list[Picture]:
-        """The figures of its page that are about the equations."""
-        return pictures(self.report)
-
-    def __str__(self) -> str:
-        report = self.report
-        decays = "\n".join(map(repr, report.decays))
-        tables = map(as_text, report.tables())
-        return "\n\n".join([report.picked, decays, str(self.found), *tables]) + "\n"
-
-    def brief(self) -> tuple[list[str], list[str], str]:
-        """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
-        fit, report = self.found, self.report
-        modes = as_text(report.tables()[0]._replace(note="")).splitlines()
-        found = [report.picked, *report.equations().splitlines(), str(fit.verdict), *modes]
-        step = (
-            "--full prints coefficients and mode shapes; in Python, .predict of the fit foretells"
-            " another decay."
-        )
-        return found, fit.remarks(), step
-
-    def content(self) -> dict[str, Any]:
-        """All numbers by name, frequencies in Hz, the rest in SI units."""
-        fit, report, model = self.found, self.report, self.model
-        modes = [
-            vars(m) | {"backbone": _backbone(report.backbones[m.number])} for m in report.modes
-        ]
-        return {
-            "file": self.file,
-            "channels": report.channels,
-            "coordinates": fit.mode_shapes.shape[1],
-            "modes": modes,
-            "mode_shapes": dict(zip(report.channels, fit.mode_shapes.tolist(), strict=True)),
-            "releases": self.releases,
-            "warnings": self.inspection.warnings,
-            "unit": model.unit,
-            "explained": self.explained,
-            "verdict": str(fit.verdict),
-            "equation": model.equation(),
-            "coefficients": coefficients(model, fit.standard_errors),
-            "notes": [*fit.notes, *report.notes()],
-            "report": str(self.page),
-        }
-
-    def rows(self) -> list[list[str]]:
-        """Its rows in the table, one for each mode."""
-        words = "yes" if self.explained else "no"
-        structure = f"{self.found.mode_shapes.shape[1]} coordinates"
-        return [
-            [
-                *(self.file, str(m.number), *with_error(m.frequency, m.frequency_std)),
-                *with_error(100 * m.damping_ratio, 100 * m.damping_ratio_std),
-                *(structure, words, str(self.page)),
-            ]
-            for m in self.report.modes
-        ]
-
-
-def _backbone(curve: BackboneCurve | str) -> dict[str, Any] | str:
-    if isinstance(curve, str):
-        return curve
-    return {"frequency": curve.frequency / (2 * np.pi), "amplitude": curve.amplitude}
-
-
 def identified_together(
     names: tuple[str, str],
     found: Inspection,
@@ -172,7 +64,7 @@ def identified_together(
     release: int | None,
     page: Path,
     interactive: bool,
-) -> CoupledResult:
+) -> Result:
     """Identify equations of several coordinates, and write their page.
 
     Parameters
@@ -206,7 +98,64 @@ def identified_together(
     figures = [*pictures(report), picture(found)]
     with writing(page):
         write_coupled(report, page, bar(figures, "drawing"), interactive=interactive)
-    return CoupledResult(file, report, found, tuple(i + 1 for i in releases), page)
+    return _result(file, report, found, releases, page)
+
+
+def _result(
+    file: str,
+    report: CoupledReport,
+    inspection: Inspection,
+    releases: Sequence[int],
+    page: Path,
+) -> Result:
+    fit = report.fit
+    coordinates = fit.mode_shapes.shape[1]
+    modes = [vars(m) | {"backbone": _backbone(report.backbones[m.number])} for m in report.modes]
+    decays, tables = "\n".join(map(repr, report.decays)), map(as_text, report.tables())
+    facts = {
+        "channels": report.channels,
+        "coordinates": coordinates,
+        "modes": modes,
+        "mode_shapes": dict(zip(report.channels, fit.mode_shapes.tolist(), strict=True)),
+        "releases": tuple(i + 1 for i in releases),
+        "warnings": inspection.warnings,
+    }
+    return Result(
+        file=file,
+        page=page,
+        model=fit.model,
+        found=fit,
+        small=[
+            Small(
+                *(str(m.number), m.frequency, m.frequency_std),
+                *(m.damping_ratio, m.damping_ratio_std),
+            )
+            for m in report.modes
+        ],
+        structure=f"{coordinates} coordinates",
+        facts=facts,
+        notes=[*fit.notes, *report.notes()],
+        pictures=pictures(report),
+        full="\n\n".join([report.picked, decays, str(fit), *tables]) + "\n",
+        brief=_brief(report),
+        interrupted=report.interrupted,
+    )
+
+
+def _brief(report: CoupledReport) -> Brief:
+    modes = as_text(report.tables()[0]._replace(note="")).splitlines()
+    found = [report.picked, *report.equations().splitlines(), str(report.fit.verdict), *modes]
+    step = (
+        "--full prints coefficients and mode shapes; in Python, .predict of the fit foretells"
+        " another decay."
+    )
+    return Brief(found, report.fit.remarks(), step)
+
+
+def _backbone(curve: BackboneCurve | str) -> dict[str, Any] | str:
+    if isinstance(curve, str):
+        return curve
+    return {"frequency": curve.frequency / (2 * np.pi), "amplitude": curve.amplitude}
 
 
 def _refused(coordinates: Coordinates, error: Exception) -> ValueError:

@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.options import refuse_beside
 from romsindy.commands.outputs import writing
-from romsindy.commands.results import coefficients, if_short
+from romsindy.commands.results import Brief, Result, Small, if_short
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.held_out import HeldOut, without_end
@@ -22,11 +22,9 @@ from romsindy.fit.forced.terms import stiffness_to
 from romsindy.fit.refine import refine_terms
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.driven import inputs_of
-from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
-from romsindy.show.page import Picture
-from romsindy.text import as_text, bar, with_error
+from romsindy.text import as_text, bar
 
 # Options that are for free decays, and what to do without them.
 _FREE = {
@@ -87,110 +85,6 @@ class Driven(Inputs):
             return refine_terms([vibration], terms, {}, steps.set_postfix_str)
 
 
-@dataclass(frozen=True, eq=False)
-class ForcedResult:
-    """What was identified of a vibration with inputs from one file.
-
-    Attributes
-    ----------
-    file : str
-    report : ForcedReport
-    page : Path
-    """
-
-    file: str
-    report: ForcedReport
-    page: Path
-
-    @property
-    def found(self) -> Fit:
-        """All that was identified."""
-        return self.report.fit
-
-    @property
-    def model(self) -> ReducedModel:
-        """The equation that is printed."""
-        return self.found.single_model
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the user wished to stop."""
-        return self.found.solution.interrupted
-
-    @property
-    def explained(self) -> bool:
-        """Whether the residual of the equation is noise."""
-        return self.found.verdict.explained
-
-    def pictures(self) -> list[Picture]:
-        """The figures of its page."""
-        return pictures(self.report)
-
-    def __str__(self) -> str:
-        report = self.report
-        held = [str(report.held_out)] if report.held_out else []
-        table = as_text(report.inputs())
-        return "\n\n".join([repr(report.vibration), str(self.found), table, *held]) + "\n"
-
-    def brief(self) -> tuple[list[str], list[str], str]:
-        """What was found, what is doubtful of it, and what comes next: lines, lines, and a line."""
-        fit, report = self.found, self.report
-        held = [str(report.held_out)] if report.held_out else []
-        found = [
-            report.equation(),
-            *if_short(fit.table()),
-            str(fit.verdict),
-            *held,
-        ]
-        step = (
-            "delays of the inputs with --full; in Python, .predict of the fit foretells a record of"
-            " another level."
-        )
-        return found, fit.remarks(), step
-
-    def content(self) -> dict[str, Any]:
-        """All numbers by name, frequencies in Hz, the rest in SI units."""
-        fit, report, held = self.found, self.report, self.report.held_out
-        left = np.concatenate(fit.residuals)
-        return {
-            "file": self.file,
-            "inputs": self._inputs(),
-            "unit": self.model.unit,
-            "explained": self.explained,
-            "verdict": str(fit.verdict),
-            "residual": None if report.piece else float(np.sqrt(np.mean(left**2))),
-            "equation": self.model.equation(),
-            "coefficients": coefficients(self.model, fit.standard_errors),
-            "held_out": held and {"start": held.vibration.t[0], "error": held.error},
-            "notes": [*fit.notes, *report.measured()],
-            "report": str(self.page),
-        }
-
-    def _inputs(self) -> dict[str, dict[str, Any]]:
-        dt = self.report.vibration.dt
-        return {
-            term.signal: {
-                "gain": self.model.coefficients[term.key],
-                "gain_std": self.found.standard_errors[term.key],
-                "delay": delay,
-                "delay_std": error,
-                "delay_in_samples": delay / dt,
-                "unit": term.input_unit,
-                "interpolation": term.interpolation,
-            }
-            for term in inputs_of(self.model)
-            for delay, error in [self.found.delays[term.signal]]
-        }
-
-    def rows(self) -> list[list[str]]:
-        """Its row in the table: frequency and damping ratio at the lowest amplitude of the band."""
-        band, words = self.report.band, "yes" if self.explained else "no"
-        frequency = (band.frequency[0] / (2 * np.pi), band.frequency_std[0] / (2 * np.pi))
-        damping = (100 * band.damping_ratio[0], 100 * band.damping_ratio_std[0])
-        cells = [*with_error(*map(float, frequency)), *with_error(*map(float, damping))]
-        return [[self.file, "-", *cells, "driven", words, str(self.page)]]
-
-
 def identified_driven(
     file: Path,
     vibration: ForcedVibration,
@@ -198,7 +92,7 @@ def identified_driven(
     model: tuple[int, Sequence[str]],
     page: Path,
     interactive: bool,
-) -> ForcedResult:
+) -> Result:
     """Identify the equation of a record with inputs, and write its page.
 
     Parameters
@@ -230,4 +124,54 @@ def identified_driven(
     report = ForcedReport(f"Forced vibration {file.name}", fit, vibration, held_out)
     with writing(page):
         write_forced(report, page, bar(pictures(report), "drawing"), interactive=interactive)
-    return ForcedResult(str(file), report, page)
+    return _result(str(file), report, page)
+
+
+def _result(file: str, report: ForcedReport, page: Path) -> Result:
+    fit, band, held = report.fit, report.band, report.held_out
+    left = np.concatenate(fit.residuals)
+    facts = {
+        "inputs": _inputs(report),
+        "residual": None if report.piece else float(np.sqrt(np.mean(left**2))),
+        "held_out": held and {"start": held.vibration.t[0], "error": held.error},
+    }
+    hertz = [float(x[0]) / (2 * np.pi) for x in (band.frequency, band.frequency_std)]
+    ratio = [float(x[0]) for x in (band.damping_ratio, band.damping_ratio_std)]
+    said = [str(held)] if held else []
+    tables = [repr(report.vibration), str(fit), as_text(report.inputs()), *said]
+    step = (
+        "delays of the inputs with --full; in Python, .predict of the fit foretells a record of"
+        " another level."
+    )
+    found = [report.equation(), *if_short(fit.table()), str(fit.verdict), *said]
+    return Result(
+        file=file,
+        page=page,
+        model=fit.model,
+        found=fit,
+        small=[Small("-", *hertz, *ratio)],  # at the lowest amplitude of the band
+        structure="driven",
+        facts=facts,
+        notes=[*fit.notes, *report.measured()],
+        pictures=pictures(report),
+        full="\n\n".join(tables) + "\n",
+        brief=Brief(found, fit.remarks(), step),
+        interrupted=fit.solution.interrupted,
+    )
+
+
+def _inputs(report: ForcedReport) -> dict[str, dict[str, Any]]:
+    fit, dt = report.fit, report.vibration.dt
+    return {
+        term.signal: {
+            "gain": fit.model.coefficients[term.key],
+            "gain_std": fit.standard_errors[term.key],
+            "delay": delay,
+            "delay_std": error,
+            "delay_in_samples": delay / dt,
+            "unit": term.input_unit,
+            "interpolation": term.interpolation,
+        }
+        for term in inputs_of(fit.single_model)
+        for delay, error in [fit.delays[term.signal]]
+    }

@@ -11,19 +11,19 @@ from typing import Any
 import click
 
 from romsindy.commands.analysis import USUAL, Settings, identified
-from romsindy.commands.answers import SAVE, AnyResult, Telling, answer_options
+from romsindy.commands.answers import SAVE, Telling, answer_options
 from romsindy.commands.coupled import (
     Coordinates,
-    CoupledResult,
     coordinates_of,
     identified_together,
     refuse_others,
 )
-from romsindy.commands.forced import Driven, ForcedResult, forced_options, identified_driven
+from romsindy.commands.forced import Driven, forced_options, identified_driven
 from romsindy.commands.measurement import Choice
 from romsindy.commands.one_mode import inspected, mode_options, of_file, of_one_mode
 from romsindy.commands.options import FILE, INPUTS, READING, fix_option, reading_options
 from romsindy.commands.outputs import WritingCommand
+from romsindy.commands.results import Result
 from romsindy.fit.verdict import CURVATURE
 from romsindy.physics.damping import DAMPING
 
@@ -107,7 +107,7 @@ def identify(
     settings = Settings(**{f.name: options.pop(f.name) for f in fields(Settings)})
     driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})
     driven.refuse()
-    one: Callable[..., AnyResult]
+    one: Callable[..., Result]
     if coordinates is not None:
         refuse_others()
         one = partial(_together, coordinates=coordinates, release=release, seed=settings.seed)
@@ -129,7 +129,7 @@ def _together(
     release: int | None,
     seed: int,
     interactive: bool,
-) -> CoupledResult:
+) -> Result:
     """Identify several coordinates of a file together."""
     title, found = inspected(file, reading, seed)
     names = (str(file or "example"), title)
@@ -146,7 +146,7 @@ def _driven(
     driven: Driven,
     model: tuple[int, tuple[str, ...]],
     interactive: bool,
-) -> ForcedResult:
+) -> Result:
     """Identify the equation of a record with inputs."""
     vibration = driven.load(file, reading)
     try:
