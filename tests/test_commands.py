@@ -570,7 +570,7 @@ def test_an_early_interrupt_says_what_was_reached(run, tmp_path, monkeypatch, mo
     assert result.exit_code == 130 and "a.npz: interrupted while" in result.stdout
 
 
-@pytest.mark.parametrize("name", ["identify", "regress", "diagnose", "simulate"])
+@pytest.mark.parametrize("name", ["identify", "regress", "steady", "diagnose", "simulate"])
 def test_help_has_every_option_once_under_a_heading(name):
     command = getattr(importlib.import_module(f"romsindy.commands.{name}"), name)
     text = CliRunner().invoke(main, [name, "--help"]).output

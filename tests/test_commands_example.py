@@ -10,7 +10,7 @@ from romsindy.commands import example as example_module
 from romsindy.commands.main import main
 
 FILES = ["decay.csv", "run1.csv", "run2.csv", "model.json", "sim.csv"]
-FILES += ["test.csv", "held_out.csv", "shaker.csv", "shaker.json"]
+FILES += ["test.csv", "held_out.csv", "shaker.csv", "shaker.json", "stepped.csv"]
 FILES += ["beam.toml", "beam_test.csv"]
 
 

@@ -35,6 +35,11 @@ _FIGURE = "romsindy backbone"  # what the file says of itself
 SAVE = click.option(
     "--save", type=Output(JSON), help="Write all that was identified, bands included, as JSON."
 )
+FIGURE = click.option(
+    "--figure",
+    type=Output(_FIGURE, kinds=(".png", ".svg", ".pdf")),
+    help="Write the backbone figure to this PNG, SVG or PDF file.",
+)
 _OPTIONS = (
     full_option,
     click.option(
@@ -45,11 +50,6 @@ _OPTIONS = (
         "--json", "json_file", type=Output(JSON, allow_dash=True), help="Write a list of results."
     ),
     click.option("--model", type=Output(JSON), help="Write the equation as JSON."),
-    click.option(
-        "--figure",
-        type=Output(_FIGURE, kinds=(".png", ".svg", ".pdf")),
-        help="Write the backbone figure to this PNG, SVG or PDF file.",
-    ),
 )
 
 
@@ -69,7 +69,7 @@ class Telling:
     interactive: bool
     json_file: Path | None
     model: Path | None
-    figure: Path | None
+    figure: Path | None = None
     save: Path | None = None
 
     @classmethod

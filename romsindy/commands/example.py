@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from romsindy.diagnosis.on_beam import load_beam
 from romsindy.effects import AirDrag
+from romsindy.orbits.curves import forced_response
 from romsindy.physics.model import ReducedModel
 from romsindy.record.files.whole import whole
 from romsindy.record.signals import with_noise
@@ -43,6 +44,11 @@ _SHAKER_MODEL = """\
   "unit": "m"
 }
 """
+# On a shaker, by steps of a sine: damping and drag, and stiffness that grows.
+STEPPED = ReducedModel.from_coefficients(
+    {"omega^2": 2500.0, "gamma_3": 2e6, "c_linear": 0.8, "c_quadratic": 2.0}, unit="m"
+)
+_PER_VOLT, _SPREAD = 0.4, 1e-3  # m/s^2 for a volt, m/s
 DRAG_ALONG_BEAM = 0.018  # N s^2/m^3, which the beam of beam.toml lacks
 Writer = Callable[[Path], object]
 _T = np.arange(0, 12, 1 / 400)  # s
@@ -95,6 +101,21 @@ def _shaker(path: Path) -> None:
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
 
 
+def _stepped(path: Path) -> None:
+    """Steady states of a stepped sine at three levels, as a laser sees the velocity."""
+    rows, rng = [], np.random.default_rng(8)
+    for level in (0.25, 0.5, 1.0):  # V
+        orbits = forced_response(STEPPED, _PER_VOLT * level, frequency=(48.0, 53.0), n_points=100)
+        w = orbits.frequency[::2]
+        noise = _SPREAD * (rng.standard_normal(len(w)) + 1j * rng.standard_normal(len(w)))
+        v = 1j * w * orbits.coefficients[::2, 1] + noise
+        size = np.full((2, len(w)), [[level], [_SPREAD]])
+        rows.append([w / (2 * np.pi), size[0], np.abs(v), np.degrees(np.angle(v)), size[1]])
+    header = "frequency [Hz],force [V],velocity [m/s],velocity phase [deg],spread [m/s]"
+    table = np.concatenate(rows, axis=1).T
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+
+
 def _beam_decay(path: Path) -> None:
     """The decay of the beam in beam.toml with drag, measured by its sensors."""
     beam, sensors, columns = load_beam(path.with_name("beam.toml"))
@@ -126,6 +147,7 @@ _FILES: tuple[tuple[str, str, Writer], ...] = (
     ("held_out.csv", "measured once more, to judge by", _decay(REAL, 70, 4)),
     ("shaker.csv", "another structure on a shaker: its displacement, and the force", _shaker),
     ("shaker.json", "simulation of it: an equation that lacks an effect", _text(_SHAKER_MODEL)),
+    ("stepped.csv", "a beam on a shaker, by steps of a sine at three levels", _stepped),
     ("beam.toml", "simulation of a beam, and its three sensors", _text(_BEAM)),
     ("beam_test.csv", "that beam measured: the simulation lacks an effect", _beam_decay),
 )
@@ -134,6 +156,7 @@ _NEXT = (
     "romsindy identify decay.csv",
     "romsindy identify run1.csv run2.csv",
     "romsindy identify shaker.csv --input force --select",
+    "romsindy steady stepped.csv",
     "romsindy diagnose --measured test.csv --held-out held_out.csv --model model.json",
     "romsindy diagnose --measured beam_test.csv --beam beam.toml",
     "romsindy diagnose --measured shaker.csv --input force --model shaker.json",

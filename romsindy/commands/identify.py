@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from romsindy.commands.analysis import USUAL, Settings, identified
-from romsindy.commands.answers import SAVE, Telling, answer_options
+from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
 from romsindy.commands.coupled import (
     Coordinates,
     coordinates_of,
@@ -83,6 +83,7 @@ _HEADINGS = {
     " (one standard deviation); 0 of one that is straight.",
 )
 @answer_options
+@FIGURE
 @SAVE
 def identify(
     files: tuple[Path, ...],

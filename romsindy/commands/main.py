@@ -30,6 +30,7 @@ _COMMANDS = {
     "inspect": "Say what is in the record in FILE, what would be used, and what comes next.",
     "regress": "Fit models of a given structure to the free decays in FILES, by regression.",
     "simulate": "Simulate the free decay of the beam and write it to OUTPUT.",
+    "steady": "Fit an equation of motion to the steady states in the table POINTS.",
 }
 REFUSED = 2
 INTERRUPTED = 130  # as a shell reports Ctrl-C

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from romsindy.commands.analysis import USUAL, Recipe, regressed
-from romsindy.commands.answers import Telling, answer_options
+from romsindy.commands.answers import FIGURE, Telling, answer_options
 from romsindy.commands.measurement import Choice
 from romsindy.commands.one_mode import mode_options, of_one_mode
 from romsindy.commands.options import FILE, READING, fix_option, reading_options
@@ -82,6 +82,7 @@ _HEADINGS = {
     help="Cut-off of the low-pass before, Hz.  [default: ten times the fundamental]",
 )
 @answer_options
+@FIGURE
 def regress(
     files: tuple[Path, ...],
     example: bool,

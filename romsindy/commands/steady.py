@@ -1,0 +1,182 @@
+"""The command ``romsindy steady``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from romsindy.commands.answers import SAVE, Telling, answer_options
+from romsindy.commands.options import FILE, fix_option
+from romsindy.commands.outputs import WritingCommand, writing
+from romsindy.commands.results import Brief, Result, Small
+from romsindy.commands.steady_table import SteadyTable
+from romsindy.fit.steady.fit import SteadyFit, fit_steady
+from romsindy.physics.model import ReducedModel
+from romsindy.record.files.load import named
+from romsindy.record.recording import QUANTITIES, Quantity
+from romsindy.show.steady_page import SteadyReport, pictures, write_steady
+from romsindy.text import as_text, bar
+
+# What arguments of Python are called here.
+_WORDS = (
+    (r"give response\.conj\(\)", "say --lag"),
+    (r"look at measured=", "look at --quantity"),
+    (r"give -force", "turn it by 180 degrees"),
+    (r"\bstd (was not given|must be)", r"spread \1"),
+)
+
+
+def _slope(_: click.Context, __: click.Parameter, value: str) -> float | None:
+    try:
+        return None if value == "fit" else float(value)
+    except ValueError:
+        raise click.BadParameter(f"{value!r} is neither a number nor fit") from None
+
+
+_HEADINGS = {
+    "The table": "--quantity --lag",
+    "What is looked for": "--term --fix --gain --slope --phase",
+    "Output": "--full --report --interactive --json --model --save --force",
+}
+
+
+@click.command(cls=WritingCommand, headings=_HEADINGS)
+@click.argument("file", type=FILE, metavar="POINTS")
+@click.option(
+    "--quantity",
+    type=click.Choice(list(QUANTITIES)),
+    help="What the response is.  [default: what unit or header say]",
+)
+@click.option(
+    "--lag", is_flag=True, help="Phases of the response are lags: positive if it is late."
+)
+@click.option(
+    "--term",
+    "terms",
+    multiple=True,
+    metavar="NAME",
+    help="Term beside omega^2 and c_linear, such as gamma_3, Upsilon_3 or c_quadratic; may be"
+    " repeated.  [default: chosen by levels of force that take no part]",
+)
+@fix_option("Known coefficient in SI units; may be repeated.")
+@click.option(
+    "--gain", type=float, help="Force per unit mass of an excitation of 1.  [default: fitted]"
+)
+@click.option(
+    "--slope",
+    default="0",
+    callback=_slope,
+    show_default=True,
+    metavar="fit|NUMBER",
+    help="By how much the gain grows for an excitation of 1.",
+)
+@click.option(
+    "--phase",
+    type=float,
+    help="By how much the force leads the excitation, deg.  [default: fitted]",
+)
+@answer_options
+@SAVE
+def steady(
+    file: Path,
+    quantity: Quantity | None,
+    lag: bool,
+    terms: tuple[str, ...],
+    fix: Mapping[str, float],
+    gain: float | None,
+    slope: float | None,
+    phase: float | None,
+    **options: Any,
+) -> None:
+    """Fit an equation of motion to the steady states in the table POINTS.
+
+    POINTS is CSV, or any file that romsindy reads, of a stepped sine or of phase resonance. It has
+    a row for each steady state and a header: frequency [Hz], force [N], and the response by its
+    name and unit, displacement [mm]; where they were measured, force phase [deg], displacement
+    phase [deg], displacement 2 [mm] and so on for its harmonics, and spread [mm], the standard
+    deviation of real and imaginary part.
+    """
+    telling = Telling.taken(options)
+    turn = None if phase is None else float(np.radians(phase))
+
+    def job(file: Path | None, page: Path) -> Result:
+        assert file is not None  # a file is required
+        with named(str(file)):
+            table = SteadyTable.read(file, quantity, lag)
+            try:
+                fit = _fitted(table, terms, fix, {"gain": gain, "slope": slope, "phase": turn})
+            except ValueError as error:
+                raise ValueError(_in_words(str(error))) from error
+        return _told(file, table, fit, page, telling.interactive)
+
+    telling.give(job, [file], False, "steady")
+
+
+def _fitted(
+    table: SteadyTable, terms: Sequence[str], fix: Mapping[str, float], chain: Mapping[str, Any]
+) -> SteadyFit:
+    measured = (table.frequency, table.force, table.response)
+    given = {**chain, "measured": table.quantity, "std": table.spread}
+    with bar(None, "fitting"):
+        if not terms:
+            fit = fit_steady(None, *measured, unit=table.unit, **given)
+            if not fix:
+                return fit
+            terms = tuple(fit.model.coefficients)
+        names = dict.fromkeys(("omega^2", *terms, *fix, "c_linear"), 0.0)
+        start = {"omega^2": float(np.median(table.frequency)) ** 2, **fix}
+        model = ReducedModel.from_coefficients(names | start, table.unit)
+        return fit_steady(model, *measured, fixed=tuple(fix), **given)
+
+
+def _in_words(sentence: str) -> str:
+    """A sentence of the fit with what its remedies are called on the command line."""
+    for pattern, word in _WORDS:
+        sentence = re.sub(pattern, word, sentence)
+    return sentence
+
+
+def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactive: bool) -> Result:
+    """What is said of a fit, with its page."""
+    fit = replace(fit, notes=tuple(map(_in_words, fit.notes)))
+    report = SteadyReport(f"Steady states {file.name}", fit, table.force_unit)
+    figures = pictures(report)
+    with writing(page):
+        write_steady(report, page, bar(figures, "drawing"), interactive=interactive)
+    remarks = fit.remarks()
+    found = [line for line in str(fit).splitlines() if line not in remarks]
+    band = fit.band([fit.points.amplitude.min()])
+    turn = 2 * np.pi
+    small = Small(
+        "-",
+        *(float(band.frequency[0]) / turn, float(band.frequency_std[0]) / turn),
+        *(float(band.damping_ratio[0]), float(band.damping_ratio_std[0])),
+    )
+    errors = fit.chain_errors
+    chain = {
+        name: {"value": value, "standard_error": errors.get(name)}
+        for name, value in vars(fit.chain).items()
+    }
+    facts = {"points": len(fit.points), "excitation": chain, "force_unit": table.force_unit}
+    step = (
+        "--save keeps the fit; in Python, .forced_response of it foretells another level of force."
+    )
+    return Result(
+        file=str(file),
+        page=page,
+        model=fit.model,
+        found=fit,
+        small=[small],
+        structure="steady",
+        facts={**facts, "unexplained": fit.unexplained},
+        notes=[*fit.notes, *report.notes()],
+        pictures=figures,
+        full="\n\n".join([*report.notes(), str(fit), as_text(report.chain())]) + "\n",
+        brief=Brief(found, remarks, step),
+    )

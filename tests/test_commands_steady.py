@@ -1,0 +1,164 @@
+"""`romsindy steady`: equations from tables of steady states, against shooting and closed forms."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import steady_oracle as oracle
+from click.testing import CliRunner
+
+import romsindy as rs
+from romsindy.commands.main import main
+
+# A resonance at 5 Hz whose stiffness grows; q in m.
+K, G, C = (2 * np.pi * 5) ** 2, 4e6, 1.2
+TRUE = {"omega^2": K, "gamma_3": G, "c_linear": C}
+GAIN = 2.0  # m/s^2 for a newton
+HEADER = "frequency [Hz],force [N],displacement [mm],displacement phase [deg]"
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Run the command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: CliRunner().invoke(main, ["steady", *map(str, arguments)])
+
+
+def write(path, header, *columns):
+    np.savetxt(path, np.column_stack(columns), "%.12g", ",", header=header, comments="")
+
+
+@pytest.fixture(scope="module")
+def duffing():
+    """Two levels by shooting, in rad/s, N and m: both folds and the unstable orbits are in it."""
+    parts = []
+    for force in (0.03, 0.06):
+        # In units of the resonance and of 5 mm, in which the oracle works.
+        scale, size = np.sqrt(K), 5e-3
+        f, c, g = GAIN * force / (K * size), C / scale, G * size**2 / K
+        top = f / c
+        w, q, _ = oracle.curve(np.linspace(0.2, 0.85, 8) * top, f, c, 1.0, g, (0.6, 1.9))
+        parts.append((w * scale, np.full(len(w), force), q * size))
+    return [np.concatenate(x) for x in zip(*parts, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def linear():
+    """In closed form: frequency in Hz, force, and complex displacement in m."""
+    hz = np.linspace(4.5, 5.5, 24)
+    w = 2 * np.pi * hz
+    return hz, np.full(24, 0.3), 0.3 * GAIN / (K - w**2 + 1j * C * w)
+
+
+def test_a_duffing_oscillator_is_recovered(run, duffing, tmp_path):
+    w, force, q = duffing
+    polar = 1e3 * np.abs(q), np.degrees(np.angle(q))
+    write(tmp_path / "points.csv", HEADER, w / (2 * np.pi), force, *polar)
+    written = ["--json", "all.json", "--model", "model.json", "--save", "fit.json"]
+    result = run("points.csv", "--term", "gamma_3", *written)
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
+    assert len(lines) <= 20 and "spread was not given" in result.output
+    (content,) = json.loads((tmp_path / "all.json").read_text())
+    found = {name: entry["value"] for name, entry in content["coefficients"].items()}
+    # Steps of the oracle and harmonics that are left out: parts in a million.
+    assert found == pytest.approx(TRUE, rel=1e-5)
+    assert content["excitation"]["gain"]["value"] == pytest.approx(GAIN, rel=1e-5)
+    model = rs.ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert model.unit == "m" and rs.Estimate.load(tmp_path / "fit.json").model == model
+    page = (tmp_path / "points_steady.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png") == 2 and "no curve at" not in page
+
+
+@pytest.mark.parametrize(
+    ("rate", "name", "factor"),
+    [(0, "response [um]", 1e6), (1, "velocity_amplitude [mm/s]", 1e3), (2, "a [g]", 1 / 9.80665)],
+)
+def test_names_and_units_say_what_was_measured(run, linear, tmp_path, rate, name, factor):
+    hz, force, q = linear
+    x = factor * q * (2j * np.pi * hz) ** rate
+    name = name.replace("a [", "acceleration [")
+    phase = name.partition("[")[0].replace("_amplitude", "") + "phase [rad]"
+    header = f"Frequency [rad/s],force [kN],force phase [deg],{name},{phase}"
+    turned = np.angle(x * np.exp(1j * 0.4))
+    columns = 2 * np.pi * hz, force / 1e3, np.full(24, np.degrees(0.4)), np.abs(x), turned
+    write(tmp_path / "points.csv", header, *columns)
+    result = run("points.csv", "--term", "c_linear", "--phase", 0, "--model", "model.json")
+    assert result.exit_code == 0, result.output
+    model = rs.ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert model.coefficients == pytest.approx({"omega^2": K, "c_linear": C}, rel=1e-7)
+
+
+def test_what_is_known_is_kept_and_lags_are_turned(run, linear, tmp_path):
+    hz, force, q = linear
+    header = f"{HEADER},spread [mm]"
+    columns = hz, force, 1e3 * np.abs(q), -np.degrees(np.angle(q)), np.full(24, 1e-3)
+    write(tmp_path / "points.csv", header, *columns)
+    known = ["--fix", f"omega^2={K}", "--gain", GAIN, "--term", "c_linear"]
+    refused = run("points.csv", *known)
+    assert refused.exit_code == 2 and "points.csv: response leads the force" in refused.stderr
+    assert "say --lag" in refused.stderr
+    result = run("points.csv", *known, "--lag", "--json", "-")
+    (content,) = json.loads(result.stdout)
+    assert content["coefficients"]["omega^2"] == {
+        "value": K, "standard_error": None, "unit": "1/s^2"
+    }  # fmt: skip
+    assert content["coefficients"]["c_linear"]["value"] == pytest.approx(C, rel=1e-7)
+    assert content["excitation"]["gain"] == {"value": GAIN, "standard_error": None}
+
+
+def test_higher_harmonics_are_columns_of_their_own(run, tmp_path):
+    model = rs.ReducedModel.from_coefficients(TRUE, unit="m")
+    orbits = rs.forced_response(model, 0.12, (29.0, 34.0), n_harmonics=9, n_points=20)
+    q, hz = orbits.coefficients[:, 1:4], orbits.frequency / (2 * np.pi)
+    names = [f"displacement{n}{end}" for n in ("", " 2", " 3") for end in (" [m]", " phase [rad]")]
+    columns = [part for h in q.T for part in (np.abs(h), np.angle(h))]
+    header = ",".join(["frequency [Hz]", "force [N]", *names])
+    write(tmp_path / "points.csv", header, hz, np.full(len(hz), 0.06), *columns)
+    result = run("points.csv", "--term", "gamma_3", "--model", "model.json")
+    assert result.exit_code == 0, result.output
+    found = rs.ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert found.coefficients == pytest.approx(TRUE, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("frequency [Hz],force [N],strain [um],phase [deg]", "the column 'strain' is not underst"),
+        ("frequency [Hz],torque,displacement [mm],displacement phase [deg]", "column 'torque'"),
+        ("frequency [Hz],force [N],spread [mm],force phase [deg]", "no column of the response"),
+        ("frequency,force [N],displacement [mm],displacement phase [deg]", "give [Hz] or [rad/s]"),
+        ("frequency [Hz],force [N],displacement [mm],displacement phase", "give [deg] or [rad]"),
+        ("frequency [Hz],force [N],displacement [mm],displacement 3 [mm]", "'displacement 2'"),
+        ("frequency [Hz],force [N],displacement [mm],velocity [m/s]", "are two responses"),
+        ("frequency [Hz],force [N],displacement [mm],displacement [m]", "hold the same"),
+        ("frequency [Hz],force [N],displacement [m/s],force phase [deg]", "is one of velocity"),
+        ("frequency [Hz],force [N],response,response phase [deg]", "or give --quantity"),
+        ("force phase [deg],force [N],displacement [mm],spread [mm]", "no column 'frequency'"),
+    ],
+)
+def test_what_a_table_lacks_is_said(run, linear, tmp_path, header, words):
+    hz, force, q = linear
+    write(tmp_path / "points.csv", header, hz, force, 1e3 * np.abs(q), np.degrees(np.angle(q)))
+    quantity = ["--quantity", "displacement"] if "m/s],f" in header else []
+    result = run("points.csv", *quantity)
+    assert result.exit_code == 2 and words in result.stderr, result.stderr
+    assert result.stderr.startswith("Error: points.csv: ") and result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--slope", "steep"], "'steep' is neither a number nor fit"),
+        (["--slope", "fit"], "force has one amplitude"),
+        (["--term", "gamma"], "coefficient name 'gamma' is not known"),
+        (["--figure", "f.png"], "--figure is no option here, but of romsindy identify"),
+    ],
+)
+def test_options_that_cannot_be(run, linear, tmp_path, options, words):
+    hz, force, q = linear
+    write(tmp_path / "points.csv", HEADER, hz, force, 1e3 * np.abs(q), np.degrees(np.angle(q)))
+    result = run("points.csv", *options)
+    assert result.exit_code == 2 and words in result.stderr
