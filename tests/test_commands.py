@@ -27,6 +27,7 @@ from romsindy import (
 from romsindy.commands import analysis as analysis_module
 from romsindy.commands import main as main_module
 from romsindy.commands import one_mode
+from romsindy.commands.identify import EXCLUDED
 from romsindy.commands.main import main
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.physics.example import EXAMPLE_MODEL
@@ -132,6 +133,7 @@ def test_an_inertia_that_no_structure_has_is_marked(run, tmp_path):
         (["identify", "--plain"], "--plain is no option here, but of romsindy regress"),
         (["identify", "--weighted"], "--weighted is no option here, but of romsindy regress"),
         (["identify", "--harmonics", "0-3"], "is no option here, but of romsindy regress"),
+        (["identify", "--amplitude", "0", "1"], "is no option here, but of romsindy regress"),
         (["identify", "--cutoff", "9"], "--cutoff is no option here, but of romsindy regress"),
     ],
 )
@@ -140,26 +142,47 @@ def test_options_that_do_not_go_together(run, options, message):
     assert result.exit_code == 2 and message in result.stderr
 
 
+def test_few_options_of_identify_exclude_each_other():
+    """All of them stand in one table, and each is refused with what to do without it."""
+    pairs = [(option, other) for option, _, others in EXCLUDED for other in others]
+    assert len(pairs) <= 8 and len({*pairs}) == len(pairs)
+    known = {o for p in main.get_command(None, "identify").params for o in p.opts}
+    assert {f"--{name}" for pair in pairs for name in pair} <= known
+    values = {"input": ["force"], "band": ["5", "9"], "example": [], "select": []}
+    values |= {"damping": ["cubic"], "coordinates": ["2"]}
+    for option, other in pairs:
+        words = [w for name in (option, other) for w in (f"--{name}", *values.get(name, ["1"]))]
+        force = ["--input", "force"] if option == "select" else []
+        result = CliRunner().invoke(main, ["identify", "decay.csv", *words, *force])
+        assert result.exit_code == 2 and f"leave it out beside --{option}" in result.stderr
+
+
 def test_options_reach_the_identification(run, tmp_path, monkeypatch):
-    """Known coefficients, the seed of the draws, and the cycles of the amplitudes asked for."""
+    """Known coefficients, the seed of the draws, and how straight the sensor is."""
     seen = []
 
-    def refuse(decays, **options):
+    def refuse(decays, coordinates, **options):
+        assert coordinates == 1
         seen.append((*decays, options))
         raise ValueError("seen")
 
-    monkeypatch.setattr(analysis_module, "fit", refuse)
+    monkeypatch.setattr(analysis_module, "identify", refuse)
     save_decay(example_decay(40.0, 1), tmp_path / "decay.npz")
     result = run("identify", "decay.npz", "--fix", "omega^2=36", "--seed", 7,
-                 "--amplitude", 0.5, 1.5, "--curvature", 0.03)  # fmt: skip
+                 "--curvature", 0.03)  # fmt: skip
     assert result.exit_code == 2 and "seen" in result.stderr
-    ((decay, options),) = seen
+    ((_, options),) = seen
     assert options["fixed"] == {"omega^2": 36.0} and options["seed"] == 7
     assert options["curvature"] == 0.03
-    # A cycle to either side may be cut or kept.
-    assert np.abs(decay.q).max() == pytest.approx(1.5, rel=0.05)
-    last = decay.t > decay.t[-1] - 1.1  # s, a cycle
-    assert np.abs(decay.q[last]).max() == pytest.approx(0.5, rel=0.1)
+
+
+def test_amplitudes_choose_the_cycles_of_a_regression(run, tmp_path):
+    save_decay(example_decay(40.0, 1), tmp_path / "decay.npz")
+    run("regress", "decay.npz", "--amplitude", 0.5, 1.5, "--json", "all.json")
+    (found,) = json.loads((tmp_path / "all.json").read_text())
+    sizes = found["backbone"]["amplitude"]
+    # A cycle to either side may be cut or kept: each is 4 % smaller than the one before.
+    assert max(sizes) == pytest.approx(1.5, rel=0.05) and min(sizes) == pytest.approx(0.5, rel=0.1)
 
 
 def test_file_with_options(run, tmp_path):
@@ -178,12 +201,12 @@ def test_file_with_options(run, tmp_path):
 
 def test_one_cycle_is_too_little(run):
     """Cycles at 35 dB fall by 4 % each: less than three are within 5 %."""
-    result = run("identify", "--example", "--amplitude", 1.0, 1.05)
+    result = run("regress", "--example", "--amplitude", 1.0, 1.05)
     assert result.exit_code == 2 and "fewer than 3: those of the decay have" in result.stderr
 
 
 def test_amplitudes_without_a_cycle(run):
-    result = run("identify", "--example", "--amplitude", 100, 200)
+    result = run("regress", "--example", "--amplitude", 100, 200)
     assert result.exit_code == 2 and "amplitude = (100.0, 200.0) holds no cycle" in result.stderr
 
 
@@ -214,7 +237,7 @@ def test_where_no_motion_follows_the_regressions_are_left(run, monkeypatch):
     def refuse(*_, **__):
         raise TrajectoryError("no motion follows the record")
 
-    monkeypatch.setattr(analysis_module, "fit", refuse)
+    monkeypatch.setattr(analysis_module, "identify", refuse)
     result = run("identify", "--example")
     assert result.exit_code == 0, result.output
     assert "Regressions alone, without functions and bands: no motion" in result.output
@@ -523,8 +546,8 @@ def test_where_the_fit_breaks_down_the_quieter_part_is_identified(run, monkeypat
             raise np.linalg.LinAlgError("Eigenvalues did not converge")
         return real(decays, **settings)
 
-    real = analysis_module.fit
-    monkeypatch.setattr(analysis_module, "fit", fit)
+    real = analysis_module.identify
+    monkeypatch.setattr(analysis_module, "identify", fit)
     result = run("identify", "--example", "--json", "-")
     assert result.exit_code == 0, result.output
     assert reaches[1] <= 0.51 * reaches[0]
@@ -542,7 +565,7 @@ def test_a_regression_that_cannot_be_made_leaves_the_identification(run, monkeyp
     result = run("identify", "--example", "--full", "--save", "found.json")
     assert result.exit_code == 0 and "no regression beside the identification" in result.output
     assert Identification.load("found.json").structures
-    monkeypatch.setattr(analysis_module, "fit", refuse)
+    monkeypatch.setattr(analysis_module, "identify", refuse)
     result = run("regress", "--example")
     assert result.exit_code == 2 and "too few samples a cycle" in result.stderr
 

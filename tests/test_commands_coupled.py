@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.commands import coupled as coupled_module
+from romsindy.commands import analysis
 from romsindy.commands.main import main
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.physics.coupled import CoupledModel
@@ -149,8 +149,8 @@ def test_damping_ratios_of_modes_are_those_of_the_eigenvalues():
         (["--band", "5", "15"], "--band is for one coordinate"),
         (["--order", "5"], "--order is for records with inputs"),
         (["--damping", "linear"], "--damping is for records with inputs"),
-        (["--fix", "omega^2=36"], "--fix is for one coordinate"),
-        (["--amplitude", "0.1", "1"], "cut the record with --start and --end"),
+        (["--fix", "omega^2=36"], "hammer.csv: fixed names ['omega^2'], but"),
+        (["--curvature", "0.1"], "hammer.csv: curvature = 0.1 must be left out for several"),
         (["--coordinates", "x"], "'x' is neither auto nor a whole number of at least 1"),
         (["--coordinates", "0"], "'0' is neither auto nor a whole number of at least 1"),
         (["--coordinates", "7"], "hammer.csv: --coordinates 7: "),
@@ -174,11 +174,23 @@ def test_one_coordinate_is_the_command_as_it_is(run):
     assert run(*alone, "--coordinates", 1).output == run(*alone).output
 
 
+def test_known_coefficients_stay_as_they_are(run, folder):
+    """The others stay within four standard errors of the truth."""
+    known = ["--fix", "omega^2 [q1]=3950", "--fix", "c_linear [q2] = 1.0"]
+    result = run("identify", "hammer.csv", *COLUMNS, "--coordinates", 2, *known, "--json", "-")
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(result.stdout)[0]["coefficients"]
+    for name, value in (("omega^2 [q1]", 3950.0), ("c_linear [q2]", 1.0)):
+        assert found[name]["value"] == value and found[name]["standard_error"] is None
+    free = found["omega^2 [q2]"]
+    assert abs(free["value"] - 16900.0) < 4 * free["standard_error"]
+
+
 def test_a_motion_that_is_not_found_is_refused_with_a_remedy(run, monkeypatch):
     def refuse(*_, **__):
         raise TrajectoryError("no motion of the model is near the measured one")
 
-    monkeypatch.setattr(coupled_module, "identify_coupled", refuse)
+    monkeypatch.setattr(analysis, "identify", refuse)
     result = run("identify", "hammer.csv", *COLUMNS, "--coordinates", 2)
     assert result.exit_code == 2
     assert "hammer.csv: --coordinates 2: no motion of the model" in result.stderr
@@ -187,7 +199,7 @@ def test_a_motion_that_is_not_found_is_refused_with_a_remedy(run, monkeypatch):
 
 @pytest.mark.slow
 def test_several_files_and_an_interrupt_that_keeps_what_is_done(run, folder, monkeypatch):
-    found, identify = [], coupled_module.identify_coupled
+    found, identify = [], analysis.identify
 
     def once(*arguments, **options):
         if found:
@@ -195,7 +207,7 @@ def test_several_files_and_an_interrupt_that_keeps_what_is_done(run, folder, mon
         found.append(identify(*arguments, **options))
         return found[0]
 
-    monkeypatch.setattr(coupled_module, "identify_coupled", once)
+    monkeypatch.setattr(analysis, "identify", once)
     result = run("identify", "again.csv", "hammer.csv", *COLUMNS, "--coordinates", 2)
     assert result.exit_code == 130
     rows = re.findall(r"^again.csv +(\d) +(\S+) .*2 coordinates +yes", result.output, re.M)
@@ -253,17 +265,17 @@ def test_many_samples_a_cycle_are_decimated():
 @pytest.mark.slow
 def test_an_interrupt_within_a_file_keeps_what_was_found(run, folder, monkeypatch):
     """Ctrl-C in the second round of terms: a page, a note, and the exit code of an interrupt."""
-    whole, rounds = coupled_module.identify_coupled, []
+    whole, rounds = analysis.identify, []
 
-    def interrupted(decays, coordinates, progress):
+    def interrupted(decays, coordinates, progress, **options):
         def stop(line):
             rounds.append(line)
             if sum(text.startswith("terms") for text in rounds) == 2:
                 raise KeyboardInterrupt
 
-        return whole(decays, coordinates, progress=stop)
+        return whole(decays, coordinates, progress=stop, **options)
 
-    monkeypatch.setattr(coupled_module, "identify_coupled", interrupted)
+    monkeypatch.setattr(analysis, "identify", interrupted)
     result = run("identify", "hammer.csv", *COLUMNS, "--coordinates", 2, "--report", "part.html")
     assert result.exit_code == 130
     assert "interrupted: the best of what had been tried" in result.output

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
-from romsindy.commands import forced as forced_module
+from romsindy.commands import analysis
 from romsindy.commands.main import main
 from romsindy.fit import predict as predict_module
 from romsindy.fit.collocation import TrajectoryError
@@ -205,10 +205,10 @@ def test_several_files_and_one_that_is_refused(run, folder):
     [
         ("shaker.csv", ["--mode", "1"], "--mode is for free decays: leave it out beside --input"),
         ("shaker.csv", ["--band", "5", "9"], "--band is for free decays"),
-        ("shaker.csv", ["--coordinates", "2"], "--coordinates is for free decays"),
+        ("shaker.csv", ["--coordinates", "2"], "shaker.csv: coordinates = 2 must be 1 where"),
         ("shaker.csv", ["--release", "1"], "--release is for free decays"),
-        ("shaker.csv", ["--fix", "omega^2=9"], "--fix is for free decays"),
-        ("shaker.csv", ["--amplitude", "0", "1"], "cut the record with --start and --end"),
+        ("shaker.csv", ["--fix", "omega3=9"], "shaker.csv: fixed names ['omega3'], but"),
+        ("shaker.csv", ["--curvature", "0.1"], "--curvature is for free decays"),
         ("shaker.csv", ["--select", "--damping", "cubic"], "leave it out beside --select"),
         ("shaker.csv", ["--held-out", "2"], "Invalid value for '--held-out': 2.0 is not in"),
         ("shaker.csv", ["--held-out", "0.01"], "--held-out 0.01 of 2000 samples are 20"),
@@ -269,11 +269,23 @@ def test_a_base_displacement_is_refused(run, folder):
     assert "--unit-input mm is no unit of the acceleration of a base: use m/s^2" in refused.stderr
 
 
+@pytest.mark.parametrize("options", [["--select"], ["--order", 3]])
+def test_known_coefficients_stay_as_they_are(run, options):
+    """The others stay within four standard errors of the truth."""
+    known = ["--input", "force", *options, "--fix", f"omega^2={TRUTH['omega^2']}"]
+    result = run("identify", "shaker.csv", *known, "--json", "-")
+    assert result.exit_code == 0, result.stderr
+    found = json.loads(result.stdout)[0]["coefficients"]
+    assert found["omega^2"]["value"] == TRUTH["omega^2"]
+    assert found["omega^2"]["standard_error"] is None
+    assert near(found, "c_linear", TRUTH["c_linear"]) and near(found, "gain [force]", GAIN)
+
+
 def test_a_model_without_a_motion_is_told_with_a_remedy(run, folder, monkeypatch):
     def lost(*_, **__):
         raise TrajectoryError("it leads far away")
 
-    monkeypatch.setattr(forced_module, "refine_terms", lost)
+    monkeypatch.setattr(analysis, "identify", lost)
     refused = run("identify", "shaker.csv", "--input", "force")
     assert refused.exit_code == 2
     assert "shaker.csv: it leads far away; a lower --order, or --select" in refused.stderr

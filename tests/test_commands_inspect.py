@@ -143,7 +143,7 @@ def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
     """Of the file that was being identified the regressions, and the files before it."""
     for i in (1, 2, 3):
         write(tmp_path / f"run{i}.csv", *duffing(1.0, i)[:1], "t [s],q [m]", duffing(1.0, i)[1])
-    fit, calls = analysis.fit, []
+    fit, calls = analysis.identify, []
 
     def interrupted(*arguments, **options):
         calls.append(1)
@@ -151,7 +151,7 @@ def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return fit(*arguments, **options)
 
-    monkeypatch.setattr(analysis, "fit", interrupted)
+    monkeypatch.setattr(analysis, "identify", interrupted)
     result = run("identify", "run1.csv", "run2.csv", "run3.csv", "--json", "all.json")
     assert result.exit_code == 130 and len(calls) == 2
     first, second = json.loads((tmp_path / "all.json").read_text())

@@ -11,11 +11,12 @@ import numpy as np
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions.identification import Identification
-from romsindy.fit.functions.identify import identify_decays as fit
+from romsindy.fit.identify import identify
 from romsindy.fit.verdict import LEAST_CYCLES
 from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay
 from romsindy.record.filters import Butterworth
+from romsindy.record.forced import ForcedVibration
 from romsindy.regression.comparison import (
     PAPER,
     WEIGHTED,
@@ -34,13 +35,30 @@ _QUIETER = (1.0, 0.5, 0.25)
 
 
 @dataclass(frozen=True)
-class Settings:
+class Asked:
     """What the command line asks of an identification; see `romsindy identify --help`."""
 
     seed: int
     fix: Mapping[str, float]
-    amplitude: tuple[float, float] | None
-    curvature: float
+    curvature: float | None
+
+    def fit(
+        self,
+        records: Sequence[Decay | ForcedVibration],
+        coordinates: int | str,
+        progress: Callable[[str], None],
+        **model: Any,
+    ) -> Any:
+        """The identification of records, whatever they are: `romsindy.identify`."""
+        return identify(
+            records,
+            coordinates,
+            fixed=self.fix,
+            curvature=self.curvature,
+            seed=self.seed,
+            progress=progress,
+            **model,
+        )
 
 
 @dataclass(frozen=True)
@@ -98,7 +116,7 @@ def regressed(
 
 
 def identified(
-    title: str, decays: Sequence[Decay], picked: str, settings: Settings
+    title: str, decays: Sequence[Decay], picked: str, asked: Asked
 ) -> IdentificationReport:
     """Identify an equation from the free decays of one mode, beside plain regressions.
 
@@ -108,20 +126,20 @@ def identified(
     ----------
     title, decays, picked
         As of `regressed`.
-    settings : Settings
+    asked : Asked
 
     Raises
     ------
     ValueError
-        If the decays cannot be used, or the settings contradict them.
+        If the decays cannot be used, or the options contradict them.
     """
-    free, backbones = _used(decays, settings.amplitude)
-    backbone, fixed = joined(backbones), settings.fix
+    free, backbones = _used(decays, None)
+    backbone, fixed = joined(backbones), asked.fix
     conditioned = [d.conditioned(Butterworth()) for d in free]
     four, broken = _regressions(conditioned, backbone, *USUAL, fixed, PAPER)
     if broken is not None and fixed:  # what was asked for may be at fault
         raise broken
-    found, trouble, interrupted = _functions(free, settings)
+    found, trouble, interrupted = _functions(free, asked)
     columns: list[Judged] = list(four.values())
     if found is not None:
         main: Judged = judge(
@@ -151,9 +169,7 @@ def _regressions(
             return {}, error
 
 
-def _functions(
-    free: Sequence[Decay], settings: Settings
-) -> tuple[Identification | None, str, bool]:
+def _functions(free: Sequence[Decay], asked: Asked) -> tuple[Identification | None, str, bool]:
     """The identification, or why there is none, and whether by an interrupt.
 
     Where the fit breaks down, the quieter part of the decays is identified, and that is noted.
@@ -167,13 +183,7 @@ def _functions(
             if not decays:
                 break
             try:
-                found = fit(
-                    decays,
-                    fixed=settings.fix,
-                    curvature=settings.curvature,
-                    seed=settings.seed,
-                    progress=say,
-                )
+                found: Identification = asked.fit(decays, 1, say)
             except (TrajectoryError, ArithmeticError, np.linalg.LinAlgError) as error:
                 trouble = trouble or _in_words(error)
             except KeyboardInterrupt:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from romsindy.commands.options import refuse_beside
+from romsindy.commands.analysis import Asked
+from romsindy.commands.one_mode import inspected, of_file
 from romsindy.commands.outputs import writing
 from romsindy.commands.results import Brief, Result, Small
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_identify import identify_coupled
 from romsindy.fit.small_vibrations import small_vibrations
 from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.page import picture
@@ -24,15 +24,7 @@ from romsindy.text import as_text, bar
 
 Coordinates = int | str  # "auto"
 
-_STRONGEST = "the strongest vibrations are modelled, say how many"
-# Options that are for one coordinate, and what to do without them.
-_ALONE = {
-    "mode": _STRONGEST,
-    "band": _STRONGEST,
-    "fix": "every coefficient is fitted; in Python, rs.refine keeps fixed ones",
-    "amplitude": "cut the record with --start and --end",
-    "curvature": "sensors are taken for straight, or for curved by what they show of products",
-}
+_REMEDY = "fewer coordinates, more channels (--column) or another --release may help"
 
 
 def coordinates_of(_: click.Context, __: click.Parameter, value: str | None) -> Coordinates | None:
@@ -46,36 +38,28 @@ def coordinates_of(_: click.Context, __: click.Parameter, value: str | None) -> 
     return int(value) if int(value) > 1 else None
 
 
-def refuse_others() -> None:
-    """Refuse options that are for one coordinate.
-
-    Raises
-    ------
-    click.UsageError
-        If one was given.
-    """
-    refuse_beside("coordinates", "one coordinate", _ALONE)
-
-
-def identified_together(
-    names: tuple[str, str],
-    found: Inspection,
+def of_coordinates(
+    file: Path | None,
+    page: Path,
+    reading: Mapping[str, Any],
+    asked: Asked,
     coordinates: Coordinates,
     release: int | None,
-    page: Path,
     interactive: bool,
 ) -> Result:
-    """Identify equations of several coordinates, and write their page.
+    """Identify equations of several coordinates of a file, and write their page.
 
     Parameters
     ----------
-    names : (str, str)
-        Of the file, and of its page.
-    found : Inspection
-    coordinates : int or "auto"
-    release : int, optional
-        From 1; all in which they ring by default.
+    file : Path or None
+        None is the example.
     page : Path
+    reading : mapping
+        How the file is read.
+    asked : Asked
+    coordinates : int or "auto"
+    release : int or None
+        From 1; all in which they ring by default.
     interactive : bool
 
     Raises
@@ -83,22 +67,23 @@ def identified_together(
     ValueError
         If there is no such release, or so many coordinates are not found in it.
     """
+    title, found = inspected(file, reading, asked.seed)
     modes = None if coordinates == "auto" else int(coordinates)
-    decays = found.whole_decays(release, modes)
-    releases = found.rings_together(release, modes)
-    with bar(None, "identifying") as steps:
-        try:
-            fit = identify_coupled(decays, coordinates, progress=steps.set_postfix_str)
-            seen = small_vibrations(fit)
-        except (ValueError, TrajectoryError) as error:
-            raise _refused(coordinates, error) from error
-    file, title = names
+    with of_file(file, found.warnings if release is None else ()):
+        decays = found.whole_decays(release, modes)
+        releases = found.rings_together(release, modes)
+        with bar(None, "identifying") as steps:
+            try:
+                fit = asked.fit(decays, coordinates, steps.set_postfix_str)
+                seen = small_vibrations(fit)
+            except (ValueError, TrajectoryError) as error:
+                raise _refused(coordinates, error) from error
     picked = picked_together(found, releases)
     report = CoupledReport(title, fit, seen, decays, found.together, picked)
     figures = [*pictures(report), picture(found)]
     with writing(page):
         write_coupled(report, page, bar(figures, "drawing"), interactive=interactive)
-    return _result(file, report, found, releases, page)
+    return _result(str(file or "example"), report, found, releases, page)
 
 
 def _result(
@@ -161,6 +146,8 @@ def _backbone(curve: BackboneCurve | str) -> dict[str, Any] | str:
 def _refused(coordinates: Coordinates, error: Exception) -> ValueError:
     """The same error with the name of the option."""
     sentence, own = str(error), f"coordinates = {coordinates!r}, but "
+    if sentence.startswith(("fixed", "curvature")):
+        return ValueError(sentence)
     if not sentence.startswith(own):
-        sentence += "; fewer coordinates, more channels (--column) or another --release may help"
+        sentence += f"; {_REMEDY}"
     return ValueError(f"--coordinates {coordinates}: {sentence.removeprefix(own)}")

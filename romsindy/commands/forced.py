@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,37 +10,41 @@ from typing import Any
 import click
 import numpy as np
 
+from romsindy.commands.analysis import USUAL, Asked
 from romsindy.commands.inputs import Inputs, input_options
-from romsindy.commands.options import refuse_beside
+from romsindy.commands.one_mode import of_file
 from romsindy.commands.outputs import writing
 from romsindy.commands.results import Brief, Result, Small, if_short
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.held_out import HeldOut, without_end
-from romsindy.fit.forced.identify import identify_forced
 from romsindy.fit.forced.terms import stiffness_to
-from romsindy.fit.refine import refine_terms
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.driven import inputs_of
+from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.text import as_text, bar
 
-# Options that are for free decays, and what to do without them.
-_FREE = {
-    "example": "name a file; `romsindy example` writes one",
-    "coordinates": "one coordinate is modelled",
-    "fix": "every coefficient is fitted; in Python, rs.refine keeps fixed ones",
-    "amplitude": "cut the record with --start and --end",
-    "curvature": "the sensor is taken for straight",
-}
-_CHOSEN = {"damping": "kinds of damping are among what is chosen from"}
 _OPTIONS = (
     click.option(
         "--select",
         is_flag=True,
         help="Terms are chosen by the data, up to --order; else the model has stiffness up to"
         " --order, and --damping.",
+    ),
+    click.option(
+        "--order",
+        default=USUAL[0],
+        show_default=True,
+        help="Highest order of stiffness and inertia with --input.",
+    ),
+    click.option(
+        "--damping",
+        multiple=True,
+        default=USUAL[1],
+        show_default=True,
+        type=click.Choice(list(DAMPING)),
+        help="Kind of damping with --input; may be repeated.",
     ),
     click.option(
         "--held-out",
@@ -59,50 +63,51 @@ def forced_options(command: Callable) -> Callable:
 
 @dataclass(frozen=True)
 class Driven(Inputs):
-    """What the command line says of records with inputs, and of their fit."""
+    """What the command line says of records with inputs, and of their model."""
 
     select: bool
+    order: int
+    damping: tuple[str, ...]
     held_out: float | None
 
-    def refuse(self) -> None:
-        """Refuse options that make no sense together.
-
-        Raises
-        ------
-        click.UsageError
-            If there are such.
-        """
-        self.check(_FREE, ("select", "held-out", "order", "damping"))
+    @property
+    def terms(self) -> list[Term] | None:
+        """Of the model; None has them chosen."""
         if self.select:
-            refuse_beside("select", "models whose terms are given", _CHOSEN)
+            return None
+        return [*stiffness_to(self.order), *(DAMPING[kind] for kind in self.damping)]
 
-    def fit(self, vibration: ForcedVibration, order: int, damping: Sequence[str]) -> Fit:
-        """The equation of a record."""
-        terms = [*stiffness_to(order), *(DAMPING[kind] for kind in damping)]
-        with bar(None, "identifying") as steps:
-            if self.select:
-                return identify_forced(vibration, order, progress=steps.set_postfix_str)
-            return refine_terms([vibration], terms, {}, steps.set_postfix_str)
+    def parts(self, file: Path, reading: Mapping[str, Any]) -> tuple[ForcedVibration, Any]:
+        """The record in a file, and the end of it that is held out, or None."""
+        vibration = self.load(file, reading)
+        if self.held_out is None:
+            return vibration, None
+        try:
+            return without_end(vibration, self.held_out)
+        except ValueError as error:
+            raise ValueError(f"--held-out {error}") from error
 
 
-def identified_driven(
+def of_inputs(
     file: Path,
-    vibration: ForcedVibration,
-    driven: Driven,
-    model: tuple[int, Sequence[str]],
     page: Path,
+    reading: Mapping[str, Any],
+    asked: Asked,
+    coordinates: int | str,
+    driven: Driven,
     interactive: bool,
 ) -> Result:
     """Identify the equation of a record with inputs, and write its page.
 
     Parameters
     ----------
-    file : Path
-    vibration : ForcedVibration
+    file, page : Path
+    reading : mapping
+        How the file is read.
+    asked : Asked
+    coordinates : int or "auto"
+        Refused unless it is 1.
     driven : Driven
-    model : (int, sequence of str)
-        Order, and kinds of damping.
-    page : Path
     interactive : bool
 
     Raises
@@ -110,16 +115,15 @@ def identified_driven(
     ValueError
         If what is held out is too short, or the model has no motion near the record.
     """
-    rest = None
-    if driven.held_out is not None:
+    with of_file(file), bar(None, "identifying") as steps:
+        vibration, rest = driven.parts(file, reading)
+        terms, order = driven.terms, driven.order
         try:
-            vibration, rest = without_end(vibration, driven.held_out)
-        except ValueError as error:
-            raise ValueError(f"--held-out {error}") from error
-    try:
-        fit = driven.fit(vibration, *model)
-    except TrajectoryError as error:
-        raise ValueError(f"{error}; a lower --order, or --select, may help") from error
+            fit = asked.fit(
+                [vibration], coordinates, steps.set_postfix_str, terms=terms, order=order
+            )
+        except TrajectoryError as error:
+            raise ValueError(f"{error}; a lower --order, or --select, may help") from error
     held_out = None if rest is None else HeldOut.of(fit, rest)
     report = ForcedReport(f"Forced vibration {file.name}", fit, vibration, held_out)
     with writing(page):

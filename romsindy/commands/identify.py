@@ -1,8 +1,8 @@
-"""The command ``romsindy identify``."""
+"""The command ``romsindy identify``: one path, whose steps depend on what was measured."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -10,27 +10,48 @@ from typing import Any
 
 import click
 
-from romsindy.commands.analysis import USUAL, Settings, identified
+from romsindy.commands.analysis import Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
-from romsindy.commands.coupled import (
-    Coordinates,
-    coordinates_of,
-    identified_together,
-    refuse_others,
-)
-from romsindy.commands.forced import Driven, forced_options, identified_driven
+from romsindy.commands.coupled import Coordinates, coordinates_of, of_coordinates
+from romsindy.commands.forced import Driven, forced_options, of_inputs
+from romsindy.commands.inputs import PARTS
 from romsindy.commands.measurement import Choice
-from romsindy.commands.one_mode import inspected, mode_options, of_file, of_one_mode
-from romsindy.commands.options import FILE, INPUTS, READING, fix_option, reading_options
+from romsindy.commands.one_mode import mode_options, of_one_mode
+from romsindy.commands.options import (
+    FILE,
+    INPUTS,
+    READING,
+    fix_option,
+    reading_options,
+    refuse_beside,
+)
 from romsindy.commands.outputs import WritingCommand
 from romsindy.commands.results import Result
 from romsindy.fit.verdict import CURVATURE
-from romsindy.physics.damping import DAMPING
 
+_STRONGEST = "the strongest vibrations are modelled, say how many"
+# An option, what others are for that it excludes, and what to do without each of them.
+EXCLUDED = (
+    (
+        "input",
+        "free decays",
+        {
+            **PARTS,
+            "example": "name a file; `romsindy example` writes one",
+            "curvature": "the sensor is taken for straight",
+        },
+    ),
+    ("coordinates", "one coordinate", dict.fromkeys(("mode", "band"), _STRONGEST)),
+    (
+        "select",
+        "models whose terms are given",
+        {"damping": "kinds of damping are among what is chosen from"},
+    ),
+)
+_DRIVEN = ("select", "order", "damping", "held-out")
 _HEADINGS = {
     "Reading": f"{READING} --example",
-    "What is looked for": "--mode --band --release --amplitude --coordinates --fix --curvature"
-    " --seed",
+    "What is looked for": "--mode --band --release --coordinates --fix --curvature --seed",
     "Measured inputs": f"{INPUTS} --select --order --damping --held-out",
     "Output": "--full --report --interactive --json --model --save --figure --force",
 }
@@ -54,31 +75,11 @@ _HEADINGS = {
     metavar="auto|N",
     help="Model so many vibrations together, or as many as the data need.  [default: 1]",
 )
-@click.option(
-    "--order",
-    default=USUAL[0],
-    show_default=True,
-    help="Highest order of stiffness and inertia with --input.",
-)
-@click.option(
-    "--damping",
-    multiple=True,
-    default=USUAL[1],
-    show_default=True,
-    type=click.Choice(list(DAMPING)),
-    help="Kind of damping with --input; may be repeated.",
-)
 @fix_option("Known coefficient in SI units; may be repeated.")
 @click.option(
-    "--amplitude",
-    nargs=2,
-    type=float,
-    help="Least and largest amplitude of the cycles that are used.",
-)
-@click.option(
     "--curvature",
-    default=CURVATURE,
-    show_default=True,
+    type=float,
+    show_default=f"{CURVATURE:g}",
     help="How far the sensor may be off a straight line at the largest amplitude, as a part of it"
     " (one standard deviation); 0 of one that is straight.",
 )
@@ -92,8 +93,6 @@ def identify(
     band: tuple[float, float] | None,
     coordinates: Coordinates | None,
     release: int | None,
-    order: int,
-    damping: tuple[str, ...],
     **options: Any,
 ) -> None:
     """Identify equations of motion from the free or driven vibrations in FILES.
@@ -105,52 +104,21 @@ def identify(
     a table, one page for all, and one for each. An interruption (Ctrl-C) keeps what is done.
     """
     telling = Telling.taken(options)
-    settings = Settings(**{f.name: options.pop(f.name) for f in fields(Settings)})
+    asked = Asked(**{f.name: options.pop(f.name) for f in fields(Asked)})
     driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})
-    driven.refuse()
+    there = {"input": driven.inputs, "coordinates": coordinates, "select": driven.select}
+    for option, what, others in EXCLUDED:
+        if there[option]:
+            refuse_beside(option, what, others)
+    driven.refuse_alone(_DRIVEN)
     one: Callable[..., Result]
-    if coordinates is not None:
-        refuse_others()
-        one = partial(_together, coordinates=coordinates, release=release, seed=settings.seed)
-    elif driven.inputs:
-        one = partial(_driven, driven=driven, model=(order, damping))
+    if driven.inputs:
+        one = partial(of_inputs, asked=asked, coordinates=coordinates or 1, driven=driven)
+    elif coordinates is not None:
+        one = partial(of_coordinates, asked=asked, coordinates=coordinates, release=release)
     else:
-        analyse = partial(identified, settings=settings)
+        analyse = partial(identified, asked=asked)
         choice = Choice(mode, band, release)
-        one = partial(of_one_mode, choice=choice, analyse=analyse, seed=settings.seed)
+        one = partial(of_one_mode, choice=choice, analyse=analyse, seed=asked.seed)
     job = partial(one, reading=options, interactive=telling.interactive)
     telling.give(job, files, example, "report")
-
-
-def _together(
-    file: Path | None,
-    page: Path,
-    reading: Mapping[str, Any],
-    coordinates: Coordinates,
-    release: int | None,
-    seed: int,
-    interactive: bool,
-) -> Result:
-    """Identify several coordinates of a file together."""
-    title, found = inspected(file, reading, seed)
-    names = (str(file or "example"), title)
-    try:
-        return identified_together(names, found, coordinates, release, page, interactive)
-    except ValueError as error:
-        raise of_file(file, error, found.warnings if release is None else ()) from error
-
-
-def _driven(
-    file: Path,
-    page: Path,
-    reading: Mapping[str, Any],
-    driven: Driven,
-    model: tuple[int, tuple[str, ...]],
-    interactive: bool,
-) -> Result:
-    """Identify the equation of a record with inputs."""
-    vibration = driven.load(file, reading)
-    try:
-        return identified_driven(file, vibration, driven, model, page, interactive)
-    except ValueError as error:
-        raise of_file(file, error, ()) from error

@@ -15,7 +15,7 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 
 # Options that choose a part of a free decay, and what to do without them.
-_PARTS = dict.fromkeys(
+PARTS = dict.fromkeys(
     ("mode", "band", "release"), "the whole record is taken; cut it with --start and --end"
 )
 _OPTIONS = (
@@ -81,9 +81,13 @@ class Inputs:
             If there are such.
         """
         if self.inputs:
-            refuse_beside("input", "free decays", {**_PARTS, **decays})
-            return
-        for name in given((*_ALONE, *driven)):
+            refuse_beside("input", "free decays", {**PARTS, **decays})
+        else:
+            self.refuse_alone(driven)
+
+    def refuse_alone(self, driven: Sequence[str] = ()) -> None:
+        """Refuse options of inputs, and further ones, where there are no inputs."""
+        for name in () if self.inputs else given((*_ALONE, *driven)):
             raise click.UsageError(
                 f"--{name} is for records with inputs: say --input force or --input base, or leave"
                 f" out --{name}"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -69,10 +70,15 @@ def _clear(file: Path, reading: Mapping[str, Any]) -> Recording:
     return recording
 
 
-def of_file(file: Path | None, error: ValueError, warnings: Sequence[str]) -> ValueError:
-    """The same error with the name of the file, and what is wrong with its samples."""
-    sentence = str(error).removeprefix(f"{file}: ")
-    return ValueError("; ".join([f"{file or 'example'}: {sentence}", *warnings]))
+@contextmanager
+def of_file(file: Path | None, warnings: Sequence[str] = ()) -> Iterator[None]:
+    """What is refused is told with the name of the file, and what is wrong with its samples."""
+    try:
+        yield
+    except ValueError as error:
+        sentence = str(error).removeprefix(f"{file}: ")
+        words = "; ".join([f"{file or 'example'}: {sentence}", *warnings])
+        raise ValueError(words) from error
 
 
 def of_one_mode(
@@ -92,19 +98,17 @@ def of_one_mode(
         If the file cannot be understood, or does not hold what was chosen; as ``analyse``.
     """
     title, found = inspected(file, reading, seed)
-    try:
+    # What is wrong with samples is no news for a choice that does not exist.
+    with of_file(file, found.warnings if choice == Choice() else ()):
         mode = found.mode(choice.mode, choice.band)
         releases = found.rings_in(mode, choice.release)
-    except ValueError as error:
-        # What is wrong with samples is no news for a choice that does not exist.
-        raise of_file(file, error, found.warnings if choice == Choice() else ()) from error
     used = picked(found, mode, releases)
-    try:
-        report = analyse(title, found.decays(mode.number, release=choice.release), used)
-    except ValueError as error:
-        raise of_file(file, error, found.warnings) from error
-    except KeyboardInterrupt as error:
-        raise KeyboardInterrupt(f"{error}, after the inspection. {used.rstrip('.')}") from None
+    with of_file(file, found.warnings):
+        try:
+            report = analyse(title, found.decays(mode.number, release=choice.release), used)
+        except KeyboardInterrupt as error:
+            reached = f"{error}, after the inspection. {used.rstrip('.')}"
+            raise KeyboardInterrupt(reached) from None
     figures = pictures(report)
     if len(found.modes) > 1 or len(found.releases) > 1:
         figures.append(picture(found))
