@@ -141,6 +141,14 @@ WIDEST_FREQUENCY, WIDEST_DAMPING, WIDEST_SIGNAL = 0.02, DETERMINED, 0.1
 # Standard errors from which on a difference is no chance: up to fifteen spans, of three values
 # each, are looked at in every record.
 SURE = 3.5
+# The fault of a sensor of a beam is named above this part of the rms of its channel, and where one
+# channel explains this part of what does not fit: a beam that bends otherwise than simulated is no
+# fault of a sensor.
+SENSOR_FAULT, ONE_SENSOR = 0.01, 0.8
+# Rise of chi-square over the noise up to which an effect may be there on a beam: three standard
+# errors, for readings between the points are interpolated; an interval of places that is wider than
+# this part of the length says nothing.
+PLACE_RISE, PLACE = 9.0, 1 / 3
 # A beam whose modes move, or are displaced, by less than this part of their largest at the first
 # sample was let go from rest, or hit at rest: more must be read from the sensors.
 MOVING = 0.1

@@ -27,14 +27,13 @@ from romsindy.effects.mounting import AtPoint
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import PLACE, PLACE_RISE
 from romsindy.typing import Array
 
 _FINE = 301
 _GAINS = 2e-3  # standard deviation of the gain of a sensor, by calibration and place
 _FREQUENCY = 2e-4  # relative standard deviation of the frequency of a higher mode, at the least
 _DAMPING = 0.2  # the same of its damping
-_CONFIDENCE = 9.0  # three standard errors: readings between the points are interpolated
-_TOLD = 1 / 3  # of the length: a wider interval says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +93,7 @@ class Place:
     @property
     def told(self) -> bool:
         """Whether the data can tell where."""
-        return self.high - self.low < _TOLD * self.length
+        return self.high - self.low < PLACE * self.length
 
     def untold(self) -> Place:
         """The same, where nothing else supports it."""
@@ -181,7 +180,7 @@ def find_place(
     v = np.column_stack([np.ones(_FINE), -CubicSpline(at, np.eye(len(at)))(fine)])
     chi_squared = np.einsum("ij,jk,ik->i", v, left, v)
     noise = max(float(chi_squared.min()) / samples, 1.0)
-    inside = fine[chi_squared < chi_squared.min() + _CONFIDENCE * noise]
+    inside = fine[chi_squared < chi_squared.min() + PLACE_RISE * noise]
     best = float(fine[np.argmin(chi_squared)])
     return Place(best, float(inside.min()), float(inside.max()), seen.beam.length)
 

@@ -15,11 +15,9 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.stats import chi2
 
+from romsindy.fit.verdict import ONE_SENSOR, SENSOR_FAULT
 from romsindy.typing import Array
 
-# A fault is named above this part of the channel's rms, and where one channel explains this part
-# of what does not fit: a beam that bends otherwise than simulated is no fault of a sensor.
-_FAULT, _EXPLAINED = 0.01, 0.8
 # Swings that end at exactly the same value are clipped: those of a decay differ.
 _SAME, _SWINGS = 1e-9, 4
 _CHANCE = 0.01  # that sensors within their tolerances disagree by more
@@ -116,8 +114,8 @@ def _worst(
     cost, channel, kind, value, part = best
     all_of_it = seen(left, measured[:, channel])
     worst = float(np.mean(np.abs(part[np.abs(part) > 0]))) if np.any(part) else 0.0
-    small = worst < _FAULT * np.std(measured[:, channel])
-    if small or cost > (1 - _EXPLAINED) * all_of_it:
+    small = worst < SENSOR_FAULT * np.std(measured[:, channel])
+    if small or cost > (1 - ONE_SENSOR) * all_of_it:
         return None
     return SensorFault(channel, labels[channel], kind, value)
 
