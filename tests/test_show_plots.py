@@ -1,5 +1,7 @@
 """Figures show what they should; how they look was judged by eye."""
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from fingerprint import fingerprint, plot_fingerprint
 
 from romsindy import (
     Adequacy,
+    CoupledModel,
     Estimate,
     HarmonicSINDy,
     Identification,
@@ -22,6 +25,7 @@ from romsindy.fit.functions.structures import Structure
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import function_plots, plots
+from romsindy.show.panels import functions
 
 
 @pytest.fixture(autouse=True)
@@ -58,6 +62,28 @@ def test_an_estimate_from_a_file_has_its_band(backbone):
     assert len(plots.plot_misfit(estimate).lines) == 7
     with pytest.raises(ValueError, match="holds no cycles: give a Backbone"):
         plots.plot_damping(estimate)
+
+
+def test_functions_are_drawn_of_the_coordinates_along_which_they_change():
+    """Stiffness and its band in closed form, of the first of two; inertia is constant."""
+    names = ("omega^2 [q1]", "gamma_3 [q1]", "omega^2 [q2]", "V q1^2 q2")
+    model = CoupledModel.from_coefficients(dict(zip(names, (36, 9, 400, 5), strict=True)), "m")
+    model = replace(model, amplitude_range=(0.1, 2.0))
+    verdict = Adequacy(1.0, 0.5, 1.0, False, np.array([1.0]), np.ones((1, 6)), 1.0, "m")
+    found = Estimate(model, ("gamma_3 [q1]",), np.array([[0.2**2]]), verdict, ())
+    (picture,) = functions(found)
+    assert picture.name == "stiffness" and "with the others at rest" in picture.caption
+    (ax,) = picture.figure().axes
+    q, secant = ax.lines[0].get_data()
+    np.testing.assert_allclose(secant, 36 + 9 * q**2)
+    edges = ax.collections[0].get_paths()[0].vertices
+    assert edges[:, 1].max() == pytest.approx(36 + (9 + 1.96 * 0.2) * 4)
+    assert ax.get_xlabel() == "$q_1$ (m)" and (q[0], q[-1]) == (-2.0, 2.0)
+    linear = replace(ReducedModel.from_coefficients({"omega^2": 36.0}), amplitude_range=(0.1, 2))
+    assert not functions(Estimate(linear, ("omega^2",), np.eye(1), verdict, ()))
+    # Without a range of the data there is none to draw over.
+    unknown = replace(model, amplitude_range=None)
+    assert not functions(Estimate(unknown, ("omega^2 [q1]",), np.eye(1), verdict, ()))
 
 
 def identification(inertia: int) -> Identification:

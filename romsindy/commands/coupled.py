@@ -110,13 +110,7 @@ def _result(
         page=page,
         model=fit.model,
         found=fit,
-        small=[
-            Small(
-                *(str(m.number), m.frequency, m.frequency_std),
-                *(m.damping_ratio, m.damping_ratio_std),
-            )
-            for m in report.modes
-        ],
+        small=[Small.of_mode(m) for m in report.modes],
         structure=f"{coordinates} coordinates",
         facts=facts,
         notes=[*fit.notes, *report.notes()],

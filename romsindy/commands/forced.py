@@ -132,15 +132,13 @@ def of_inputs(
 
 
 def _result(file: str, report: ForcedReport, page: Path) -> Result:
-    fit, band, held = report.fit, report.band, report.held_out
+    fit, held = report.fit, report.held_out
     left = np.concatenate(fit.residuals)
     facts = {
         "inputs": _inputs(report),
         "residual": None if report.piece else float(np.sqrt(np.mean(left**2))),
         "held_out": held and {"start": held.vibration.t[0], "error": held.error},
     }
-    hertz = [float(x[0]) / (2 * np.pi) for x in (band.frequency, band.frequency_std)]
-    ratio = [float(x[0]) for x in (band.damping_ratio, band.damping_ratio_std)]
     said = [str(held)] if held else []
     tables = [repr(report.vibration), str(fit), as_text(report.inputs()), *said]
     step = (
@@ -153,7 +151,7 @@ def _result(file: str, report: ForcedReport, page: Path) -> Result:
         page=page,
         model=fit.model,
         found=fit,
-        small=[Small("-", *hertz, *ratio)],  # at the lowest amplitude of the band
+        small=[Small.of("-", report.band)],
         structure="driven",
         facts=facts,
         notes=[*fit.notes, *report.measured()],

@@ -168,17 +168,11 @@ def _result(
 def _small(report: IdentificationReport, mode: str) -> Small:
     """Frequency and damping ratio at low amplitude, with standard errors where known."""
     amplitude = [_LOW * float(report.backbone.amplitude.max())]
-    if report.found is None:
-        model, nan = report.main.model, float("nan")
-        frequency, ratio = model.backbone(amplitude)[0], model.damping_ratio(amplitude)[0]
-        return Small(mode, float(frequency) / (2 * np.pi), nan, float(ratio), nan)
-    band = report.found.band(amplitude)
-    turn = 2 * np.pi
-    return Small(
-        mode,
-        *(float(band.frequency[0]) / turn, float(band.frequency_std[0]) / turn),
-        *(float(band.damping_ratio[0]), float(band.damping_ratio_std[0])),
-    )
+    if report.found is not None:
+        return Small.of(mode, report.found.band(amplitude))
+    model, nan = report.main.model, float("nan")
+    frequency, ratio = model.backbone(amplitude)[0], model.damping_ratio(amplitude)[0]
+    return Small(mode, float(frequency) / (2 * np.pi), nan, float(ratio), nan)
 
 
 def _full(report: IdentificationReport) -> str:

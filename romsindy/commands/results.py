@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.fit.estimate import Estimate
+from romsindy.fit.estimate import Band, Estimate
+from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.physics.coupled import AnyModel
 from romsindy.record.backbone import Backbone
 from romsindy.show.page import Picture
@@ -53,6 +54,21 @@ class Small(NamedTuple):
     frequency_std: float
     damping_ratio: float
     damping_ratio_std: float
+
+    @classmethod
+    def of(cls, mode: str, band: Band) -> Small:
+        """That at the first amplitude of a band."""
+        turn, ratio, error = 2 * np.pi, band.damping_ratio[0], band.damping_ratio_std[0]
+        hertz, off = float(band.frequency[0]) / turn, float(band.frequency_std[0]) / turn
+        return cls(mode, hertz, off, float(ratio), float(error))
+
+    @classmethod
+    def of_mode(cls, found: SmallVibration) -> Small:
+        """That of a mode of several."""
+        frequency, ratio = found.frequency, found.damping_ratio
+        return cls(
+            str(found.number), frequency, found.frequency_std, ratio, found.damping_ratio_std
+        )
 
     def cells(self) -> list[str]:
         """Of the table."""

@@ -151,13 +151,6 @@ def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactiv
         write_steady(report, page, bar(figures, "drawing"), interactive=interactive)
     remarks = fit.remarks()
     found = [line for line in str(fit).splitlines() if line not in remarks]
-    band = fit.band([fit.points.amplitude.min()])
-    turn = 2 * np.pi
-    small = Small(
-        "-",
-        *(float(band.frequency[0]) / turn, float(band.frequency_std[0]) / turn),
-        *(float(band.damping_ratio[0]), float(band.damping_ratio_std[0])),
-    )
     errors = fit.chain_errors
     chain = {
         name: {"value": value, "standard_error": errors.get(name)}
@@ -172,7 +165,7 @@ def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactiv
         page=page,
         model=fit.model,
         found=fit,
-        small=[small],
+        small=[Small.of("-", fit.band([fit.points.amplitude.min()]))],
         structure="steady",
         facts={**facts, "unexplained": fit.unexplained},
         notes=[*fit.notes, *report.notes()],

@@ -18,6 +18,7 @@ from romsindy.record.decay import Decay
 from romsindy.show.coupled_plots import draw_backbones, draw_channel
 from romsindy.show.identification_page import told_of
 from romsindy.show.page import Picture, write_page
+from romsindy.show.panels import functions
 from romsindy.text import TextTable, quantity, with_error
 
 _LOW = 0.02  # of the largest amplitude: there a backbone begins
@@ -118,7 +119,7 @@ class CoupledReport:
 
 
 def pictures(report: CoupledReport) -> list[Picture]:
-    """The figures of the report: backbones, and every channel over time."""
+    """The figures of the report: backbones, functions, and every channel over time."""
     told = [
         f"Mode {number}: {b if isinstance(b, str) else b.stop_reason}."
         for number, b in report.backbones.items()
@@ -131,6 +132,7 @@ def pictures(report: CoupledReport) -> list[Picture]:
     draw = partial(draw_backbones, report.modes, report.backbones, report.fit.model.unit)
     return [
         Picture("backbone", "Backbones", " ".join([caption, *told]), draw, size),
+        *functions(report.fit),
         *_channels(report),
     ]
 

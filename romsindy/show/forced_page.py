@@ -17,6 +17,7 @@ from romsindy.physics.driven import inputs_of
 from romsindy.record.forced import ForcedVibration
 from romsindy.show import forced_plots as show
 from romsindy.show.page import Picture, write_page
+from romsindy.show.panels import functions
 from romsindy.text import TextTable, with_error
 
 _LOW, _CURVE = 0.02, 40  # of the largest amplitude, where a backbone begins; points of it
@@ -102,6 +103,7 @@ def pictures(report: ForcedReport) -> list[Picture]:
         curves += " They end where the equation has no periodic motion."
     return [
         Picture("backbone", "Backbone and damping", curves, draw_band, (6.4, 6.0)),
+        *functions(fit),
         Picture(
             "motion",
             "Over time",

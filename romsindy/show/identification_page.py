@@ -24,6 +24,7 @@ from romsindy.regression.comparison import (
 from romsindy.show import function_plots, plots
 from romsindy.show.cycles import Models
 from romsindy.show.page import Picture, write_page
+from romsindy.show.panels import functions
 from romsindy.text import TextTable, listed
 
 _CURVE = 60  # points of a band against amplitude
@@ -202,19 +203,7 @@ def _plot_decays(report: IdentificationReport, ax: Axes) -> None:
 
 def _of_functions(found: Identification, others: dict) -> list[Picture]:
     return [
-        _picture(
-            "inertia",
-            "Inertia",
-            "M(q) = 1 + h(q) with its 95 % band. h is the kinetic energy of what the vibration"
-            " drags along and is never negative; a regression does not know that.",
-            partial(function_plots.plot_inertia, found, others),
-        ),
-        _picture(
-            "stiffness",
-            "Stiffness",
-            "Restoring force over displacement with its 95 % band.",
-            partial(function_plots.plot_stiffness, found, others),
-        ),
+        *functions(found, others),
         _picture(
             "parts",
             "Relative magnitude of the terms",

@@ -17,6 +17,7 @@ from romsindy.orbits.continuation import ContinuationError
 from romsindy.record.recording import unit_of
 from romsindy.show.axes import with_unit
 from romsindy.show.page import Picture, write_page
+from romsindy.show.panels import functions
 from romsindy.show.plots import plot_forced_response
 from romsindy.text import TextTable, with_error
 
@@ -92,6 +93,7 @@ def pictures(report: SteadyReport) -> list[Picture]:
             " force, with the 95 % band of a further point; dashed where unstable.",
             partial(_draw_response, report),
         ),
+        *functions(report.fit),
         Picture(
             "misfit",
             "Force left over",
