@@ -540,11 +540,11 @@ def test_where_the_fit_breaks_down_the_quieter_part_is_identified(run, monkeypat
     """Whatever the linear algebra says, in words, beside what stands."""
     reaches = []
 
-    def fit(decays, **settings):
+    def fit(decays, coordinates, **settings):
         reaches.append(max(float(np.abs(d.q).max()) for d in decays))
         if len(reaches) == 1:
             raise np.linalg.LinAlgError("Eigenvalues did not converge")
-        return real(decays, **settings)
+        return real(decays, coordinates, **settings)
 
     real = analysis_module.identify
     monkeypatch.setattr(analysis_module, "identify", fit)

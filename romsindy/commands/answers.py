@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from romsindy.commands.main import INTERRUPTED, REFUSED
-from romsindy.commands.options import full_option, interactive_option
+from romsindy.commands.options import full_option, grouped, interactive_option
 from romsindy.commands.outputs import (
     JSON,
     PAGE,
@@ -40,7 +40,8 @@ FIGURE = click.option(
     type=Output(_FIGURE, kinds=(".png", ".svg", ".pdf")),
     help="Write the backbone figure to this PNG, SVG or PDF file.",
 )
-_OPTIONS = (
+# The options that say what is printed and written of results.
+answer_options = grouped(
     full_option,
     click.option(
         "--report", type=Output(PAGE), help="Name of the HTML report, or of the overview."
@@ -51,13 +52,6 @@ _OPTIONS = (
     ),
     click.option("--model", type=Output(JSON), help="Write the equation as JSON."),
 )
-
-
-def answer_options(command: Callable) -> Callable:
-    """The options that say what is printed and written of results."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
 
 
 @dataclass(frozen=True)

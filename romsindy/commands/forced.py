@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from romsindy.commands.analysis import USUAL, Asked
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.one_mode import of_file
+from romsindy.commands.options import grouped
 from romsindy.commands.outputs import writing
 from romsindy.commands.results import Brief, Result, Small, if_short
 from romsindy.fit.collocation import TrajectoryError
@@ -25,7 +26,9 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.text import as_text, bar
 
-_OPTIONS = (
+# The options of records with inputs.
+forced_options = grouped(
+    input_options,
     click.option(
         "--select",
         is_flag=True,
@@ -52,13 +55,6 @@ _OPTIONS = (
         help="Share of a record with inputs, at its end, that is not fitted but predicted: 0.2.",
     ),
 )
-
-
-def forced_options(command: Callable) -> Callable:
-    """The options of records with inputs."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return input_options(command)
 
 
 @dataclass(frozen=True)
@@ -115,15 +111,15 @@ def of_inputs(
     ValueError
         If what is held out is too short, or the model has no motion near the record.
     """
-    with of_file(file), bar(None, "identifying") as steps:
-        vibration, rest = driven.parts(file, reading)
+    with of_file(file):
         terms, order = driven.terms, driven.order
-        try:
-            fit = asked.fit(
-                [vibration], coordinates, steps.set_postfix_str, terms=terms, order=order
-            )
-        except TrajectoryError as error:
-            raise ValueError(f"{error}; a lower --order, or --select, may help") from error
+        vibration, rest = driven.parts(file, reading)
+        with bar(None, "identifying") as steps:
+            try:
+                say = steps.set_postfix_str
+                fit = asked.fit([vibration], coordinates, say, terms=terms, order=order)
+            except TrajectoryError as error:
+                raise ValueError(f"{error}; a lower --order, or --select, may help") from error
     held_out = None if rest is None else HeldOut.of(fit, rest)
     report = ForcedReport(f"Forced vibration {file.name}", fit, vibration, held_out)
     with writing(page):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
-from romsindy.commands.options import given, refuse_beside
+from romsindy.commands.options import given, grouped, refuse_beside
 from romsindy.record.files import load_forced
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
@@ -18,7 +18,8 @@ from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 PARTS = dict.fromkeys(
     ("mode", "band", "release"), "the whole record is taken; cut it with --start and --end"
 )
-_OPTIONS = (
+# The options with which the inputs of a record are read.
+input_options = grouped(
     click.option(
         "--input",
         "inputs",
@@ -47,13 +48,6 @@ _OPTIONS = (
     ),
 )
 _ALONE = ("input-column", "unit-input", "interpolation")
-
-
-def input_options(command: Callable) -> Callable:
-    """The options with which the inputs of a record are read."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from romsindy.commands.measurement import Choice
-from romsindy.commands.options import read
+from romsindy.commands.options import grouped, read
 from romsindy.commands.outputs import writing
 from romsindy.commands.results import Brief, Result, Small, if_short
 from romsindy.fit.functions.identification import Identification
@@ -33,7 +33,8 @@ from romsindy.text import aligned, bar
 Analysis = Callable[[str, Sequence[Decay], str], IdentificationReport]
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
-_OPTIONS = (
+# The options that choose a mode, and releases.
+mode_options = grouped(
     click.option(
         "--mode", type=int, help="Number of the mode, see inspect.  [default: moves most]"
     ),
@@ -42,13 +43,6 @@ _OPTIONS = (
     ),
     click.option("--release", type=int, help="Number of the release, see inspect.  [default: all]"),
 )
-
-
-def mode_options(command: Callable) -> Callable:
-    """The options that choose a mode, and releases."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
 
 
 def inspected(file: Path | None, reading: Mapping[str, Any], seed: int) -> tuple[str, Inspection]:

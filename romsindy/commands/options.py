@@ -22,7 +22,21 @@ FILE = click.Path(path_type=Path)
 # Options of the reading of a file and of measured inputs, for the headings of --help.
 READING = "--unit --quantity --column --time --rate --start --end"
 INPUTS = "--input --input-column --unit-input --interpolation"
-_READING = (
+
+
+def grouped(*options: Callable) -> Callable[[Callable], Callable]:
+    """A decorator with options that several commands have, in the order of their help."""
+
+    def add(command: Callable) -> Callable:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+# The options with which `read` reads a file.
+reading_options = grouped(
     click.option("--unit", help='Unit of the measured column: "mm", "m/s", "g", "deg", ...'),
     click.option(
         "--quantity",
@@ -109,13 +123,6 @@ def fix_option(words: str) -> Callable:
 full_option = click.option(
     "--full", is_flag=True, help="Print all tables; without it they are on the page alone."
 )
-
-
-def reading_options(command: Callable) -> Callable:
-    """The options with which `read` reads a file."""
-    for option in reversed(_READING):
-        command = option(command)
-    return command
 
 
 def read(file: Path, reading: Mapping[str, Any]) -> Recording:
