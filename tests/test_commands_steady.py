@@ -152,7 +152,11 @@ def test_what_a_table_lacks_is_said(run, linear, tmp_path, header, words):
     ("options", "words"),
     [
         (["--slope", "steep"], "'steep' is neither a number nor fit"),
-        (["--slope", "fit"], "force has one amplitude"),
+        (
+            ["--slope", "fit"],
+            "force has one amplitude, which tells no slope of the gain: give --slope 0",
+        ),
+        (["--term", "c_coulomb"], "the force of c_coulomb jumps: leave it out; in Python"),
         (["--term", "gamma"], "coefficient name 'gamma' is not known"),
         (["--figure", "f.png"], "--figure is no option here, but of romsindy identify"),
     ],
@@ -162,3 +166,20 @@ def test_options_that_cannot_be(run, linear, tmp_path, options, words):
     write(tmp_path / "points.csv", HEADER, hz, force, 1e3 * np.abs(q), np.degrees(np.angle(q)))
     result = run("points.csv", *options)
     assert result.exit_code == 2 and words in result.stderr
+
+
+def test_at_resonance_the_gain_is_asked_for(run, tmp_path):
+    """Force and velocity in phase: the ratio of gain and damping alone is seen, and the answer
+    with a known gain is that of the closed form."""
+    force = np.linspace(0.1, 0.8, 8)
+    size = GAIN * force / (C * np.sqrt(K))
+    hz = np.full(8, np.sqrt(K) / (2 * np.pi))
+    write(tmp_path / "points.csv", HEADER, hz, force, 1e3 * size, np.full(8, -90.0))
+    refused = run("points.csv", "--term", "c_linear")
+    assert refused.exit_code == 2 and "give --gain and --phase, or add points" in refused.stderr
+    known = ["--term", "c_linear", "--gain", GAIN, "--phase", 0, "--model", "model.json"]
+    result = run("points.csv", *known)
+    assert result.exit_code == 0, result.output
+    model = rs.ReducedModel.from_json((tmp_path / "model.json").read_text())
+    assert model.coefficients == pytest.approx({"omega^2": K, "c_linear": C}, rel=1e-7)
+    assert "no curve" not in result.output  # without levels there are points alone

@@ -29,6 +29,9 @@ _WORDS = (
     (r"look at measured=", "look at --quantity"),
     (r"give -force", "turn it by 180 degrees"),
     (r"\bstd (was not given|must be)", r"spread \1"),
+    (r"\b(gain|slope|phase)=(\d)", r"--\1 \2"),
+    (r"\b(gain|slope|phase)=", r"--\1"),
+    (r"give model\.regularised\(.*", "leave it out; in Python, model.regularised makes it smooth"),
 )
 
 
