@@ -30,7 +30,6 @@ from romsindy.fit.measured import (
     small_frequencies,
 )
 from romsindy.fit.pieces import cut, moved
-from romsindy.fit.refine import refine
 from romsindy.fit.signs import stand_ins
 from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
@@ -132,16 +131,19 @@ def identify_coupled(
     return replace(fit, solution=solution, notes=notes)
 
 
-def refine_coupled_terms(
+def model_with_terms(
     decays: Sequence[Decay],
     coordinates: int | str,
     terms: Sequence[Term],
     fixed: Mapping[str, float],
-    progress: Callable[[str], None] | None = None,
-) -> Fit:
-    """Fit a model of several coordinates that has these terms beside the linear ones.
+) -> CoupledModel:
+    """The small vibrations that ring, with terms beside them: 0, or what is known.
 
-    It starts from the small vibrations that ring; ``fixed`` values stay as they are.
+    Raises
+    ------
+    ValueError
+        If the number of coordinates is not given, a term is of one coordinate without saying of
+        which, or for names or values in ``fixed`` that cannot be.
     """
     if not isinstance(coordinates, int):
         raise ValueError(f"coordinates = {coordinates!r} must be a number where terms are given")
@@ -156,8 +158,7 @@ def refine_coupled_terms(
     require_known(fixed, [*by_name])
     linear = _small(ringing, decays[0].unit)
     values = dict.fromkeys(by_name, 0.0) | linear.coefficients | dict(fixed)
-    model = replace(linear, terms=tuple(by_name.values()), values=tuple(values.values()))
-    return refine(model, decays, fixed=tuple(fixed), progress=progress)
+    return replace(linear, terms=tuple(by_name.values()), values=tuple(values.values()))
 
 
 def _from_quieter(

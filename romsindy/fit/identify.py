@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from romsindy.fit.coupled_identify import identify_coupled, refine_coupled_terms
+from romsindy.fit.coupled_identify import identify_coupled, model_with_terms
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.identify import identify_forced
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify_decays
 from romsindy.fit.measured import listed_records
-from romsindy.fit.refine import refine_terms
+from romsindy.fit.refine import refine, refine_terms
 from romsindy.fit.verdict import CURVATURE
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -93,7 +93,8 @@ def identify(
     remedy = "left out for several channels or coordinates"
     _require(curvature is None, "curvature", curvature, remedy)
     if terms is not None:
-        return refine_coupled_terms(decays, coordinates, terms, fixed or {}, progress)
+        start = model_with_terms(decays, coordinates, terms, fixed or {})
+        return refine(start, decays, fixed=tuple(fixed or ()), progress=progress)
     return identify_coupled(decays, coordinates, fixed=fixed, progress=progress)
 
 
