@@ -154,6 +154,7 @@ def test_what_a_way_cannot_have_is_refused_with_a_remedy():
         (several, {"coordinates": "auto", "terms": []}, "must be a number where terms are given"),
         (several, {"terms": [Stiffness(3)], "fixed": {"b": 1.0}}, "fixed names ['b'], but there"),
         (several, {"terms": [Stiffness(3)], "fixed": ["b"]}, "fixed = ['b'] must map names to"),
+        (several, {"terms": [], "curvature": 0.0}, "must be left out where terms are given"),
         (several, {"terms": ["gamma_3"]}, "terms = ['gamma_3'] must be a list of laws"),
         (several, {"terms": Stiffness(3)}, "must be a list of laws of one coordinate, such as"),
         (driven, {"order": 2.5}, "order = 2.5 must be a whole number, 1 or more"),

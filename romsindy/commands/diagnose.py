@@ -14,6 +14,7 @@ from typing import Any
 import click
 import numpy as np
 
+from romsindy.beam import load_beam
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
 from romsindy.commands.measurement import Choice, decays_in
@@ -39,7 +40,6 @@ from romsindy.commands.outputs import (
 )
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
-from romsindy.diagnosis.on_beam import load_beam
 from romsindy.diagnosis.tolerance import KINDS
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL

@@ -80,6 +80,8 @@ def identify(
     one = coordinates == 1 and not isinstance(coordinates, bool)
     if len(decays) < len(several):
         _require(one, "coordinates", coordinates, "1 where inputs drive the motion")
+    if terms is not None:
+        _require(curvature is None, "curvature", curvature, "left out where terms are given")
     if terms is not None and one:
         return refine_terms(several, terms, fixed or {}, progress)
     if len(decays) < len(several):

@@ -177,7 +177,7 @@ def fit(
                 "no motion of one coordinate follows the measured one: several modes take part, the"
                 " records are of different structures, or a fixed coefficient is wrong; cut or"
                 " filter the record, leave the coefficient free, or be content with a regression"
-                " (HarmonicSINDy, romsindy identify --weighted)"
+                " (HarmonicSINDy, romsindy regress)"
             )
         if progress is not None:
             progress(f"misfit {misfit:.4g} times the noise, change {largest:.1e}")
