@@ -29,7 +29,6 @@ _ITERATIONS = 16
 _LEASH = 0.3  # largest change of the motion in one step, in amplitudes
 _WORSE, _SHORTEST = 1.5, 0.02  # a step that makes the misfit worse is shortened
 _OFF_THE_FLOOR = 1.0  # of chi-square
-_PATIENCE = 3  # steps that bring nothing, until a rough fit is given up
 _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
 
@@ -103,15 +102,13 @@ def fit(
         At most.
     rough : float
         The fit ends where a step changes chi-square by less than this part of what is left beyond
-        the noise: where the form of the equation decides, no digit of its values matters. It is
-        given up where some steps bring nothing.
+        the noise: where the form of the equation decides, no digit of its values matters.
     """
     parts = tuple(parts)
     motions = list(motions or [r.motion for r in records])
     n_values = sum(p.size for p in parts)
     last, converged, n_samples = np.inf, False, sum(len(r.signal) for r in records)
     kept: _Stage | None = None
-    least: list[float] = []
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
             system, responses = _linearised(model, parts, records, motions)
@@ -147,8 +144,7 @@ def fit(
         near = abs(last - chi_squared) < 0.02 + 1e-6 * chi_squared + beyond
         # Along a valley of values that make up for one another a step leaves the curved floor.
         converged = short == 1.0 and near and system.power < last + _OFF_THE_FLOOR + beyond
-        least.append(min([chi_squared, *least[-1:]]))
-        if converged or (rough and len(least) > _PATIENCE and least[-1] == least[-1 - _PATIENCE]):
+        if converged:
             break
         last = chi_squared
     residuals = tuple(
