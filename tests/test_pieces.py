@@ -95,7 +95,7 @@ def test_a_report_of_pieces_says_so(record):
     for a, b in zip(one, three, strict=True):
         np.testing.assert_array_equal(a.measured_amplitude, b.measured_amplitude)
     said = [
-        pictures(CoupledReport("", fit, seen, [record.decay], ["left", "right"]))[1].caption
+        pictures(CoupledReport("", fit, seen, [record.decay], ["left", "right"]))[-1].caption
         for fit, seen in ((whole, one), (pieces, three))
     ]
     assert "the decay from its start" in said[0] and "worst" not in said[0]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _ADVICE = ("action", "odds", "cost", "rivals")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class BesideDecays:
     """The part of a report that decays have: how far simulation and records are apart."""
 
