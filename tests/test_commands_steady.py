@@ -136,6 +136,12 @@ def test_higher_harmonics_are_columns_of_their_own(run, tmp_path):
         ("frequency [Hz],force [N],displacement [mm],displacement [m]", "hold the same"),
         ("frequency [Hz],force [N],displacement [m/s],force phase [deg]", "is one of velocity"),
         ("frequency [Hz],force [N],response,response phase [deg]", "or give --quantity"),
+        ("frequency [Hz],force [N],displacement [mm],frequency phase [deg]", "phase' is not under"),
+        ("frequency [Hz],force [N],displacement [mm],spread 2 [mm]", "'spread 2' is not underst"),
+        (
+            "frequency [Hz],force [N],displacement [mm],displacement 2 [mm]",
+            "amplitudes are not neg",
+        ),
         ("force phase [deg],force [N],displacement [mm],spread [mm]", "no column 'frequency'"),
     ],
 )

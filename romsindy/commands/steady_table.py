@@ -23,7 +23,8 @@ _UNDERSTOOD = (
     " displacement 2 [m] and displacement 2 phase [deg] for the second harmonic, and so on, and"
     " spread [m]"
 )
-_NAME = re.compile(
+_NAME = re.compile(  # a frequency has no phase, and of a force one harmonic is known
+    r"(?!(?:frequency|spread)\b.* phase|(?:frequency|spread|force) [1-9])"
     rf"(?P<what>frequency|force|spread|response|{'|'.join(QUANTITIES)})(?P<number> [1-9]\d*)?"
     r"(?: amplitude)?(?P<phase> phase)?"
 )
@@ -153,6 +154,9 @@ def _complex(columns: Mapping[Key, Column], what: str, n: int, sign: int) -> NDA
     """Amplitudes, with their phases where those stand beside them."""
     amplitude, phase = columns[what, n, False], columns.get((what, n, True))
     values = np.asarray(amplitude.values, float)
+    if np.any(values < 0):
+        least = f"the column {amplitude.name!r} holds {values.min():g}"
+        raise ValueError(f"{least}: amplitudes are not negative, half a turn is a phase of 180 deg")
     return values if phase is None else values * np.exp(sign * 1j * _scaled(phase, _ANGLES))
 
 
