@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.commands.analysis import USUAL, Asked
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.one_mode import of_file
-from romsindy.commands.options import grouped
+from romsindy.commands.options import damping_option, grouped
 from romsindy.commands.outputs import writing
 from romsindy.commands.results import Brief, Result, Small, if_short
 from romsindy.fit.collocation import TrajectoryError
@@ -41,14 +41,7 @@ forced_options = grouped(
         show_default=True,
         help="Highest order of stiffness and inertia with --input.",
     ),
-    click.option(
-        "--damping",
-        multiple=True,
-        default=USUAL[1],
-        show_default=True,
-        type=click.Choice(list(DAMPING)),
-        help="Kind of damping with --input; may be repeated.",
-    ),
+    damping_option(USUAL[1], "Kind of damping with --input; may be repeated."),
     click.option(
         "--held-out",
         type=click.FloatRange(0, 1, min_open=True, max_open=True),

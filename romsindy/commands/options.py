@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from click.core import ParameterSource
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.coupled import AnyModel, model_from_json
+from romsindy.physics.damping import DAMPING
 from romsindy.physics.entries import table
 from romsindy.physics.serial import read_json
 from romsindy.record.files import load_recording
@@ -117,6 +118,14 @@ def fix_option(words: str) -> Callable:
     """The option that states coefficients which are known."""
     return click.option(
         "--fix", multiple=True, callback=_coefficients, metavar="NAME=VALUE", help=words
+    )
+
+
+def damping_option(usual: Sequence[str], words: str) -> Callable:
+    """The option that names kinds of damping."""
+    kinds = click.Choice(list(DAMPING))
+    return click.option(
+        "--damping", multiple=True, default=usual, show_default=True, type=kinds, help=words
     )
 
 

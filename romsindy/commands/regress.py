@@ -13,9 +13,8 @@ from romsindy.commands.analysis import USUAL, Recipe, regressed
 from romsindy.commands.answers import FIGURE, Telling, answer_options
 from romsindy.commands.measurement import Choice
 from romsindy.commands.one_mode import mode_options, of_one_mode
-from romsindy.commands.options import FILE, READING, fix_option, reading_options
+from romsindy.commands.options import FILE, READING, damping_option, fix_option, reading_options
 from romsindy.commands.outputs import WritingCommand
-from romsindy.physics.damping import DAMPING
 
 
 def _harmonics(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, ...] | None:
@@ -53,14 +52,7 @@ _HEADINGS = {
 @click.option(
     "--order", default=USUAL[0], show_default=True, help="Highest order of stiffness and inertia."
 )
-@click.option(
-    "--damping",
-    multiple=True,
-    default=USUAL[1],
-    show_default=True,
-    type=click.Choice(list(DAMPING)),
-    help="Kind of damping; may be repeated.",
-)
+@damping_option(USUAL[1], "Kind of damping; may be repeated.")
 @fix_option(
     "Known coefficient in SI units; may be repeated. Models with fixed linear frequency take"
     " omega^2 from here, or else from the measured backbone."
