@@ -154,6 +154,13 @@ def test_what_a_table_lacks_is_said(run, linear, tmp_path, header, words):
     assert result.stderr.startswith("Error: points.csv: ") and result.stderr.count("\n") == 1
 
 
+def test_a_table_without_points_is_named_once(run, tmp_path):
+    (tmp_path / "none.csv").write_text(HEADER + "\n")
+    result = run("none.csv")
+    assert result.exit_code == 2 and result.stderr.count("none.csv") == 1
+    assert "no line starts with a number" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

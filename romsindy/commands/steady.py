@@ -12,13 +12,13 @@ import click
 import numpy as np
 
 from romsindy.commands.answers import SAVE, Telling, answer_options
+from romsindy.commands.one_mode import of_file
 from romsindy.commands.options import FILE, fix_option
 from romsindy.commands.outputs import WritingCommand, writing
 from romsindy.commands.results import Brief, Result, Small
 from romsindy.commands.steady_table import SteadyTable
 from romsindy.fit.steady.fit import SteadyFit, fit_steady
 from romsindy.physics.model import ReducedModel
-from romsindy.record.files.load import named
 from romsindy.record.recording import QUANTITIES, Quantity
 from romsindy.show.steady_page import SteadyReport, pictures, write_steady
 from romsindy.text import as_text, bar
@@ -110,7 +110,7 @@ def steady(
 
     def job(file: Path | None, page: Path) -> Result:
         assert file is not None  # a file is required
-        with named(str(file)):
+        with of_file(file):
             table = SteadyTable.read(file, quantity, lag)
             try:
                 fit = _fitted(table, terms, fix, {"gain": gain, "slope": slope, "phase": turn})
