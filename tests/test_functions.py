@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 import romsindy as rs
@@ -98,42 +99,78 @@ def test_damping_follows_the_inertia():
 # -- windows and evidence ---------------------------------------------------------------------
 
 
-def linear_blocks(seconds=3.0, sizes=TINY):
-    records = prepared(decay(STIFF, seconds=seconds), "m")
+def linearised_record(signal, sizes=TINY):
+    records = prepared(signal, "m", coloured=True)
     equation = Series.linear(Scales(1.0, 38.5, 0.6), sizes)
     return linearised(equation, windows_of(records), records)
 
 
-def dense(blocks, jump):
+def dense(linear, jump):
     """All windows in one matrix: columns are values, then all starts, then the signal."""
-    p, n = blocks[0].rows.shape[1] - 3, len(blocks)
-    rows = []
+    blocks = linear.blocks
+    p, n = blocks[0].change.shape[1] - 2, len(blocks)
+    rows, ties = [], []
     for i, b in enumerate(blocks):
-        wide = np.zeros((len(b.rows), p + 2 * n + 1))
-        wide[:, :p], wide[:, p + 2 * i : p + 2 * i + 2] = b.rows[:, :p], b.rows[:, p : p + 2]
-        wide[:, -1] = b.rows[:, -1]
+        wide = np.zeros((len(b.signal), p + 2 * n + 1))
+        wide[:, :p], wide[:, p + 2 * i : p + 2 * i + 2] = b.change[:, :p], b.change[:, p:]
+        wide[:, -1] = b.signal
         rows.append(wide)
         if i + 1 < n:
             tie = np.zeros((2, p + 2 * n + 1))
             tie[:, :p], tie[:, p + 2 * i : p + 2 * i + 2] = b.end[:, :p], b.end[:, p:]
             tie[:, p + 2 * i + 2 : p + 2 * i + 4], tie[:, -1] = -np.eye(2), -b.rest
             error = jump * b.window.amplitude * np.array([1.0, 38.5])
-            rows.append(tie / error[:, None])
-    return np.concatenate(rows), p
+            ties.append(tie / error[:, None])
+    return np.concatenate([covariant(linear.record.noise, np.concatenate(rows)), *ties]), p
 
 
-def test_windows_one_after_the_other_are_one_least_squares_problem():
-    blocks = linear_blocks()
-    assert len(blocks) > 4
-    known = np.zeros((0, blocks[0].rows.shape[1] - 2))
-    found = reduced(blocks, 38.5, 1.0, 0.01, known)
-    matrix, p = dense(blocks, 0.01)
+def covariant(noise, rows):
+    """Rows times a root of the inverse of the covariance of the noise, which is built in full.
+
+    Of cosines that are independent: variances of the noise, and of its drift, at their frequencies.
+    """
+    n = len(rows)
+    frequency = np.arange(n) / (2 * n * noise.dt)
+    power = noise.spectrum.leaking(n * noise.dt)(frequency)
+    power = np.maximum(
+        power + (noise.drift(frequency) if noise.drift else 0.0), 1e-3 * noise.std**2
+    )
+    waves = np.cos(np.pi * np.outer(np.arange(n), np.arange(n) + 0.5) / n) * np.sqrt(2 / n)
+    waves[0] /= np.sqrt(2)
+    return np.linalg.solve(np.linalg.cholesky((waves.T * power) @ waves), rows)
+
+
+def test_windows_are_one_least_squares_problem():
+    """White noise: samples over its standard deviation, as they are."""
+    (linear,) = linearised_record(decay(STIFF, seconds=3.0))
+    assert len(linear.blocks) > 4 and linear.record.noise.spectrum.white
+    samples, p = dense(linear, 0.01)
+    plain = np.concatenate([b.signal for b in linear.blocks]) / linear.record.noise.std
+    assert np.linalg.norm(samples[: len(plain), -1]) == pytest.approx(np.linalg.norm(plain))
+    agree(linear, samples, p, 0.01)
+
+
+@pytest.mark.parametrize("kind", ["slow", "rough"])
+def test_windows_in_noise_with_a_colour_are_one_generalised_least_squares_problem(kind):
+    """Against its covariance matrix in full: a random walk, and neighbours that err alike."""
+    clean = decay(STIFF, seconds=6.0, snr_db=None)
+    rng = np.random.default_rng(2)
+    steps = rng.standard_normal(len(clean.t))
+    noise = np.cumsum(steps) / 30 + steps if kind == "slow" else lfilter([1.0], [1, -0.9], steps)
+    (linear,) = linearised_record(rs.Decay(clean.t, clean.q + 0.003 * noise, unit="m"))
+    own = linear.record.noise
+    assert own.drift is not None if kind == "slow" else not own.spectrum.white
+    agree(linear, *dense(linear, 0.01), 0.01)
+
+
+def agree(linear, matrix, p, jump):
+    found = reduced([linear], 38.5, 1.0, jump, np.zeros((0, p + 1)))
     best = np.linalg.lstsq(matrix[:, :-1], matrix[:, -1], rcond=None)[0]
     values = np.linalg.solve(found.rows[:p, :p], found.rows[:p, p])
-    assert values == pytest.approx(best[:p], rel=1e-7)
-    assert np.ravel(found.states(values)) == pytest.approx(best[p:], rel=1e-6, abs=1e-9)
+    assert values == pytest.approx(best[:p], rel=1e-6)
+    assert np.ravel(found.states(values)) == pytest.approx(best[p:], rel=1e-5, abs=1e-8)
     left = matrix[:, :-1] @ best - matrix[:, -1]
-    assert found.rows[p, p] ** 2 == pytest.approx(left @ left, rel=1e-7)
+    assert found.rows[p, p] ** 2 == pytest.approx(left @ left, rel=1e-6)
 
 
 def test_evidence_is_the_marginal_likelihood():

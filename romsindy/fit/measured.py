@@ -69,8 +69,10 @@ def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[De
     return decays_alone
 
 
-def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record, ...]:
-    """Free decays in a unit, ready to be fitted.
+def prepared(
+    decays: Decay | Sequence[Decay], unit: str | None, *, coloured: bool = False
+) -> tuple[Record, ...]:
+    """Free decays in a unit, ready to be fitted, by noise that is white or has a colour.
 
     Raises
     ------
@@ -80,7 +82,7 @@ def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record,
     several = several_decays(decays)
     require_unit(several, unit)
     records = sharing_drift([Record.of(d.single().free(), NUMERICS) for d in several])
-    return tuple(record.without_faults() for record in records)
+    return tuple(record.without_faults(coloured=coloured) for record in records)
 
 
 def ready(several: Sequence[Decay | ForcedVibration]) -> tuple[Record | ForcedRecord, ...]:

@@ -224,9 +224,10 @@ class Record(OfDecay):
             doubts=doubts,
         )
 
-    def without_faults(self) -> Record:
+    def without_faults(self, *, coloured: bool = False) -> Record:
         """The same for a fit that looks for none: clipped samples take no part, lines are noise."""
-        return replace(self, valid=~clipped(self.signal), noise=self.noise.weighing_alike())
+        noise = self.noise.with_lines() if coloured else self.noise.weighing_alike()
+        return replace(self, valid=~clipped(self.signal), noise=noise)
 
     def with_signal(self, signal: Array) -> Record:
         """The same with another measurement, such as a simulated one."""
@@ -236,18 +237,31 @@ class Record(OfDecay):
         """Noise like that of the record, (n,)."""
         return self.noise.draw(len(self.signal), self.decay.dt, rng)
 
+    def over_noise(self, x: Array) -> Array:
+        """Misfits or their derivatives (n, ...) over the noise, made white.
+
+        All that takes part, whatever a filter may have made of it: what that is is known but as a
+        bound, which is no size of an error that a fit could count with.
+        """
+        return self._taking_part(self.noise(_each(x, self.valid)))
+
     def whitened(self, x: Array) -> Array:
-        """Misfits or their derivatives (n, ...) over the noise, made white."""
-        valid = self.valid if x.ndim == 1 else self.valid[:, None]
-        white = self.noise(x * valid)
+        """The same without what a filter may have made of the harmonics."""
+        white = self.noise(_each(x, self.valid))
         if self._doubtful is not None:
             modes, share = self._doubtful
             white = white - modes @ (share * (modes.T @ white).T).T
+        return self._taking_part(white)
+
+    def _taking_part(self, white: Array) -> Array:
         white[: self.first] = 0.0
-        if self.part is None:
-            return white
         # White samples are independent: those left out tell nothing about the others.
-        return white * (self.part if x.ndim == 1 else self.part[:, None])
+        return white if self.part is None else _each(white, self.part)
+
+
+def _each(x: Array, taken: NDArray[np.bool_]) -> Array:
+    """Samples (n, ...) that are taken; nothing of the others."""
+    return x * (taken if x.ndim == 1 else taken[:, None])
 
 
 def _without_floor(noise: Noise) -> Spectrum:

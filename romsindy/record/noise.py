@@ -107,6 +107,12 @@ class Noise:
         """The same for fits that may be wrong: see `alike`."""
         return replace(self, std=self.level, alike=True)
 
+    def with_lines(self) -> Noise:
+        """The same for a fit without these lines: louder by them, at all frequencies alike."""
+        std = float(np.linalg.norm([self.std, *(line.rms for line in self.lines)]))
+        power = self.spectrum.power * (std / self.std) ** 2
+        return replace(self, std=std, spectrum=replace(self.spectrum, power=power))
+
     def share(self, n: int) -> float:
         """Part of n samples that tells anything: what lies beyond a filter does not."""
         return 1.0 if self.alike else float(np.mean(self._power(n) / self._weighed(n)))

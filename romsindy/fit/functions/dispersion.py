@@ -12,35 +12,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from romsindy.fit.functions.evidence import Fitted, residuals
-from romsindy.typing import Array
+from romsindy.fit.functions.evidence import Fitted
 
 
 def dispersion(found: Fitted) -> float:
     """Variance of the values by the scatter of the windows over that by the noise; 1 for noise."""
-    blocks, p = found.blocks, len(found.series.values)
+    p, rows = len(found.series.values), found.reduced
     # Directions in which the posterior is a standard normal.
-    rows, root = found.reduced, found.posterior().root
-    values = found.series.values
-    left = residuals(blocks, values, rows.states(values))
-    follow = _following(found)
+    root, values = found.posterior().root, found.series.values
     pulls, expected = 0.0, 0.0
-    for block, rest, states in zip(blocks, left, follow, strict=True):
-        jacobian = (block.rows[:, :p] + block.rows[:, p : p + 2] @ states) @ root / found.noise
-        # The last row of the triangle is what no values reach.
-        pull = jacobian[:-1].T @ rest[:-1] / found.noise
-        own = jacobian.T @ jacobian
-        pulls += float(pull @ pull)
-        expected += float(np.trace(own) - np.sum(own * own))
+    for linear, starts in zip(found.linear, rows.starts, strict=True):
+        # The best starts follow the values.
+        changes = np.vstack([-starts, np.eye(p + 1)])
+        wide = np.column_stack([changes[:, :p] @ root, changes @ np.append(values, -1.0)])
+        for white in linear.whitened(wide / found.noise):
+            jacobian, rest = white[:, :p], white[:, p]
+            pull, own = jacobian.T @ rest, jacobian.T @ jacobian
+            pulls += float(pull @ pull)
+            expected += float(np.trace(own) - np.sum(own * own))
     return pulls / expected
-
-
-def _following(found: Fitted) -> list[Array]:
-    """How the best start of every window changes with the values, (2, p) each."""
-    rows = found.reduced
-    p = len(found.series.values)
-    base = rows.states(np.zeros(p))
-    columns = [rows.states(e) for e in np.eye(p)]
-    return [
-        np.stack([column[i] - start for column in columns], axis=1) for i, start in enumerate(base)
-    ]

@@ -22,7 +22,7 @@ from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions import prior
 from romsindy.fit.functions.cone import nearest
 from romsindy.fit.functions.series import Series
-from romsindy.fit.functions.windows import Block, Reduced, Window, linearised, reduced
+from romsindy.fit.functions.windows import Block, Linear, Reduced, Window, linearised, reduced
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT
@@ -59,8 +59,8 @@ class Fitted:
         With the most probable values.
     windows : tuple of Window
         With their motions.
-    blocks : tuple of Block
-        Linearised about them.
+    linear : tuple of Linear
+        Every record, linearised about them.
     known : (m, p + 1) array
         Rows for what was known beforehand.
     noise : float
@@ -76,7 +76,7 @@ class Fitted:
 
     series: Series
     windows: tuple[Window, ...]
-    blocks: tuple[Block, ...]
+    linear: tuple[Linear, ...]
     known: Array
     noise: float
     jump: float
@@ -87,7 +87,7 @@ class Fitted:
     @cached_property
     def reduced(self) -> Reduced:
         """What the windows say of the values alone."""
-        return reduced(self.blocks, self.series.scales.rate, self.noise, self.jump, self.known)
+        return reduced(self.linear, self.series.scales.rate, self.noise, self.jump, self.known)
 
     @property
     def n_effective(self) -> int:
@@ -163,8 +163,8 @@ def fit(
     own, largest = tuple(windows), np.inf
     for iteration in range(_ITERATIONS):
         with np.errstate(all="ignore"):  # a motion that goes astray is found below
-            blocks = linearised(series, own, records)
-        now = Fitted(series, own, blocks, known, level, jump, scales, last, False)
+            linear = linearised(series, own, records)
+        now = Fitted(series, own, linear, known, level, jump, scales, last, False)
         # Evidence means something where the equation is linear: near the end.
         if largest < _NEAR and len(jumps) > 1:
             now = _best_jump(now, jumps)
@@ -183,13 +183,13 @@ def fit(
             progress(f"misfit {misfit:.4g} times the noise, change {largest:.1e}")
         short = min(1.0, _LEASH / max(largest, 1e-300))
         series = series.moved(series.values + short * (values - series.values))
-        own = tuple(b.moved(short * s) for b, s in zip(blocks, step, strict=True))
+        own = tuple(b.moved(short * s) for b, s in step)
         settled = largest < _SMALL_STEP and abs(last - now.cost) < _SMALL_GAIN
         if settled:
             break
         level = noise or max(1.0, misfit)
         jump, scales, last = now.jump, now.scales, now.cost
-    final = replace(now, series=series, windows=own, blocks=linearised(series, own, records))
+    final = replace(now, series=series, windows=own, linear=linearised(series, own, records))
     return replace(final, converged=settled)
 
 
@@ -223,8 +223,9 @@ def _best_scales(now: Fitted) -> Fitted:
         # Values of the evidence are good to about 1e-6: differences want steps well above that.
         options={"maxiter": 60, "eps": 1e-3},
     )
-    n = sum(len(b.window.rows) for b in now.blocks)
-    return replace(now, scales=found.x, cost=float(found.fun) + n * float(np.log(now.noise)))
+    return replace(
+        now, scales=found.x, cost=float(found.fun) + _count(now) * float(np.log(now.noise))
+    )
 
 
 def _cost(series: Series, rows: Reduced, scales: Array) -> float:
@@ -247,27 +248,26 @@ def _normal(triangle: Array, factor: Array) -> Normal:
     return Normal(root @ triangle[:-1, -1], root)
 
 
-def _step(now: Fitted) -> tuple[Array, list[Array], float, float]:
+def _count(now: Fitted) -> float:
+    """Samples that tell anything."""
+    return sum(linear.record.count for linear in now.linear)
+
+
+def _step(now: Fitted) -> tuple[Array, list[tuple[Block, Array]], float, float]:
     """Most probable values, changes of values and start of each window, their size, the misfit."""
     values = nearest(now.series, *now.posterior())
     states = now.reduced.states(values)
     change = values - now.series.values
     step = [
-        np.concatenate([change, s - b.window.motion.start])
-        for b, s in zip(now.blocks, states, strict=True)
+        (block, np.concatenate([change, start - block.window.motion.start]))
+        for linear, starts in zip(now.linear, states, strict=True)
+        for block, start in zip(linear.blocks, starts, strict=True)
     ]
-    largest = max(b.change(s) for b, s in zip(now.blocks, step, strict=True))
+    largest = max(block.size_of(s) for block, s in step)
     with np.errstate(over="ignore"):
-        squares = sum(float(np.sum(e**2)) for e in residuals(now.blocks, values, states))
-    n = sum(len(b.window.rows) for b in now.blocks)
-    return values, step, largest, float(np.sqrt(squares / max(n - len(values), 1)))
-
-
-def residuals(blocks: Sequence[Block], values: Array, states: Sequence[Array]) -> list[Array]:
-    """Whitened misfit of every window, projected on its p + 3 directions."""
-    return [
-        b.rows @ np.concatenate([values, s, [-1.0]]) for b, s in zip(blocks, states, strict=True)
-    ]
+        left = [x.left(values, s) for x, s in zip(now.linear, states, strict=True)]
+        squares = sum(float(e @ e) for e in left)
+    return values, step, largest, float(np.sqrt(squares / max(_count(now) - len(values), 1)))
 
 
 def _hessian(f: Callable[[Array], float], x: Array, step: float = 0.05) -> Array:

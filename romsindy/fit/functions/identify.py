@@ -85,7 +85,7 @@ def identify_decays(
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ValueError(f"seed = {seed!r} must be a whole number of at least 0")
     several = several_decays(decays)
-    records = prepared(several, several[0].unit)
+    records = prepared(several, several[0].unit, coloured=True)
     if isinstance(curvature, bool) or not 0 <= curvature < 1:
         raise ValueError(
             f"curvature = {curvature!r} must be a part of the largest amplitude: 0.01 of a usual"
@@ -308,14 +308,13 @@ def _among(terms: Sequence[Term], found: Fitted, draws: Array) -> Array:
 
 def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
     """Measured minus one simulation of each record, from the start that suits all of it."""
-    quietest = min(b.window.amplitude for b in found.blocks)
+    quietest = min(w.amplitude for w in found.windows)
     series = found.series.moved(values).near(quietest)
     states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
     left: list[Array] = []
     for i, record in enumerate(records):
-        first = next(k for k, b in enumerate(found.blocks) if b.window.record == i)
         try:
-            motion = integrate(series, states[first], record.motion.grid, record.motion)
+            motion = integrate(series, states[i][0], record.motion.grid, record.motion)
             x = motion.samples(series, record.derivative)[:, 0]
             left.append(record.signal - series.shown(x, record.derivative, i)[0])
         except TrajectoryError:

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.functions.series import Series
@@ -80,16 +81,25 @@ def _of_record(number: int, record: Record) -> list[Window]:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What one window says, linearised: rows for the values, its start, and the signal.
+    """One window, linearised about its motion.
 
-    ``rows`` (p + 3, p + 3) are the triangle of derivatives by values and by q and q_dot at the
-    start, and of the signal (absolute, in whitened samples). The state at the end is ``end`` (2,
-    p + 2) times values and start, plus ``rest`` (2,).
+    Attributes
+    ----------
+    window : Window
+    response : Response
+    change : (n, p + 2) array
+        Derivatives of what the sensor shows by the values and by q and q_dot at the start.
+    signal : (n,) array
+        What these times values and start have to be.
+    end : (2, p + 2) array
+        The same derivatives of the state at the end; with ``rest`` (2,) it is that state.
+    rest : (2,) array
     """
 
     window: Window
     response: Response
-    rows: Array
+    change: Array
+    signal: Array
     end: Array
     rest: Array
 
@@ -97,17 +107,10 @@ class Block:
         """The window with its motion moved by changes of values and start, (p + 2,)."""
         return replace(self.window, motion=self.response.moved(np.concatenate([[1.0], step])))
 
-    def change(self, step: Array) -> float:
+    def size_of(self, step: Array) -> float:
         """Largest change of the motion by a step, in amplitudes."""
         change = self.response.q[:, 0] @ np.concatenate([[1.0], step])
         return float(np.abs(change).max()) / self.window.amplitude
-
-
-def linearised(
-    series: Series, windows: Sequence[Window], records: Sequence[Record]
-) -> tuple[Block, ...]:
-    """Every window linearised about its present motion."""
-    return tuple(_block(series, w, records[w.record]) for w in windows)
 
 
 def _block(series: Series, window: Window, record: Record) -> Block:
@@ -118,12 +121,82 @@ def _block(series: Series, window: Window, record: Record) -> Block:
     change = slope[:, None] * response.samples(record.derivative)[:, 0]
     change[:, 1:-2] += series.shown_by_value(x, record.derivative, window.record)
     there = np.concatenate([series.values, m.start])
-    target = record.signal[window.rows] - shown - change[:, 0]
-    rows = np.column_stack([change[:, 1:], target + change[:, 1:] @ there])
-    rows *= (record.valid[window.rows] / record.noise.std)[:, None]
+    signal = record.signal[window.rows] - shown - change[:, 0] + change[:, 1:] @ there
     end = np.stack([response.q[-1, 0], response.q_dot[-1, 0]])
     reached = np.array([m.q[-1, 0], m.q_dot[-1, 0]]) + end[:, 0] - end[:, 1:] @ there
-    return Block(window, response, _triangle(rows), end[:, 1:], reached)
+    return Block(window, response, change[:, 1:], signal, end[:, 1:], reached)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """All windows of one record, linearised, and what they say over the noise.
+
+    Attributes
+    ----------
+    record : Record
+    blocks : tuple of Block
+    rows : (2 K + p + 1, 2 K + p + 1) array
+        Of the starts of all windows, of the values and of the signal: products with it are those
+        of the whitened samples.
+    """
+
+    record: Record
+    blocks: tuple[Block, ...]
+    rows: Array
+
+    @classmethod
+    def of(cls, series: Series, windows: Sequence[Window], record: Record) -> Linear:
+        """Linearise about the present motions.
+
+        Noise remembers what was before a window, so that all samples of a record are made white
+        as one. They lie in few directions, which are found window by window.
+        """
+        blocks = tuple(_block(series, w, record) for w in windows)
+        own = [np.linalg.qr(np.column_stack([b.change, b.signal])) for b in blocks]
+        outer, inner = np.linalg.qr(_side_by_side([r for _, r in own]))
+        parts = np.split(outer, np.cumsum([len(r) for _, r in own])[:-1])
+        basis = np.concatenate([q @ x for (q, _), x in zip(own, parts, strict=True)])
+        white = record.over_noise(basis)
+        products = white.T @ white
+        if not np.all(np.isfinite(products)):  # a motion that goes astray, as its rows will say
+            return cls(record, blocks, np.full_like(inner, np.nan))
+        power, axes = np.linalg.eigh(products)
+        return cls(record, blocks, np.sqrt(np.maximum(power, 0.0))[:, None] * (axes.T @ inner))
+
+    def whitened(self, changes: Array) -> list[Array]:
+        """Whitened samples of every window for columns of starts, values and signal, (.., m)."""
+        tables = [np.column_stack([b.change, b.signal]) for b in self.blocks]
+        white = self.record.over_noise(_side_by_side(tables) @ changes)
+        return np.split(white, np.cumsum([len(t) for t in tables])[:-1])
+
+    @property
+    def starts(self) -> slice:
+        """Columns of ``rows`` that belong to the starts of the windows."""
+        return slice(0, 2 * len(self.blocks))
+
+    def left(self, values: Array, starts: Array) -> Array:
+        """Misfit in the directions of ``rows``."""
+        return self.rows @ np.concatenate([starts.ravel(), values, [-1.0]])
+
+
+def _side_by_side(tables: Sequence[Array]) -> Array:
+    """Rows for values, a start and the signal of each window, as rows for all starts and values."""
+    k, p = len(tables), tables[0].shape[1] - 3
+    wide = []
+    for i, table in enumerate(tables):
+        rows = np.zeros((len(table), 2 * k + p + 1))
+        rows[:, 2 * i : 2 * i + 2], rows[:, 2 * k : -1] = table[:, p : p + 2], table[:, :p]
+        rows[:, -1] = table[:, -1]
+        wide.append(rows)
+    return np.concatenate(wide)
+
+
+def linearised(
+    series: Series, windows: Sequence[Window], records: Sequence[Record]
+) -> tuple[Linear, ...]:
+    """Every record linearised about the present motions of its windows."""
+    several = itertools.groupby(windows, lambda w: w.record)
+    return tuple(Linear.of(series, list(own), records[i]) for i, own in several)
 
 
 def _triangle(rows: Array) -> Array:
@@ -138,30 +211,27 @@ class Reduced:
     """What all windows say of the values alone: starts eliminated, best ones as a function.
 
     ``rows`` (p + 1, p + 1) are the triangle for values and signal; minus the logarithm of the
-    likelihood of values x is |rows (x, -1)|^2 / 2 + ``cost``.
+    likelihood of values x is |rows (x, -1)|^2 / 2 + ``cost``. ``starts`` (2 K, p + 1) times
+    (x, -1) is minus the best starts of each record.
     """
 
     rows: Array
     cost: float
-    starts: tuple[Array, ...]  # (2, 2 + [2] + p + 1) of each window
+    starts: tuple[Array, ...]
 
     def states(self, values: Array) -> list[Array]:
-        """Best q and q_dot at the start of every window, (2,) each."""
-        found: list[Array] = []
-        for rows in reversed(self.starts):
-            known = values if rows.shape[1] == len(values) + 3 else np.r_[found[-1], values]
-            found.append(np.linalg.solve(rows[:, :2], rows[:, -1] - rows[:, 2:-1] @ known))
-        return found[::-1]
+        """Best q and q_dot at the starts of the windows of every record, (K, 2) each."""
+        return [(-s @ np.append(values, -1.0)).reshape(-1, 2) for s in self.starts]
 
 
 def reduced(
-    blocks: Sequence[Block], rate: float, noise: float, jump: float, known: Array
+    several: Sequence[Linear], rate: float, noise: float, jump: float, known: Array
 ) -> Reduced:
-    """Eliminate the starts of all windows, one after the other.
+    """Eliminate the starts of all windows.
 
     Parameters
     ----------
-    blocks : sequence of Block
+    several : sequence of Linear
     rate : float
         Angular frequency of the motion, rad/s.
     noise : float
@@ -171,24 +241,22 @@ def reduced(
     known : (m, p + 1) array
         Further rows for the values: what is known beforehand, over its error.
     """
-    p = blocks[0].rows.shape[1] - 3
-    carry = np.zeros((p + 1, p + 3))  # columns: start of the window, values, signal
-    carry[:, 2:] = _triangle(np.concatenate([known, np.zeros((p + 1, p + 1))]))
-    cost = 0.0
-    starts: list[Array] = []
-    for block, after in itertools.zip_longest(blocks, blocks[1:]):
-        own = block.rows[:, [p, p + 1, *range(p), p + 2]] / noise
-        rows = np.concatenate([carry, own])
-        if after is not None and after.window.record == block.window.record:
-            error = jump * block.window.amplitude * np.array([1.0, rate])
-            tie = np.column_stack([block.end[:, p:], -np.eye(2), block.end[:, :p], -block.rest])
-            wide = np.concatenate([rows[:, :2], np.zeros((len(rows), 2)), rows[:, 2:]], axis=1)
-            rows = np.concatenate([wide, tie / error[:, None]])
-            cost += float(np.sum(np.log(error)))
-        r = np.asarray(np.linalg.qr(rows, mode="r"))
-        cost += float(np.sum(np.log(np.abs(np.diag(r)[:2]))))
-        starts.append(r[:2])
-        left = r[2:, 2:]
-        # The next window of another record starts afresh.
-        carry = left if left.shape[1] == p + 3 else np.pad(left, ((0, 0), (2, 0)))
-    return Reduced(carry[: p + 1, 2:], cost, tuple(starts))
+    cost, starts, rows = 0.0, [], [known]
+    for linear in several:
+        ties, error = _ties(linear.blocks, rate, jump)
+        r = np.asarray(np.linalg.qr(np.concatenate([linear.rows / noise, ties]), mode="r"))
+        k = 2 * len(linear.blocks)
+        cost += float(np.sum(np.log(error)) + np.sum(np.log(np.abs(np.diag(r)[:k]))))
+        starts.append(solve_triangular(r[:k, :k], r[:k, k:], check_finite=False))
+        rows.append(r[k:, k:])
+    return Reduced(_triangle(np.concatenate(rows)), cost, tuple(starts))
+
+
+def _ties(blocks: Sequence[Block], rate: float, jump: float) -> tuple[Array, Array]:
+    """Rows that tie the start of a window to the end of the one before, and their errors."""
+    amplitude = np.array([b.window.amplitude for b in blocks[:-1]])
+    error = (jump * amplitude[:, None] * np.array([1.0, rate])).ravel()
+    ends = _side_by_side([np.column_stack([b.end, -b.rest]) for b in blocks])[:-2]
+    at = np.arange(len(ends))
+    ends[at, at + 2] -= 1.0
+    return ends / error[:, None], error
