@@ -22,7 +22,7 @@ from romsindy.diagnosis.verdict import Explanation, Rule
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
-from romsindy.fit.process_noise import Marginal, Windows, window_steps
+from romsindy.fit.process_noise import Marginal, Windows
 from romsindy.fit.record import Record, scales
 
 OMEGA, ZETA = 2 * np.pi * 5, 0.005
@@ -95,7 +95,7 @@ def test_likelihood_is_that_of_a_dense_gaussian():
     misfit = record.whitened(record.signal - motion_there[:, 0])
     # Of a linear oscillator an error of frequency or damping that lasts a window turns or stretches
     # its motion, by a part that grows with time, and stays.
-    at = motion.grid.step * window_steps(record)
+    at = motion.grid.step * record.window_steps
     columns, levels = [], []
     for start, end in itertools.pairwise(at):
         q, v = expm(a * start) @ motion.start

@@ -34,7 +34,6 @@ from romsindy.fit.verdict import EQUIVALENT
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
-_LEAST_CYCLES, _MOST_WINDOWS = 3, 40
 # Departures are alike over so many e-folds of the amplitude.
 _ALIKE = 1.0
 _ROUNDS, _NEAR = 4, 0.03  # of linearisation, until motions change less, in amplitudes
@@ -42,15 +41,6 @@ _ROUNDING = 1e-13  # of products, by which they must not become negative
 _LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
 # Sizes to choose from: from nothing to more than is linear about a motion.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -2.4, 0.25)])
-
-
-def window_steps(record: Record) -> Indices:
-    """Steps of the motion at which windows of a few cycles begin, and where the last one ends."""
-    cycles, grid = record.cycles, record.motion.grid
-    size = max(_LEAST_CYCLES, int(np.ceil(len(cycles) / _MOST_WINDOWS)))
-    # The first and the last window are no shorter than the others.
-    inner = grid.sample_step[cycles[size : max(len(cycles) - size, 0) : size]]
-    return np.unique([0, *inner, grid.n_steps])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +87,7 @@ class Windows:
         with np.errstate(all="ignore"):
             response = respond(equation, m, equation.by_parameter(*nodes(m)))
             distance = np.abs(response.q[:, 0, [0, -2]] / [record.amplitude, 1.0]).max()
-        steps = window_steps(record)
+        steps = record.window_steps
         starts = steps[:-1]
         states = np.stack([response.q[starts, 0, -2:], response.q_dot[starts, 0, -2:]], axis=1)
         in_rates = states * [[1.0, record.rate], [1 / record.rate, 1.0]]

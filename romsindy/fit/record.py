@@ -28,6 +28,7 @@ _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
 _FOLLOWS = 3  # powers of the amplitude
 _DEAF = 1e-4  # of noise below the floor
 _LOUDER = 1.1  # so far the level of white noise is known
+_LEAST_CYCLES, _MOST_WINDOWS = 3, 40  # of a window, of a record
 _FEW = 16  # cycles: in fewer, too few lines for a median lie between two harmonics
 
 
@@ -158,6 +159,18 @@ class Record(OfDecay):
         """First sample of every cycle, by the phase of the smooth motion."""
         turn = np.floor(self.phase(self.t) / (2 * np.pi))
         return np.flatnonzero(np.diff(turn) > 0) + 1
+
+    @property
+    def window_steps(self) -> Indices:
+        """Steps of the motion at which windows of a few cycles begin, and where the last one ends.
+
+        Over each its state may depart a little from any equation: process noise.
+        """
+        size = max(_LEAST_CYCLES, int(np.ceil(len(self.cycles) / _MOST_WINDOWS)))
+        # The first and the last window are no shorter than the others.
+        last = max(len(self.cycles) - size, 0)
+        inner = self.motion.grid.sample_step[self.cycles[size:last:size]]
+        return np.unique([0, *inner, self.motion.grid.n_steps])
 
     @property
     def amplitude(self) -> float:

@@ -137,7 +137,5 @@ def _misfit(found: Identification, fitted: Fitted, records: Sequence[Record]) ->
             f" {counted}"
         )
     if found.verdict.explained:
-        return (
-            f"the noise is coloured, neighbouring samples err alike, and {counted}, were it white"
-        )
+        return f"windows of a few cycles disagree by more than their noise, and {counted}"
     return f"the misfit is larger than the noise of the records, and {counted}"

@@ -21,13 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.collocation import Trajectory
 from romsindy.fit.functions.series import Series
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.record import Record
 from romsindy.typing import Array, Indices
-
-_LEAST_CYCLES, _MOST_WINDOWS = 3, 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,24 +57,15 @@ def windows_of(records: Sequence[Record]) -> tuple[Window, ...]:
 
 
 def _of_record(number: int, record: Record) -> list[Window]:
-    grid, m, cycles = record.motion.grid, record.motion, record.cycles
-    size = max(_LEAST_CYCLES, int(np.ceil(len(cycles) / _MOST_WINDOWS)))
-    # The first and the last window are no shorter than the others.
-    inner = grid.sample_step[cycles[size : max(len(cycles) - size, 0) : size]]
-    windows = []
-    for first, last in itertools.pairwise(np.unique([0, *inner, grid.n_steps])):
-        rows = np.flatnonzero((grid.sample_step >= first) & (grid.sample_step < last))
-        own = Grid(
-            grid.start + first * grid.step,
-            grid.step,
-            int(last - first),
-            grid.sample_step[rows] - first,
-            grid.fraction[rows],
+    at = record.motion.grid.sample_step
+    return [
+        Window(
+            number,
+            np.flatnonzero((at >= first) & (at < last)),
+            record.motion.between(first, last),
         )
-        states = slice(first, last + 1)
-        motion = Trajectory(own, m.q[states], m.q_dot[states], m.q_ddot[first:last])
-        windows.append(Window(number, rows, motion))
-    return windows
+        for first, last in itertools.pairwise(record.window_steps.tolist())
+    ]
 
 
 @dataclass(frozen=True, eq=False)
