@@ -117,9 +117,14 @@ class Noise:
         """Part of n samples that tells anything: what lies beyond a filter does not."""
         return 1.0 if self.alike else float(np.mean(self._power(n) / self._weighed(n)))
 
+    @property
+    def one_by_one(self) -> bool:
+        """Whether samples weigh alike, and none says anything of the noise in another."""
+        return self.drift is None and (self.alike or self.spectrum.white)
+
     def __call__(self, x: Array) -> Array:
         """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
-        if self.drift is None and (self.alike or self.spectrum.white):
+        if self.one_by_one:
             return x / self.std
         # The cosines of a record without memory of its ends are nearly independent for any noise
         # (N. Ahmed, T. Natarajan, K. Rao, IEEE Trans. Computers C-23, 1974, 90).

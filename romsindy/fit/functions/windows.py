@@ -135,28 +135,16 @@ class Linear:
 
     @classmethod
     def of(cls, series: Series, windows: Sequence[Window], record: Record) -> Linear:
-        """Linearise about the present motions.
-
-        Noise remembers what was before a window, so that all samples of a record are made white
-        as one. They lie in few directions, which are found window by window.
-        """
+        """Linearise about the present motions."""
         blocks = tuple(_block(series, w, record) for w in windows)
-        own = [np.linalg.qr(np.column_stack([b.change, b.signal])) for b in blocks]
-        outer, inner = np.linalg.qr(_side_by_side([r for _, r in own]))
-        parts = np.split(outer, np.cumsum([len(r) for _, r in own])[:-1])
-        basis = np.concatenate([q @ x for (q, _), x in zip(own, parts, strict=True)])
-        white = record.over_noise(basis)
-        products = white.T @ white
-        if not np.all(np.isfinite(products)):  # a motion that goes astray, as its rows will say
-            return cls(record, blocks, np.full_like(inner, np.nan))
-        power, axes = np.linalg.eigh(products)
-        return cls(record, blocks, np.sqrt(np.maximum(power, 0.0))[:, None] * (axes.T @ inner))
+        tables = [np.column_stack([b.change, b.signal]) for b in blocks]
+        rows = _alone if record.noise.one_by_one else _together
+        return cls(record, blocks, rows(record, tables))
 
     def whitened(self, changes: Array) -> list[Array]:
         """Whitened samples of every window for columns of starts, values and signal, (.., m)."""
         tables = [np.column_stack([b.change, b.signal]) for b in self.blocks]
-        white = self.record.over_noise(_side_by_side(tables) @ changes)
-        return np.split(white, np.cumsum([len(t) for t in tables])[:-1])
+        return _like(tables, self.record.over_noise(_side_by_side(tables) @ changes))
 
     @property
     def starts(self) -> slice:
@@ -166,6 +154,34 @@ class Linear:
     def left(self, values: Array, starts: Array) -> Array:
         """Misfit in the directions of ``rows``."""
         return self.rows @ np.concatenate([starts.ravel(), values, [-1.0]])
+
+
+def _alone(record: Record, tables: Sequence[Array]) -> Array:
+    """Rows as in `Linear`, of samples that are weighed one by one."""
+    white = _like(tables, record.over_noise(np.concatenate(tables)))
+    return _triangle(_side_by_side([_triangle(x) for x in white]))
+
+
+def _together(record: Record, tables: Sequence[Array]) -> Array:
+    """The same of noise that remembers, across windows, too: all samples are made white as one.
+
+    They lie in few directions, which are found window by window.
+    """
+    own = [np.linalg.qr(x) for x in tables]
+    triangles = [r for _, r in own]
+    outer, inner = np.linalg.qr(_side_by_side(triangles))
+    pairs = zip(own, _like(triangles, outer), strict=True)
+    white = record.over_noise(np.concatenate([q @ x for (q, _), x in pairs]))
+    products = white.T @ white
+    if not np.all(np.isfinite(products)):  # the motion goes astray, and so will what follows
+        return np.full_like(inner, np.nan)
+    power, axes = np.linalg.eigh(products)
+    return np.asarray(np.sqrt(np.maximum(power, 0.0))[:, None] * (axes.T @ inner))
+
+
+def _like(tables: Sequence[Array], joined: Array) -> list[Array]:
+    """Rows of all windows as those of each."""
+    return np.split(joined, np.cumsum([len(t) for t in tables])[:-1])
 
 
 def _side_by_side(tables: Sequence[Array]) -> Array:
