@@ -9,9 +9,9 @@ from oracles import falling_decay, viscous_decay
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from romsindy import Decay
-from romsindy.record.integration import displacement
 from romsindy.record.recording import Recording
 from romsindy.record.releases import split_releases
+from romsindy.record.smoothing import displacement
 from romsindy.record.swings import background_of
 
 DT = 0.004

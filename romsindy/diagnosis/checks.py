@@ -28,9 +28,9 @@ from romsindy.fit.verdict import (
     SHARED,
 )
 from romsindy.physics.model import ReducedModel
-from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.signals import rest_level
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.units import UNITS
 from romsindy.text import listed, quantity

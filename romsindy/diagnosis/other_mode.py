@@ -19,8 +19,8 @@ from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import LEFT_OVER
 from romsindy.physics.model import ReducedModel
-from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
+from romsindy.record.signals import rest_level
 from romsindy.record.vibrations import Vibration, find_vibrations
 
 # The same mode in two records: its small frequencies differ by less, as a ratio.

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.inspection.modes import Mode, modes_of
-from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect, clean
 from romsindy.record.isolation import ENOUGH_SAMPLES, isolated
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
+from romsindy.record.signals import rest_level
 from romsindy.record.together import together
 from romsindy.record.vibrations import (
     Resonance,

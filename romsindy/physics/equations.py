@@ -23,9 +23,10 @@ from romsindy.physics.input import Input
 from romsindy.physics.integration import integrate_smooth, integrate_steps
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
-from romsindy.record.decay import Decay, checked_time
+from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Quantity
+from romsindy.record.sampling import checked_time
 from romsindy.typing import Array
 
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from romsindy.physics.coupling import Along
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
-from romsindy.record.decay import checked_signal
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.sampling import uniform_times
+from romsindy.record.sampling import checked_signal, uniform_times
 from romsindy.typing import Array
 
 Excitation = ArrayLike | Callable[[float], ArrayLike]

@@ -7,8 +7,13 @@ import re
 from dataclasses import dataclass
 
 from romsindy.physics.term import Scalars, Term, WeakForm, exact, power_of, unit_text
-from romsindy.record.forced import is_base, require_input
-from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, interpolated
+from romsindy.record.interpolation import (
+    INTERPOLATIONS,
+    Interpolation,
+    interpolated,
+    is_base,
+    require_input,
+)
 from romsindy.typing import Array
 
 # Name of the coefficient: what stands on the right is the gain times a force, or minus the

@@ -16,8 +16,7 @@ from scipy.signal.windows import parzen
 
 from romsindy.record.decay import Decay
 from romsindy.record.events import ARC, faded, sides
-from romsindy.record.integration import MIDLINE
-from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.smoothing import MIDLINE, HarmonicSpline
 from romsindy.record.spectrum import Spectrum, lines_between
 from romsindy.typing import Array
 

@@ -17,9 +17,9 @@ from scipy.special import bernoulli
 from sklearn.base import BaseEstimator
 
 from romsindy.physics.term import Term, WeakForm
-from romsindy.record.cycles import crossings
 from romsindy.record.decay import Decay
 from romsindy.record.recording import Quantity
+from romsindy.record.signals import crossings
 from romsindy.typing import Array, Indices
 
 # From the sensor's signal to the acceleration.

@@ -10,7 +10,8 @@ import numpy as np
 
 from romsindy.record.files.choose import find, signals_of
 from romsindy.record.files.columns import Column, Table
-from romsindy.record.forced import ONE_CLOCK, is_base, require_input
+from romsindy.record.forced import ONE_CLOCK
+from romsindy.record.interpolation import is_base, require_input
 from romsindy.record.units import UNITS, force_unit, parse_input_unit
 from romsindy.typing import Array
 

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.record.decay import Decay
-from romsindy.record.drive import Drive
 from romsindy.record.files import choose, sep005
 from romsindy.record.files.columns import Column, Table
 from romsindy.record.files.inputs import input_columns, inputs_among, samples_of
@@ -21,7 +20,7 @@ from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity, Recording
+from romsindy.record.recording import QUANTITIES, Drive, Quantity, Recording
 from romsindy.record.sampling import part_between
 from romsindy.record.units import parse_unit
 from romsindy.text import counted
