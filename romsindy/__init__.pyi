@@ -45,10 +45,10 @@ from romsindy.record.files import load_decay as load_decay
 from romsindy.record.files import load_forced as load_forced
 from romsindy.record.files import load_recording as load_recording
 from romsindy.record.files import save_decay as save_decay
-from romsindy.record.filters import Butterworth as Butterworth
-from romsindy.record.filters import SavitzkyGolay as SavitzkyGolay
 from romsindy.record.forced import ForcedVibration as ForcedVibration
 from romsindy.record.recording import Recording as Recording
+from romsindy.record.smoothing import Butterworth as Butterworth
+from romsindy.record.smoothing import SavitzkyGolay as SavitzkyGolay
 from romsindy.regression.coupled_projection import WindowProjection as WindowProjection
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
 from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary

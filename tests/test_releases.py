@@ -10,9 +10,8 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 from romsindy import Decay
 from romsindy.record.recording import Recording
-from romsindy.record.releases import split_releases
+from romsindy.record.releases import background_of, split_releases
 from romsindy.record.smoothing import displacement
-from romsindy.record.swings import background_of
 
 DT = 0.004
 OMEGA = 2 * np.pi

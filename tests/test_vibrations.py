@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from romsindy.record.isolation import isolated
+from romsindy.record.isolation import isolated, together
 from romsindy.record.ridges import find_ridges
 from romsindy.record.signals import downsample
-from romsindy.record.together import together
 from romsindy.record.vibrations import dominant, find_vibrations, resonances
 
 RATE = 2000.0

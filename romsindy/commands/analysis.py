@@ -15,8 +15,8 @@ from romsindy.fit.identify import identify
 from romsindy.fit.verdict import LEAST_CYCLES
 from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay
-from romsindy.record.filters import Butterworth
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.smoothing import Butterworth
 from romsindy.regression.comparison import (
     PAPER,
     WEIGHTED,

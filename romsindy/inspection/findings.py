@@ -11,11 +11,10 @@ import numpy as np
 from romsindy.inspection.modes import Mode, modes_of
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect, clean
-from romsindy.record.isolation import ENOUGH_SAMPLES, isolated
+from romsindy.record.isolation import ENOUGH_SAMPLES, isolated, together
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
 from romsindy.record.signals import rest_level
-from romsindy.record.together import together
 from romsindy.record.vibrations import (
     Resonance,
     Vibration,

@@ -7,10 +7,10 @@ prediction. Arrays are one channel (n,) with a uniform rate.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lstsq, solve_toeplitz
 from scipy.signal import lfilter
 
-from romsindy.record.faults import Mask
 from romsindy.typing import Array
 
 _HIGHEST_ORDER = 30  # of those that the Bayesian criterion may choose
@@ -63,7 +63,7 @@ def predictor(x: Array, order: int, stride: int = 1) -> Array:
     return np.concatenate([[1.0], -lstsq(rows[:, 1:], rows[:, 0], cond=1e-6)[0]])
 
 
-def interpolated(x: Array, missing: Mask, a: Array) -> Array:
+def interpolated(x: Array, missing: NDArray[np.bool_], a: Array) -> Array:
     """Least-squares interpolation by an autoregression (Janssen, Veldhuis and Vries, 1986)."""
     known = np.where(missing, 0.0, x)
     units = np.eye(len(x))[missing]

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.filters import Butterworth, Filter
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
@@ -23,7 +22,7 @@ from romsindy.record.signals import (
     rest_level,
     upsample,
 )
-from romsindy.record.smoothing import displacement
+from romsindy.record.smoothing import Butterworth, Filter, displacement
 from romsindy.typing import Array, Indices
 
 Stage = Literal["raw", "free", "conditioned"]

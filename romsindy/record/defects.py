@@ -8,10 +8,18 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from romsindy.record.disturbances import hidden_mains, level_and_drift, steady_lines
-from romsindy.record.faults import Mask, clipped, dropouts, filled, resolution, runs
-from romsindy.record.gaps import restored
+from romsindy.record.faults import (
+    Mask,
+    clipped,
+    dropouts,
+    filled,
+    resolution,
+    restored,
+    runs,
+    spikes,
+    steps,
+)
 from romsindy.record.noise_level import NoiseLevel
-from romsindy.record.outliers import spikes, steps
 from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times
 from romsindy.record.signals import moving_mean

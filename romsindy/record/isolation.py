@@ -1,8 +1,9 @@
-"""One vibration of a free decay by itself."""
+"""One vibration of a free decay by itself, and channels weighed so that it stands out best."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,68 @@ from romsindy.record.noise_level import noise_std
 from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
+from romsindy.record.smoothing import HarmonicSpline
 from romsindy.record.spectrum import HARMONICS
 from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array
+
+_CYCLES = 12.0  # between knots: wide, so that other vibrations do not count
+# Amplitudes of one vibration in two channels have a ratio that is constant and real: so much of
+# their product must agree, and so much of it must be in phase. Else they are of different things.
+_COHERENT, _IN_PHASE = 0.98, 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Channels combined for one vibration.
+
+    Attributes
+    ----------
+    x : (n,) array
+        The weighted sum, scaled to what the vibration is in the main channel.
+    shape : (m,) array
+        Amplitude of the vibration in each channel over that in the main one; 0 where it was left
+        out because it does not go with the main one.
+    """
+
+    x: Array
+    shape: Array
+
+
+def together(t: Array, x: Array, main: int, tone: Ridge) -> Together:
+    """Weigh channels by the shape of a vibration and by their noise.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times from the start of the release, s.
+    x : (n, m) array
+        Channels.
+    main : int
+        The channel in which the tone was followed.
+    tone : Ridge
+
+    Returns
+    -------
+    Together
+    """
+    inside = tone.inside(t)
+    z = [_amplitude(t[inside], channel[inside], tone) for channel in x.T]
+    own = float(np.vdot(z[main], z[main]).real)
+    shape = np.zeros(len(z))
+    for i, other in enumerate(z):
+        product, size = np.vdot(z[main], other), float(np.vdot(other, other).real)
+        coherent = abs(product) ** 2 > _COHERENT * own * size
+        if coherent and abs(product.real) > _IN_PHASE * abs(product):
+            shape[i] = product.real / own
+    weight = shape / np.array([noise_std(channel) for channel in x.T]) ** 2
+    return Together(x @ (weight / (weight @ shape)), shape)
+
+
+def _amplitude(t: Array, x: Array, tone: Ridge) -> Array:
+    """Complex amplitude of a tone in a signal, along its phase."""
+    return HarmonicSpline.along(tone.phase, t, x, _CYCLES, 1).amplitudes(t)[:, 1]
+
 
 # Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.
 _SLOW = 0.7

@@ -18,9 +18,9 @@ from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
-from romsindy.record.filters import Filter
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.sampling import as_floats, as_seconds
+from romsindy.record.smoothing import Filter
 from romsindy.regression.coupled_library import is_coupled
 from romsindy.regression.coupled_motion import WindowRows
 from romsindy.regression.coupled_projection import (

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.record.decay import Decay
-from romsindy.record.files import choose, sep005
+from romsindy.record.files import choose
+from romsindy.record.files.channels import read_sep005
+from romsindy.record.files.choose import input_columns, inputs_among, samples_of
 from romsindy.record.files.columns import Column, Table
-from romsindy.record.files.inputs import input_columns, inputs_among, samples_of
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration
@@ -211,7 +212,7 @@ def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]
 def _columns(path: Source) -> tuple[str, Table]:
     """Name of the source and its columns."""
     if isinstance(path, Mapping | Sequence) and not isinstance(path, str | bytes):
-        return "SEP005", sep005.read(path)
+        return "SEP005", read_sep005(path)
     if not isinstance(path, str | PathLike):
         raise ValueError(f"path = {path!r} must be the name of a file, or SEP005 dictionaries")
     path = Path(path)

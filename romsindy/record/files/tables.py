@@ -1,17 +1,115 @@
-"""LVM, the text files of LabVIEW: a header, then segments with headers of their own."""
+"""Tables that one program writes: workbooks of Excel, XY reports of Abaqus (.rpt), LVM of LabVIEW.
+
+A workbook is read as the text that Excel would save it as. In a report, tables follow a line that
+begins with X, the time; a curve without a value there has NoValue. LVM is text: a header, then
+segments with headers of their own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import datetime
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from io import StringIO
 from itertools import takewhile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from romsindy.record.files.columns import Column, Table, named, refused
-from romsindy.record.files.stamps import reader
+from romsindy.record.files import text
+from romsindy.record.files.cells import reader
+from romsindy.record.files.columns import Column, Table, library, named, refused
 from romsindy.typing import Array
+
+
+def read_xlsx(path: Path) -> Table:
+    """Columns of the longest sheet of a workbook.
+
+    Raises
+    ------
+    ValueError
+        If it is broken, or openpyxl is not installed; or as for text, the line being the row.
+    """
+    openpyxl = library("openpyxl", path)
+    with refused(path, "XLSX"):
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        sheets = {
+            sheet.title: ["\t".join(map(_text, row)) for row in sheet.iter_rows(values_only=True)]
+            for sheet in book.worksheets
+        }
+        book.close()
+        name = max(sheets, key=lambda title: len(sheets[title]))
+    table = text.parse(path, StringIO("\n".join(sheets[name])))
+    return Table(table.columns, table.rate, (*table.notes, f"sheet {name!r}"))
+
+
+def _text(cell: Any) -> str:
+    if isinstance(cell, datetime.timedelta):
+        return repr(cell.total_seconds())
+    if isinstance(cell, (datetime.datetime, datetime.date, datetime.time)):
+        return cell.isoformat()
+    return "" if cell is None else " ".join(str(cell).split())
+
+
+_MISSING = "NoValue"
+
+
+def read_abaqus(path: Path) -> Table:
+    """The curves of all tables, each with the times of its table; of any other .rpt as of text.
+
+    Abaqus writes the end of one step and the beginning of the next: the same row twice. It is taken
+    once.
+    """
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        tables = list(_tables(stream))
+    if not tables:
+        return text.read(path)
+    columns, repeated = [], 0
+    for names, values in tables:
+        once = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
+        repeated += int(np.count_nonzero(~once))
+        t, *curves = values[once].T
+        columns += [named(n, x, t=t) for n, x in zip(names[1:], curves, strict=True)]
+    note = f"{repeated} rows that repeat the one before are left out: ends of steps"
+    return Table(columns, notes=(note,) if repeated else ())
+
+
+def _tables(lines: Iterable[str]) -> Iterator[tuple[list[str], Array]]:
+    """Names and numbers, X first, of every table with a row at least."""
+    head: list[str] = []
+    rows: list[list[float]] = []
+    for line in (*lines, "X"):  # the last one ends the table before
+        cells = line.split()
+        if cells[:1] == ["X"]:
+            if rows:
+                yield _names(head, len(rows[0])), np.array(rows)
+            head, rows = [line], []
+        elif head and (numbers := _numbers(cells)):
+            if not rows or len(numbers) == len(rows[0]):
+                rows.append(numbers)
+        elif head and cells and not rows:
+            head.append(line)
+
+
+def _numbers(cells: list[str]) -> list[float]:
+    """A row of numbers; empty where it is none, such as the least and largest below a table."""
+    try:
+        return [np.nan if cell == _MISSING else float(cell) for cell in cells]
+    except ValueError:
+        return []
+
+
+def _names(head: list[str], width: int) -> list[str]:
+    """Of the columns: what stands below a name, at its place, goes on with it."""
+    found = [(m.start(), m[0]) for m in re.finditer(r"\S+(?: \S+)*", head[0])]
+    for line in head[1:]:
+        for m in re.finditer(r"\S+(?: \S+)*", line):
+            i = int(np.argmin([abs(start - m.start()) for start, _ in found]))
+            found[i] = (found[i][0], f"{found[i][1]} {m[0]}")
+    names = [name for _, name in found]
+    return names if len(names) == width else [str(i + 1) for i in range(width)]
+
 
 _Keys = dict[str, list[str]]  # of a header: what it says of every channel
 
@@ -26,7 +124,7 @@ class _Part(NamedTuple):
     begin: str
 
 
-def read(path: Path) -> Table:
+def read_lvm(path: Path) -> Table:
     """Channels of an LVM file; segments follow each other in time.
 
     Raises
