@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Support, load_beam
 from romsindy.beam.changes import ClampCompliance, HeavierMasses, Longer, StifferBending
-from romsindy.beam.sensors import Sensor
-from romsindy.beam.spring import Spring
+from romsindy.beam.motion import Sensor
+from romsindy.beam.structure import Spring
 from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, rounds
 from romsindy.diagnosis.on_beam.checks import checked_readings

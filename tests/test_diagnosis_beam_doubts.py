@@ -9,7 +9,7 @@ import pytest
 
 import romsindy as rs
 from romsindy.beam import FREE, Beam, NoEquilibriumError, Section, changes
-from romsindy.beam.sensors import Sensor
+from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.on_beam import InstrumentedBeam
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.defect import beam_with, calm_from

@@ -10,20 +10,14 @@ from typing import Any, overload
 import numpy as np
 
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.coupled_reduction import reduce_modes
+from romsindy.beam.equilibrium import ModalBasis, Shape, find_equilibrium, hold, solve_modes
 from romsindy.beam.excitation import BaseAcceleration, Excitation, InTime, PointForce
-from romsindy.beam.modes import ModalBasis, solve_modes
-from romsindy.beam.motion import Motion
-from romsindy.beam.normal_modes import NormalMode, find_normal_mode
-from romsindy.beam.radau import RadauIIA
-from romsindy.beam.reduction import reduce
-from romsindy.beam.section import Section
-from romsindy.beam.sensors import Sensor, SensorArray, place_sensors
-from romsindy.beam.spring import Spring
-from romsindy.beam.static_curve import StaticCurve, follow_static_curve
-from romsindy.beam.statics import Shape, find_equilibrium, hold
-from romsindy.beam.structure import Structure
-from romsindy.beam.transient import simulate
+from romsindy.beam.integrator import RadauIIA
+from romsindy.beam.motion import Motion, Sensor, SensorArray, place_sensors
+from romsindy.beam.reduction import reduce, reduce_modes
+from romsindy.beam.static_shapes import StaticCurve, follow_static_curve
+from romsindy.beam.structure import Section, Spring, Structure
+from romsindy.beam.transient import NormalMode, find_normal_mode, simulate
 from romsindy.effects.load import MountedLaw, PointMass
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
@@ -324,7 +318,7 @@ class Beam(Structure):
         """Return the shapes under the force of one mode, in [-amplitude, amplitude] kg^0.5 m.
 
         Inertia, restoring force and material damping along them are exact, not fitted; see
-        `static_curve.follow_static_curve`.
+        `static_shapes.follow_static_curve`.
         """
         return follow_static_curve(self.assembly, self.equilibrium(), mode, amplitude, cases)
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.sensors import TRANSVERSE
+from romsindy.beam.structure import TRANSVERSE
 from romsindy.physics.validation import unit_vector
 
 Function: TypeAlias = Callable[[np.ndarray], ArrayLike]

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 
-from romsindy.beam.modes import ModalBasis
+from romsindy.beam.equilibrium import ModalBasis, Shape
 from romsindy.beam.motion import Motion
-from romsindy.beam.normal_modes import NormalMode
-from romsindy.beam.statics import Shape
+from romsindy.beam.transient import NormalMode
 from romsindy.show.axes import given_or_new, look, with_unit
 from romsindy.typing import Array
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from romsindy.beam.sensors import SensorArray
+from romsindy.beam.motion import SensorArray
 from romsindy.diagnosis.on_beam.instrumented import signals_of
 from romsindy.record.decay import Decay
 from romsindy.record.units import parse_unit

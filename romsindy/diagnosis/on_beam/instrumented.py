@@ -11,10 +11,8 @@ import numpy as np
 
 from romsindy.beam import Beam, Shape, StaticCurve
 from romsindy.beam.assembly import factorise, solve
-from romsindy.beam.modes import ModalBasis
-from romsindy.beam.motion import History
-from romsindy.beam.sensors import SensorArray
-from romsindy.beam.statics import hold
+from romsindy.beam.equilibrium import ModalBasis, hold
+from romsindy.beam.motion import History, SensorArray
 from romsindy.record.decay import Decay
 from romsindy.record.signals import downsample
 from romsindy.typing import Array

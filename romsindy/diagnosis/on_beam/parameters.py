@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.beam import FREE, Beam, StaticCurve, changes
-from romsindy.beam.spring import springs_of
+from romsindy.beam.structure import springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.effects.base import TermEffect
