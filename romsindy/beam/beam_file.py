@@ -12,7 +12,7 @@ from romsindy.beam.beam import Beam
 from romsindy.beam.motion import Sensor, SensorArray
 from romsindy.beam.structure import CLAMPED, FREE, PINNED, Section, Spring, Support
 from romsindy.effects import PointMass
-from romsindy.physics import entries
+from romsindy.physics import validation as entries
 from romsindy.physics.validation import refuse_unknown
 
 if sys.version_info >= (3, 11):

@@ -24,7 +24,7 @@ from romsindy.commands.outputs import (
     writing,
 )
 from romsindy.commands.results import HEADER, Refused, Result
-from romsindy.physics.serial import json_text
+from romsindy.physics.term_sum import json_text
 from romsindy.show.overview import write_overview
 from romsindy.text import aligned, as_options, at_most, bar
 

@@ -43,7 +43,7 @@ from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.tolerance import KINDS
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named

@@ -20,7 +20,7 @@ from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.forced.held_out import HeldOut, without_end
 from romsindy.fit.forced.terms import stiffness_to
 from romsindy.physics.damping import DAMPING
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced

@@ -14,8 +14,8 @@ from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.coupled import AnyModel, model_from_json
 from romsindy.physics.damping import DAMPING
-from romsindy.physics.entries import table
-from romsindy.physics.serial import read_json
+from romsindy.physics.term_sum import read_json
+from romsindy.physics.validation import table
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
 

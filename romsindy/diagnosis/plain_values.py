@@ -20,7 +20,7 @@ from romsindy.effects.base import Effect
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.record import scales
 from romsindy.fit.verdict import NOTHING_LEFT
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 

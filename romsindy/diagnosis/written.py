@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from romsindy.diagnosis.found import FoundEffect
-from romsindy.physics.serial import json_text
+from romsindy.physics.term_sum import json_text
 from romsindy.record.files.whole import whole
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from romsindy.inspection import tables
 from romsindy.inspection.content import content_of
 from romsindy.inspection.findings import Findings
-from romsindy.physics.serial import json_text
+from romsindy.physics.term_sum import json_text
 
 if TYPE_CHECKING:
     from romsindy.show.page import Figure
@@ -44,7 +44,7 @@ class Inspection(Findings):
         return content_of(self)
 
     def to_json(self) -> str:
-        """The same as JSON text; what is not finite is a string, see `romsindy.physics.serial`."""
+        """The same as JSON text; what is not finite is a string."""
         return json_text(self.to_dict())
 
     def plot(self) -> Figure:

@@ -29,7 +29,7 @@ from romsindy.orbits.families import (
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import floquet_multipliers, free_multipliers
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.driven import gain_of
+from romsindy.physics.equations import gain_of
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
 

@@ -29,9 +29,8 @@ from romsindy.physics.coupling import (
 from romsindy.physics.equations import SINGULAR, Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import read_json
 from romsindy.physics.term import Term, law_called, type_name
-from romsindy.physics.term_sum import refuse_many
+from romsindy.physics.term_sum import read_json, refuse_many
 from romsindy.physics.validation import require_finite
 from romsindy.typing import Array
 

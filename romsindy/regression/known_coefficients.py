@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from romsindy.physics.serial import term_from_key
 from romsindy.physics.term import Term
+from romsindy.physics.term_sum import term_from_key
 from romsindy.regression.coupled_motion import WindowRows
 from romsindy.regression.projection import Rows
 from romsindy.regression.scaled_optimizer import rms

@@ -13,7 +13,7 @@ from romsindy.fit.estimate import Band
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.held_out import HeldOut
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.record.forced import ForcedVibration
 from romsindy.show import forced_plots as show
 from romsindy.show.page import Picture, write_page

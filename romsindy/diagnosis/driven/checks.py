@@ -9,7 +9,7 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.verdict import ABOVE_NOISE
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
 

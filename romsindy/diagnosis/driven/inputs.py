@@ -32,7 +32,7 @@ from romsindy.fit.forced.drives import (
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
-from romsindy.physics.driven import inputs_of, without_inputs
+from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration

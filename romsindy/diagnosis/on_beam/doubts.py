@@ -26,8 +26,8 @@ from romsindy.effects.mounting import Mounting
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.physics.combination import Combination
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Combination
 from romsindy.typing import Array
 
 _FELT = 0.3  # a combination that moves the readings by less, in standard deviations, is left out

@@ -23,7 +23,7 @@ from romsindy.fit.measured import (
 from romsindy.fit.record import Record
 from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term

@@ -13,7 +13,7 @@ from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displaceme
 from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.measured import free_names, ready, require_unit
 from romsindy.physics.coupled import AnyModel, CoupledModel
-from romsindy.physics.driven import inputs_of, without_inputs
+from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
