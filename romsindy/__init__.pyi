@@ -21,8 +21,8 @@ from romsindy.fit.identify import identify as identify
 from romsindy.fit.refine import refine as refine
 from romsindy.fit.steady.fit import SteadyFit as SteadyFit
 from romsindy.fit.steady.fit import fit_steady as fit_steady
-from romsindy.inspection.inspect import inspect as inspect
 from romsindy.inspection.inspection import Inspection as Inspection
+from romsindy.inspection.inspection import inspect as inspect
 from romsindy.orbits.continuation import Branch as Branch
 from romsindy.orbits.continuation import ContinuationError as ContinuationError
 from romsindy.orbits.continuation import Steps as Steps

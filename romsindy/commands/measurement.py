@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from romsindy.commands.options import read
-from romsindy.inspection.inspect import inspect
-from romsindy.inspection.inspection import Inspection
+from romsindy.inspection.inspection import Inspection, inspect
 from romsindy.inspection.tables import picked
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay

@@ -15,8 +15,7 @@ from romsindy.commands.options import grouped, read
 from romsindy.commands.outputs import writing
 from romsindy.commands.results import Brief, Result, Small, if_short
 from romsindy.fit.functions.identification import Identification
-from romsindy.inspection.inspect import inspect
-from romsindy.inspection.inspection import Inspection
+from romsindy.inspection.inspection import Inspection, inspect
 from romsindy.inspection.modes import Mode
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked

@@ -178,6 +178,12 @@ class Decay:
         """0, 1, 2 where displacement, velocity or acceleration was measured."""
         return QUANTITIES.index(self.measured)
 
+    def as_recording(self, basis: str = "the decay that was given", source: str = "") -> Recording:
+        """What the sensor gave, with the notes."""
+        return Recording(
+            *(self.t, self.signal, (), self.measured, self.unit, basis, source, self.notes)
+        )
+
     @property
     def signal(self) -> Array:
         """What was measured: q, q_dot or q_ddot."""
@@ -253,8 +259,7 @@ class Decay:
         record = self if start is None and end is None else self.between(start, end)
         if self.stage != "raw":
             return record
-        recording = Recording(record.t, record.signal, quantity=self.measured, unit=self.unit)
-        release, notes = _release(recording, start, end)
+        release, notes = _release(record.as_recording(), start, end)
         first = release.start if start is None else record.t[0]
         last = release.end if end is None else record.t[-1]
         part = record.between(first, last)

@@ -207,6 +207,10 @@ class Recording:
         edges = [0, *ends.tolist(), len(self.t)]
         return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
+    def as_recording(self) -> Recording:
+        """The recording itself; a `Decay` makes one."""
+        return self
+
     def channel(self, *names: str) -> Recording:
         """These channels alone.
 

@@ -77,9 +77,10 @@ def load_recording(
         If the file cannot be understood; the message names the line or the column, and the remedy.
     """
     _refuse_no_numbers(rate=rate, start=start, end=end)
-    source, table = _table(path, (unit, quantity, column, time, rate))
-    if isinstance(table, Decay):
-        return _of_decay(table, source).between(start, end)
+    decay = _saved(path, (unit, quantity, column, time, rate))
+    if decay is not None:
+        return decay.as_recording("saved by romsindy", str(path)).between(start, end)
+    source, table = _columns(path)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         part = _recording(choice, source, unit, quantity).between(start, end)
@@ -110,9 +111,10 @@ def load_decay(
         missing, or as by `Decay`; the message names the line or the column, and the remedy.
     """
     _refuse_no_numbers(rate=rate, start=start, end=end)
-    source, table = _table(path, (unit, quantity, column, time, rate))
-    if isinstance(table, Decay):
-        return table.between(start, end)
+    decay = _saved(path, (unit, quantity, column, time, rate))
+    if decay is not None:
+        return decay.between(start, end)
+    source, table = _columns(path)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         if _names(column) is None:
@@ -200,13 +202,12 @@ def _require_one(choice: _Choice) -> None:
         )
 
 
-def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]:
-    """Name of the source and its columns; or the decay that `save_decay` wrote there."""
-    if all(s is None for s in settings) and isinstance(path, str | PathLike):
-        decay = saved(Path(path)) if Path(path).is_file() else None
-        if decay is not None:
-            return str(path), decay
-    return _columns(path)
+def _saved(path: Source, settings: tuple[Any, ...]) -> Decay | None:
+    """The decay that `save_decay` wrote there, where nothing says how else to read it."""
+    told = any(setting is not None for setting in settings)
+    if told or not isinstance(path, str | PathLike) or not Path(path).is_file():
+        return None
+    return saved(Path(path))
 
 
 def _columns(path: Source) -> tuple[str, Table]:
@@ -312,13 +313,6 @@ def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
         return f"unit={unit}" + (f" in place of {column.basis}" if column.unit else "")
     strange = "" if column.is_motion else ", a unit that is not known: numbers as in the file"
     return (f"quantity={quantity}" if quantity else column.basis) + strange
-
-
-def _of_decay(decay: Decay, source: str) -> Recording:
-    basis = "saved by romsindy"
-    return Recording(
-        decay.t, decay.signal, (), decay.measured, decay.unit, basis, source, decay.notes
-    )
 
 
 def _derivatives(
