@@ -49,7 +49,6 @@ from romsindy.record.forced import ForcedVibration as ForcedVibration
 from romsindy.record.recording import Recording as Recording
 from romsindy.record.smoothing import Butterworth as Butterworth
 from romsindy.record.smoothing import SavitzkyGolay as SavitzkyGolay
-from romsindy.regression.coupled_projection import WindowProjection as WindowProjection
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
 from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary
 from romsindy.regression.library import DampingLibrary as DampingLibrary
@@ -60,6 +59,7 @@ from romsindy.regression.library import implicit_data as implicit_data
 from romsindy.regression.projection import HarmonicLibrary as HarmonicLibrary
 from romsindy.regression.projection import HarmonicProjection as HarmonicProjection
 from romsindy.regression.scaled_optimizer import ScaledOptimizer as ScaledOptimizer
+from romsindy.regression.windows import WindowProjection as WindowProjection
 
 __version__: str
 __all__: list[str]

@@ -169,6 +169,11 @@ class Decay:
         return 1 if self.q.ndim == 1 else self.q.shape[1]
 
     @property
+    def inputs(self) -> tuple[str, ...]:
+        """None: nothing drives it, see `ForcedVibration.inputs`."""
+        return ()
+
+    @property
     def complete(self) -> bool:
         """Whether velocity and acceleration came with the displacement."""
         return self.q_dot is not None and self.q_ddot is not None

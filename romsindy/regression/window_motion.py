@@ -22,6 +22,7 @@ from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
+from romsindy.record.forced import ForcedVibration
 from romsindy.record.ridges import Ridge
 from romsindy.typing import Array
 
@@ -114,6 +115,8 @@ class Followed:
     Attributes
     ----------
     record : CoupledRecord or ForcedRecord
+    vibration : ForcedVibration or None
+        What has the inputs; then the sensor may have an offset, too.
     shapes : (c, R) array
         What each channel shows of each coordinate.
     oscillators : Oscillators
@@ -128,6 +131,7 @@ class Followed:
     """
 
     record: CoupledRecord | ForcedRecord
+    vibration: ForcedVibration | None
     shapes: Array
     oscillators: Oscillators
     scale: Array
@@ -139,6 +143,7 @@ class Followed:
     def of(
         cls,
         record: CoupledRecord | ForcedRecord,
+        vibration: ForcedVibration | None,
         shapes: Array,
         oscillators: Oscillators,
         scale: Array,
@@ -152,7 +157,7 @@ class Followed:
         motion_at = CubicHermiteSpline(grid.start + grid.step * np.arange(len(q)), q, q_dot)
         t = dt / factor * np.arange(factor * (len(record.t) - 1) + 1)
         motion = np.array([motion_at(t, k) for k in range(3)])
-        return cls(record, shapes, oscillators, scale, factor, width, motion)
+        return cls(record, vibration, shapes, oscillators, scale, factor, width, motion)
 
     @property
     def amplitude(self) -> Array:
@@ -200,16 +205,11 @@ class Followed:
         main = np.argmin(np.abs(self.shapes - 1), axis=0)
         return shapes / shapes[main, range(len(moved.T))]
 
-    def with_shapes(self, shapes: Array) -> Followed:
-        """The same with other mode shapes."""
-        return replace(self, shapes=shapes)
-
     def _strong(self, term: Term) -> Array:
         """A term on the left side of the equations, (n, R)."""
-        if not isinstance(term, Input):
+        vibration = self.vibration
+        if vibration is None or not isinstance(term, Input):
             return term.strong(*self.motion)
-        assert isinstance(self.record, ForcedRecord)
-        vibration = self.record.decay
         u = vibration.u[:, vibration.names.index(term.source)]
         place = np.arange(self.motion.shape[1]) / self.factor - term.delay / vibration.dt
         # Where a held input jumps, the mean of both sides.
@@ -242,7 +242,7 @@ class Followed:
     @property
     def _offset(self) -> list[Array]:
         """An offset of the sensor, where that is free: (w,) or nothing."""
-        return [np.ones(self.width)] if isinstance(self.record, ForcedRecord) else []
+        return [np.ones(self.width)] if self.vibration is not None else []
 
     @cached_property
     def _windows(self) -> list[tuple[slice, slice]]:

@@ -1,4 +1,4 @@
-"""From decays of several coordinates to one regression, and back to their motion."""
+"""Rows of windows of a few cycles: several coordinates, or one under inputs, by regression."""
 
 from __future__ import annotations
 
@@ -11,12 +11,21 @@ from pysindy.optimizers.base import BaseOptimizer
 from sklearn.base import BaseEstimator
 
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records
-from romsindy.fit.measured import NUMERICS, small_frequencies
-from romsindy.physics.coupled import CoupledModel
+from romsindy.fit.forced.between_samples import ways
+from romsindy.fit.forced.drives import inputs_in, refuse_displacement
+from romsindy.fit.forced.drives import regressed as regressed_about_motion
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.measured import NUMERICS, require_unit, small_frequencies
+from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.damping import PowerDamping
+from romsindy.physics.input import Input
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.record.ringing import names_of, require_channels, ringing_in
-from romsindy.regression.coupled_motion import Followed, Oscillators, WindowRows
+from romsindy.regression.window_motion import Followed, Oscillators, WindowRows
 from romsindy.typing import Array
 
 # A known omega^2 is refused where it is so many times that of the vibration, or less.
@@ -25,6 +34,10 @@ _FAR = 10.0
 _SETTLED = 1e-3
 # A motion runs away where it is so many times as large as the measured one.
 _AWAY = 10.0
+# Damping of the oscillators that stand in for a driven motion, over their frequency.
+_LEAST_DAMPING, _MOST_DAMPING = 0.01, 0.5
+
+Solve = Callable[[Sequence[Term], WindowRows], BaseOptimizer]
 
 
 @dataclass(eq=False, repr=False)
@@ -68,39 +81,39 @@ class WindowProjection(BaseEstimator):
             raise ValueError(f"rounds = {self.rounds!r} must be a whole number of at least 1")
 
 
-class Rounds(NamedTuple):
-    """The best of several rounds.
-
-    Attributes
-    ----------
-    left : float
-        Mean square of what the regression leaves of its rows.
-    optimizer : BaseOptimizer
-        Fitted.
-    rows : WindowRows
-    shapes : (c, R) array
-    """
+class _Best(NamedTuple):
+    """The best of several rounds; ``left`` is the mean square of what it leaves of its rows."""
 
     left: float
     optimizer: BaseOptimizer
+    terms: tuple[Term, ...]
     rows: WindowRows
     shapes: Array
 
+    @property
+    def kept(self) -> dict[Term, float]:
+        """Terms whose coefficients are not 0."""
+        pairs = zip(self.terms, self.optimizer.coef_[0].tolist(), strict=True)
+        return {term: value for term, value in pairs if value}
+
 
 class Regression(NamedTuple):
-    """What a regression of several coordinates has found.
+    """What a regression in windows has found.
 
     Attributes
     ----------
     optimizer : BaseOptimizer
         Fitted; `model` has those of its terms that are not 0.
-    model : CoupledModel
+    model : CoupledModel or ReducedModel
+    terms : tuple of Term
+        Of the columns; inputs come last.
     rows : WindowRows
     mode_shapes : (c, R) array
     """
 
     optimizer: BaseOptimizer
-    model: CoupledModel
+    model: AnyModel
+    terms: tuple[Term, ...]
     rows: WindowRows
     mode_shapes: Array
 
@@ -109,11 +122,11 @@ def regressed(
     terms: Sequence[Term],
     decays: Sequence[Decay],
     projection: WindowProjection,
-    solve: Callable[[WindowRows], BaseOptimizer],
+    solve: Solve,
     known: Mapping[str, float],
     weighted: bool = True,
 ) -> Regression:
-    """Find coefficients of terms by regression, in rounds.
+    """Find coefficients of terms of several coordinates, in rounds.
 
     Parameters
     ----------
@@ -123,7 +136,7 @@ def regressed(
         Of one channel or several, in one unit.
     projection : WindowProjection
     solve : callable
-        From rows to a fitted optimizer.
+        From terms and rows to a fitted optimizer.
     known : mapping of str to float
         What ``solve`` holds fixed, by name.
     weighted : bool
@@ -142,33 +155,72 @@ def regressed(
     records = coupled_records(free, _ringing(free, modes), NUMERICS)
     followed = _followed(records, projection, weighted)
     _refuse_far(known, followed[0].oscillators.omega)
-    sizes = sizes_of(followed)
-    best = in_rounds(followed, terms, projection.rounds, solve)
-    model = _kept(terms, best.optimizer.coef_[0], modes, decays[0].unit)
-    return Regression(
-        best.optimizer,
-        replace(model, amplitude_range=(float(sizes.min()), float(sizes.max()))),
-        best.rows,
-        best.shapes,
-    )
+    best = _in_rounds(followed, terms, projection.rounds, solve)
+    kept = best.kept
+    held = {t.key for t, c in kept.items() if c > 0}
+    lost = [k for i in range(modes) if (k := f"omega^2 [q{i + 1}]") not in held]
+    if lost:
+        raise ValueError(
+            f"the regression has left no positive {lost[0]}: ask for stiffness of degree 1, lower"
+            " the threshold of the optimizer, or use fewer terms"
+        )
+    model = CoupledModel(tuple(kept), tuple(kept.values()), decays[0].unit, _reach(followed))
+    return Regression(best.optimizer, model, best.terms, best.rows, best.shapes)
 
 
-def in_rounds(
-    followed: Sequence[Followed],
+def regressed_forced(
     terms: Sequence[Term],
-    rounds: int,
-    solve: Callable[[WindowRows], BaseOptimizer],
-) -> Rounds:
+    vibrations: Sequence[ForcedVibration],
+    projection: WindowProjection,
+    solve: Solve,
+    weighted: bool = True,
+) -> Regression:
+    """Find coefficients of terms and gains of inputs, in rounds.
+
+    Where nothing says what inputs do between their samples, it is what leaves least.
+
+    Raises
+    ------
+    ValueError
+        If records have different units, an input looks like the displacement of the base, or the
+        optimizer has dropped it.
+    """
+    projection.check()
+    require_unit(vibrations, vibrations[0].unit)
+    followed = _followed_forced(vibrations, projection, weighted)
+    every = ((*terms, *inputs_in(vibrations, way)) for way in ways(vibrations))
+    tried = [_in_rounds(followed, some, projection.rounds, solve) for some in every]
+    best = min(tried, key=lambda rounds: rounds.left)
+    _refuse_lost_inputs(best.terms, best.optimizer.coef_[0].tolist())
+    kept = best.kept
+    model = ReducedModel(tuple(kept), tuple(kept.values()), vibrations[0].unit, _reach(followed))
+    return Regression(best.optimizer, model, best.terms, best.rows, best.shapes)
+
+
+def _refuse_lost_inputs(terms: Sequence[Term], coef: Sequence[float]) -> None:
+    for term, value in zip(terms, coef, strict=True):
+        if isinstance(term, Input):
+            refuse_displacement([term], [value])
+            if not value:
+                raise ValueError(
+                    f"the regression has left no {term.key!r}: lower the optimizer's threshold, or"
+                    " leave out the input"
+                )
+
+
+def _in_rounds(
+    followed: Sequence[Followed], terms: Sequence[Term], rounds: int, solve: Solve
+) -> _Best:
     """Regress, follow the motion of the model found, and so on until nothing changes."""
-    sizes, best = sizes_of(followed), None
+    sizes, best = _sizes(followed), None
     for _ in range(rounds):
         rows = WindowRows.stacked([record.rows(terms) for record in followed])
-        optimizer = solve(rows)
+        optimizer = solve(terms, rows)
         coef = optimizer.coef_[0]
         left = float(np.mean((rows.target - rows.theta @ coef) ** 2))
         settled = best is not None and abs(left - best.left) < _SETTLED * left
         if best is None or left < best.left:
-            best = Rounds(left, optimizer, rows, followed[0].shapes)
+            best = _Best(left, optimizer, tuple(terms), rows, followed[0].shapes)
         if settled:
             break
         followed = [record.following(terms, coef) for record in followed]
@@ -176,16 +228,16 @@ def in_rounds(
             break
         if len(followed[0].shapes) > 1:
             shapes = np.mean([record.mode_shapes for record in followed], axis=0)
-            followed = [record.with_shapes(shapes) for record in followed]
+            followed = [replace(record, shapes=shapes) for record in followed]
     assert best is not None
     return best
 
 
-def rows_about(
+def _rows_about(
     followed: Sequence[Followed], terms: Sequence[Term], coef: Array, rounds: int
 ) -> WindowRows:
     """Rows about the motion of a model that is known, where it leaves least of them."""
-    sizes, found = sizes_of(followed), []
+    sizes, found = _sizes(followed), []
     for _ in range(rounds):
         found.append(WindowRows.stacked([record.rows(terms) for record in followed]))
         followed = [record.following(terms, coef) for record in followed]
@@ -213,17 +265,34 @@ def rows_of(
     found = [CoupledRecord.of(d.free(), small_frequencies(model), NUMERICS, main) for d in decays]
     records = [replace(record, shapes=mode_shapes) for record in found]
     followed = _followed(records, projection, weighted)
-    return rows_about(followed, model.terms, np.array(model.values), projection.rounds)
+    return _rows_about(followed, model.terms, np.array(model.values), projection.rounds)
 
 
-def sizes_of(followed: Sequence[Followed]) -> Array:
+def rows_of_forced(
+    model: ReducedModel,
+    vibrations: Sequence[ForcedVibration],
+    projection: WindowProjection,
+    weighted: bool = True,
+) -> WindowRows:
+    """Rows of a model that is known, for records that may be others than those it came from."""
+    followed = _followed_forced(vibrations, projection, weighted)
+    return _rows_about(followed, model.terms, np.array(model.values), projection.rounds)
+
+
+def _sizes(followed: Sequence[Followed]) -> Array:
     """Largest displacement of a coordinate in each window of all records."""
     return np.concatenate([record.amplitude for record in followed])
 
 
+def _reach(followed: Sequence[Followed]) -> tuple[float, float]:
+    """Least and largest of these."""
+    sizes = _sizes(followed)
+    return float(sizes.min()), float(sizes.max())
+
+
 def _runs_away(followed: Sequence[Followed], sizes: Array) -> bool:
     """Whether a model has led the motion far from what was measured; also where it is nan."""
-    return not bool(sizes_of(followed).max() < _AWAY * sizes.max())
+    return not bool(_sizes(followed).max() < _AWAY * sizes.max())
 
 
 def _ringing(decays: Sequence[Decay], modes: int) -> Array:
@@ -250,23 +319,32 @@ def _refuse_far(known: Mapping[str, float], omega: Array) -> None:
 
 def _followed(
     records: Sequence[CoupledRecord], projection: WindowProjection, weighted: bool
-) -> tuple[Followed, ...]:
+) -> list[Followed]:
     oscillators = Oscillators.of(records)
     scales = [[n.std if weighted else 1.0 for n in record.noise] for record in records]
-    return tuple(
-        Followed.of(record, record.shapes, oscillators, np.array(scale), projection.cycles)
+    return [
+        Followed.of(record, None, record.shapes, oscillators, np.array(scale), projection.cycles)
         for record, scale in zip(records, scales, strict=True)
-    )
+    ]
 
 
-def _kept(terms: Sequence[Term], coef: Array, modes: int, unit: str | None) -> CoupledModel:
-    """The model of the terms that are left, which must have all modes."""
-    pairs = [(t, float(c)) for t, c in zip(terms, coef, strict=True) if c]
-    held = {t.key for t, c in pairs if c > 0}
-    lost = [k for i in range(modes) if (k := f"omega^2 [q{i + 1}]") not in held]
-    if lost:
-        raise ValueError(
-            f"the regression has left no positive {lost[0]}: ask for stiffness of degree 1, lower"
-            " the threshold of the optimizer, or use fewer terms"
-        )
-    return CoupledModel(tuple(t for t, _ in pairs), tuple(c for _, c in pairs), unit)
+def _followed_forced(
+    vibrations: Sequence[ForcedVibration], projection: WindowProjection, weighted: bool
+) -> list[Followed]:
+    records = [ForcedRecord.of(v, NUMERICS) for v in vibrations]
+    oscillators, alone = _oscillators(records), np.ones((1, 1))
+    scales = [np.array([record.noise.std if weighted else 1.0]) for record in records]
+    return [
+        Followed.of(record, record.decay, alone, oscillators, scale, projection.cycles)
+        for record, scale in zip(records, scales, strict=True)
+    ]
+
+
+def _oscillators(records: Sequence[ForcedRecord]) -> Oscillators:
+    """The linear oscillator that comes nearest to the motions."""
+    inputs = inputs_in([record.decay for record in records], "band-limited")
+    linear = (Stiffness(1), PowerDamping(1))
+    (stiffness, damping), _ = regressed_about_motion(linear, inputs, records)
+    omega = float(np.sqrt(stiffness)) if stiffness > 0 else np.mean([r.rate for r in records])
+    damping = np.clip(damping, _LEAST_DAMPING * omega, _MOST_DAMPING * omega)
+    return Oscillators(np.array([omega]), np.array([damping]))
