@@ -13,7 +13,7 @@ import romsindy as rs
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.measured import small_frequencies
 from romsindy.physics.example import EXAMPLE_MODEL
-from romsindy.regression.projection import Rows
+from romsindy.regression.projection import HarmonicRows
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -167,7 +167,7 @@ def test_bootstrap_over_cycles_gives_standard_errors(benchmark):
     x = rng.standard_normal((3 * cycles, 2)) * [1.0, 5.0]
     y = x @ [2.0, -3.0] + noise * rng.standard_normal(len(x))
     cycle, harmonic = np.divmod(np.arange(len(x)), 3)
-    rows = Rows(x, y, cycle, harmonic, np.ones(cycles), np.ones(len(x)))
+    rows = HarmonicRows(x, y, cycle, harmonic, np.ones(cycles), np.ones(len(x)))
     exact = noise * np.sqrt(np.diag(np.linalg.inv(x.T @ x)))
     found = benchmark.resampled(rows).std(axis=0)
     # 200 repetitions know a standard deviation to 5 %, 400 cycles to another 4 %.

@@ -37,7 +37,7 @@ def element_mass(length: float, section: Section) -> np.ndarray:
     return M
 
 
-class Place:
+class BeamPoint:
     """A point of the beam as a row of shape functions over the three nodes of one element."""
 
     def __init__(self, position: float, length: float, n_elements: int) -> None:
@@ -120,10 +120,10 @@ class Assembly:
         self._free = np.where(self.fixed, 0.0, 1.0)  # a product is faster than a mask
         self.weight = self.mass_times(np.broadcast_to([*structure.gravity, 0.0], self._rest.shape))
 
-    def place(self, at: float | None) -> Place:
+    def place(self, at: float | None) -> BeamPoint:
         """Return the place at a position on the axis, m; None is the right end."""
         length = self.structure.length
-        return Place(length if at is None else at, length, self.n_elements)
+        return BeamPoint(length if at is None else at, length, self.n_elements)
 
     def point_load(
         self, force: tuple[float, float] = (0.0, 0.0), moment: float = 0.0, at: float | None = None

@@ -57,7 +57,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class _State:
+class _Held:
     """Displacements, and the factors (n_patterns,) of the loads that hold them."""
 
     x: np.ndarray
@@ -66,12 +66,12 @@ class _State:
 
 def _newton(
     assembly: Assembly,
-    start: _State,
+    start: _Held,
     patterns: np.ndarray,
     weight_share: float,
     readings: np.ndarray | None = None,
     targets: np.ndarray | None = None,
-) -> _State | None:
+) -> _Held | None:
     """Solve r(x) = sum of factors * patterns.
 
     With `readings`, as many as patterns, find the factors where these are at their `targets`.
@@ -98,7 +98,7 @@ def _newton(
             return None
         x += increment
         if size < _TOLERANCE:
-            return _State(x, factors)
+            return _Held(x, factors)
     return None
 
 
@@ -107,7 +107,7 @@ def work(loads: np.ndarray, displacements: np.ndarray) -> np.ndarray:
     return np.tensordot(loads, displacements, axes=([1, 2], [1, 2]))
 
 
-def _march(solve_at: Callable[[float, _State], _State | None], start: _State) -> _State | None:
+def _march(solve_at: Callable[[float, _Held], _Held | None], start: _Held) -> _Held | None:
     """Follow a path from 0 to 1, halving the step where Newton fails, doubling where it does not.
 
     Start each solve from the secant through the two states before.
@@ -119,7 +119,7 @@ def _march(solve_at: Callable[[float, _State], _State | None], start: _State) ->
         guess = state
         if previous is not None:
             ratio = step / previous[0]
-            guess = _State(
+            guess = _Held(
                 state.x + ratio * (state.x - previous[1].x),
                 state.factors + ratio * (state.factors - previous[1].factors),
             )
@@ -145,10 +145,10 @@ def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> Shap
     load = np.zeros_like(assembly.weight) if load is None else load
     pattern = _free(assembly, load)
 
-    def solve_at(share: float, guess: _State) -> _State | None:
-        return _newton(assembly, _State(guess.x, np.array([share])), pattern[None], share)
+    def solve_at(share: float, guess: _Held) -> _Held | None:
+        return _newton(assembly, _Held(guess.x, np.array([share])), pattern[None], share)
 
-    found = _march(solve_at, _State(np.zeros_like(pattern), np.zeros(1)))
+    found = _march(solve_at, _Held(np.zeros_like(pattern), np.zeros(1)))
     if found is None:
         raise NoEquilibriumError(
             f"no equilibrium found under a load of {np.abs(pattern).max():.4g} N (largest nodal "
@@ -179,11 +179,11 @@ def find_displaced(
     patterns = _free(assembly, patterns)
     first = np.tensordot(readings, start, axes=2)
 
-    def solve_at(share: float, guess: _State) -> _State | None:
+    def solve_at(share: float, guess: _Held) -> _Held | None:
         goal = first + share * (targets - first)
         return _newton(assembly, guess, patterns, 1.0, readings, goal)
 
-    found = _march(solve_at, _State(start, factors))
+    found = _march(solve_at, _Held(start, factors))
     if found is None:
         asked = ", ".join(f"{t:.4g}" for t in targets)
         raise NoEquilibriumError(

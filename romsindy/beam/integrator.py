@@ -99,7 +99,7 @@ _NEWTON_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
-class State:
+class StepState:
     """Displacement, velocity, stage accelerations and the step that led here; time."""
 
     x: np.ndarray
@@ -127,15 +127,15 @@ class Integrator:
         self._peak = 0.0
         self.iterations = 0
 
-    def start(self, x: np.ndarray, v: np.ndarray) -> State:
+    def start(self, x: np.ndarray, v: np.ndarray) -> StepState:
         """Return the state in x with velocity v.
 
         The first step is guessed without acceleration: Newton converges from the unmoved shape,
         but not from one that a full step of a guessed acceleration has stretched.
         """
-        return State(x, v, np.zeros((self._method.stages, *x.shape)), 0.0, 0.0)
+        return StepState(x, v, np.zeros((self._method.stages, *x.shape)), 0.0, 0.0)
 
-    def step(self, state: State, h: float) -> tuple[State, float, float] | None:
+    def step(self, state: StepState, h: float) -> tuple[StepState, float, float] | None:
         """Return the state after a step of h [s], the energy dissipated and the work of the
         excitation [J]; None on failure.
         """
@@ -165,12 +165,12 @@ class Integrator:
                 weights = self._method.A[-1]
                 dissipated = h * float(weights @ self._assembly.stage_powers(X, V))
                 work = h * float(weights @ np.einsum("inc,inc->i", load, V))
-                return State(X[-1], V[-1], a, h, state.t + h), dissipated, work
+                return StepState(X[-1], V[-1], a, h, state.t + h), dissipated, work
             if rate > 2.0 or (rate > 0.9 and iteration > 3):
                 return None
         return None
 
-    def _predict(self, state: State, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _predict(self, state: StepState, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return first values of the stages, from the polynomial of the step before."""
         a = state.stages
         if state.h > 0.0:
@@ -244,7 +244,12 @@ class Stepper:
     """Goes from sample to sample in 1, 2, 4, ... steps, as many as the energy balance asks for."""
 
     def __init__(
-        self, integrator: Integrator, assembly: Assembly, state: State, budget: Budget, order: int
+        self,
+        integrator: Integrator,
+        assembly: Assembly,
+        state: StepState,
+        budget: Budget,
+        order: int,
     ) -> None:
         self._integrator = integrator
         self._assembly = assembly
@@ -257,7 +262,7 @@ class Stepper:
         self.energies = self._energies_of(state)
         self.steps = 0
 
-    def _energies_of(self, state: State) -> tuple[float, float, float]:
+    def _energies_of(self, state: StepState) -> tuple[float, float, float]:
         a = self._assembly
         return a.kinetic(state.v), a.strain(state.x), a.potential(state.x)
 

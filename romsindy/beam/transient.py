@@ -280,7 +280,7 @@ def _check_tips(tip_displacements: Sequence[float], mode: int, forces: int) -> N
         raise ValueError(f"forces = {forces} must be at least {max(mode, 2)} for mode {mode}")
 
 
-def _solve(shooting: _Shooting, ratios: np.ndarray, tip: float) -> tuple[_Orbit, np.ndarray]:
+def _solve(shooting: _Shooting, ratios: np.ndarray, tip: float) -> tuple[_HalfPeriod, np.ndarray]:
     """Return the orbit, found from the ratios of the orbit before, and its own ratios."""
     try:
         ratios = root(lambda trial: shooting.follow(trial, tip).unrest, ratios, tol=1e-9).x
@@ -302,7 +302,7 @@ def _none_found(tip: float, why: str) -> RuntimeError:
 
 
 @dataclass(frozen=True)
-class _Orbit:
+class _HalfPeriod:
     amplitude: float
     frequency: float
     unrest: np.ndarray
@@ -326,7 +326,7 @@ class _Shooting:
         self.basis = basis
         self.period = 2 * np.pi / float(basis.omega[first])
 
-    def follow(self, ratios: np.ndarray, tip: float) -> _Orbit:
+    def follow(self, ratios: np.ndarray, tip: float) -> _HalfPeriod:
         """Let the shape go and follow it until the mode turns."""
         shape, rest = self._held(ratios, tip), self.basis.equilibrium
         times = (0.8 * self.period, self.period / _STEPS)
@@ -340,7 +340,7 @@ class _Shooting:
         turn = _turning_time(motion.t, q_dot[:, mode], velocity, mode)
         swing = CubicHermiteSpline(motion.t, q, q_dot)(turn) - q[0]
         unrest = velocity(turn)[others] / np.max(np.abs(q_dot[:, mode]))
-        return _Orbit(float(abs(swing[mode])) / 2, np.pi / turn, unrest, shape)
+        return _HalfPeriod(float(abs(swing[mode])) / 2, np.pi / turn, unrest, shape)
 
     def _held(self, ratios: np.ndarray, tip: float) -> Shape:
         momenta = self.basis.momenta[self.modes]

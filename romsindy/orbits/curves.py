@@ -22,8 +22,8 @@ from romsindy.orbits.families import (
     ForcedFamily,
     FreeFamily,
     OrbitBranch,
-    Path,
     Start,
+    Sweep,
     follow,
 )
 from romsindy.orbits.harmonic_balance import HarmonicBalance
@@ -444,20 +444,20 @@ def forced_response(
     forces = _forces(smooth, force)
     size = _resonance(smooth, forces, (first + last) / 2)
 
-    def family(path: Path, n: int) -> Family:
+    def family(path: Sweep, n: int) -> Family:
         return ForcedFamily(HarmonicBalance(smooth, n), path, size)
 
     # One unit in p, and twice up and down the resonance in two components.
     steps = _steps(n_points, 5.0)
-    raising = partial(family, Path((first, first), (np.zeros_like(forces), forces)))
+    raising = partial(family, Sweep((first, first), (np.zeros_like(forces), forces)))
     failure = (
         f"no response was found at a force of {_listed(forces)} near {first:g} rad/s: give a"
         " smaller force, or another range of frequencies"
     )
     rest = Start(np.zeros(3 * len(forces)), 0.0)
     raised = _led(raising, ladder, rest, (0.0, 1.0), steps, failure)
-    sweeping = partial(family, Path((first, last), (forces, forces)))
-    resting = partial(family, Path((last, last), (np.zeros_like(forces), forces)))
+    sweeping = partial(family, Sweep((first, last), (forces, forces)))
+    resting = partial(family, Sweep((last, last), (np.zeros_like(forces), forces)))
     branch = follow(sweeping, ladder, Start(raised.u, 0.0), (0.0, 1.0), steps)
     multipliers = floquet_multipliers(smooth, branch.c, branch.omega)
     stable = np.abs(multipliers[:, 0]) <= 1 + _NEUTRAL

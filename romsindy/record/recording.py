@@ -28,7 +28,7 @@ _BAND = 0.01  # of the power: what lies beyond belongs to no band
 
 
 @dataclass(frozen=True)
-class Drive:
+class RecordedInput:
     """One measured input of a record.
 
     Attributes
@@ -52,7 +52,7 @@ class Drive:
         return f"{self.kind} in column {self.name!r}: {self.how}"
 
     @classmethod
-    def of(cls, x: Array, dt: float, name: str, kind: str) -> Drive:
+    def of(cls, x: Array, dt: float, name: str, kind: str) -> RecordedInput:
         """From samples (n,) of the input every ``dt`` seconds; NaN where one is missing."""
         x = np.where(np.isfinite(x), x, 0.0)
         x = x - np.median(x)
@@ -137,7 +137,7 @@ class Recording:
         Name of the file, for messages.
     notes : tuple of str
         What was done to the record, for the reader.
-    drives : tuple of Drive
+    drives : tuple of RecordedInput
         Inputs that were measured with it.
 
     Raises
@@ -154,7 +154,7 @@ class Recording:
     basis: str = ""
     source: str = ""
     notes: tuple[str, ...] = ()
-    drives: tuple[Drive, ...] = ()
+    drives: tuple[RecordedInput, ...] = ()
 
     def __post_init__(self) -> None:
         t, x = as_seconds("t", self.t), as_floats("x", self.x)

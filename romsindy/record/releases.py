@@ -237,7 +237,7 @@ class Discarded:
 
 
 @dataclass(frozen=True)
-class _Stretch:
+class _Interval:
     """Samples [first, last) between two events, and which these are."""
 
     first: int
@@ -313,7 +313,7 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
     return tuple(_until_the_next(releases)), tuple(p for p in parts if isinstance(p, Discarded))
 
 
-def _finite_pieces(recording: Recording) -> Iterator[_Stretch]:
+def _finite_pieces(recording: Recording) -> Iterator[_Interval]:
     """Runs of samples without gaps and NaN, eight at least."""
     finite = np.asarray(np.isfinite(recording.x).all(axis=1))
     for piece in recording.pieces:
@@ -325,12 +325,12 @@ def _finite_pieces(recording: Recording) -> Iterator[_Stretch]:
                     "record" if first == 0 else "gap",
                     "record" if last == len(finite) else "gap",
                 )
-                yield _Stretch(first, last, *ends, first)
+                yield _Interval(first, last, *ends, first)
 
 
 def _between_events(
-    recording: Recording, piece: _Stretch, period: float, noise: tuple[Array, Array]
-) -> Iterator[_Stretch | Discarded]:
+    recording: Recording, piece: _Interval, period: float, noise: tuple[Array, Array]
+) -> Iterator[_Interval | Discarded]:
     """The stretches of a piece between jumps, blows and the like; these are discarded."""
     t, x = recording.t, recording.x
     start, before = piece.first, piece.before
@@ -343,7 +343,7 @@ def _between_events(
         first = start
         for a, b in departures(x[start:last], period, *noise):
             if first < start + a:
-                yield _Stretch(first, start + a, before, "event", start)
+                yield _Interval(first, start + a, before, "event", start)
             first, before = start + a, "event"
             if _still(x[start : start + a], x[start + a : last], period):
                 continue  # the first large swing tells the beginning better
@@ -351,7 +351,7 @@ def _between_events(
             yield Discarded(float(t[start + a]), float(t[start + b - 1]), reason)
             first = start + b
         if first < last:
-            yield _Stretch(first, last, before, after, start)
+            yield _Interval(first, last, before, after, start)
         start, before = end, "jump"
 
 
@@ -378,7 +378,7 @@ def _until_the_next(releases: list[Release]) -> Iterator[Release]:
 
 
 def _decays(
-    recording: Recording, channel: Array, stretch: _Stretch, period: float, noise: float
+    recording: Recording, channel: Array, stretch: _Interval, period: float, noise: float
 ) -> Iterator[Release | Discarded]:
     """The free decays of a stretch, and what lies before, between and after them."""
     t, x = recording.t[stretch.first : stretch.last], channel[stretch.first : stretch.last]

@@ -22,7 +22,7 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.record.sampling import as_floats, as_seconds
 from romsindy.record.smoothing import Filter
 from romsindy.regression.library import ROMLibrary, is_coupled, library_terms
-from romsindy.regression.projection import HarmonicProjection, Rows
+from romsindy.regression.projection import HarmonicProjection, HarmonicRows
 from romsindy.regression.scaled_optimizer import ScaledOptimizer, fixed_columns, refuse_absurd
 from romsindy.regression.window_motion import WindowRows
 from romsindy.regression.windows import (
@@ -177,7 +177,7 @@ class HarmonicSINDy(BaseEstimator):
             )
         return self.projection
 
-    def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> Rows:
+    def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> HarmonicRows:
         projection = self.projection if self.projection is not None else HarmonicProjection()
         if not isinstance(projection, HarmonicProjection):
             raise ValueError(
@@ -185,7 +185,7 @@ class HarmonicSINDy(BaseEstimator):
                 " of one give HarmonicProjection()"
             )
         conditioned = [d.single().conditioned(self.differentiation) for d in decays]
-        return Rows.stacked([projection.rows(terms, d) for d in conditioned])
+        return HarmonicRows.stacked([projection.rows(terms, d) for d in conditioned])
 
     def predict(self, x: Any, t: Any = None) -> Any:
         """Acceleration of the identified model at measured displacement and velocity.
@@ -256,7 +256,7 @@ class HarmonicSINDy(BaseEstimator):
         print(*self.equations(precision), sep="\n")
 
 
-def row_weights(rows: Rows) -> Array:
+def row_weights(rows: HarmonicRows) -> Array:
     """One over the variance that is expected of a row's error.
 
     Noise is the same at every amplitude, and differentiating it favours high harmonics; what a

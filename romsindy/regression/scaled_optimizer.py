@@ -12,7 +12,7 @@ from sklearn.base import clone
 
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import term_from_key
-from romsindy.regression.projection import Rows
+from romsindy.regression.projection import HarmonicRows
 from romsindy.regression.window_motion import WindowRows
 from romsindy.typing import Array
 
@@ -99,7 +99,7 @@ def fixed_columns(
 
 
 def refuse_absurd(
-    fixed: Mapping[int, float], terms: Sequence[Term], rows: Rows | WindowRows
+    fixed: Mapping[int, float], terms: Sequence[Term], rows: HarmonicRows | WindowRows
 ) -> None:
     """Known coefficients in other units than the data stand out by orders of magnitude."""
     target = float(rms(rows.target[:, None])[0])

@@ -109,7 +109,7 @@ class WindowRows(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Followed:
+class WindowMotion:
     """A record with what is known so far of the motion of its coordinates.
 
     Attributes
@@ -148,7 +148,7 @@ class Followed:
         oscillators: Oscillators,
         scale: Array,
         cycles: float,
-    ) -> Followed:
+    ) -> WindowMotion:
         """Start from the motion of the record, windows of so many of the longest cycles."""
         dt, rate = record.decay.dt, oscillators.omega / (2 * np.pi)
         factor = int(np.ceil(_STEPS * rate.max() * dt))
@@ -178,7 +178,7 @@ class Followed:
         window = np.repeat(np.arange(len(found)), [len(x) for x in found])
         return WindowRows(rows[:, :-1], rows[:, -1], window)
 
-    def following(self, terms: Sequence[Term], coef: Array) -> Followed:
+    def following(self, terms: Sequence[Term], coef: Array) -> WindowMotion:
         """With a motion nearer to that of a model, which in each window follows the channels."""
         total = np.zeros_like(self.motion[0])
         for term, c in zip(terms, coef, strict=True):

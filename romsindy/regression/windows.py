@@ -25,7 +25,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.ringing import names_of, require_channels, ringing_in
-from romsindy.regression.window_motion import Followed, Oscillators, WindowRows
+from romsindy.regression.window_motion import Oscillators, WindowMotion, WindowRows
 from romsindy.typing import Array
 
 # A known omega^2 is refused where it is so many times that of the vibration, or less.
@@ -209,7 +209,7 @@ def _refuse_lost_inputs(terms: Sequence[Term], coef: Sequence[float]) -> None:
 
 
 def _in_rounds(
-    followed: Sequence[Followed], terms: Sequence[Term], rounds: int, solve: Solve
+    followed: Sequence[WindowMotion], terms: Sequence[Term], rounds: int, solve: Solve
 ) -> _Best:
     """Regress, follow the motion of the model found, and so on until nothing changes."""
     sizes, best = _sizes(followed), None
@@ -234,7 +234,7 @@ def _in_rounds(
 
 
 def _rows_about(
-    followed: Sequence[Followed], terms: Sequence[Term], coef: Array, rounds: int
+    followed: Sequence[WindowMotion], terms: Sequence[Term], coef: Array, rounds: int
 ) -> WindowRows:
     """Rows about the motion of a model that is known, where it leaves least of them."""
     sizes, found = _sizes(followed), []
@@ -279,18 +279,18 @@ def rows_of_forced(
     return _rows_about(followed, model.terms, np.array(model.values), projection.rounds)
 
 
-def _sizes(followed: Sequence[Followed]) -> Array:
+def _sizes(followed: Sequence[WindowMotion]) -> Array:
     """Largest displacement of a coordinate in each window of all records."""
     return np.concatenate([record.amplitude for record in followed])
 
 
-def _reach(followed: Sequence[Followed]) -> tuple[float, float]:
+def _reach(followed: Sequence[WindowMotion]) -> tuple[float, float]:
     """Least and largest of these."""
     sizes = _sizes(followed)
     return float(sizes.min()), float(sizes.max())
 
 
-def _runs_away(followed: Sequence[Followed], sizes: Array) -> bool:
+def _runs_away(followed: Sequence[WindowMotion], sizes: Array) -> bool:
     """Whether a model has led the motion far from what was measured; also where it is nan."""
     return not bool(_sizes(followed).max() < _AWAY * sizes.max())
 
@@ -319,23 +319,25 @@ def _refuse_far(known: Mapping[str, float], omega: Array) -> None:
 
 def _followed(
     records: Sequence[CoupledRecord], projection: WindowProjection, weighted: bool
-) -> list[Followed]:
+) -> list[WindowMotion]:
     oscillators = Oscillators.of(records)
     scales = [[n.std if weighted else 1.0 for n in record.noise] for record in records]
     return [
-        Followed.of(record, None, record.shapes, oscillators, np.array(scale), projection.cycles)
+        WindowMotion.of(
+            record, None, record.shapes, oscillators, np.array(scale), projection.cycles
+        )
         for record, scale in zip(records, scales, strict=True)
     ]
 
 
 def _followed_forced(
     vibrations: Sequence[ForcedVibration], projection: WindowProjection, weighted: bool
-) -> list[Followed]:
+) -> list[WindowMotion]:
     records = [ForcedRecord.of(v, NUMERICS) for v in vibrations]
     oscillators, alone = _oscillators(records), np.ones((1, 1))
     scales = [np.array([record.noise.std if weighted else 1.0]) for record in records]
     return [
-        Followed.of(record, record.decay, alone, oscillators, scale, projection.cycles)
+        WindowMotion.of(record, record.decay, alone, oscillators, scale, projection.cycles)
         for record, scale in zip(records, scales, strict=True)
     ]
 

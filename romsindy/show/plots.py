@@ -17,7 +17,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
-from romsindy.regression.projection import Rows
+from romsindy.regression.projection import HarmonicRows
 from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
 from romsindy.show.cycles import (
     Curve,
@@ -232,7 +232,7 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
     ValueError
         For a regression of several coordinates, whose rows are windows without harmonics.
     """
-    several = [label for label, e in estimators.items() if not isinstance(e.rows_, Rows)]
+    several = [label for label, e in estimators.items() if not isinstance(e.rows_, HarmonicRows)]
     if several:
         raise ValueError(
             f"estimators has {several} of several coordinates, whose rows have no harmonics: see"

@@ -21,7 +21,7 @@ from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.recording import QUANTITIES, Drive, Quantity, Recording
+from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording
 from romsindy.record.sampling import part_between
 from romsindy.record.units import parse_unit
 from romsindy.text import counted
@@ -188,13 +188,13 @@ def load_forced(
         )
 
 
-def _told(choice: _Choice, names: Sequence[str], driving: Sequence[Column]) -> str:
+def _told(choice: _Measured, names: Sequence[str], driving: Sequence[Column]) -> str:
     """Which column is what."""
     pairs = zip((choice.quantity, *names), (*choice.columns, *driving), strict=True)
     return "columns: " + ", ".join(f"{what} {column.name!r}" for what, column in pairs)
 
 
-def _require_one(choice: _Choice) -> None:
+def _require_one(choice: _Measured) -> None:
     names = [c.name for c in choice.columns]
     if len(names) > 1:
         raise ValueError(
@@ -224,7 +224,7 @@ def _columns(path: Source) -> tuple[str, Table]:
     return str(path), reader_of(path)(path)
 
 
-class _Choice(NamedTuple):
+class _Measured(NamedTuple):
     """Times in s, and the columns that were measured at them."""
 
     t: Array
@@ -243,7 +243,7 @@ def _choice(
     time: str | None,
     rate: float | None,
     beside: Sequence[Column] = (),
-) -> _Choice:
+) -> _Measured:
     """What was measured, beside columns that are something else."""
     if quantity not in (None, *QUANTITIES):
         raise ValueError(f"quantity = {quantity!r} must be displacement, velocity or acceleration")
@@ -266,7 +266,7 @@ def _choice(
     notes = (*table.notes, *(c.damage for c in chosen), note, told)
     wanted = wanted or chosen[0].quantity or "displacement"
     inputs = [(kind, c) for kind, c in inputs if len(c.values) == len(t)]
-    return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs)
+    return _Measured(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs)
 
 
 def _names(column: str | Sequence[str] | None) -> list[str] | None:
@@ -280,7 +280,7 @@ def _refuse_no_numbers(**settings: Any) -> None:
 
 
 def _recording(
-    choice: _Choice, source: str, unit: str | None, quantity: Quantity | None
+    choice: _Measured, source: str, unit: str | None, quantity: Quantity | None
 ) -> Recording:
     columns = choice.columns
     names = [c.name for c in columns]
@@ -302,10 +302,10 @@ def _recording(
     return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
 
 
-def _drives(choice: _Choice, start: float | None, end: float | None) -> tuple[Drive, ...]:
+def _drives(choice: _Measured, start: float | None, end: float | None) -> tuple[RecordedInput, ...]:
     """What the inputs beside a recording do within it."""
     part, dt = part_between(choice.t, start, end), float(np.median(np.diff(choice.t)))
-    return tuple(Drive.of(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
+    return tuple(RecordedInput.of(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
 def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:

@@ -114,7 +114,7 @@ def _names(head: list[str], width: int) -> list[str]:
 _Keys = dict[str, list[str]]  # of a header: what it says of every channel
 
 
-class _Part(NamedTuple):
+class _Segment(NamedTuple):
     """One channel in one segment; it began at a time of day."""
 
     name: str
@@ -150,7 +150,7 @@ def _keys(header: Sequence[str], separator: str) -> _Keys:
     return {cells[0].strip(): cells[1:] for cells in rows if len(cells) > 1}
 
 
-class _Rows:
+class _SegmentRows:
     """Rows of one segment; ``after`` is the first line of the next header."""
 
     def __init__(self, lines: Iterator[str], decimal: str) -> None:
@@ -165,7 +165,7 @@ class _Rows:
                 yield line.replace(self.decimal, ".")
 
 
-def _segments(lines: Iterator[str], file: _Keys, separator: str) -> Iterator[list[_Part]]:
+def _segments(lines: Iterator[str], file: _Keys, separator: str) -> Iterator[list[_Segment]]:
     decimal = file.get("Decimal_Separator", ["."])[0] or "."
     kind = file.get("X_Columns", ["One"])[0]
     head = next((line for line in lines if line.startswith("Channels")), "")
@@ -174,7 +174,7 @@ def _segments(lines: Iterator[str], file: _Keys, separator: str) -> Iterator[lis
         keys = _keys(header, separator)
         keys |= {k: [v.replace(decimal, ".") for v in keys[k]] for k in ("X0", "Delta_X")}
         names = next(lines).rstrip("\r\n").split(separator)
-        rows, n = _Rows(lines, decimal), int(keys["Channels"][0])
+        rows, n = _SegmentRows(lines, decimal), int(keys["Channels"][0])
         used = range(1, n + 1) if kind == "No" else range(2 * n if kind == "Multi" else n + 1)
         values = np.loadtxt(
             iter(rows),
@@ -194,7 +194,7 @@ def _number_or_nothing(cell: str) -> float:
     return float(cell) if cell.strip() else np.nan
 
 
-def _part(k: int, name: str, keys: _Keys, x: Array | None, values: Array) -> _Part:
+def _part(k: int, name: str, keys: _Keys, x: Array | None, values: Array) -> _Segment:
     said = {key: cells[k].strip() for key, cells in keys.items() if k < len(cells)}
     values = values[: np.flatnonzero(np.isfinite(values)).max(initial=-1) + 1]
     samples = int(said.get("Samples") or 0)  # of a packet; several may follow one header
@@ -205,10 +205,10 @@ def _part(k: int, name: str, keys: _Keys, x: Array | None, values: Array) -> _Pa
     if x is not None and not (step > 0 and np.allclose(x[: len(t)], t, rtol=0, atol=step / 2)):
         t = x[: len(t)]  # else those are the same times, rounded
     begin = f"{said.get('Date', '')} {said.get('Time', '')}".strip()
-    return _Part(name, said.get("Y_Unit_Label", ""), t, values, begin)
+    return _Segment(name, said.get("Y_Unit_Label", ""), t, values, begin)
 
 
-def _joined(parts: Sequence[_Part]) -> Column:
+def _joined(parts: Sequence[_Segment]) -> Column:
     """One channel over all segments, whose times may begin at zero again."""
     t = [parts[0].t]
     for part in parts[1:]:

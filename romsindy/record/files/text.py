@@ -193,7 +193,7 @@ def _are_halves(rows: Collection[list[str]]) -> bool:
 # -- numbers ------------------------------------------------------------------------------------
 
 
-class _Rows:
+class _DataRows:
     """Rows of numbers of a stream, which remember where they are."""
 
     def __init__(self, stream: TextIO, layout: Layout) -> None:
@@ -253,11 +253,13 @@ def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
     return Table(others, rate_in(above), tuple(notes), _doubt(rows))
 
 
-def _rows_and_values(layout: Layout, columns: list[Column], stream: TextIO) -> tuple[_Rows, Array]:
+def _rows_and_values(
+    layout: Layout, columns: list[Column], stream: TextIO
+) -> tuple[_DataRows, Array]:
     """All rows; where cells are empty nan, once it is clear that some are: that is slower."""
     for empty in (layout.empty, range(len(columns))):
         stream.seek(0)
-        rows = _Rows(stream, layout)
+        rows = _DataRows(stream, layout)
         try:
             return rows, _values(rows, empty)
         except ValueError as error:
@@ -267,7 +269,7 @@ def _rows_and_values(layout: Layout, columns: list[Column], stream: TextIO) -> t
     raise AssertionError
 
 
-def _values(rows: _Rows, empty: Collection[int]) -> Array:
+def _values(rows: _DataRows, empty: Collection[int]) -> Array:
     layout = rows.layout
     converters: dict[int | str, Callable[[str], float]] = {}
     converters |= dict.fromkeys(empty, _number_or_nothing)
@@ -282,7 +284,7 @@ def _values(rows: _Rows, empty: Collection[int]) -> Array:
     )
 
 
-def _doubt(rows: _Rows) -> str:
+def _doubt(rows: _DataRows) -> str:
     """What is odd about a row that has other digits than nearly all."""
     if not 0 < len(rows.odd) <= FEW:  # none, or the format changes with the numbers
         return ""
@@ -307,7 +309,7 @@ def _empty(column: Column, line: int) -> str:
     )
 
 
-def _refusal(rows: _Rows, columns: list[Column], found: ValueError) -> ValueError:
+def _refusal(rows: _DataRows, columns: list[Column], found: ValueError) -> ValueError:
     """What is wrong with the line at which reading stopped."""
     layout, line = rows.layout, f"line {rows.number}"
     try:
