@@ -7,7 +7,7 @@ from oracles import ORDER_5, ORDER_9, duffing_frequency
 from scipy.integrate import odeint, solve_ivp
 
 from romsindy import ContinuationError, ReducedModel, backbone_curve, forced_response
-from romsindy.orbits.families import ForcedFamily, FreeFamily, Path
+from romsindy.orbits.families import ForcedFamily, FreeFamily, Sweep
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.orbits.stability import floquet_multipliers
 from romsindy.physics.example import EXAMPLE_MODEL
@@ -388,7 +388,7 @@ def test_jacobians_are_differences(kind):
         u = np.append(0.1 * random.normal(size=9), [1.1, 0.02])
         u[1] = 1.0
     else:
-        family = ForcedFamily(balance, Path((5.0, 7.0), (0.5, 0.9)), 0.4)
+        family = ForcedFamily(balance, Sweep((5.0, 7.0), (0.5, 0.9)), 0.4)
         u = random.normal(size=9)
     z, h = np.append(u, 0.7), 1e-6
     columns = [
