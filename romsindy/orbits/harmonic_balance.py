@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.term import Term
 from romsindy.typing import Array
 
@@ -76,7 +76,7 @@ class HarmonicBalance:
     The model's forces must not jump.
     """
 
-    def __init__(self, model: AnyModel, n_harmonics: int) -> None:
+    def __init__(self, model: Equations, n_harmonics: int) -> None:
         self.model = model
         self.n_harmonics = n_harmonics
         self.basis = uniform_basis(n_harmonics)

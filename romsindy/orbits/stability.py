@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romsindy.orbits.harmonic_balance import FourierBasis
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 _STEPS_PER_HARMONIC = 16
@@ -30,7 +30,7 @@ _PAIRS, _NORM = 5, 0.1
 
 
 def floquet_multipliers(
-    model: AnyModel, coefficients: Array, omega: Array
+    model: Equations, coefficients: Array, omega: Array
 ) -> NDArray[np.complex128]:
     """Floquet multipliers of forced orbits: an orbit is stable if all are below 1 in size.
 
@@ -52,7 +52,7 @@ def floquet_multipliers(
 
 
 def free_multipliers(
-    model: AnyModel, coefficients: Array, omega: Array, negative_damping: Array, conservative: bool
+    model: Equations, coefficients: Array, omega: Array, negative_damping: Array, conservative: bool
 ) -> NDArray[np.complex128]:
     """Floquet multipliers of orbits that forces mu q_dot sustain, without those known to be 1.
 
@@ -90,7 +90,7 @@ def free_multipliers(
 
 
 def monodromy(
-    model: AnyModel, coefficients: Array, omega: Array, negative_damping: Array | float = 0.0
+    model: Equations, coefficients: Array, omega: Array, negative_damping: Array | float = 0.0
 ) -> Array:
     """From deviations (delta, d delta / d phase) at phase 0 to those one period later.
 
@@ -103,7 +103,7 @@ def monodromy(
     return np.concatenate([_propagators(model, series[i], omega[i], mu[i], n_steps) for i in parts])
 
 
-def _propagators(model: AnyModel, series: Array, omega: Array, mu: Array, n_steps: int) -> Array:
+def _propagators(model: Equations, series: Array, omega: Array, mu: Array, n_steps: int) -> Array:
     """Products of the exponentials of all steps, (n, 2 R, 2 R)."""
     step = 2 * np.pi / n_steps
     middle = step * (np.arange(n_steps) + 0.5)
@@ -121,7 +121,7 @@ def _sorted(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
     return np.take_along_axis(multipliers.astype(complex), order, axis=1)
 
 
-def _generator(model: AnyModel, series: Array, omega: Array, mu: Array, phase: Array) -> Array:
+def _generator(model: Equations, series: Array, omega: Array, mu: Array, phase: Array) -> Array:
     """A of d(delta, delta')/d(phase) = A (delta, delta'), shape (n, n_phases, 2 R, 2 R)."""
     basis = FourierBasis.at(phase, series.shape[1] // 2)
     r = series.shape[2]

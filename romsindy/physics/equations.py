@@ -78,6 +78,14 @@ class Equations(TermSum, ABC):
         """Restoring forces per unit mass, (..., R)."""
 
     @abstractmethod
+    def damping(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """Damping forces per unit mass, (..., R)."""
+
+    @abstractmethod
+    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """First integral of the undamped motion, per unit mass."""
+
+    @abstractmethod
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, push: Array | float = 0.0) -> Array:
         """q_ddot under a force of inputs."""
 
