@@ -10,8 +10,7 @@ import romsindy as rs
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import without_inputs
-from romsindy.physics.forcing import input_in
-from romsindy.physics.input import Input
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.stiffness import Stiffness
 
 DUFFING = {

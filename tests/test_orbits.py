@@ -8,8 +8,7 @@ from scipy.integrate import odeint, solve_ivp
 
 from romsindy import ContinuationError, ReducedModel, backbone_curve, forced_response
 from romsindy.orbits.families import ForcedFamily, FreeFamily, Sweep
-from romsindy.orbits.harmonic_balance import HarmonicBalance
-from romsindy.orbits.stability import floquet_multipliers
+from romsindy.orbits.harmonic_balance import HarmonicBalance, floquet_multipliers
 from romsindy.physics.example import EXAMPLE_MODEL
 
 DUFFING = {"omega^2": 1.0, "gamma_3": 1.0}
@@ -406,8 +405,8 @@ def test_magnus_steps_are_of_fourth_order(monkeypatch):
     c[0, 0], c[0, 1::2] = curve.coefficients[-1, 0].real, curve.coefficients[-1, 1:].real
     traces = []
     for steps in (64, 128, 1024):
-        monkeypatch.setattr("romsindy.orbits.stability._FEWEST_STEPS", steps)
-        monkeypatch.setattr("romsindy.orbits.stability._STEPS_PER_HARMONIC", 1)
+        monkeypatch.setattr("romsindy.orbits.harmonic_balance._FEWEST_STEPS", steps)
+        monkeypatch.setattr("romsindy.orbits.harmonic_balance._STEPS_PER_HARMONIC", 1)
         multipliers = floquet_multipliers(EXAMPLE_MODEL, c, curve.frequency[-1:])
         traces.append(np.sum(multipliers).real)
     errors = np.abs(np.array(traces[:2]) - traces[2])

@@ -3,9 +3,8 @@ import pytest
 from oracles import falling_decay, viscous_decay
 from scipy.signal import lfilter
 
-from romsindy.record.autoregression import autoregression, predictor
 from romsindy.record.decay import Decay
-from romsindy.record.noise_level import noise_std
+from romsindy.record.prediction import autoregression, predictor
 from romsindy.record.signals import (
     crossings,
     fundamental_frequency,
@@ -15,6 +14,7 @@ from romsindy.record.signals import (
     vertex,
 )
 from romsindy.record.smoothing import integrate
+from romsindy.record.spectrum import noise_std
 
 DT = 0.01
 T = np.arange(4000) * DT

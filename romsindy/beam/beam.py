@@ -311,7 +311,7 @@ class Beam(Structure):
         *,
         progress: bool = True,
     ) -> NormalMode:
-        """Return periodic orbits of the undamped beam; see `normal_modes.find_normal_mode`."""
+        """Return periodic orbits of the undamped beam; see `transient.find_normal_mode`."""
         return find_normal_mode(self, tip_displacements, mode, forces, progress=progress)
 
     def static_curve(self, mode: int = 1, amplitude: float = 0.024, cases: int = 41) -> StaticCurve:
@@ -393,8 +393,8 @@ class Beam(Structure):
 
         Notes
         -----
-        omega^2 are the modes'; all else is least squares over the cases, see `reduction` and
-        `coupled_reduction`: best where the amplitudes are little larger than those of the motion.
+        omega^2 are the modes'; all else is least squares over the cases, see `reduction`:
+        best where the amplitudes are little larger than those of the motion.
         What is left out follows statically: modes that are slower, or in resonance, must be in.
         The model of several modes holds that of one, where the forces of all others are zero.
 
@@ -416,5 +416,5 @@ class Beam(Structure):
         return reduce_modes(*request, numbers, order, amplitudes, cases, progress=progress)
 
     def sensors(self, sensors: Sequence[Sensor | float]) -> SensorArray:
-        """Place sensors on the beam; see `sensors.place_sensors`."""
+        """Place sensors on the beam; see `motion.place_sensors`."""
         return place_sensors(self.assembly, sensors)

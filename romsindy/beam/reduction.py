@@ -49,34 +49,12 @@ from romsindy.physics.validation import require_positive
 def reduce(
     assembly: Assembly, equilibrium: Shape, mode: int, order: int, amplitude: float, cases: int
 ) -> ReducedModel:
-    """Return the inertially compensated single-mode model of a beam from static cases.
+    """Return the inertially compensated model of one mode from static cases.
 
     omega^2 is the mode's; gamma_2 ... gamma_order and Upsilon_3 ... Upsilon_order are least squares
-    over the amplitude range.  On a wide range they are the best polynomial, not the Taylor series:
-    an order well above the one of interest comes close to that.
-
-    Parameters
-    ----------
-    assembly : Assembly
-        The beam; damping is left out.
-    equilibrium : Shape
-        Where it rests.
-    mode : int
-        The mode, counted from 1.
-    order : int
-        Highest power of q in the force; the inertia goes to q^(order - 1).
-    amplitude : float
-        Largest |q|, kg^0.5 m.
-    cases : int
-        Number of static cases, both directions together.
-
-    Raises
-    ------
-    ValueError
-        For an order below 3, too few cases, an amplitude that is not positive, or a
-        mode that does not exist.
-    NoEquilibriumError
-        If the beam cannot be held that far.
+    over the amplitude range. On a wide range they are the best polynomial, not the Taylor series:
+    an order well above the one of interest comes close to that. Arguments and errors are those of
+    `Beam.reduce`.
     """
     if order < 3:
         raise ValueError(f"order = {order} leaves no inertia term; give 3 or more")

@@ -25,7 +25,7 @@ from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
-from romsindy.record.autoregression import autoregression
+from romsindy.record.prediction import autoregression
 from romsindy.typing import Array, Indices
 
 _CHECKS = 8  # iterations, to see what values that did not settle leave

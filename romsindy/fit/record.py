@@ -18,9 +18,8 @@ from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
-from romsindy.record.noise_level import noise_std
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.spectrum import Spectrum, distortion, settling
+from romsindy.record.spectrum import Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle

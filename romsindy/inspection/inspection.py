@@ -17,10 +17,10 @@ from romsindy.physics.term_sum import json_text
 from romsindy.record.decay import Decay
 from romsindy.record.defects import clean
 from romsindy.record.files import load_recording
-from romsindy.record.noise_level import noise_std
 from romsindy.record.prediction import unpredicted
 from romsindy.record.recording import QUANTITIES, Recording
 from romsindy.record.releases import Discarded, Release, split_releases
+from romsindy.record.spectrum import noise_std
 from romsindy.record.vibrations import find_vibrations
 from romsindy.text import listed
 

@@ -26,8 +26,7 @@ from romsindy.orbits.families import (
     Sweep,
     follow,
 )
-from romsindy.orbits.harmonic_balance import HarmonicBalance
-from romsindy.orbits.stability import floquet_multipliers, free_multipliers
+from romsindy.orbits.harmonic_balance import HarmonicBalance, floquet_multipliers, free_multipliers
 from romsindy.physics.equations import Equations, gain_of
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices

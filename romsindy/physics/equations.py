@@ -18,8 +18,7 @@ from scipy.linalg import eigh
 
 from romsindy.physics import export
 from romsindy.physics.coupling import CoupledTerm, Names
-from romsindy.physics.forcing import Excitation, Forcing, input_in
-from romsindy.physics.input import Input
+from romsindy.physics.input import Excitation, Forcing, Input, input_in
 from romsindy.physics.integration import integrate_smooth, integrate_steps
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from romsindy.physics.coupling import Along, PolynomialTerm
-from romsindy.physics.forcing import input_in
-from romsindy.physics.input import Input
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.term import Term
 from romsindy.physics.term import exact as exact_text
 from romsindy.record.interpolation import Interpolation

@@ -20,7 +20,7 @@ from romsindy.record.events import (
     noise_behind,
     sides,
 )
-from romsindy.record.noise_level import noise_std
+from romsindy.record.spectrum import noise_std
 from romsindy.record.trend import Curves, Pace, Trend
 from romsindy.typing import Array
 

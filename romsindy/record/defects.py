@@ -19,11 +19,11 @@ from romsindy.record.faults import (
     spikes,
     steps,
 )
-from romsindy.record.noise_level import NoiseLevel
 from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times
 from romsindy.record.signals import moving_mean
 from romsindy.record.smoothing import swing
+from romsindy.record.spectrum import NoiseLevel
 from romsindy.text import counted
 from romsindy.typing import Array
 

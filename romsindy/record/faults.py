@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
-from romsindy.record.autoregression import autoregression, interpolated, predictor
+from romsindy.record.prediction import autoregression, interpolated, predictor
 from romsindy.typing import Array
 
 Mask = NDArray[np.bool_]

@@ -11,12 +11,11 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from romsindy.record.decay import Decay
-from romsindy.record.noise_level import noise_std
 from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
 from romsindy.record.smoothing import HarmonicSpline
-from romsindy.record.spectrum import HARMONICS
+from romsindy.record.spectrum import HARMONICS, noise_std
 from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array
 

@@ -14,7 +14,7 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.fit.verdict import MOVING
-from romsindy.record.noise_level import noise_std
+from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 _HIGHER = 4  # modes beside the first whose part in the release is looked for

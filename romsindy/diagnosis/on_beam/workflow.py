@@ -38,7 +38,7 @@ from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
-from romsindy.record.noise_level import noise_std
+from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 _ORDER = 7

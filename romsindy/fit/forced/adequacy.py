@@ -11,7 +11,7 @@ from scipy.special import fdtrc
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.verdict import FALSE_ALARM
-from romsindy.record.autoregression import innovation
+from romsindy.record.prediction import innovation
 from romsindy.text import quantity
 from romsindy.typing import Array
 

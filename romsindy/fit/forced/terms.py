@@ -23,7 +23,7 @@ from romsindy.physics.equations import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
-from romsindy.record.autoregression import innovation
+from romsindy.record.prediction import innovation
 from romsindy.typing import Array
 
 LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.record.files import text
-from romsindy.record.files.cells import reader
 from romsindy.record.files.columns import Column, Table, library, named, refused
+from romsindy.record.files.header import reader
 from romsindy.typing import Array
 
 

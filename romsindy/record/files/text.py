@@ -13,9 +13,17 @@ from typing import TextIO
 
 import numpy as np
 
-from romsindy.record.files.cells import FEW, is_stamp, pattern_of, reader
 from romsindy.record.files.columns import Column, Table
-from romsindy.record.files.header import COMMENTS, columns_of, rate_in, split
+from romsindy.record.files.header import (
+    COMMENTS,
+    FEW,
+    columns_of,
+    is_stamp,
+    pattern_of,
+    rate_in,
+    reader,
+    split,
+)
 from romsindy.typing import Array
 
 _HEAD = 500  # lines that are looked at to find the layout
