@@ -1,4 +1,4 @@
-"""A measured input in the equation of motion (a force, the acceleration of the base), and its force."""
+"""A measured input in the equation of motion: a force, or the acceleration of the base."""
 
 from __future__ import annotations
 

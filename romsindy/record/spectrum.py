@@ -1,4 +1,4 @@
-"""Noise of a record by its spectrum: in one channel, whatever vibrates in it, and between harmonics.
+"""Noise of a record by its spectrum: of one channel, whatever vibrates, and between harmonics.
 
 `noise_std` is for white noise beside a decay; `NoiseLevel` for noise of any colour; `quiet_std`
 for a driven record, in which a broad band may fill most of the spectrum. Where the motion is known,
