@@ -72,7 +72,7 @@ class HarmonicSINDy(BaseEstimator):
     model_, coef_ : ReducedModel, (n_terms,) array
         The identified equation; its coefficients in the order of the library, then gains of
         inputs.
-    rows_, optimizer_ : Rows, ScaledOptimizer
+    rows_, optimizer_ : HarmonicRows, ScaledOptimizer
         The regression behind it.
 
     Examples
