@@ -171,19 +171,9 @@ def floquet_multipliers(
 ) -> NDArray[np.complex128]:
     """Floquet multipliers of forced orbits: an orbit is stable if all are below 1 in size.
 
-    Parameters
-    ----------
-    model : ReducedModel or CoupledModel
-        Its forces must not jump.
-    coefficients : (n, 2 H + 1) or (n, 2 H + 1, R) array
-        Fourier coefficients a_0, a_1, b_1, ... of the orbits, unit of q.
-    omega : (n,) array
-        Angular frequencies, rad/s.
-
-    Returns
-    -------
-    (n, 2 R) array of complex
-        The largest one first.
+    Forces of the model must not jump. ``coefficients`` (n, 2 H + 1) or (n, 2 H + 1, R) are those of
+    Fourier, a_0, a_1, b_1, ..., unit of q; ``omega`` (n,) in rad/s. (n, 2 R) complex, the largest
+    one first.
     """
     return _sorted(np.linalg.eigvals(monodromy(model, coefficients, omega)))
 
@@ -197,19 +187,8 @@ def free_multipliers(
     because there is a family of them. The directions that belong to them are known, and taken out:
     as an eigenvalue, a double one would be good to the root of the error only.
 
-    Parameters
-    ----------
-    model, coefficients, omega
-        As those of `floquet_multipliers`; conservative orbits rest at phase 0.
-    negative_damping : (n,) array
-        mu, 1/s.
-    conservative : bool
-        Whether the model has an energy.
-
-    Returns
-    -------
-    (n, 2 R - 1) or, of conservative orbits, (n, 2 R - 2) array of complex
-        The largest one first.
+    Arguments as those of `floquet_multipliers`, and mu, ``negative_damping`` (n,), 1/s; conservative
+    orbits rest at phase 0. (n, 2 R - 1), of conservative ones (n, 2 R - 2), the largest one first.
     """
     series = coefficients.reshape(len(omega), -1, model.n_coordinates)
     start = FourierBasis.at(np.zeros(1), series.shape[1] // 2)

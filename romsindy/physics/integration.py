@@ -65,14 +65,10 @@ class _Course:
 def integrate_smooth(
     acceleration: Acceleration, state: Array, t: Array, rtol: float, scale: float
 ) -> tuple[Array, Array]:
-    """Motion (q, q_dot) without jumps of force at increasing times, by LSODA.
+    """Motion (q, q_dot), (n,) or (n, R), without jumps of force at increasing times, by LSODA.
 
     ``state`` is (q, q_dot) at t[0], (2,) of one coordinate or (2, R) of several; the absolute
     tolerance is ``rtol * scale``.
-
-    Returns
-    -------
-    q, q_dot : (n,) or (n, R) arrays
 
     Raises
     ------

@@ -123,20 +123,10 @@ def of_steps(
     """What stands for an input at the Gauss points of steps of time, (n_steps, 3).
 
     With these values quadrature gives the exact integrals of the input times any parabola over a
-    step, wherever it jumps or bends within: so does the motion that it drives.
-
-    Parameters
-    ----------
-    values : callable
-        Of the input, at places counted in samples, (n,).
-    start : (n_steps,) array
-        Where steps start, in samples.
-    length : float
-        Of a step, in samples.
-    nodes : (3,) array
-        Gauss points of a step of length one.
-    smooth : bool
-        Whether it neither jumps nor bends at its samples: then its values are as good.
+    step, wherever it jumps or bends within: so does the motion that it drives. ``values`` takes
+    places counted in samples; steps ``start`` (n_steps,) there and have a ``length``; ``nodes`` (3,)
+    are the Gauss points of a step of length one. A ``smooth`` input neither jumps nor bends at its
+    samples: then its values are as good.
     """
     if smooth:
         return values((start[:, None] + length * nodes).ravel()).reshape(-1, 3)

@@ -43,21 +43,9 @@ class Together:
 
 
 def together(t: Array, x: Array, main: int, tone: Ridge) -> Together:
-    """Weigh channels by the shape of a vibration and by their noise.
+    """Weigh channels ``x`` (n, m) by the shape of a vibration and by their noise.
 
-    Parameters
-    ----------
-    t : (n,) array
-        Times from the start of the release, s.
-    x : (n, m) array
-        Channels.
-    main : int
-        The channel in which the tone was followed.
-    tone : Ridge
-
-    Returns
-    -------
-    Together
+    Times ``t`` count from the start of the release, s; ``tone`` was followed in channel ``main``.
     """
     inside = tone.inside(t)
     z = [_amplitude(t[inside], channel[inside], tone) for channel in x.T]
@@ -104,30 +92,14 @@ def isolated(
     unit: str | None = None,
     notes: tuple[str, ...] = (),
 ) -> Decay:
-    """The free decay of one of several vibrations, with its harmonics.
+    """The free decay of one of several vibrations, with its harmonics, in the quantity measured.
 
     The others are subtracted as they were followed, so that neither the ends nor the harmonics of
     the one suffer, and the noise stays what it was. A record of many samples a cycle is decimated.
 
-    Parameters
-    ----------
-    t : (n,) array
-        Uniform times of the decay, s.
-    x : (n,) array
-        What was measured, free of offset and drift.
-    vibrations : sequence of Vibration
-        As `find_vibrations` found them in x.
-    number : int
-        Which of them, from 0.
-    unit : str, optional
-        SI unit of the displacement.
-    notes : tuple of str
-        What was done to the record before.
-
-    Returns
-    -------
-    Decay
-        Free, in the quantity that was measured.
+    ``x`` (n,) is free of offset and drift, at uniform times ``t``, s; ``vibrations`` are those that
+    `find_vibrations` found in it, ``number`` counts them from 0. ``unit`` is that of the
+    displacement, ``notes`` say what was done before.
     """
     own = vibrations[number]
     others = [v for i, v in enumerate(vibrations) if i != number]

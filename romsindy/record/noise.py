@@ -38,16 +38,8 @@ def drift(
 ) -> Spectrum | None:
     """Power that a drifting offset adds to the noise; None where there is no drift.
 
-    Parameters
-    ----------
-    slow : (n,) array
-        A record without the harmonics of its vibration.
-    amplitude : (n,) array
-        Of the vibration.
-    noise : Spectrum
-        Of the noise between the harmonics.
-    cycle, dt : float
-        Mean length of a cycle, and sampling interval, s.
+    ``slow`` (n,) is a record without the harmonics of its vibration, ``amplitude`` (n,) that of the
+    vibration, ``noise`` that between the harmonics; a ``cycle`` and ``dt`` in s.
     """
     n = len(slow)
     count = int(2 * n * dt * _SLOW / cycle)
@@ -168,24 +160,11 @@ class Noise:
         floor: float,
         after: Array | None = None,
     ) -> Noise:
-        """From what a smooth motion leaves of a record, and the least standard deviation.
+        """From what a smooth motion leaves of a record, ``rest`` (n,), and the least deviation, ``floor``.
 
-        Parameters
-        ----------
-        rest : (n,) array
-            The record less the smooth motion.
-        slow : (n,) array
-            Mean of the smooth motion over its cycles.
-        amplitude : (n,) array
-            That of its fundamental.
-        cycle : float
-            Mean length of a cycle, s.
-        dt : float
-            Sampling interval, s.
-        floor : float
-            Unit of the record.
-        after : (m,) array, optional
-            What follows the vibration, where that is noise alone and tells more than the rest.
+        ``slow`` (n,) is the mean of the smooth motion over its cycles, ``amplitude`` (n,) that of its
+        fundamental; a ``cycle`` and ``dt`` in s. ``after`` (m,) is what follows the vibration, where
+        that is noise alone and tells more than the rest.
         """
         alone = rest if after is None else after
         order, power = lines_between(alone, cycle / dt)

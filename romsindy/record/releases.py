@@ -269,17 +269,8 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
     A release begins at the start of the record, after a gap, or after an event that neither the
     samples before nor those after predict: a blow, the end of a hold, a splice. It ends at the
     next of these, or where the amplitude falls for good below three times the noise, of whatever
-    colour. All channels together tell the events, the liveliest one the amplitude.
-
-    Parameters
-    ----------
-    recording : Recording
-        NaN splits it like a gap in time.
-
-    Returns
-    -------
-    releases : tuple of Release
-    discarded : tuple of Discarded
+    colour. All channels together tell the events, the liveliest one the amplitude. NaN splits like
+    a gap in time.
     """
     sampled = np.isfinite(recording.x).any(axis=0)
     recording = (

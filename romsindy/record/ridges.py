@@ -110,20 +110,9 @@ class Ridge(Track):
 
 
 def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = None) -> list[Ridge]:
-    """Follow the tones of a signal, strongest first.
+    """Follow the tones of a signal ``x`` (n,), free of offset and drift, strongest first.
 
-    Parameters
-    ----------
-    x : (n,) array
-        Free of offset and drift.
-    dt : float
-        Sampling interval, s.
-    progress : callable, optional
-        Called with a line of text for every ridge.
-
-    Returns
-    -------
-    list of Ridge
+    Samples are ``dt`` s apart; ``progress`` is called with a line of text for every ridge.
     """
     n = len(x)
     duration, t = n * dt, dt * np.arange(n)

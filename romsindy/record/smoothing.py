@@ -174,18 +174,8 @@ def integrate(
     integral and subtracted: at the ends this is far better than a high-pass filter. The cost: the
     mean of an asymmetric vibration, which a velocity cannot show, is set to zero too.
 
-    Parameters
-    ----------
-    x : (n,) array
-        Sampled every ``dt`` seconds.
-    dt : float
-        s.
-    frequency : float
-        Of the slowest vibration, Hz.
-    times : int
-        1 for a velocity, 2 for an acceleration.
-    cycles : float
-        Between the knots of the midline.
+    ``dt`` in s; ``frequency`` of the slowest vibration, Hz; ``times`` is 1 for a velocity, 2 for an
+    acceleration; so many ``cycles`` lie between the knots of the midline.
 
     Raises
     ------

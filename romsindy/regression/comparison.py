@@ -103,23 +103,8 @@ def regress(
 ) -> Candidate:
     """Identify one model by regression and hold its backbone against the extracted one.
 
-    Parameters
-    ----------
-    name : str
-    library : feature library
-        Terms of the model.
-    decay : Decay or sequence of Decay
-        With derivatives.
-    backbone : Backbone
-    recipe : HarmonicSINDy
-        How to regress; it is not changed.
-    fixed : mapping, optional
-        Known coefficients.
-
-    Raises
-    ------
-    ValueError
-        As `HarmonicSINDy.fit`.
+    Decays have derivatives; the ``recipe`` says how to regress, and is not changed; coefficients
+    that are ``fixed`` are known. Errors are those of `HarmonicSINDy.fit`.
     """
     estimator = clone(recipe).set_params(library=library, fixed=dict(fixed or {})).fit(decay)
     model = estimator.model_

@@ -128,19 +128,9 @@ def regressed(
 ) -> Regression:
     """Find coefficients of terms of several coordinates, in rounds.
 
-    Parameters
-    ----------
-    terms : sequence of Term
-        Of several coordinates.
-    decays : sequence of Decay
-        Of one channel or several, in one unit.
-    projection : WindowProjection
-    solve : callable
-        From terms and rows to a fitted optimizer.
-    known : mapping of str to float
-        What ``solve`` holds fixed, by name.
-    weighted : bool
-        Divide each channel by its noise.
+    Decays have one channel or several, in one unit; ``solve`` makes a fitted optimizer of terms and
+    rows, and holds fixed what is ``known`` by name. Where ``weighted``, each channel is divided by
+    its noise.
 
     Raises
     ------

@@ -75,13 +75,8 @@ def table_of(
 ) -> Table:
     """The columns of named arrays; single numbers and texts among them say rate and unit.
 
-    Parameters
-    ----------
-    content : iterator of (str, array)
-        Names and arrays; of a matrix the longer axis is time, unless a vector is as long as the
-        shorter one.
-    units : mapping, optional
-        Units by name, where the kind of file has them.
+    Of a matrix the longer axis is time, unless a vector is as long as the shorter one. Some kinds
+    of file have ``units`` by name.
     """
     arrays = {name: np.asanyarray(x) for name, x in content}
     rates = {rate for name, x in arrays.items() if (rate := _rate(name, x))}

@@ -170,20 +170,8 @@ def columns_of(
     """Columns without values, named by the lines above the numbers.
 
     The names are in the last line that names a time, or else in the last one, of those with a cell
-    for every column; below it may be a row of units.
-
-    Parameters
-    ----------
-    above : sequence of str
-        Lines above the numbers.
-    delimiter : str or None
-        Between the cells; None for spaces.
-    width : int
-        Number of columns.
-    empty : sequence of int
-        Columns without numbers; those at the end need no names.
-    stamps : sequence of int
-        Columns of dates and times of day, which may have one name together.
+    for every column; below it may be a row of units. Columns that are ``empty``, without numbers,
+    need no names at the end; those of ``stamps``, dates and times of day, may share one.
 
     Raises
     ------
