@@ -187,8 +187,9 @@ def free_multipliers(
     because there is a family of them. The directions that belong to them are known, and taken out:
     as an eigenvalue, a double one would be good to the root of the error only.
 
-    Arguments as those of `floquet_multipliers`, and mu, ``negative_damping`` (n,), 1/s; conservative
-    orbits rest at phase 0. (n, 2 R - 1), of conservative ones (n, 2 R - 2), the largest one first.
+    Arguments as those of `floquet_multipliers`, and mu, ``negative_damping`` (n,), 1/s;
+    conservative orbits rest at phase 0. (n, 2 R - 1), of conservative ones (n, 2 R - 2), the
+    largest one first.
     """
     series = coefficients.reshape(len(omega), -1, model.n_coordinates)
     start = FourierBasis.at(np.zeros(1), series.shape[1] // 2)

@@ -124,9 +124,9 @@ def of_steps(
 
     With these values quadrature gives the exact integrals of the input times any parabola over a
     step, wherever it jumps or bends within: so does the motion that it drives. ``values`` takes
-    places counted in samples; steps ``start`` (n_steps,) there and have a ``length``; ``nodes`` (3,)
-    are the Gauss points of a step of length one. A ``smooth`` input neither jumps nor bends at its
-    samples: then its values are as good.
+    places counted in samples; steps ``start`` (n_steps,) there and have a ``length``; ``nodes``
+    (3,) are the Gauss points of a step of length one. A ``smooth`` input neither jumps nor bends at
+    its samples: then its values are as good.
     """
     if smooth:
         return values((start[:, None] + length * nodes).ravel()).reshape(-1, 3)

@@ -160,11 +160,11 @@ class Noise:
         floor: float,
         after: Array | None = None,
     ) -> Noise:
-        """From what a smooth motion leaves of a record, ``rest`` (n,), and the least deviation, ``floor``.
+        """From what a smooth motion leaves of a record, ``rest`` (n,), and the least ``floor``.
 
-        ``slow`` (n,) is the mean of the smooth motion over its cycles, ``amplitude`` (n,) that of its
-        fundamental; a ``cycle`` and ``dt`` in s. ``after`` (m,) is what follows the vibration, where
-        that is noise alone and tells more than the rest.
+        ``slow`` (n,) is the mean of the smooth motion over its cycles, ``amplitude`` (n,) that of
+        its fundamental; a ``cycle`` and ``dt`` in s. ``after`` (m,) is what follows the vibration,
+        where that is noise alone and tells more than the rest.
         """
         alone = rest if after is None else after
         order, power = lines_between(alone, cycle / dt)

@@ -267,10 +267,10 @@ def split_releases(recording: Recording) -> tuple[tuple[Release, ...], tuple[Dis
     """Split a recording into free decays and what is none, in the order of time.
 
     A release begins at the start of the record, after a gap, or after an event that neither the
-    samples before nor those after predict: a blow, the end of a hold, a splice. It ends at the
-    next of these, or where the amplitude falls for good below three times the noise, of whatever
-    colour. All channels together tell the events, the liveliest one the amplitude. NaN splits like
-    a gap in time.
+    samples before nor those after predict: a blow, the end of a hold, a splice. It ends at the next
+    of these, or where the amplitude falls for good below three times the noise, of whatever colour.
+    All channels together tell the events, the liveliest one the amplitude. NaN splits like a gap in
+    time.
     """
     sampled = np.isfinite(recording.x).any(axis=0)
     recording = (

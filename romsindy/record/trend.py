@@ -204,9 +204,9 @@ class Trend:
     ) -> Trend:
         """Follow values ``y`` (n,) of standard errors ``std``, one of either side in turn.
 
-        ``number`` (n,) says where, in cycles; ``alike`` (k,) are correlations of the errors with those
-        0, 1, 2, ... values later; each ``roughness`` (g,) is tried. ``cycles`` behind each value take
-        the place of what the data ask for.
+        ``number`` (n,) says where, in cycles; ``alike`` (k,) are correlations of the errors with
+        those 0, 1, 2, ... values later; each ``roughness`` (g,) is tried. ``cycles`` behind each
+        value take the place of what the data ask for.
         """
         roughness = roughness if cycles is None else _EVERY
         fixed, rough = curves.rows(number, 0, np.resize([1.0, -1.0], len(number)))

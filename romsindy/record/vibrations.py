@@ -226,7 +226,7 @@ class Resonance:
 def find_vibrations(
     x: Array, dt: float, derivative: int = 0, progress: Callable[[str], None] | None = None
 ) -> tuple[Vibration, ...]:
-    """The vibrations of one free decay, by frequency; none where nothing stands out for long enough.
+    """The vibrations of one free decay, by frequency; none where nothing stands out for long.
 
     ``x`` (n,) is one channel from the release on, free of offset and drift, every ``dt`` s;
     ``derivative`` is 0, 1, 2 for a displacement, velocity or acceleration. ``progress`` is called
