@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
+from romsindy.record.faults import runs
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, require_input
 from romsindy.record.recording import QUANTITIES, Quantity, unit_of
 from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
@@ -206,10 +207,8 @@ def _clipped_note(name: str, u: Array) -> str:
         return ""
     found = 0
     for end in (u.max(), u.min()):
-        at = np.concatenate([[0], u == end, [0]]).astype(int)
-        edges = np.flatnonzero(np.diff(at)).reshape(-1, 2)
-        lengths = edges[:, 1] - edges[:, 0]
-        found += int(lengths[lengths >= _CLIPPED].sum())
+        lengths = [run.stop - run.start for run in runs(u == end)]
+        found += sum(length for length in lengths if length >= _CLIPPED)
     if found < max(_PART * len(u), _CLIPPED):
         return ""
     return (

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from scipy.signal import ShortTimeFFT, find_peaks, periodogram
 
-from romsindy.record.sampling import as_floats, as_seconds, part_between
+from romsindy.record.sampling import as_floats, enough_times, part_between, require_increasing
 from romsindy.record.signals import vertex
 from romsindy.typing import Array
 
@@ -157,25 +157,13 @@ class Recording:
     drives: tuple[RecordedInput, ...] = ()
 
     def __post_init__(self) -> None:
-        t, x = as_seconds("t", self.t), as_floats("x", self.x)
+        t, x = enough_times(self.t), as_floats("x", self.x)
         x = x[:, None] if x.ndim == 1 else x
-        if t.ndim != 1 or len(t) < 8:
-            raise ValueError(
-                f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more"
-                " of the record"
-            )
         if x.ndim != 2 or len(x) != len(t) or x.shape[1] == 0:
             raise ValueError(f"x must have shape ({len(t)},) or ({len(t)}, m), got {x.shape}")
         if self.quantity not in QUANTITIES:
             raise ValueError(f"quantity = {self.quantity!r} must be one of {QUANTITIES}")
-        steps = np.diff(t)
-        bad = np.flatnonzero(~(steps > 0))
-        if len(bad):
-            i = int(bad[0])
-            raise ValueError(
-                f"t must increase, but after sample {i + 1} it goes from {t[i]:.9g} to"
-                f" {t[i + 1]:.9g} s: sort the samples or remove the repeated ones"
-            )
+        require_increasing(t)
         names = tuple(self.names) or tuple(str(i + 1) for i in range(x.shape[1]))
         if len(names) != x.shape[1]:
             raise ValueError(f"names = {names} are not the names of {x.shape[1]} channels")

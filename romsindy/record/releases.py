@@ -308,9 +308,8 @@ def _finite_pieces(recording: Recording) -> Iterator[_Interval]:
     """Runs of samples without gaps and NaN, eight at least."""
     finite = np.asarray(np.isfinite(recording.x).all(axis=1))
     for piece in recording.pieces:
-        inside = finite[piece].astype(int)
-        edges = piece.start + np.flatnonzero(np.diff(np.concatenate([[0], inside, [0]])))
-        for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        for run in runs(finite[piece]):
+            first, last = piece.start + run.start, piece.start + run.stop
             if last - first >= 8:
                 ends = (
                     "record" if first == 0 else "gap",

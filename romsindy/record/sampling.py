@@ -103,6 +103,31 @@ def part_between(t: Array, start: float | None, end: float | None) -> slice:
     return slice(first, last)
 
 
+def enough_times(t: ArrayLike) -> Array:
+    """Times as `as_seconds` takes them, refused where they are not (n,) of at least 8."""
+    t = as_seconds("t", t)
+    if t.ndim != 1 or len(t) < 8:
+        raise ValueError(
+            f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
+            " the record"
+        )
+    return t
+
+
+def require_increasing(
+    t: Array, remedy: str = "sort the samples or remove the repeated ones"
+) -> None:
+    """Refuse times (n,) of which one is not after the one before it."""
+    bad = np.flatnonzero(~(np.diff(t) > 0))
+    if len(bad):
+        i = int(bad[0])
+        what = "repeats" if t[i + 1] == t[i] else "decreases"
+        raise ValueError(
+            f"t must increase, but it {what} at sample {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s):"
+            f" {remedy}"
+        )
+
+
 def checked_time(t: ArrayLike) -> Array:
     """Times of a record, (n,) in s.
 
@@ -111,22 +136,10 @@ def checked_time(t: ArrayLike) -> Array:
     ValueError
         Unless they are finite numbers that increase without a gap, at least 8 of them.
     """
-    t = as_seconds("t", t)
-    if t.ndim != 1 or len(t) < 8:
-        raise ValueError(
-            f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
-            " the record"
-        )
+    t = enough_times(t)
     _refuse_nan("t", t)
+    require_increasing(t)
     steps = np.diff(t)
-    bad = np.flatnonzero(steps <= 0)
-    if len(bad):
-        i = int(bad[0])
-        what = "repeats" if steps[i] == 0 else "decreases"
-        raise ValueError(
-            f"t must increase, but it {what} at sample {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s):"
-            " sort the samples or remove the repeated ones"
-        )
     usual = float(np.median(steps))
     if steps.max() > 1.5 * usual:
         i = int(np.argmax(steps))

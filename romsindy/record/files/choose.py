@@ -14,6 +14,7 @@ from romsindy.record.files.columns import Column, Table
 from romsindy.record.forced import ONE_CLOCK
 from romsindy.record.interpolation import is_base, require_input
 from romsindy.record.recording import Quantity
+from romsindy.record.sampling import require_increasing
 from romsindy.record.units import TIMES, UNITS, force_unit, parse_input_unit, parse_unit
 from romsindy.text import counted
 from romsindy.typing import Array
@@ -181,21 +182,15 @@ def checked_times(t: Array) -> None:
             f" {bad[0] + 1} of the data: mend them, or give the samples per second with rate="
         )
     steps = np.diff(t)
-    if steps.size == 0 or steps.min() > 0:
-        return
-    i = int(np.argmax(steps <= 0))
     repeats = np.count_nonzero(steps == 0)
     remedy = "sort the samples, remove the repeated ones, or give the samples per second with rate="
-    if steps.min() == 0 and repeats > _COARSE * len(steps):
+    if np.min(steps, initial=0.0) == 0 and repeats > _COARSE * len(steps):
         remedy = (
             f"{repeats} of {len(t)} times repeat the one before: coarser than the sampling; give"
             " the samples per second with rate=, about"
             f" {len(steps) / max(t[-1] - t[0], 1e-300):.4g}"
         )
-    raise ValueError(
-        f"t must increase, but it {'repeats' if steps[i] == 0 else 'decreases'} at sample"
-        f" {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s): {remedy}"
-    )
+    require_increasing(t, remedy)
 
 
 def measured(signals: Sequence[Column], quantity: Quantity | None) -> list[Column]:

@@ -180,7 +180,7 @@ def _segments(lines: Iterator[str], file: _Keys, separator: str) -> Iterator[lis
             iter(rows),
             delimiter=separator,
             usecols=used,
-            converters=_number_or_nothing,
+            converters=text.number_or_nothing,
             comments=None,
             ndmin=2,
         )
@@ -188,10 +188,6 @@ def _segments(lines: Iterator[str], file: _Keys, separator: str) -> Iterator[lis
         pairs = [(2 * k, 2 * k + 1) if kind == "Multi" else (0, k + 1) for k in range(n)]
         yield [_part(k, names[y], keys, table.get(x), table[y]) for k, (x, y) in enumerate(pairs)]
         head = rows.after
-
-
-def _number_or_nothing(cell: str) -> float:
-    return float(cell) if cell.strip() else np.nan
 
 
 def _part(k: int, name: str, keys: _Keys, x: Array | None, values: Array) -> _Segment:

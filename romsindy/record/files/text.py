@@ -280,7 +280,7 @@ def _rows_and_values(
 def _values(rows: _DataRows, empty: Collection[int]) -> Array:
     layout = rows.layout
     converters: dict[int | str, Callable[[str], float]] = {}
-    converters |= dict.fromkeys(empty, _number_or_nothing)
+    converters |= dict.fromkeys(empty, number_or_nothing)
     converters |= {i: reader(layout.example[i]) for i in layout.stamps}
     return np.loadtxt(
         iter(rows),
@@ -303,7 +303,8 @@ def _doubt(rows: _DataRows) -> str:
     )
 
 
-def _number_or_nothing(cell: str) -> float:
+def number_or_nothing(cell: str) -> float:
+    """What a cell holds; nan where it is empty."""
     return float(cell) if cell.strip() else np.nan
 
 
