@@ -363,8 +363,8 @@ class Findings:
         part = self.releases[i]
         inside = self.cleaned.between(part.start, part.end).channel(*self.together)
         main = self.together.index(self.channel)
-        found = together(inside.t - inside.t[0], inside.x, main, vibration.tone)
-        used = [f"{n} ({s:+.3g})" for n, s in zip(self.together, found.shape, strict=True) if s]
-        left = [n for n, s in zip(self.together, found.shape, strict=True) if not s]
+        x, shape = together(inside.t - inside.t[0], inside.x, main, vibration.tone)
+        used = [f"{n} ({s:+.3g})" for n, s in zip(self.together, shape, strict=True) if s]
+        left = [n for n, s in zip(self.together, shape, strict=True) if not s]
         note = f"channels {listed(used)} together, as displacement of {self.channel}"
-        return found.x, note + (f"; not in phase with it: {listed(left)}" if left else "")
+        return x, note + (f"; not in phase with it: {listed(left)}" if left else "")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,27 +24,12 @@ _CYCLES = 12.0  # between knots: wide, so that other vibrations do not count
 _COHERENT, _IN_PHASE = 0.98, 0.95
 
 
-@dataclass(frozen=True, eq=False)
-class Together:
-    """Channels combined for one vibration.
+def together(t: Array, x: Array, main: int, tone: Ridge) -> tuple[Array, Array]:
+    """Channels ``x`` (n, m) as one (n,), weighed by the shape of a vibration and by their noise.
 
-    Attributes
-    ----------
-    x : (n,) array
-        The weighted sum, scaled to what the vibration is in the main channel.
-    shape : (m,) array
-        Amplitude of the vibration in each channel over that in the main one; 0 where it was left
-        out because it does not go with the main one.
-    """
-
-    x: Array
-    shape: Array
-
-
-def together(t: Array, x: Array, main: int, tone: Ridge) -> Together:
-    """Weigh channels ``x`` (n, m) by the shape of a vibration and by their noise.
-
-    Times ``t`` count from the start of the release, s; ``tone`` was followed in channel ``main``.
+    Times ``t`` count from the start of the release, s; ``tone`` was followed in channel ``main``,
+    to which the sum is scaled. The shape (m,) is the amplitude of the vibration in each channel
+    over that in the main one; 0 where it was left out because it does not go with that.
     """
     inside = tone.inside(t)
     z = [_amplitude(t[inside], channel[inside], tone) for channel in x.T]
@@ -57,7 +41,7 @@ def together(t: Array, x: Array, main: int, tone: Ridge) -> Together:
         if coherent and abs(product.real) > _IN_PHASE * abs(product):
             shape[i] = product.real / own
     weight = shape / np.array([noise_std(channel) for channel in x.T]) ** 2
-    return Together(x @ (weight / (weight @ shape)), shape)
+    return x @ (weight / (weight @ shape)), shape
 
 
 def _amplitude(t: Array, x: Array, tone: Ridge) -> Array:

@@ -121,26 +121,11 @@ def compare_models(
 ) -> Iterator[Candidate]:
     """Identify a stiffness polynomial and an IC-ROM, linear frequency estimated and fixed.
 
-    Parameters
-    ----------
-    decay : Decay or sequence of Decay
-        With derivatives, so that all models see the same signals.
-    backbone : Backbone
-        Read off the same decays.
-    order : int
-        Highest order of stiffness and inertia, at least 3.
-    damping : sequence of str
-        Kinds of damping in all models.
-    fixed : mapping, optional
-        Known coefficients. The fixed linear frequency is its "omega^2", or else the one that
-        the backbone tends to at small amplitude.
-    recipe : HarmonicSINDy
-        How to regress: `PAPER` or `WEIGHTED`, with other harmonics or amplitudes where asked for.
-
-    Yields
-    ------
-    Candidate
-        "stiffness", "stiffness, omega fixed", "IC-ROM", "IC-ROM, omega fixed".
+    The decays have derivatives, so that all models see the same signals, and the backbone was read
+    off them. Stiffness and inertia go to the ``order``, at least 3; all models have these kinds of
+    ``damping``. A fixed linear frequency is the "omega^2" of ``fixed``, or else the one that the
+    backbone tends to at small amplitude. The ``recipe`` is `PAPER` or `WEIGHTED`, with other
+    harmonics or amplitudes where asked for.
 
     Raises
     ------
