@@ -14,8 +14,7 @@ import numpy as np
 
 from romsindy.beam import kernel
 from romsindy.beam.structure import Section, Structure
-from romsindy.effects.load import MountedLaw, PointMass
-from romsindy.effects.mounting import Point, Vector
+from romsindy.effects.mounting import MountedLaw, Point, PointMass, Vector
 from romsindy.physics.validation import require_position
 
 

@@ -18,7 +18,7 @@ from romsindy.beam.reduction import reduce, reduce_modes
 from romsindy.beam.static_shapes import StaticCurve, follow_static_curve
 from romsindy.beam.structure import Section, Spring, Structure
 from romsindy.beam.transient import NormalMode, find_normal_mode, simulate
-from romsindy.effects.load import MountedLaw, PointMass
+from romsindy.effects.mounting import MountedLaw, PointMass
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.validation import require_finite, require_positive

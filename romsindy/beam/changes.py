@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
 from romsindy.beam.structure import Section, Spring, find_spring
-from romsindy.effects.load import PointMass
+from romsindy.effects.mounting import PointMass
 from romsindy.physics.validation import require_finite, require_positive
 
 

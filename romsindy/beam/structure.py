@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.effects.load import MountedLaw, PointMass
-from romsindy.effects.mounting import TowardsAnchor
+from romsindy.effects.mounting import MountedLaw, PointMass, TowardsAnchor
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.validation import require_finite, require_position, require_positive
 

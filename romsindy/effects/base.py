@@ -26,8 +26,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from romsindy.effects.load import Load, PointMass
-from romsindy.effects.mounting import AlongBeam, Mounting, Point
+from romsindy.effects.mounting import AlongBeam, Load, Mounting, Point, PointMass
 from romsindy.physics.damping import FrictionLaw
 from romsindy.physics.input import Input
 from romsindy.physics.memory import Memory

@@ -17,8 +17,7 @@ from romsindy.beam.structure import springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.effects.base import TermEffect
-from romsindy.effects.load import PointMass
-from romsindy.effects.mounting import AtPoint, Mounting
+from romsindy.effects.mounting import AtPoint, Mounting, PointMass
 from romsindy.physics.term import Combination
 from romsindy.physics.term_sum import term_from_key
 

@@ -22,8 +22,7 @@ from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect, points
 from romsindy.effects.base import State
-from romsindy.effects.load import PointMass
-from romsindy.effects.mounting import AtPoint
+from romsindy.effects.mounting import AtPoint, PointMass
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
