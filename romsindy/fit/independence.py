@@ -138,7 +138,7 @@ class _Tried:
         fitted = linear_table(model, parts, i, record, motion)[1][:, : -states - 1]
         fitted = fitted * record.noise.std  # they come over white noise
         two = TwoNoises.along(equation, parts, i, record, motion)
-        noises = found_noises(two, fitted, left)
+        noises = found_noises(two, left)
         forces = list(_forces(parts, record, motion))
         pushes = np.array([f.values for f in forces])[..., None]
         response = respond(equation, motion, pushes)
@@ -150,9 +150,9 @@ class _Tried:
         wide[:, columns_of(parts, i)] = fitted
         columns = np.column_stack([wide, tried])
         table = two.table(np.column_stack([columns, left]))
-        products = table.weighed(noises.force / noises.sensor**2, noises.colour).products
+        products = table.products(noises)
         names = tuple(f.name for f in forces)
-        return cls(names, columns, products / noises.sensor**2, noises, len(left) - states)
+        return cls(names, columns, products, noises, len(left) - states)
 
 
 class _Force(NamedTuple):

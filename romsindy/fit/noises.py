@@ -14,7 +14,7 @@ the residual is never formed; both sizes and the colour are those of the largest
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -27,7 +27,6 @@ from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import sampled, states_shown
 from romsindy.fit.linear_steps import Equation, LinearSteps
-from romsindy.fit.normal_equations import solved
 from romsindy.fit.part import Part, in_orders
 from romsindy.typing import Array
 
@@ -35,6 +34,8 @@ from romsindy.typing import Array
 # the one whose response has the power of the sensor's noise.
 _COLOURS, _FORCES = (0.0, 0.9), (-16.0, -8.0, -3.0, 1.0, 5.0, 10.0)
 _WIDEST, _WHITEST = 22.0, 3.0  # powers of e, and of the inverse hyperbolic tangent of the colour
+# Samples that tell the noises, and windows of a longer record in which they are.
+_ENOUGH, _WINDOWS = 8000, 4
 # The covariance of q and h q_dot at the end of a step of length 1 by a white force in it, inverted
 # and as a square.
 _MOVED = np.linalg.cholesky(np.linalg.inv([[1 / 3, 1 / 2], [1 / 2, 1.0]])).T
@@ -126,6 +127,14 @@ class TwoNoises:
         moves = bsr_matrix((blocks, columns.ravel(), rows)).tocsr()
         return cls(shown, moves, _usual(transition, seen, grid.step))
 
+    def between(self, first: int, last: int) -> TwoNoises:
+        """Samples first to last - 1, from a state of their own on."""
+        places = self.shown[first:last].indices
+        wide = self.moves.shape[1] - self.moves.shape[0]  # of a state
+        low, high = places.min() // wide * wide, (places.max() // wide + 1) * wide
+        shown = self.shown[first:last, low:high]
+        return replace(self, shown=shown, moves=self.moves[low : high - wide, low:high])
+
     @cached_property
     def _bands(self) -> tuple[_OneLag, Array]:
         h = self.shown
@@ -152,6 +161,11 @@ class Table:
     own: _OneLag
     crossed: _OneLag
 
+    def products(self, noises: Noises) -> Array:
+        """Of all columns, over these noises."""
+        relative = noises.force / noises.sensor**2
+        return self.weighed(relative, noises.colour).products / noises.sensor**2
+
     def weighed(self, force: float, colour: float) -> Weighed:
         """By the inverse of the covariance; the sensor adds 1 at each sample, ``force`` > 0."""
         bands, moved = self.noises._bands
@@ -163,43 +177,41 @@ class Table:
         return Weighed(products, float(spread))
 
 
-def found_noises(noises: TwoNoises, fitted: Array, left: Array) -> Noises:
-    """Noises of the largest likelihood, with the fitted values left to adapt (restricted).
-
-    Parameters
-    ----------
-    noises : TwoNoises
-    fitted : (n, m) array
-        Derivatives of the samples by the fitted values.
-    left : (n,) array
-        Measured minus simulated.
-    """
-    size = np.linalg.norm(fitted, axis=0)
-    table = noises.table(np.column_stack([fitted / np.where(size > 0, size, 1.0), left]))
-    freedom = len(left) - fitted.shape[1] - noises.shown.shape[1] + noises.moves.shape[0]
+def found_noises(noises: TwoNoises, left: Array) -> Noises:
+    """Noises of the largest likelihood in what a fit leaves of a record, (n,), measured unit."""
+    some = [slice(0, len(left))] if len(left) <= _ENOUGH else _windows(len(left))
+    tables = [noises.between(w.start, w.stop).table(left[w, None]) for w in some]
+    states = noises.shown.shape[1] - noises.moves.shape[0]
+    freedom = sum(len(left[w]) - states for w in some)
     usual = np.log(noises.usual)
 
-    def power(force: float, colour: float) -> tuple[float, float]:
-        products, spread = table.weighed(np.exp(force + usual), np.tanh(colour))
-        x = solved(products[:-1, :-1], products[:-1, -1])
-        return float(products[-1, -1] - x @ products[:-1, -1]), spread
+    def weighed(force: float, colour: float) -> tuple[float, float]:
+        both = [t.weighed(np.exp(force + usual), np.tanh(colour)) for t in tables]
+        return sum(float(w.products[0, 0]) for w in both), sum(w.log_determinant for w in both)
 
-    def cost(at: Array) -> float:
-        if abs(at[0]) > _WIDEST or abs(at[1]) > _WHITEST:
+    def cost(at: Sequence[float] | Array) -> float:
+        force, colour = at
+        if abs(force) > _WIDEST or abs(colour) > _WHITEST:
             return np.inf
         try:
-            chi_squared, spread = power(*at)
+            chi_squared, spread = weighed(force, colour)
         except LinAlgError:
             return np.inf
-        return freedom * np.log(chi_squared) + spread if chi_squared > 0 else np.inf
+        return freedom * float(np.log(chi_squared)) + spread if chi_squared > 0 else np.inf
 
-    starts = [(f, np.arctanh(c)) for f in _FORCES for c in _COLOURS]
-    best = min(starts, key=lambda at: cost(np.array(at)))
+    best = min(((f, np.arctanh(c)) for f in _FORCES for c in _COLOURS), key=cost)
     simplex = np.add(best, [[0.0, 0.0], [1.5, 0.0], [0.0, 0.3]])
-    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.05, "maxiter": 80}
+    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.05, "maxiter": 60}
     force, colour = minimize(cost, best, method="Nelder-Mead", options=options).x
-    sensor = np.sqrt(power(force, colour)[0] / freedom)
+    sensor = np.sqrt(weighed(force, colour)[0] / freedom)
     return Noises(float(np.exp(force + usual) * sensor**2), float(sensor), float(np.tanh(colour)))
+
+
+def _windows(n: int) -> list[slice]:
+    """Spread over n samples."""
+    length = _ENOUGH // _WINDOWS
+    starts = np.linspace(0, n - length, _WINDOWS).round().astype(int)
+    return [slice(int(a), int(a) + length) for a in starts]
 
 
 def _usual(transition: Array, seen: Array, step: float) -> float:
