@@ -106,7 +106,7 @@ def examine_independence(
     both, full = _explained(system, np.concatenate([fitted, tried]))
     new, freedom = full - rank, n - full
     left = system[-1, -1] - both
-    gain = (both - alone) / new / (left / freedom)
+    gain = (both - alone) / new / (left / freedom) if left > 0 else 0.0
     singles = [_explained(system, np.append(fitted, k))[0] for k in tried]
     values = _values(system, np.concatenate([fitted, tried]))
     power = sum(float(np.sum((table.columns @ values) ** 2)) for table in tables)
@@ -116,7 +116,7 @@ def examine_independence(
         missing=float(np.sqrt(power / samples)),
         like=tables[0].names[int(np.argmax(singles))],
         noises=tuple(table.noises for table in tables),
-        excess=float((system[-1, -1] - alone) / (n - rank) / (left / freedom)),
+        excess=float((system[-1, -1] - alone) / (n - rank) / (left / freedom)) if left > 0 else 1.0,
     )
 
 
