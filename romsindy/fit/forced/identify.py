@@ -13,6 +13,7 @@ from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.refine import decided
 from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
+from romsindy.fit.independence import examined
 from romsindy.fit.measured import (
     free_names,
     listed_records,
@@ -87,7 +88,7 @@ def identify_forced(
     if inputs[0].interpolation != hypotheses[0][0].interpolation:
         # Terms that were chosen with another input may stand for what was wrong with it.
         best = search.decided(search.needed(inputs), hypotheses)
-    best = with_choice_error(best, search.every_choice(best))
+    best = examined(with_choice_error(best, search.every_choice(best)))
     return replace(best, notes=(*best.notes, *stand_ins(best)))
 
 
