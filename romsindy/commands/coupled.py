@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,13 @@ import numpy as np
 
 from romsindy.commands.analysis import Asked
 from romsindy.commands.one_mode import inspected, of_file
-from romsindy.commands.outputs import writing
-from romsindy.commands.results import Brief, Result, Small
+from romsindy.commands.results import Result, Small
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.small_vibrations import small_vibrations
-from romsindy.inspection.inspection import Inspection
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked_together
 from romsindy.orbits.curves import BackboneCurve
-from romsindy.show.coupled_page import CoupledReport, pictures, write_coupled
-from romsindy.text import as_text, bar
+from romsindy.show.identified import Identified
+from romsindy.text import bar
 
 Coordinates = int | str  # "auto"
 
@@ -75,60 +72,34 @@ def of_coordinates(
         with bar(None, "identifying") as steps:
             try:
                 fit = asked.fit(decays, coordinates, steps.set_postfix_str)
-                seen = small_vibrations(fit)
             except (ValueError, TrajectoryError) as error:
                 raise _refused(coordinates, error) from error
     picked = picked_together(found, releases)
-    report = CoupledReport(title, fit, seen, decays, found.together, picked)
-    figures = [*pictures(report), picture(found)]
-    with writing(page):
-        write_coupled(report, page, bar(figures, "drawing"), interactive=interactive)
-    return _result(str(file or "example"), report, found, releases, page)
-
-
-def _result(
-    file: str,
-    report: CoupledReport,
-    inspection: Inspection,
-    releases: Sequence[int],
-    page: Path,
-) -> Result:
-    fit = report.fit
-    coordinates = fit.mode_shapes.shape[1]
-    modes = [vars(m) | {"backbone": _backbone(report.backbones[m.number])} for m in report.modes]
-    decays, tables = "\n".join(map(repr, report.decays)), map(as_text, report.tables())
+    stopped = fit.solution.interrupted
+    report = Identified(
+        title, decays, fit, channels=found.together, picked=picked, interrupted=stopped
+    )
+    of_modes = [vars(m) | {"backbone": _backbone(report.backbones[m.number])} for m in report.modes]
     facts = {
         "channels": report.channels,
-        "coordinates": coordinates,
-        "modes": modes,
+        "coordinates": len(of_modes),
+        "modes": of_modes,
         "mode_shapes": dict(zip(report.channels, fit.mode_shapes.tolist(), strict=True)),
         "releases": tuple(i + 1 for i in releases),
-        "warnings": inspection.warnings,
+        "warnings": found.warnings,
     }
-    return Result(
-        file=file,
-        page=page,
-        model=fit.model,
-        found=fit,
+    return Result.written(
+        file,
+        page,
+        report,
+        interactive,
+        [picture(found)],
         small=[Small.of_mode(m) for m in report.modes],
-        structure=f"{coordinates} coordinates",
+        structure=f"{len(of_modes)} coordinates",
         facts=facts,
-        notes=[*fit.notes, *report.notes()],
-        pictures=pictures(report),
-        full="\n\n".join([report.picked, decays, str(fit), *tables]) + "\n",
-        brief=_brief(report),
-        interrupted=report.interrupted,
+        step="--full prints coefficients and mode shapes; in Python, .predict of the fit foretells"
+        " another decay.",
     )
-
-
-def _brief(report: CoupledReport) -> Brief:
-    modes = as_text(report.tables()[0]._replace(note="")).splitlines()
-    found = [report.picked, *report.equations().splitlines(), str(report.fit.verdict), *modes]
-    step = (
-        "--full prints coefficients and mode shapes; in Python, .predict of the fit foretells"
-        " another decay."
-    )
-    return Brief(found, report.fit.remarks(), step)
 
 
 def _backbone(curve: BackboneCurve | str) -> dict[str, Any] | str:

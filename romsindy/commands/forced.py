@@ -14,17 +14,15 @@ from romsindy.commands.analysis import USUAL, Asked
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.one_mode import of_file
 from romsindy.commands.options import damping_option, grouped
-from romsindy.commands.outputs import writing
-from romsindy.commands.results import Brief, Result, Small, if_short
+from romsindy.commands.results import Result, Small
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.forced.held_out import HeldOut, without_end
 from romsindy.fit.forced.terms import stiffness_to
 from romsindy.physics.damping import DAMPING
-from romsindy.physics.driven import inputs_of
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
-from romsindy.show.forced_page import ForcedReport, pictures, write_forced
-from romsindy.text import as_text, bar
+from romsindy.show.identified import Identified
+from romsindy.text import bar
 
 # The options of records with inputs.
 forced_options = grouped(
@@ -114,55 +112,27 @@ def of_inputs(
             except TrajectoryError as error:
                 raise ValueError(f"{error}; a lower --order, or --select, may help") from error
     held_out = None if rest is None else HeldOut.of(fit, rest)
-    report = ForcedReport(f"Forced vibration {file.name}", fit, vibration, held_out)
-    with writing(page):
-        write_forced(report, page, bar(pictures(report), "drawing"), interactive=interactive)
-    return _result(str(file), report, page)
-
-
-def _result(file: str, report: ForcedReport, page: Path) -> Result:
-    fit, held = report.fit, report.held_out
-    left = np.concatenate(fit.residuals)
-    facts = {
-        "inputs": _inputs(report),
-        "residual": None if report.piece else float(np.sqrt(np.mean(left**2))),
-        "held_out": held and {"start": held.vibration.t[0], "error": held.error},
-    }
-    said = [str(held)] if held else []
-    tables = [repr(report.vibration), str(fit), as_text(report.inputs()), *said]
-    step = (
-        "delays of the inputs with --full; in Python, .predict of the fit foretells a record of"
-        " another level."
-    )
-    found = [report.equation(), *if_short(fit.table()), str(fit.verdict), *said]
-    return Result(
-        file=file,
-        page=page,
-        model=fit.model,
-        found=fit,
-        small=[Small.of("-", report.band)],
-        structure="driven",
-        facts=facts,
-        notes=[*fit.notes, *report.measured()],
-        pictures=pictures(report),
-        full="\n\n".join(tables) + "\n",
-        brief=Brief(found, fit.remarks(), step),
+    report = Identified(
+        f"Forced vibration {file.name}",
+        [vibration],
+        fit,
+        held_out=held_out,
         interrupted=fit.solution.interrupted,
     )
-
-
-def _inputs(report: ForcedReport) -> dict[str, dict[str, Any]]:
-    fit, dt = report.fit, report.vibration.dt
-    return {
-        term.signal: {
-            "gain": fit.model.coefficients[term.key],
-            "gain_std": fit.standard_errors[term.key],
-            "delay": delay,
-            "delay_std": error,
-            "delay_in_samples": delay / dt,
-            "unit": term.input_unit,
-            "interpolation": term.interpolation,
-        }
-        for term in inputs_of(fit.single_model)
-        for delay, error in [fit.delays[term.signal]]
+    left = None if report.piece else float(np.sqrt(np.mean(np.concatenate(fit.residuals) ** 2)))
+    facts = {
+        "inputs": report.inputs(),
+        "residual": left,
+        "held_out": held_out and {"start": rest.t[0], "error": held_out.error},
     }
+    return Result.written(
+        file,
+        page,
+        report,
+        interactive,
+        small=[Small.of("-", report.band)] if report.band is not None else [],
+        structure="driven",
+        facts=facts,
+        step="delays of the inputs with --full; in Python, .predict of the fit foretells a record"
+        " of another level.",
+    )

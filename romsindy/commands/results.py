@@ -1,4 +1,4 @@
-"""What came of a file: numbers by name, rows of a table, and words."""
+"""What came of a file, by parts: numbers by name, rows of a table, words in short or full."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 
+from romsindy.commands.outputs import writing
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.physics.coupled import AnyModel
-from romsindy.record.backbone import Backbone
+from romsindy.show.identified import Identified
 from romsindy.show.page import Picture
-from romsindy.text import aligned, with_error
+from romsindy.show.panels import pictures, write
+from romsindy.text import TextTable, aligned, as_text, bar, with_error
 
 _FEW = 9  # rows of a table that is printed without --full
 _WORDS = {True: "yes", False: "no", None: "not refined"}
@@ -36,14 +39,6 @@ class Refused:
     def rows(self) -> list[list[str]]:
         """As of a `Result`."""
         return [[self.file, *["-"] * (len(HEADER) - 3), "refused", "-"]]
-
-
-class Brief(NamedTuple):
-    """The answer in short: what was found, what is doubtful of it, and what comes next."""
-
-    found: list[str]
-    doubts: list[str]
-    step: str
 
 
 class Small(NamedTuple):
@@ -78,51 +73,61 @@ class Small(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What was identified from one file, however that was done.
+    """What came of one file, however that was done.
 
     Attributes
     ----------
     file : str
     page : Path
-    model : ReducedModel or CoupledModel
-        The equation that is printed.
-    found : Estimate or None
-        All that was identified; None after regressions.
+    report : Identified
+    pictures : sequence of Picture
+        Figures of its page.
     small : sequence of Small
         Its small vibrations, one for each mode.
     structure : str
         Of the model, in a word.
     facts : mapping of str to Any
         What else is known, by name, frequencies in Hz, the rest in SI units.
-    notes : sequence of str
-        On the record, and on the model.
-    pictures : sequence of Picture
-        Figures of its page that are about the equation.
-    full : str
-        All tables.
-    brief : Brief
-    trouble : str
-        Why nothing was found but regressions.
-    interrupted : bool
-        Whether the user wished to stop.
-    backbone : Backbone or None
-        As measured.
+    step : str
+        What comes next.
     """
 
     file: str
     page: Path
-    model: AnyModel
-    found: Estimate | None
+    report: Identified
+    pictures: Sequence[Picture]
     small: Sequence[Small]
     structure: str
     facts: Mapping[str, Any]
-    notes: Sequence[str]
-    pictures: Sequence[Picture]
-    full: str
-    brief: Brief
-    trouble: str = ""
-    interrupted: bool = False
-    backbone: Backbone | None = None
+    step: str
+
+    @classmethod
+    def written(
+        cls,
+        file: Path | None,
+        page: Path,
+        report: Identified,
+        interactive: bool,
+        more: Sequence[Picture] = (),
+        **told: Any,
+    ) -> Result:
+        """Draw a report on its page, with ``more`` figures; what else is ``told`` are fields."""
+        figures = [*pictures(report), *more]
+        command = str(click.get_current_context().info_name)
+        drawn = bar(figures, "drawing")
+        with writing(page):
+            write(report, page, drawn, interactive=interactive, command=command)
+        return cls(str(file or "example"), page, report, figures, **told)
+
+    @property
+    def found(self) -> Estimate | None:
+        """All that was identified; None after regressions."""
+        return self.report.found
+
+    @property
+    def model(self) -> AnyModel:
+        """The equation that is printed."""
+        return self.report.model
 
     @property
     def explained(self) -> bool | None:
@@ -131,13 +136,14 @@ class Result:
 
     def content(self) -> dict[str, Any]:
         """All numbers by name."""
-        errors = {} if self.found is None else self.found.standard_errors
+        found = self.found
+        errors = {} if found is None else found.standard_errors
         return {
             "file": self.file,
             **self.facts,
             "unit": self.model.unit,
             "explained": self.explained,
-            "verdict": self.trouble if self.found is None else str(self.found.verdict),
+            "verdict": self.report.trouble if found is None else str(found.verdict),
             "equation": self.model.equation(),
             "coefficients": {
                 term.key: {
@@ -147,7 +153,7 @@ class Result:
                 }
                 for term, value in zip(self.model.terms, self.model.values, strict=True)
             },
-            "notes": self.notes,
+            "notes": [*(() if found is None else found.notes), *self.report.notes()],
             "report": str(self.page),
         }
 
@@ -156,11 +162,34 @@ class Result:
         end = [self.structure, _WORDS[self.explained], str(self.page)]
         return [[self.file, *vibration.cells(), *end] for vibration in self.small]
 
+    def brief(self) -> list[str]:
+        """What was found and how sure that is, then what is doubtful of it."""
+        r, series, beside = self.report, self.report.series, self.report.beside
+        lines = [r.picked] if r.picked else []
+        lines += r.equations() if series is None else series.in_short()
+        lines += _if_short(r.coefficients()) if r.found is not None and not r.modes else []
+        lines += [] if series is None else series.ends()
+        lines += r.findings(alone=True)
+        for table in r.few_tables():
+            lines += as_text(table._replace(note="")).splitlines()
+        doubts = beside.impossible() if beside is not None and r.found is None else r.remarks()
+        return [*lines, *doubts]
+
+    def full(self) -> str:
+        """All of it, tables included."""
+        r, whole = self.report, [repr(record) for record in self.report.measured]
+        if r.beside is not None:
+            pairs = zip(r.beside.decays, r.beside.backbones, strict=True)
+            whole = [f"{decay!r}\n{backbone!r}" for decay, backbone in pairs]
+        parts = [r.picked, *(whole or r.notes()), str(r.found or r.model)]
+        more = [*map(as_text, r.more_tables()), *r.findings()[0 if r.found is None else 1 :]]
+        return "\n\n".join(filter(None, [*parts, *more])) + "\n"
+
 
 def _cells(value: float, error: float) -> list[str]:
     return with_error(value, error) if np.isfinite(error) else [f"{value:.5g}", "-"]
 
 
-def if_short(rows: Sequence[Sequence[str]]) -> list[str]:
+def _if_short(table: TextTable) -> list[str]:
     """Lines of a table of few rows; none of a longer one, which leaves a verdict no room."""
-    return aligned(rows, "  ").splitlines() if len(rows) <= _FEW else []
+    return aligned(table.rows, "  ").splitlines() if len(table.rows) <= _FEW else []

@@ -14,14 +14,14 @@ import numpy as np
 from romsindy.commands.answers import SAVE, Telling, answer_options
 from romsindy.commands.one_mode import of_file
 from romsindy.commands.options import FILE, fix_option
-from romsindy.commands.outputs import WritingCommand, writing
-from romsindy.commands.results import Brief, Result, Small
+from romsindy.commands.outputs import WritingCommand
+from romsindy.commands.results import Result, Small
 from romsindy.commands.steady_table import SteadyTable
 from romsindy.fit.steady.fit import SteadyFit, fit_steady
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import QUANTITIES, Quantity
-from romsindy.show.steady_page import SteadyReport, pictures, write_steady
-from romsindy.text import as_text, bar
+from romsindy.show.identified import Identified
+from romsindy.text import bar
 
 # What arguments of Python are called here.
 _WORDS = (
@@ -148,31 +148,21 @@ def _in_words(sentence: str) -> str:
 def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactive: bool) -> Result:
     """What is said of a fit, with its page."""
     fit = replace(fit, notes=tuple(map(_in_words, fit.notes)))
-    report = SteadyReport(f"Steady states {file.name}", fit, table.force_unit)
-    figures = pictures(report)
-    with writing(page):
-        write_steady(report, page, bar(figures, "drawing"), interactive=interactive)
-    remarks = fit.remarks()
-    found = [line for line in str(fit).splitlines() if line not in remarks]
+    report = Identified(f"Steady states {file.name}", found=fit, force_unit=table.force_unit)
     errors = fit.chain_errors
     chain = {
         name: {"value": value, "standard_error": errors.get(name)}
         for name, value in vars(fit.chain).items()
     }
     facts = {"points": len(fit.points), "excitation": chain, "force_unit": table.force_unit}
-    step = (
-        "--save keeps the fit; in Python, .forced_response of it foretells another level of force."
-    )
-    return Result(
-        file=str(file),
-        page=page,
-        model=fit.model,
-        found=fit,
+    return Result.written(
+        file,
+        page,
+        report,
+        interactive,
         small=[Small.of("-", fit.band([fit.points.amplitude.min()]))],
         structure="steady",
         facts={**facts, "unexplained": fit.unexplained},
-        notes=[*fit.notes, *report.notes()],
-        pictures=figures,
-        full="\n\n".join([*report.notes(), str(fit), as_text(report.chain())]) + "\n",
-        brief=Brief(found, remarks, step),
+        step="--save keeps the fit; in Python, .forced_response of it foretells another level of"
+        " force.",
     )

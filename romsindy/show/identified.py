@@ -1,0 +1,363 @@
+"""What came of one file: the one report that pages draw and commands print, whatever was measured.
+
+What a result does not have is None or empty, so that whoever tells of it asks the result, not what
+kind of record it is from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from romsindy.fit.any_record import in_pieces
+from romsindy.fit.estimate import Band, Estimate
+from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.held_out import HeldOut
+from romsindy.fit.forced_band import ForcedBand
+from romsindy.fit.functions.identification import Identification
+from romsindy.fit.small_vibrations import SmallVibration, small_vibrations
+from romsindy.fit.steady.fit import SteadyFit
+from romsindy.orbits.continuation import ContinuationError
+from romsindy.orbits.curves import BackboneCurve, backbone_curve
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.driven import inputs_of
+from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
+from romsindy.show.beside import Beside
+from romsindy.show.compared import Compared, channels_of
+from romsindy.show.orbit_plots import levels_of
+from romsindy.text import TextTable, quantity, with_error
+from romsindy.typing import Array
+
+_LOW, _CURVE = 0.02, 40  # of the largest amplitude, where a backbone begins; points of it
+_LEVEL = 0.02  # part of the force by which those of one level differ at most
+_MOST = 6  # levels whose curves are told apart
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was identified, as its page and the command line need it.
+
+    Attributes
+    ----------
+    title : str
+    measured : sequence of Decay or ForcedVibration
+        Whole, as it was analysed; nothing where that was a table.
+    found : Estimate or None
+        None where regressions alone were asked for, or nothing else was possible.
+    beside : Beside or None
+        Models held against the cycles of the decays.
+    channels : sequence of str
+        Names of what was measured, where there are several.
+    held_out : HeldOut or None
+        The rest of the record, where some of it was held out.
+    force_unit : str or None
+        Of the excitation of steady states.
+    picked : str
+        What was used of the record, and what was left out.
+    trouble : str
+        Why nothing else was possible.
+    interrupted : bool
+        Whether the user wished to stop before the end.
+    """
+
+    title: str
+    measured: Sequence[Decay | ForcedVibration] = ()
+    found: Estimate | None = None
+    beside: Beside | None = None
+    channels: Sequence[str] = ()
+    held_out: HeldOut | None = None
+    force_unit: str | None = None
+    picked: str = ""
+    trouble: str = ""
+    interrupted: bool = False
+
+    @property
+    def model(self) -> AnyModel:
+        """Whose equation is printed."""
+        if self.beside is not None:
+            return self.beside.main.model
+        assert self.found is not None  # or there is a comparison
+        return self.found.model
+
+    # -- what there is --------------------------------------------------------------------------
+
+    @property
+    def series(self) -> Identification | None:
+        """Where whole functions were identified."""
+        return self.found if isinstance(self.found, Identification) else None
+
+    @property
+    def fit(self) -> Fit | None:
+        """Where terms were fitted to records."""
+        return self.found if isinstance(self.found, Fit) else None
+
+    @property
+    def steady(self) -> SteadyFit | None:
+        """Where they were fitted to steady states."""
+        return self.found if isinstance(self.found, SteadyFit) else None
+
+    @cached_property
+    def modes(self) -> tuple[SmallVibration, ...]:
+        """Of several coordinates that ring."""
+        several = self.fit is not None and self.model.n_coordinates > 1
+        return small_vibrations(self.fit) if several and self.fit is not None else ()
+
+    @cached_property
+    def backbones(self) -> dict[int, BackboneCurve | str]:
+        """The backbone of each mode, by its number; or why it has none, in a sentence."""
+        return {mode.number: self._backbone(mode) for mode in self.modes}
+
+    def _backbone(self, mode: SmallVibration) -> BackboneCurve | str:
+        high = float(mode.measured_amplitude.max())
+        reach = (_LOW * high, high)
+        try:
+            return backbone_curve(self.model.undamped(), amplitude=reach, mode=mode.number)
+        except (ValueError, ContinuationError) as error:
+            return f"no backbone: {error}"
+
+    @cached_property
+    def band(self) -> Band | None:
+        """Backbone and damping ratio up to the largest displacement, where no cycles show them."""
+        if self.fit is None or self.beside is not None or self.modes:
+            return None
+        peak = max(record.peak for record in self.fit.records)
+        return self.fit.band(np.linspace(_LOW * peak, peak, _CURVE))
+
+    @cached_property
+    def levels(self) -> Mapping[float, ForcedBand | str]:
+        """The response to each level of force, with its band; or why there is none."""
+        found: dict[float, ForcedBand | str] = {}
+        if self.steady is None:
+            return found
+        points = self.steady.points
+        for force, mine in levels_of(self.steady):
+            size, w = np.abs(points.force[mine]), points.frequency[mine]
+            if np.ptp(size) <= _LEVEL * size.max() and np.ptp(w) > 0:
+                found[force] = self._response(force, (float(w.min()), float(w.max())))
+        return found if len(found) <= _MOST else {}
+
+    def _response(self, force: float, within: tuple[float, float]) -> ForcedBand | str:
+        assert self.steady is not None
+        try:
+            return self.steady.forced_response(force, within)
+        except (ValueError, ContinuationError) as error:
+            return str(error)
+
+    # -- what simulations leave -------------------------------------------------------------------
+
+    @property
+    def piece(self) -> float:
+        """Cycles in each piece where a driven record was followed in pieces, or 0."""
+        return float(getattr(self.found and self.found.verdict, "piece", 0.0))
+
+    @cached_property
+    def compared(self) -> Sequence[tuple[Any, Array]]:
+        """Records of the fit with their residuals, in the measured quantity."""
+        found = self.series or self.fit
+        return [] if found is None else [*zip(found.records, found.residuals, strict=True)]
+
+    @cached_property
+    def left(self) -> list[float]:
+        """What one simulation leaves of each record, over the noise, rms."""
+        return [float(np.sqrt(np.mean(r.whitened(x) ** 2))) for r, x in self.compared]
+
+    @cached_property
+    def followed(self) -> list[Compared]:
+        """Channels of the record of which most is left, or of all that inputs drive.
+
+        Nothing where the equation has no motion that long.
+        """
+        if not self.compared or not all(np.isfinite(x).all() for _, x in self.compared):
+            return []
+        driven = [pair for pair in self.compared if pair[0].inputs]
+        return channels_of(driven or [self.compared[int(np.argmax(self.left))]])
+
+    def what_is_left(self) -> str:
+        """Of which record one simulation leaves how much, as a part of a sentence."""
+        if self.piece:
+            return (
+                f"what the equation leaves of pieces of {self.piece:.0f} cycles, each from its own"
+                " state"
+            )
+        if inputs_of(self.model):
+            return (
+                "what one simulation of the equation leaves of the record from its start to its end"
+            )
+        worst = int(np.argmax(self.left))
+        what = "piece" if in_pieces([record for record, _ in self.compared]) else "decay"
+        several = f" ({what} {worst + 1}, the worst of {len(self.left)})"
+        return (
+            f"what one simulation of the equation leaves of the {what} from its start to its end,"
+            f" {self.left[worst]:.3g} times the noise{several if len(self.left) > 1 else ''}"
+        )
+
+    # -- tables -----------------------------------------------------------------------------------
+
+    def coefficients(self) -> TextTable:
+        """Every coefficient that was found, with its error."""
+        assert self.found is not None
+        if self.series is not None:
+            return self.series.coefficients()
+        note = "Standard errors hold for these terms: what the choice of terms leaves open is more."
+        return TextTable("Coefficients", self.found.table(), "" if self.steady else note)
+
+    def tables(self) -> list[TextTable]:
+        """All of them, coefficients first."""
+        if self.series is not None:
+            return [*self.series.tables(), *self.more_tables()]
+        return [*([self.coefficients()] if self.found else []), *self.more_tables()]
+
+    def more_tables(self) -> Iterator[TextTable]:
+        """Those that the result itself does not print."""
+        if self.beside is not None:
+            yield self.beside.table()
+        yield from self.few_tables()
+        if self.modes:
+            yield self._shapes()
+        if self.inputs():
+            yield self._input_table()
+
+    def few_tables(self) -> Iterator[TextTable]:
+        """Those without which there is no answer."""
+        if self.modes:
+            yield self._modes()
+        if self.steady is not None:
+            yield self._excitation(self.steady)
+
+    def _modes(self) -> TextTable:
+        """Modes of small vibrations."""
+        header = ["mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-", "moves", "amplitude"]
+        note = (
+            "Frequency and damping ratio are those of small vibrations, given these terms."
+            " Amplitudes are those of the coordinate that moves most, in all decays."
+        )
+        return TextTable("Modes", [header, *map(self._mode, self.modes)], note)
+
+    def _mode(self, mode: SmallVibration) -> list[str]:
+        ends = (float(mode.measured_amplitude.max()), float(mode.measured_amplitude.min()))
+        return [
+            str(mode.number),
+            *with_error(mode.frequency, mode.frequency_std),
+            *with_error(100 * mode.damping_ratio, 100 * mode.damping_ratio_std),
+            f"q{mode.coordinate}",
+            " to ".join(quantity(a, self.model.unit or "[q]") for a in ends),
+        ]
+
+    def _shapes(self) -> TextTable:
+        """What channels show of the coordinates."""
+        assert self.fit is not None
+        curved = self.fit.curved_shapes
+        columns = np.column_stack([self.fit.mode_shapes, *curved.values()])
+        rows = [
+            [name, *(f"{x:.4g}" for x in row)]
+            for name, row in zip(self.channels, columns, strict=True)
+        ]
+        header = ["channel", *self.model.coordinates, *curved]
+        power = f"; and of their products, per power of {self.model.unit or '[q]'}"
+        note = (
+            "What each channel shows of each coordinate: 1 where that moves it most"
+            f"{power if curved else ''}."
+        )
+        return TextTable("Mode shapes", [header, *rows], note)
+
+    def inputs(self) -> dict[str, dict[str, Any]]:
+        """What each input does: how strongly, how late, and what between its samples."""
+        if self.fit is None:
+            return {}
+        dt, errors = self.measured[0].dt, self.fit.standard_errors
+        return {
+            term.signal: {
+                "gain": self.model.coefficients[term.key],
+                "gain_std": errors[term.key],
+                "delay": delay,
+                "delay_std": error,
+                "delay_in_samples": delay / dt,
+                "unit": term.input_unit,
+                "interpolation": term.interpolation,
+            }
+            for term in inputs_of(self.model)
+            for delay, error in [self.fit.delays[term.signal]]
+        }
+
+    def _input_table(self) -> TextTable:
+        header = ["input", "gain", "+-", "unit", "delay [s]", "+-", "delay [samples]", "+-"]
+        units = {term.signal: term.unit(self.model.unit) for term in inputs_of(self.model)}
+        dt = self.measured[0].dt
+        rows = [
+            [
+                name,
+                *with_error(of["gain"], of["gain_std"]),
+                units[name],
+                *(f"{of['delay']:.4g}", f"{of['delay_std']:.2g}"),
+                *(f"{of['delay_in_samples']:.4g}", f"{of['delay_std'] / dt:.2g}"),
+                of["interpolation"],
+            ]
+            for name, of in self.inputs().items()
+        ]
+        note = (
+            "The gain of a base is its participation factor. By its delay an input acts later than"
+            " it was measured."
+        )
+        return TextTable("Inputs", [[*header, "between samples"], *rows], note)
+
+    def _excitation(self, steady: SteadyFit) -> TextTable:
+        """From the excitation, as measured, to a force per unit mass."""
+        errors = steady.chain_errors
+        rows = [
+            [name, *(with_error(value, errors[name]) if name in errors else [f"{value:.5g}", "-"])]
+            for name, value in vars(steady.chain).items()
+        ]
+        note = "Force per unit mass: (gain + slope |F|) exp(i phase) F, with F as measured."
+        return TextTable("The excitation", [["", "value", "+-"], *rows], note)
+
+    # -- words ------------------------------------------------------------------------------------
+
+    def equations(self) -> list[str]:
+        """The equation that is printed, a line for each coordinate."""
+        lines = f"{self.model.equation()}    (q in {self.model.unit or '[q]'}, t in s)"
+        return lines.splitlines()
+
+    def findings(self, alone: bool = False) -> list[str]:
+        """The verdict, how well what was held out is predicted, how models follow the backbone.
+
+        ``alone`` says the last of the identified one only, where there is one.
+        """
+        found = [] if self.found is None else [str(self.found.verdict)]
+        found += [str(self.held_out)] if self.held_out is not None else []
+        if self.beside is not None:
+            one = alone and self.found is not None
+            words = self.beside.missed() if one else self.beside.errors()
+            found.append(f"{self.trouble} {words}".strip())
+        return found
+
+    def remarks(self) -> list[str]:
+        """What the reader must know of the result, as sentences."""
+        if self.series is not None:
+            return self.series.conclusions()[1:]
+        return [] if self.found is None else self.found.remarks()
+
+    def notes(self) -> list[str]:
+        """What was measured, and what was done to it; what holds for several of them once."""
+        lines = [
+            line for r in self.measured for line in (repr(r).splitlines()[0].strip("<>"), *r.notes)
+        ]
+        return [*dict.fromkeys(lines), *self._points()]
+
+    def _points(self) -> Iterator[str]:
+        """Which steady states were measured, and of which levels there is no curve."""
+        if self.steady is None:
+            return
+        points, unit = self.steady.points, self.force_unit or "its unit"
+        w, size = points.frequency / (2 * np.pi), np.abs(points.force)
+        yield (
+            f"{len(points)} steady states, {points.measured} under {size.min():.4g} to"
+            f" {size.max():.4g} {unit}, {w.min():.5g} to {w.max():.5g} Hz"
+        )
+        for force, why in self.levels.items():
+            if isinstance(why, str):
+                yield f"no curve at {force:.4g} {unit}: {why}"
