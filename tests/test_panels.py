@@ -62,7 +62,7 @@ def test_a_new_panel_is_on_the_pages_of_all_kinds_of_results(of, tmp_path, monke
     monkeypatch.setattr(panels, "PANELS", (*panels.PANELS, mine))
     pictures = panels.pictures(result)
     assert [p.name for p in pictures] == [*before, "mine"] and "spectrum" in before
-    panels.write(result, tmp_path / "page.html", pictures)
+    panels.write_result(result, tmp_path / "page.html", pictures)
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Spectrum of what is left" in page and page.count("data:image/png") == len(pictures)
 

@@ -16,7 +16,7 @@ from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.physics.coupled import AnyModel
 from romsindy.show.identified import Identified
 from romsindy.show.page import Picture
-from romsindy.show.panels import pictures, write
+from romsindy.show.panels import pictures, write_result
 from romsindy.text import TextTable, aligned, as_text, bar, with_error
 
 _FEW = 9  # rows of a table that is printed without --full
@@ -116,7 +116,7 @@ class Result:
         command = str(click.get_current_context().info_name)
         drawn = bar(figures, "drawing")
         with writing(page):
-            write(report, page, drawn, interactive=interactive, command=command)
+            write_result(report, page, drawn, interactive=interactive, command=command)
         return cls(str(file or "example"), page, report, figures, **told)
 
     @property

@@ -332,7 +332,7 @@ def pictures(result: Identified) -> list[Picture]:
     return [picture for panel in PANELS for picture in panel(result)]
 
 
-def write(
+def write_result(
     result: Identified,
     path: str | Path,
     figures: Iterable[Picture],
