@@ -8,7 +8,6 @@ import pytest
 from fingerprint import fingerprint, plot_fingerprint
 
 from romsindy import (
-    Adequacy,
     CoupledModel,
     Estimate,
     HarmonicSINDy,
@@ -20,6 +19,7 @@ from romsindy import (
     forced_response,
 )
 from romsindy.effects import AirDrag
+from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.functions.series import Sizes
 from romsindy.fit.functions.structures import Structure
 from romsindy.physics.example import EXAMPLE_MODEL
