@@ -12,8 +12,14 @@ import click
 
 from romsindy.commands.analysis import Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
-from romsindy.commands.coupled import Coordinates, coordinates_of, of_coordinates
-from romsindy.commands.forced import Driven, forced_options, of_inputs
+from romsindy.commands.fits import (
+    Coordinates,
+    Driven,
+    coordinates_of,
+    forced_options,
+    of_coordinates,
+    of_inputs,
+)
 from romsindy.commands.inputs import PARTS
 from romsindy.commands.measurement import Choice
 from romsindy.commands.one_mode import mode_options, of_one_mode

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from romsindy.commands.measurement import Choice
 from romsindy.commands.options import grouped, read
-from romsindy.commands.results import Result, Small
+from romsindy.commands.results import Result
 from romsindy.inspection.inspect import inspect
 from romsindy.inspection.inspection import Inspection
-from romsindy.inspection.modes import Mode
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked
 from romsindy.physics.example import example_decay
@@ -26,7 +24,6 @@ from romsindy.text import bar
 
 Analysis = Callable[[str, Sequence[Decay], str], Identified]
 
-_LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
 # The options that choose a mode, and releases.
 mode_options = grouped(
     click.option(
@@ -98,51 +95,15 @@ def of_one_mode(
             reached = f"{error}, after the inspection. {used.rstrip('.')}"
             raise KeyboardInterrupt(reached) from None
     more = [picture(found)] if len(found.modes) > 1 or len(found.releases) > 1 else []
-    return Result.written(
-        file, page, report, interactive, more, **_told(report, file, found, mode, releases)
-    )
-
-
-def _told(
-    report: Identified,
-    file: Path | None,
-    found: Inspection,
-    mode: Mode,
-    releases: Sequence[int],
-) -> dict[str, Any]:
-    """What the command line says of it beside the report."""
-    assert report.beside is not None  # of one mode
-    b, small = report.beside.backbone, _small(report, str(mode.number))
-    structure = None if report.series is None else str(report.series.structure)
-    per_cycle = {"amplitude": 1.0, "frequency": 2 * np.pi, "damping_ratio": 1.0}
-    linear = {name: value for name, value in small._asdict().items() if name != "mode"}
     facts = {
         "channel": found.channel,
         "mode": mode.number,
         "modes": [m.mean_frequency for m in found.modes],
         "releases": tuple(i + 1 for i in releases),
         "warnings": found.warnings,
-        "linear": {"amplitude": _LOW * float(b.amplitude.max()), **linear},
-        "structure": structure,
-        "backbone": {
-            name + end: getattr(b, name + end) / unit
-            for name, unit in per_cycle.items()
-            for end in ("", "_std")
-        },
     }
     step = _next(str(file or "example"), report, found)
-    return {"small": [small], "structure": structure or "-", "facts": facts, "step": step}
-
-
-def _small(report: Identified, mode: str) -> Small:
-    """Frequency and damping ratio at low amplitude, with standard errors where known."""
-    assert report.beside is not None
-    amplitude = [_LOW * float(report.beside.backbone.amplitude.max())]
-    if report.found is not None:
-        return Small.of(mode, report.found.band(amplitude))
-    model, nan = report.beside.main.model, float("nan")
-    frequency, ratio = model.backbone(amplitude)[0], model.damping_ratio(amplitude)[0]
-    return Small(mode, float(frequency) / (2 * np.pi), nan, float(ratio), nan)
+    return Result.written(file, page, report, interactive, more, facts=facts, step=step)
 
 
 def _next(file: str, report: Identified, inspection: Inspection) -> str:

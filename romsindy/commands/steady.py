@@ -15,7 +15,7 @@ from romsindy.commands.answers import SAVE, Telling, answer_options
 from romsindy.commands.one_mode import of_file
 from romsindy.commands.options import FILE, fix_option
 from romsindy.commands.outputs import WritingCommand
-from romsindy.commands.results import Result, Small
+from romsindy.commands.results import Result
 from romsindy.commands.steady_table import SteadyTable
 from romsindy.fit.steady.fit import SteadyFit, fit_steady
 from romsindy.physics.model import ReducedModel
@@ -160,19 +160,5 @@ def _in_words(sentence: str) -> str:
 def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactive: bool) -> Result:
     """What is said of a fit, with its page."""
     report = Identified(f"Steady states {file.name}", found=fit, force_unit=table.force_unit)
-    errors = fit.chain_errors
-    chain = {
-        name: {"value": value, "standard_error": errors.get(name)}
-        for name, value in vars(fit.chain).items()
-    }
-    facts = {"points": len(fit.points), "excitation": chain, "force_unit": table.force_unit}
-    return Result.written(
-        file,
-        page,
-        report,
-        interactive,
-        small=[Small.of("-", fit.band([fit.points.amplitude.min()]))],
-        structure="steady",
-        facts={**facts, "unexplained": fit.unexplained},
-        step=_EXPLAINED if fit.verdict.explained else _LACKS,
-    )
+    step = _EXPLAINED if fit.verdict.explained else _LACKS
+    return Result.written(file, page, report, interactive, facts={}, step=step)

@@ -57,18 +57,7 @@ def plot_stiffness(
     label: str = "identified",
     ax: Axes | None = None,
 ) -> Axes:
-    """K(q)/q over the range of the data, with its 95 % band; that of other models beside it.
-
-    Parameters
-    ----------
-    found : Identification, Fit or Estimate
-    models : mapping of str to ReducedModel, optional
-        Curves by label, of one coordinate.
-    coordinate : int
-        Of several, from 1.
-    color, label : str
-        Of the identified function.
-    """
+    """K(q)/q over the range of the data, with its 95 % band; arguments as of `plot_inertia`."""
     ax = given_or_new(ax)
     q = _range(found, coordinate)
     q = q[q != 0]  # K(0)/0 is no number; its neighbours show where it tends to

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.any_record import in_pieces
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.held_out import HeldOut
@@ -104,8 +103,9 @@ class Identified:
     @cached_property
     def modes(self) -> tuple[SmallVibration, ...]:
         """Of several coordinates that ring."""
-        several = self.fit is not None and self.model.n_coordinates > 1
-        return small_vibrations(self.fit) if several and self.fit is not None else ()
+        if self.fit is None or self.model.n_coordinates == 1 or not self.fit.decays:
+            return ()
+        return small_vibrations(self.fit)
 
     @cached_property
     def backbones(self) -> dict[int, BackboneCurve | str]:
@@ -114,16 +114,15 @@ class Identified:
 
     def _backbone(self, mode: SmallVibration) -> BackboneCurve | str:
         high = float(mode.measured_amplitude.max())
-        reach = (_LOW * high, high)
         try:
-            return backbone_curve(self.model.undamped(), amplitude=reach, mode=mode.number)
+            return backbone_curve(self.model.undamped(), (_LOW * high, high), mode=mode.number)
         except (ValueError, ContinuationError) as error:
             return f"no backbone: {error}"
 
     @cached_property
     def band(self) -> Band | None:
         """Backbone and damping ratio up to the largest displacement, where no cycles show them."""
-        if self.fit is None or self.beside is not None or self.modes:
+        if self.fit is None or self.beside is not None or self.model.n_coordinates > 1:
             return None
         peak = max(record.peak for record in self.fit.records)
         return self.fit.band(np.linspace(_LOW * peak, peak, _CURVE))
@@ -137,16 +136,13 @@ class Identified:
         points = self.steady.points
         for force, mine in levels_of(self.steady):
             size, w = np.abs(points.force[mine]), points.frequency[mine]
-            if np.ptp(size) <= _LEVEL * size.max() and np.ptp(w) > 0:
-                found[force] = self._response(force, (float(w.min()), float(w.max())))
+            if np.ptp(size) > _LEVEL * size.max() or np.ptp(w) == 0:
+                continue
+            try:
+                found[force] = self.steady.forced_response(force, (w.min(), w.max()))
+            except (ValueError, ContinuationError) as error:
+                found[force] = str(error)
         return found if len(found) <= _MOST else {}
-
-    def _response(self, force: float, within: tuple[float, float]) -> ForcedBand | str:
-        assert self.steady is not None
-        try:
-            return self.steady.forced_response(force, within)
-        except (ValueError, ContinuationError) as error:
-            return str(error)
 
     # -- what simulations leave -------------------------------------------------------------------
 
@@ -189,7 +185,8 @@ class Identified:
                 "what one simulation of the equation leaves of the record from its start to its end"
             )
         worst = int(np.argmax(self.left))
-        what = "piece" if in_pieces([record for record, _ in self.compared]) else "decay"
+        cut = any(getattr(record, "since", 0.0) > 0 for record, _ in self.compared)
+        what = "piece" if cut else "decay"
         several = f" ({what} {worst + 1}, the worst of {len(self.left)})"
         return (
             f"what one simulation of the equation leaves of the {what} from its start to its end,"

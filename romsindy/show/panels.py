@@ -287,9 +287,10 @@ def spectrum(result: Identified) -> Iterator[Picture]:
 
 def _named(result: Identified) -> dict[str, Compared]:
     """Channels by name; one alone needs none."""
-    several = len(result.followed) > 1
-    names = result.channels if several else [""] * len(result.followed)
-    return dict(zip(names, result.followed, strict=True))
+    if len(result.followed) == 1:
+        return {"": result.followed[0]}
+    numbered = [f"channel {i + 1}" for i in range(len(result.followed))]
+    return dict(zip(result.channels or numbered, result.followed, strict=True))
 
 
 def _of_points(result: Identified) -> Density:
