@@ -76,16 +76,7 @@ class Recipe:
 
 
 def regressed(title: str, decays: Sequence[Decay], picked: str, recipe: Recipe) -> Identified:
-    """Make the regressions of the free decays of one mode.
-
-    Parameters
-    ----------
-    title : str
-        Of the report.
-    decays : sequence of Decay
-    picked : str
-        What was used of the record.
-    recipe : Recipe
+    """Make the regressions of the free decays of one mode; ``picked`` was used of the record.
 
     Raises
     ------
@@ -117,12 +108,6 @@ def identified(title: str, decays: Sequence[Decay], picked: str, asked: Asked) -
     """Identify an equation from the free decays of one mode, beside plain regressions.
 
     An interrupt leaves the regressions, and the report says so.
-
-    Parameters
-    ----------
-    title, decays, picked
-        As of `regressed`.
-    asked : Asked
 
     Raises
     ------

@@ -74,14 +74,8 @@ class Telling:
     def give(self, job: Job, files: Sequence[Path], example: bool, ending: str) -> None:
         """Do a job for every file, or for the example, print what came of it, and write it.
 
-        Parameters
-        ----------
-        job : callable
-            Of a file, or None for the example, and its page, which it writes; gives a result.
-        files : sequence of Path
-        example : bool
-        ending : str
-            Of the names of pages.
+        The job takes a file, or None for the example, and the page that it writes, whose name has
+        this ending; it gives a result.
 
         Raises
         ------

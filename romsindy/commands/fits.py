@@ -50,20 +50,7 @@ def of_coordinates(
     release: int | None,
     interactive: bool,
 ) -> Result:
-    """Identify equations of several coordinates of a file, and write their page.
-
-    Parameters
-    ----------
-    file : Path or None
-        None is the example.
-    page : Path
-    reading : mapping
-        How the file is read.
-    asked : Asked
-    coordinates : int or "auto"
-    release : int or None
-        From 1; all in which they ring by default.
-    interactive : bool
+    """Identify equations of several coordinates of a file, or the example, and write their page.
 
     Raises
     ------
@@ -163,18 +150,7 @@ def of_inputs(
     driven: Driven,
     interactive: bool,
 ) -> Result:
-    """Identify the equation of a record with inputs, and write its page.
-
-    Parameters
-    ----------
-    file, page : Path
-    reading : mapping
-        How the file is read.
-    asked : Asked
-    coordinates : int or "auto"
-        Refused unless it is 1.
-    driven : Driven
-    interactive : bool
+    """Identify the equations of a record with inputs, and write their page.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from romsindy.physics.coupled import AnyModel
 from romsindy.show.identified import Identified
 from romsindy.show.page import Picture
 from romsindy.show.panels import pictures, write_result
+from romsindy.show.tables import coefficients, few_tables, more_tables
 from romsindy.text import TextTable, aligned, as_text, bar, with_error
 
 _LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
@@ -245,10 +246,10 @@ class Result:
         r, series, beside = self.report, self.report.series, self.report.beside
         lines = [r.picked] if r.picked else []
         lines += r.equations() if series is None else series.in_short()
-        lines += _if_short(r.coefficients()) if r.found is not None and not r.modes else []
+        lines += _if_short(coefficients(r)) if r.found is not None and not r.modes else []
         lines += [] if series is None else series.ends()
         lines += r.findings(alone=True)
-        for table in r.few_tables():
+        for table in few_tables(r):
             lines += as_text(table._replace(note="")).splitlines()
         doubts = beside.impossible() if beside is not None and r.found is None else r.remarks()
         return [*lines, *doubts]
@@ -260,7 +261,7 @@ class Result:
             pairs = zip(r.beside.decays, r.beside.backbones, strict=True)
             whole = [f"{decay!r}\n{backbone!r}" for decay, backbone in pairs]
         parts = [r.picked, *(whole or r.notes()), str(r.found or r.model)]
-        more = [*map(as_text, r.more_tables()), *r.findings()[0 if r.found is None else 1 :]]
+        more = [*map(as_text, more_tables(r)), *r.findings()[0 if r.found is None else 1 :]]
         return "\n\n".join(filter(None, [*parts, *more])) + "\n"
 
 

@@ -29,7 +29,6 @@ from romsindy.record.forced import ForcedVibration
 from romsindy.show.beside import Beside
 from romsindy.show.compared import Compared, channels_of
 from romsindy.show.orbit_plots import levels_of
-from romsindy.text import TextTable, quantity, with_error
 from romsindy.typing import Array
 
 _LOW, _CURVE = 0.02, 40  # of the largest amplitude, where a backbone begins; points of it
@@ -193,75 +192,6 @@ class Identified:
             f" {self.left[worst]:.3g} times the noise{several if len(self.left) > 1 else ''}"
         )
 
-    # -- tables -----------------------------------------------------------------------------------
-
-    def coefficients(self) -> TextTable:
-        """Every coefficient that was found, with its error."""
-        assert self.found is not None
-        if self.series is not None:
-            return self.series.coefficients()
-        note = "Standard errors hold for these terms: what the choice of terms leaves open is more."
-        return TextTable("Coefficients", self.found.table(), "" if self.steady else note)
-
-    def tables(self) -> list[TextTable]:
-        """All of them, coefficients first."""
-        if self.series is not None:
-            return [*self.series.tables(), *self.more_tables()]
-        return [*([self.coefficients()] if self.found else []), *self.more_tables()]
-
-    def more_tables(self) -> Iterator[TextTable]:
-        """Those that the result itself does not print."""
-        if self.beside is not None:
-            yield self.beside.table()
-        yield from self.few_tables()
-        if self.modes:
-            yield self._shapes()
-        if self.inputs():
-            yield self._input_table()
-
-    def few_tables(self) -> Iterator[TextTable]:
-        """Those without which there is no answer."""
-        if self.modes:
-            yield self._modes()
-        if self.steady is not None:
-            yield self._excitation(self.steady)
-
-    def _modes(self) -> TextTable:
-        """Modes of small vibrations."""
-        header = ["mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-", "moves", "amplitude"]
-        note = (
-            "Frequency and damping ratio are those of small vibrations, given these terms."
-            " Amplitudes are those of the coordinate that moves most, in all decays."
-        )
-        return TextTable("Modes", [header, *map(self._mode, self.modes)], note)
-
-    def _mode(self, mode: SmallVibration) -> list[str]:
-        ends = (float(mode.measured_amplitude.max()), float(mode.measured_amplitude.min()))
-        return [
-            str(mode.number),
-            *with_error(mode.frequency, mode.frequency_std),
-            *with_error(100 * mode.damping_ratio, 100 * mode.damping_ratio_std),
-            f"q{mode.coordinate}",
-            " to ".join(quantity(a, self.model.unit or "[q]") for a in ends),
-        ]
-
-    def _shapes(self) -> TextTable:
-        """What channels show of the coordinates."""
-        assert self.fit is not None
-        curved = self.fit.curved_shapes
-        columns = np.column_stack([self.fit.mode_shapes, *curved.values()])
-        rows = [
-            [name, *(f"{x:.4g}" for x in row)]
-            for name, row in zip(self.channels, columns, strict=True)
-        ]
-        header = ["channel", *self.model.coordinates, *curved]
-        power = f"; and of their products, per power of {self.model.unit or '[q]'}"
-        note = (
-            "What each channel shows of each coordinate: 1 where that moves it most"
-            f"{power if curved else ''}."
-        )
-        return TextTable("Mode shapes", [header, *rows], note)
-
     def inputs(self) -> dict[str, dict[str, Any]]:
         """What each input does: how strongly, how late, and what between its samples."""
         if self.fit is None:
@@ -280,37 +210,6 @@ class Identified:
             for term in inputs_of(self.model)
             for delay, error in [self.fit.delays[term.signal]]
         }
-
-    def _input_table(self) -> TextTable:
-        header = ["input", "gain", "+-", "unit", "delay [s]", "+-", "delay [samples]", "+-"]
-        units = {term.signal: term.unit(self.model.unit) for term in inputs_of(self.model)}
-        dt = self.measured[0].dt
-        rows = [
-            [
-                name,
-                *with_error(of["gain"], of["gain_std"]),
-                units[name],
-                *(f"{of['delay']:.4g}", f"{of['delay_std']:.2g}"),
-                *(f"{of['delay_in_samples']:.4g}", f"{of['delay_std'] / dt:.2g}"),
-                of["interpolation"],
-            ]
-            for name, of in self.inputs().items()
-        ]
-        note = (
-            "The gain of a base is its participation factor. By its delay an input acts later than"
-            " it was measured."
-        )
-        return TextTable("Inputs", [[*header, "between samples"], *rows], note)
-
-    def _excitation(self, steady: SteadyFit) -> TextTable:
-        """From the excitation, as measured, to a force per unit mass."""
-        errors = steady.chain_errors
-        rows = [
-            [name, *(with_error(value, errors[name]) if name in errors else [f"{value:.5g}", "-"])]
-            for name, value in vars(steady.chain).items()
-        ]
-        note = "Force per unit mass: (gain + slope |F|) exp(i phase) F, with F as measured."
-        return TextTable("The excitation", [["", "value", "+-"], *rows], note)
 
     # -- words ------------------------------------------------------------------------------------
 

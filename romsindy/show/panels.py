@@ -33,6 +33,7 @@ from romsindy.show.compared import (
 from romsindy.show.function_plots import plot_inertia, plot_parts, plot_stiffness
 from romsindy.show.identified import Identified
 from romsindy.show.page import Picture, write_page
+from romsindy.show.tables import tables
 
 _INCHES = 3.4  # height of one coordinate of several
 _ROW = 1.5  # the same of a row over time
@@ -351,7 +352,7 @@ def write_result(
         sentence="\n".join([*result.findings(), *(() if result.series else result.remarks())]),
         equation_title=f"The equation{'s' if several else ''} of motion",
         **_equation(result),
-        tables=result.tables(),
+        tables=tables(result),
         pictures=figures,
         interactive=interactive,
         notes=[*([result.picked] if result.picked else []), *result.notes()],
