@@ -115,7 +115,7 @@ forced_options = grouped(
 
 
 @dataclass(frozen=True)
-class Driven(Inputs):
+class AskedDriven(Inputs):
     """What the command line says of records with inputs, and of their model."""
 
     select: bool
@@ -147,7 +147,7 @@ def of_inputs(
     reading: Mapping[str, Any],
     asked: Asked,
     coordinates: int | str,
-    driven: Driven,
+    driven: AskedDriven,
     interactive: bool,
 ) -> Result:
     """Identify the equations of a record with inputs, and write their page.

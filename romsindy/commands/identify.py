@@ -13,8 +13,8 @@ import click
 from romsindy.commands.analysis import Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
 from romsindy.commands.fits import (
+    AskedDriven,
     Coordinates,
-    Driven,
     coordinates_of,
     forced_options,
     of_coordinates,
@@ -111,7 +111,7 @@ def identify(
     """
     telling = Telling.taken(options)
     asked = Asked(**{f.name: options.pop(f.name) for f in fields(Asked)})
-    driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})
+    driven = AskedDriven(**{f.name: options.pop(f.name) for f in fields(AskedDriven)})
     there = {"input": driven.inputs, "coordinates": coordinates, "select": driven.select}
     for option, what, others in EXCLUDED:
         if there[option]:
