@@ -12,6 +12,7 @@ from romsindy.show import panels
 from romsindy.show.compared import Compared, draw_over_time, noise_density, spectrum_of
 from romsindy.show.identified import Identified
 from romsindy.show.page import Picture
+from romsindy.show.tables import tables
 
 T = np.arange(0, 8, 0.01)
 PAIR = {"omega^2 [q1]": 987.0, "c_linear [q1]": 0.6, "omega^2 [q2]": 6000.0}
@@ -47,12 +48,21 @@ def several():
     return Identified("", [decay], fit, channels=["left", "right"])
 
 
+def several_of_one():
+    """As `coordinates="auto"` leaves it where one coordinate is enough."""
+    laws = {"omega^2 [q1]": 987.0, "c_linear [q1]": 0.6, "gamma_3 [q1]": 900.0}
+    model = rs.CoupledModel.from_coefficients(laws, unit="m")
+    q = model.simulate(np.array([0.8]), np.zeros(1), T).q.reshape(-1)
+    decay = rs.Decay(T, q + 1e-3 * np.random.default_rng(4).standard_normal(len(T)), unit="m")
+    return Identified("", [decay], rs.refine(model, [decay.free()]), channels=["tip"])
+
+
 def one():
     decay = rs.example_decay(40.0, 3)
     return Identified("", [decay], rs.refine(EXAMPLE_MODEL, decay))
 
 
-@pytest.mark.parametrize("of", [steady, driven, several, one])
+@pytest.mark.parametrize("of", [steady, driven, several, several_of_one, one])
 def test_a_new_panel_is_on_the_pages_of_all_kinds_of_results(of, tmp_path, monkeypatch):
     def mine(result):
         yield Picture("mine", "Mine", result.model.equation(), lambda figure: figure.subplots())
@@ -61,6 +71,7 @@ def test_a_new_panel_is_on_the_pages_of_all_kinds_of_results(of, tmp_path, monke
     before = [p.name for p in panels.pictures(result)]
     monkeypatch.setattr(panels, "PANELS", (*panels.PANELS, mine))
     pictures = panels.pictures(result)
+    assert ("Modes" in [t.title for t in tables(result)]) == (of in (several, several_of_one))
     assert [p.name for p in pictures] == [*before, "mine"] and "spectrum" in before
     panels.write_result(result, tmp_path / "page.html", pictures)
     page = (tmp_path / "page.html").read_text(encoding="utf-8")

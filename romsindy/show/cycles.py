@@ -59,7 +59,7 @@ def backbones_of(
             f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
         )
     name = "fitted model"
-    if measured.model.n_coordinates > 1:
+    if measured.model.numbered:
         name += f", mode {mode} alone"
         coordinate = int(np.argmax(np.abs(linear_mode(measured.model.undamped(), mode)[1])))
         found = [_of_tone(r, coordinate) for r in one_a_decay(measured.records)]

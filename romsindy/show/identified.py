@@ -102,7 +102,7 @@ class Identified:
     @cached_property
     def modes(self) -> tuple[SmallVibration, ...]:
         """Of several coordinates that ring."""
-        if self.fit is None or self.model.n_coordinates == 1 or not self.fit.decays:
+        if self.fit is None or not self.model.numbered or not self.fit.decays:
             return ()
         return small_vibrations(self.fit)
 
@@ -121,7 +121,7 @@ class Identified:
     @cached_property
     def band(self) -> Band | None:
         """Backbone and damping ratio up to the largest displacement, where no cycles show them."""
-        if self.fit is None or self.beside is not None or self.model.n_coordinates > 1:
+        if self.fit is None or self.beside is not None or self.model.numbered:
             return None
         peak = max(record.peak for record in self.fit.records)
         return self.fit.band(np.linspace(_LOW * peak, peak, _CURVE))

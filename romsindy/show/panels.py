@@ -343,7 +343,7 @@ def write_result(
     command: str = "identify",
 ) -> None:
     """Write the page with figures, those of `pictures` and others; a ``command`` makes it."""
-    several = result.model.n_coordinates > 1
+    several = result.model.numbered
     write_page(
         path,
         "report",
@@ -366,7 +366,7 @@ def _equation(result: Identified) -> dict[str, Any]:
         main = beside and beside.main.model
         return {"equation": str(main), "formula": main.latex_terms() if main else ()}
     words: dict[str, Any] = {"equation": "\n".join(result.equations())}
-    if result.model.n_coordinates == 1:
+    if not result.model.numbered:
         words["formula"] = found.single_model.latex_terms()
     if result.series is not None:
         s = result.series
