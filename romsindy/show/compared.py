@@ -146,7 +146,8 @@ def draw_over_time(channel: Compared, figure: Figure, held_out: Compared | None 
                 ax.plot(part.t, u, color=pale, lw=0.6)
                 ax.set_ylabel(label)
             response.plot(part.t, part.measured, color=pale, lw=0.8, label="measured")
-    response.set_ylim(response.get_ylim())  # as the record has it, whatever is hidden
+    low, high = response.get_ylim()  # as the record has it, whatever is hidden
+    response.set_ylim(low, high + 0.2 * (high - low))
     response.set_ylabel(with_unit(channel.quantity, channel.unit))
     below = whole[len(channel.inputs) + 1 :]
     for ax, name, dash, color in zip(below, channel.left, "-:", _colors(channel), strict=False):
