@@ -155,16 +155,7 @@ def command_line(file: Path, reading: Mapping[str, Any]) -> str:
 
 
 def refuse_beside(option: str, what: str, others: Mapping[str, str]) -> None:
-    """Refuse options that are for something else than one that was given.
-
-    Parameters
-    ----------
-    option : str
-        What was given.
-    what : str
-        What the others are for.
-    others : mapping of str to str
-        What to do without each, by its name.
+    """Refuse ``others``, what to do without each by its name, which are for ``what``, beside one.
 
     Raises
     ------

@@ -111,8 +111,8 @@ def parse(source: Path, stream: TextIO) -> Table:
     layouts = [found for dialect in _DIALECTS if (found := _layout(head, *dialect))]
     if not layouts:
         raise ValueError(
-            f"{source}: no line starts with a number: a table is needed, with the time and what was"
-            " measured in every line"
+            f"{source}: no line starts with a number: a table is needed, with a time or frequency"
+            " and what was measured in every line"
         )
     most = max(layout.rows for layout in layouts)
     layouts = [layout for layout in layouts if layout.rows == most]
