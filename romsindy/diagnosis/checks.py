@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ from romsindy.fit.verdict import (
     REVERSED_IS_NO_WORSE,
     SHARED,
 )
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
@@ -71,22 +72,23 @@ def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: in
 
 
 def check_request(
-    model: ReducedModel,
+    model: AnyModel,
     measured: Sequence[Decay] | Sequence[ForcedVibration],
     held_out: Decay | ForcedVibration | None,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     word: str = "decay",
+    may_be_free: Collection[str] = FREE,
 ) -> None:
     """Raise a ValueError for arguments that cannot be meant: "decay 0" in messages."""
     if not measured:
         raise ValueError("measured is empty: give at least one Decay")
     if isinstance(free, str) or not isinstance(free, Iterable):
         raise ValueError(f"free = {free!r} must be a list of names or effects, such as ['omega^2']")
-    unknown = [name for name in free if not isinstance(name, Effect) and name not in FREE]
+    unknown = [name for name in free if not isinstance(name, Effect) and name not in may_be_free]
     if unknown:
         raise ValueError(
-            f"free = {list(free)}: {unknown} cannot be free; use names of {list(FREE)}, and"
+            f"free = {list(free)}: {unknown} cannot be free; use names of {list(may_be_free)}, and"
             " tolerances for other coefficients"
         )
     if not isinstance(tolerances, Mapping):

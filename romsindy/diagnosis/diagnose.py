@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
+from romsindy.diagnosis.coupled import diagnose_coupled
 from romsindy.diagnosis.checks import FREE, check_numbers, decays_of, shared_part
 from romsindy.diagnosis.driven.checks import driven_of, forced_alone, refuse_with_inputs
 from romsindy.diagnosis.driven.report import ForcedReport
@@ -37,6 +38,7 @@ from romsindy.effects.base import Effect
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR, SAME_SIGNAL
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
@@ -152,7 +154,7 @@ def diagnose(
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
     simulation = model.model if isinstance(model, Estimate) else model
-    if not isinstance(simulation, (ReducedModel, Beam)):
+    if not isinstance(simulation, (ReducedModel, CoupledModel, Beam)):
         raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
@@ -167,6 +169,8 @@ def diagnose(
         raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
+    if isinstance(simulation, CoupledModel):
+        return diagnose_coupled(simulation, several, held_out, FREE if free is None else free, near, options)
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(

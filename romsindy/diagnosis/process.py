@@ -15,6 +15,7 @@ from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel
+from romsindy.typing import Array
 
 _CHECKS = 6  # iterations, to see what values that did not settle leave
 _FURTHER = 40  # of a fit that others are held against
@@ -84,11 +85,14 @@ class ProcessNoise:
         return before.at(after.noise), after
 
     def examined(
-        self, records: Sequence[Record], hypothesis: Hypothesis, false_alarm: float
+        self,
+        records: Sequence[Record],
+        residuals: Sequence[Array],
+        n_values: int,
+        false_alarm: float,
     ) -> Adequacy:
-        """What a hypothesis leaves."""
-        s = hypothesis.solution
-        return examine(records, s.residuals, s.n_values, false_alarm)
+        """What is left of records, to which so many values were fitted."""
+        return examine(records, residuals, n_values, false_alarm)
 
 
 def _own_score(hypothesis: Hypothesis) -> float:

@@ -10,18 +10,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from romsindy.diagnosis.tones import combs, strongest_tones, tuned
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.collocation import Trajectory
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.any_record import AnyRecord
+from romsindy.fit.equation import ExtendedEquation, equation_of
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, read
+from romsindy.fit.part import Part, columns_of, in_orders, read
 from romsindy.fit.record import Record
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.typing import Array, Indices
 
@@ -116,10 +118,10 @@ def screen(
 
 
 def screened(
-    model: ReducedModel,
+    model: AnyModel,
     parts: Sequence[Part],
     effects: Sequence[Effect],
-    records: Sequence[Record | ForcedRecord],
+    records: Sequence[AnyRecord],
     scales: Scales,
     motions: Sequence[Trajectory],
 ) -> Screening:
@@ -132,13 +134,13 @@ def screened(
         for e in effect.forms(scales)
         for start in itertools.product(*(p.starts for p in e.parameters(scales)))
     ]
-    n_base = first = n_parts + 2 * n_records
+    n_base = first = n_parts + 2 * model.n_coordinates * n_records
     candidates: list[tuple[Effect, Indices]] = []
     for trial in trials:
         n = trial.strengths.size
         candidates.append((trial.effect, np.arange(first, first + n)))
         first += n
-    system = NormalEquations(n_parts, n_records, first - n_base)
+    system = NormalEquations(n_parts, n_records, first - n_base, model.n_coordinates)
     for i, record in enumerate(records):
         where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
         system.add(np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int), rows)
@@ -147,43 +149,38 @@ def screened(
 
 
 def _rows(
-    model: ReducedModel,
+    model: AnyModel,
     parts: tuple[Part, ...],
     trials: Sequence[Part],
     candidates: Sequence[tuple],
-    record: Record | ForcedRecord,
+    record: AnyRecord,
     i: int,
     motion: Trajectory,
 ) -> tuple[list[Indices], Array]:
     """Places of the values that act in one record, and the columns of these, states and misfit."""
-    step = motion.grid.step
-    equation = ExtendedEquation(model, parts, i, step, record.clock, inputs=record.inputs)
     at = nodes(motion)
-    state = equation.state(*at)
+    equation = equation_of(model, parts, i, record)
     own = equation.by_parameter(*at)
-    forces = [t.effect.forces(state) for t in trials]
-    pushed = [f[..., None] for f in forces if f is not None]
-    response = respond(equation, motion, np.concatenate([own, *pushed]))
-    change = response.samples(record.derivative)
-    measured = sampled(motion, record.derivative)
-    shown, slope, by_value = read(parts, i, record.t, measured + change[..., 0])
-    columns = slope[:, None] * change[:, 0, 1:]
-    m = len(own)
-    base = np.column_stack([columns[:, :m] + by_value.T, columns[:, -2:]])
+    forces = [equation.forces(t.effect, *at) for t in trials]
+    response = respond(equation, motion, np.concatenate([own, *(f for f in forces if f is not None)]))
+    orders, m = record.orders(parts), len(own)
+    change = in_orders(orders, response.samples)
+    measured = in_orders(orders, partial(sampled, motion))
+    reading = record.read(parts, i, measured + change[..., 0])
+    columns = reading.by_motion(change[..., 1:])
+    states = columns[:, -2 * model.n_coordinates :]
+    base = np.column_stack([columns[:, :m] + reading.by_value.T, states])
     blocks, next_force = [base], m
     where = [columns_of(parts, i)]
-    for force, (effect, at_columns) in zip(forces, candidates, strict=True):
+    for force, trial, (effect, at_columns) in zip(forces, trials, candidates, strict=True):
         k = effect.n_strengths
-        block = np.zeros((len(record.t), k))
+        block = np.zeros((len(record.signal), k))
         if force is not None:
             block += columns[:, next_force : next_force + k]
             next_force += k
-        shown_too = effect.readings(record.t, measured[:, 0])
-        if shown_too is not None:
-            block += shown_too.T
-        blocks.append(block)
+        blocks.append(block + record.read((trial,), i, measured).by_value[:k].T)
         where.append(at_columns[k * i : k * i + k] if effect.per_record else at_columns)
-    return where, record.whitened(np.column_stack([*blocks, record.signal - shown]))
+    return where, record.whitened(np.column_stack([*blocks, record.signal - reading.shown]))
 
 
 def _with_tones(

@@ -21,7 +21,8 @@ from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
+from romsindy.typing import Array
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class NoiseModel(Protocol):
 
     def fitted(
         self,
-        model: ReducedModel,
+        model: AnyModel,
         records: Sequence[Any],
         parts: Sequence[Part],
         n_unsure: int,
@@ -68,7 +69,7 @@ class NoiseModel(Protocol):
         """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects."""
 
     def further(
-        self, model: ReducedModel, records: Sequence[Any], hypothesis: Hypothesis
+        self, model: AnyModel, records: Sequence[Any], hypothesis: Hypothesis
     ) -> Hypothesis:
         """Go on with a fit that has not come to its end."""
 
@@ -83,9 +84,13 @@ class NoiseModel(Protocol):
         """Two by the same noise, to say whether one gains enough."""
 
     def examined(
-        self, records: Sequence[Any], hypothesis: Hypothesis, false_alarm: float
+        self,
+        records: Sequence[Any],
+        residuals: Sequence[Array],
+        n_values: int,
+        false_alarm: float,
     ) -> Adequacy:
-        """What a hypothesis leaves."""
+        """What is left of records, to which so many values were fitted."""
 
 
 @dataclass(eq=False)
@@ -94,8 +99,8 @@ class Search(ABC):
 
     Attributes
     ----------
-    model : ReducedModel
-    records : sequence of Record or ForcedRecord
+    model : ReducedModel or CoupledModel
+    records : sequence of Record, CoupledRecord or ForcedRecord
     free : tuple of Part
         Values that the simulation is unsure of, blamed only if nothing else is.
     options : Options
@@ -107,7 +112,7 @@ class Search(ABC):
         made of one another share it.
     """
 
-    model: ReducedModel
+    model: AnyModel
     records: Sequence[Any]
     free: tuple[Part, ...]
     options: Options
@@ -174,7 +179,14 @@ class Search(ABC):
 
     def remainder(self, hypothesis: Hypothesis) -> Adequacy:
         """What a hypothesis leaves."""
-        return self.noise.examined(self.records, hypothesis, self.options.false_alarm)
+        s = hypothesis.solution
+        return self.examined(self.records, s.residuals, s.n_values)
+
+    def examined(
+        self, records: Sequence[Any], residuals: Sequence[Array], n_values: int
+    ) -> Adequacy:
+        """What is left of records, to which so many values were fitted."""
+        return self.noise.examined(records, residuals, n_values, self.options.false_alarm)
 
     def worth(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether one says more than chance would, over all that was looked at."""

@@ -37,6 +37,7 @@ from romsindy.fit.verdict import (
     SHARED,
     UNJUDGED,
 )
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 
@@ -293,15 +294,21 @@ def smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
     return model.regularised(0.01 * all_scales.amplitude * all_scales.omega)
 
 
+_LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
+
+
 def unsure_parts(
-    model: ReducedModel,
+    model: AnyModel,
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     all_scales: Scales,
     n_records: int,
+    known: Mapping[str, Effect] = _LINEAR,
 ) -> tuple[Part, ...]:
-    """Parts of the values that a simulation is unsure of, or knows to a tolerance."""
-    known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
+    """Parts of the values that a simulation is unsure of, or knows to a tolerance.
+
+    Effects that stand for linear values are ``known`` by the names of these.
+    """
     unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
     parts = [Part.of(effect, all_scales, n_records) for effect in unsure]
     terms = {term.key: term for term in model.terms}

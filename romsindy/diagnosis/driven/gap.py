@@ -7,11 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.any_record import AnyRecord
 from romsindy.record.recording import unit_of
 from romsindy.typing import Array
 
 HELD_OUT = "the record that took no part"
+
+
+def noise_std(record: AnyRecord) -> float:
+    """Rms of the noise of a record, over all its channels, unit of the measured quantity."""
+    channels = record.noise if isinstance(record.noise, tuple) else (record.noise,)
+    return float(np.sqrt(np.mean([noise.std**2 for noise in channels])))
 
 
 @dataclass(frozen=True)
@@ -20,7 +26,7 @@ class ForcedGap:
 
     Attributes
     ----------
-    records : tuple of ForcedRecord
+    records : tuple of AnyRecord
         On which it was measured.
     residuals_before, residuals_after : tuple of (n,) arrays
         Measured minus simulated, of each record.
@@ -36,7 +42,7 @@ class ForcedGap:
         What it was measured on, in words.
     """
 
-    records: tuple[ForcedRecord, ...]
+    records: tuple[AnyRecord, ...]
     residuals_before: tuple[Array, ...]
     residuals_after: tuple[Array, ...]
     rms_before: float
@@ -50,7 +56,7 @@ class ForcedGap:
     @classmethod
     def of(
         cls,
-        records: Sequence[ForcedRecord],
+        records: Sequence[AnyRecord],
         before: Sequence[Array],
         after: Sequence[Array],
         where: str = "the records themselves",
@@ -58,7 +64,7 @@ class ForcedGap:
         """Compare residuals of records, which are called ``where``."""
         n = sum(len(r.signal) for r in records)
         heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records) / n
-        noise = sum(len(r.signal) * r.noise.std**2 for r in records) / n
+        noise = sum(len(r.signal) * noise_std(r) ** 2 for r in records) / n
         old, new = (sum(float(e @ e) for e in several) / n for several in (before, after))
         # The noise is no larger than what is left.
         beyond = old - min(new, noise)

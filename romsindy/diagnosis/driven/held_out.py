@@ -14,23 +14,23 @@ from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.driven.search import DrivenSearch
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.search import Finding, rivals_of
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import AS_GOOD, AS_ONE, EQUIVALENT, GAINED
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 _MOST = 6  # hypotheses that are asked
 
 
-def left_of(model: ReducedModel, parts: Sequence[Part], record: ForcedRecord) -> Array:
+def left_of(model: AnyModel, parts: Sequence[Part], record: AnyRecord) -> Array:
     """Measured minus simulated (n,), of a model with parts; infinite where it has no motion."""
     own = [p.elsewhere(record.t) for p in parts]
     return fit(driven_instead(model, own), own, [record], fixed=True).residuals[0]
 
 
-def tested(search: DrivenSearch, found: Finding, record: ForcedRecord) -> Finding:
+def tested(search: DrivenSearch, found: Finding, record: AnyRecord) -> Finding:
     """The same finding, by what its hypotheses say of a record that took no part.
 
     Those that the fits do not tell apart are ranked with their predictions, and effects of the best

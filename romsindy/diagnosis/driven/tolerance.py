@@ -12,53 +12,55 @@ from dataclasses import replace
 
 import numpy as np
 
+from romsindy.diagnosis.driven.gap import noise_std
 from romsindy.diagnosis.driven.search import DrivenSearch
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
-from romsindy.effects import LinearFrequency, Viscous
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.effects.base import Effect
+from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.part import Part
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 
-def linear_values(model: ReducedModel) -> dict[str, float]:
-    """Change of the values of frequency and damping by all of themselves, by name of the effect."""
-    known = model.coefficients
-    sizes = {"linear_frequency": 2 * known["omega^2"], "viscous": known.get("c_linear", 0.0)}
-    return {name: abs(size) for name, size in sizes.items()}
+def _size(model: AnyModel, part: Part) -> float:
+    """Change of a linear value by all of the frequency, or of the damping ratio."""
+    law = part.effect.term()
+    now = 0.0 if law is None else model.coefficients.get(law.key, 0.0)
+    return abs(2 * now if _kind(part) == "frequency" else now)
 
 
-def within(search: DrivenSearch) -> Hypothesis | None:
-    """Frequency and damping fitted, if neither they nor what is left matter; None if they do.
+def _kind(part: Part) -> str:
+    return "damping" if part.effect.family == "damping" else "frequency"
 
-    Only a tolerance that was stated, or read off repeats, is asked: else noise alone decides.
+
+def within(search: DrivenSearch, linear: Sequence[Effect]) -> Hypothesis | None:
+    """Frequencies and damping fitted, if neither they nor what is left matter; None if they do.
+
+    They are changes of the ``linear`` values. What is left beyond the noise is tolerated only as a
+    user, or repeats, say.
     """
     tolerance = search.options.tolerance
-    if tolerance.source == DEFAULT:
-        return None
-    sizes = linear_values(search.model)
-    effects = [e for e in (LinearFrequency(), Viscous()) if sizes[e.name] > 0]
-    free = tuple(Part(effect, (), np.zeros((1, 1))) for effect in effects)
+    parts = [Part(effect, (), np.zeros((1, 1))) for effect in linear]
+    free = tuple(p for p in parts if _size(search.model, p) > 0)
     found = replace(search, free=free, compared=[]).hypothesis([])
     residuals = found.solution.residuals
-    little = beyond_noise(search.records, residuals) <= tolerance.signal
+    little = tolerance.source != DEFAULT and beyond_noise(search.records, residuals) <= tolerance.signal
     if not (found.solution.finite and (little or search.remainder(found).explained)):
         return None
-    most = {"linear_frequency": tolerance.frequency, "viscous": tolerance.damping}
-    for i, effect in enumerate(effects):
+    for i, part in enumerate(free):
         value, std = abs(found.parts[i].strengths[0, 0]), found.covariance[i, i] ** 0.5
-        if value + std > most[effect.name] * sizes[effect.name]:
+        if value + std > getattr(tolerance, _kind(part)) * _size(search.model, part):
             return None
-    return replace(found, unsaid=tuple(e.name for e in effects))
+    return replace(found, unsaid=tuple(p.effect.name for p in free))
 
 
-def beyond_noise(records: Sequence[ForcedRecord], residuals: Sequence[Array]) -> float:
+def beyond_noise(records: Sequence[AnyRecord], residuals: Sequence[Array]) -> float:
     """The most that is left of a record: rms without noise, over its largest value."""
     sizes = []
     for record, e in zip(records, residuals, strict=True):
         peak = float(np.abs(record.signal - record.signal.mean()).max())
-        power = float(np.mean(e**2)) - record.noise.std**2
+        power = float(np.mean(e**2)) - noise_std(record) ** 2
         sizes.append(max(power, 0.0) ** 0.5 / peak)
     return max(sizes)
 
@@ -81,21 +83,21 @@ def of_driven_repeats(searches: Sequence[DrivenSearch]) -> Tolerance:
     sizes = dict.fromkeys(("frequency", "damping", "signal"), 0.0)
     pairs = zip(searches, fits, strict=True)
     for (one, a), (other, b) in itertools.combinations(list(pairs), 2):
-        for kind, size in _values_apart(one.model, a, b).items():
+        for kind, size in _values_apart(one.model, a, b):
             sizes[kind] = max(sizes[kind], size)
         sizes["signal"] = max(sizes["signal"], _signals_apart(one, a, other, b))
     return Tolerance.read_off(sizes, "repeats")
 
 
-def _values_apart(model: ReducedModel, a: Hypothesis, b: Hypothesis) -> dict[str, float]:
-    """How far frequency and damping may be apart, by their standard errors."""
-    sizes = linear_values(model)
-    apart = {}
-    for i, kind in enumerate(("frequency", "damping")):
-        size = sizes[("linear_frequency", "viscous")[i]]
+def _values_apart(model: AnyModel, a: Hypothesis, b: Hypothesis) -> list[tuple[str, float]]:
+    """How far frequencies and dampings may be apart, by their standard errors."""
+    apart = []
+    for i, part in enumerate(a.parts[: a.n_unsure]):
+        size = _size(model, part)
         value = [float(h.solution.parts[i].strengths[0, 0]) for h in (a, b)]
         variance = sum(float(h.covariance[i, i]) for h in (a, b))
-        apart[kind] = (abs(value[0] - value[1]) + variance**0.5) / size if size > 0 else 0.0
+        off = (abs(value[0] - value[1]) + variance**0.5) / size if size > 0 else 0.0
+        apart.append((_kind(part), off))
     return apart
 
 
@@ -108,5 +110,5 @@ def _signals_apart(one: DrivenSearch, a: Hypothesis, other: DrivenSearch, b: Hyp
             f"repeats of the same test hold {len(x)} and {len(y)} samples: cut them alike"
         )
     peak = float(np.abs(first.signal - first.signal.mean()).max())
-    power = float(np.mean((x - y) ** 2)) - first.noise.std**2 - second.noise.std**2
+    power = float(np.mean((x - y) ** 2)) - noise_std(first) ** 2 - noise_std(second) ** 2
     return max(power, 0.0) ** 0.5 / peak

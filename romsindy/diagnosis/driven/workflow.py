@@ -24,10 +24,11 @@ from romsindy.diagnosis.search import Finding, Options
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.workflow import smooth_model, unsure_parts
+from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
-from romsindy.fit.forced.adequacy import examine_forced
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.verdict import CLOSED, NAMED_ABOVE, PREDICTED
@@ -60,10 +61,12 @@ def diagnose_forced(
     sought = catalogue_of(model, unsure, tolerances, options.catalogue)
     given = (model, records, scales, unsure, replace(options, catalogue=sought))
     search = search_beside_inputs(*given, ways(measured)[0])
-    slack = within(search)
+    linear = (LinearFrequency(), Viscous())
+    asked = options.tolerance.source != DEFAULT  # else noise alone decides
+    slack = within(search, linear) if asked else None
     if slack is not None:
         exact = search.with_free(()).hypothesis([])
-        return _report(search, Finding([slack], [slack, exact], exact), test, ())
+        return report_of(search, Finding([slack], [slack, exact], exact), test, on_inputs(search))
     found = search.run()
     way, note = between_samples(search, found.rivals[0], measured)
     if way != ways(measured)[0]:
@@ -71,7 +74,7 @@ def diagnose_forced(
         found = search.run()
     if test is not None and not found.interrupted:
         found = tested(search, found, test)
-    return _report(search, found, test, note)
+    return report_of(search, found, test, (*note, *on_inputs(search)))
 
 
 def of_repeats(
@@ -100,19 +103,25 @@ def of_repeats(
     return of_driven_repeats(searches)
 
 
-def _report(
-    search: DrivenSearch, found: Finding, test: ForcedRecord | None, note: Sequence[str]
+def report_of(
+    search: DrivenSearch,
+    found: Finding,
+    test: AnyRecord | None,
+    notes: Sequence[str] = (),
+    kind: type[ForcedReport] = ForcedReport,
 ) -> ForcedReport:
+    """What a search found, by what it leaves of the records, or of one that took no part."""
     best, tolerance = found.rivals[0], search.options.tolerance
     added = best.parts if best.names else ()
     gap, tells = _gap(search, found, test), [search.remainder(best)]
     if test is not None:  # of its values only the start was fitted
-        tells.append(examine_forced([test], gap.residuals_after, 2, search.options.false_alarm))
+        start = 2 * search.model.n_coordinates
+        tells.append(search.examined([test], gap.residuals_after, start))
     kept = tolerance.source != DEFAULT and all(
         beyond_noise(*some) <= tolerance.signal
         for some in ((gap.records, gap.residuals_after), (search.records, best.solution.residuals))
     )
-    return ForcedReport(
+    return kind(
         verdict=_verdict(found, gap, tells, kept),
         nominal=search.model,
         model=extended(driven_instead(search.model, best.parts), added) if added else search.model,
@@ -127,11 +136,11 @@ def _report(
         scales=search.scales,
         added=added,
         interrupted=found.interrupted,
-        notes=(*note, *on_inputs(search)),
+        notes=tuple(notes),
     )
 
 
-def _gap(search: DrivenSearch, found: Finding, test: ForcedRecord | None) -> ForcedGap:
+def _gap(search: DrivenSearch, found: Finding, test: AnyRecord | None) -> ForcedGap:
     """Before and after, on what took no part, or else on what was fitted."""
     best, base = found.rivals[0], found.base
     if test is None:
