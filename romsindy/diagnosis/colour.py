@@ -25,8 +25,8 @@ from romsindy.fit.forced.adequacy import examine_forced
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
-from romsindy.physics.input import Input
 from romsindy.physics.coupled import AnyModel
+from romsindy.physics.input import Input
 from romsindy.record.autoregression import autoregression
 from romsindy.typing import Array, Indices
 
@@ -70,9 +70,7 @@ class Coloured:
     rows: tuple[Array, ...]
 
     @classmethod
-    def of(
-        cls, model: AnyModel, solution: Solution, records: Sequence[AnyRecord]
-    ) -> Coloured:
+    def of(cls, model: AnyModel, solution: Solution, records: Sequence[AnyRecord]) -> Coloured:
         """Linearise a fit about its motion."""
         n_values = sum(p.size for p in solution.parts)
         parts, rows, places = solution.parts, [], []

@@ -14,23 +14,24 @@ import numpy as np
 
 from romsindy.diagnosis.checks import FREE, check_request
 from romsindy.diagnosis.colour import ColourOfBest
+from romsindy.diagnosis.coupled_report import CoupledReport
 from romsindy.diagnosis.driven.held_out import tested
 from romsindy.diagnosis.driven.search import DrivenSearch
 from romsindy.diagnosis.driven.tolerance import of_driven_repeats, within
-from romsindy.diagnosis.driven.workflow import report_of
-from romsindy.diagnosis.coupled_report import CoupledReport
+from romsindy.diagnosis.driven.workflow import check_repeats, report_of
 from romsindy.diagnosis.search import Finding, Options
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.workflow import unsure_parts
 from romsindy.effects.base import Effect, ReadingEffect, Scales
-from romsindy.effects.placed import OnCoordinate
 from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import Coefficient, in_place
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
+from romsindy.fit.estimate import Estimate
 from romsindy.fit.friction import smoothed
 from romsindy.fit.measured import small_frequencies
 from romsindy.fit.mode_shape import ModeShape
+from romsindy.fit.on_coordinate import OnCoordinate
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
 from romsindy.physics.coupled import CoupledModel
@@ -79,9 +80,21 @@ def of_coupled_repeats(
     model: CoupledModel, repeats: Sequence[Decay], options: Options
 ) -> Tolerance:
     """What runs of one test of several coordinates differ by; see `of_driven_repeats`."""
+    check_repeats(repeats)
     linear = list(linear_values(model))
     records = _records(model, repeats, options.floor)
     return of_driven_repeats([_search(model, [r], linear, {}, options) for r in records])
+
+
+def tolerances_of(estimate: Estimate) -> dict[str, float]:
+    """How well an estimate knows its coefficients, relatively, but for the linear ones."""
+    values, linear = estimate.model.coefficients, linear_values(estimate.model)
+    errors = estimate.standard_errors.items()
+    return {
+        name: std / abs(values[name])
+        for name, std in errors
+        if name not in linear and values[name] and 0 < std < np.inf
+    }
 
 
 def linear_values(model: CoupledModel) -> dict[str, Effect]:

@@ -35,6 +35,7 @@ _SIMULATIONS = 20  # to settle values by simulation
 class DecaySearch(Search):
     """Looks for effects that a model lacks in decays."""
 
+    model: ReducedModel
     records: Sequence[Record]
     noise: ProcessNoise
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
-from romsindy.diagnosis.coupled import diagnose_coupled
 from romsindy.diagnosis.checks import FREE, check_numbers, decays_of, shared_part
-from romsindy.diagnosis.driven.checks import driven_of, forced_alone, refuse_with_inputs
+from romsindy.diagnosis.coupled import diagnose_coupled, of_coupled_repeats, tolerances_of
+from romsindy.diagnosis.driven.checks import driven_of, forced_alone, refuse_beside
 from romsindy.diagnosis.driven.report import ForcedReport
 from romsindy.diagnosis.driven.workflow import diagnose_forced
 from romsindy.diagnosis.driven.workflow import of_repeats as of_driven_repeats
@@ -162,7 +162,13 @@ def diagnose(
         tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or _silent, given
     )
     if driven:
-        refuse_with_inputs(sensors=sensors, release=release, reference=reference)
+        refuse_beside(
+            "forced vibrations",
+            "diagnose decays",
+            sensors=sensors,
+            release=release,
+            reference=reference,
+        )
         values = (FREE if free is None else free, near)
         return _of_driven(simulation, driven, held_out, repeats, values, options)
     if held_out is not None and not isinstance(held_out, Decay):
@@ -170,7 +176,19 @@ def diagnose(
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
     if isinstance(simulation, CoupledModel):
-        return diagnose_coupled(simulation, several, held_out, FREE if free is None else free, near, options)
+        refuse_beside(
+            "a model of several coordinates",
+            "model one coordinate",
+            release=release,
+            sensors=sensors,
+            reference=reference,
+        )
+        if isinstance(model, Estimate) and tolerances is None:
+            near = tolerances_of(model)
+        if again is not None:
+            options = options.tolerating(of_coupled_repeats(simulation, again, options))
+        unsure = FREE if free is None else free
+        return diagnose_coupled(simulation, several, held_out, unsure, near, options)
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(

@@ -18,11 +18,10 @@ from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.written import Written
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.text import TextTable
 
 
@@ -31,8 +30,8 @@ class Explained(Written):
     """What a simulation lacks, by effects of a catalogue: see `DiagnosisReport`."""
 
     verdict: Verdict
-    nominal: ReducedModel
-    model: ReducedModel
+    nominal: AnyModel
+    model: AnyModel
     best: Hypothesis
     rivals: tuple[Hypothesis, ...]
     compared: tuple[Hypothesis, ...]
@@ -175,7 +174,6 @@ class Explained(Written):
             "verdict": self.verdict,
             "sentence": self.sentence,
             "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
-            "formula": self.model.latex_terms(),
             "equation": str(self.model),
             "equation_note": f"{note}{outside}." if outside else "",
             "tables": [*tables, *([TextTable(found, rows)] if rows[1:] else [])],
@@ -183,7 +181,7 @@ class Explained(Written):
         }
 
 
-def notes_of(records: Sequence[Record | ForcedRecord]) -> list[str]:
+def notes_of(records: Sequence[AnyRecord]) -> list[str]:
     """What each record is, and what was done to it."""
     found = []
     for record in records:

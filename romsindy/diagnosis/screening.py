@@ -16,8 +16,8 @@ import numpy as np
 
 from romsindy.diagnosis.tones import combs, strongest_tones, tuned
 from romsindy.effects.base import Effect, Scales
-from romsindy.fit.collocation import Trajectory
 from romsindy.fit.any_record import AnyRecord
+from romsindy.fit.collocation import Trajectory
 from romsindy.fit.equation import ExtendedEquation, equation_of
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
@@ -162,7 +162,9 @@ def _rows(
     equation = equation_of(model, parts, i, record)
     own = equation.by_parameter(*at)
     forces = [equation.forces(t.effect, *at) for t in trials]
-    response = respond(equation, motion, np.concatenate([own, *(f for f in forces if f is not None)]))
+    response = respond(
+        equation, motion, np.concatenate([own, *(f for f in forces if f is not None)])
+    )
     orders, m = record.orders(parts), len(own)
     change = in_orders(orders, response.samples)
     measured = in_orders(orders, partial(sampled, motion))

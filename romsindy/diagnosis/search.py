@@ -21,7 +21,6 @@ from romsindy.effects.base import Effect
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 
@@ -60,7 +59,7 @@ class NoiseModel(Protocol):
 
     def fitted(
         self,
-        model: AnyModel,
+        model: Any,
         records: Sequence[Any],
         parts: Sequence[Part],
         n_unsure: int,
@@ -69,7 +68,7 @@ class NoiseModel(Protocol):
         """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects."""
 
     def further(
-        self, model: AnyModel, records: Sequence[Any], hypothesis: Hypothesis
+        self, model: Any, records: Sequence[Any], hypothesis: Hypothesis
     ) -> Hypothesis:
         """Go on with a fit that has not come to its end."""
 
@@ -112,7 +111,7 @@ class Search(ABC):
         made of one another share it.
     """
 
-    model: AnyModel
+    model: Any
     records: Sequence[Any]
     free: tuple[Part, ...]
     options: Options

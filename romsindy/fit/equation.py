@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State
-from romsindy.effects.placed import OnCoordinate
 from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
 from romsindy.fit.linear_steps import Linearisation
+from romsindy.fit.on_coordinate import OnCoordinate
 from romsindy.fit.part import Part
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
@@ -67,9 +67,7 @@ class ExtendedEquation:
         squared = np.diag(stiffness) / np.diag(mass)
         return [float(np.sqrt(x)) if 0 < x < np.inf else 1.0 for x in squared]
 
-    def state(
-        self, t: Array, q: Array, q_dot: Array, q_ddot: Array, coordinate: int = 0
-    ) -> State:
+    def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array, coordinate: int = 0) -> State:
         """What the effects on one coordinate take, (n,) each, from (n, R) states."""
         motion = (x[:, coordinate] for x in (q, q_dot, q_ddot))
         rate = self.rates[coordinate]

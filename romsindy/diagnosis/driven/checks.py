@@ -35,8 +35,8 @@ def forced_alone(measured: object) -> list[ForcedVibration]:
     return driven
 
 
-def refuse_with_inputs(**given: object) -> None:
-    """Refuse arguments that belong to decays, or to a beam.
+def refuse_beside(what: str, instead: str, **given: object) -> None:
+    """Refuse arguments that do not go with something, and say what to do instead.
 
     Raises
     ------
@@ -45,10 +45,7 @@ def refuse_with_inputs(**given: object) -> None:
     """
     strange = [name for name, value in given.items() if value is not None]
     if strange:
-        raise ValueError(
-            f"{strange[0]} = ... does not go with forced vibrations: leave it out, or diagnose"
-            " decays"
-        )
+        raise ValueError(f"{strange[0]} = ... does not go with {what}: leave it out, or {instead}")
 
 
 def driven_of(name: str, given: object) -> list[ForcedVibration]:

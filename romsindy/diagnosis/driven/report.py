@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.driven.gap import HELD_OUT, ForcedGap
+from romsindy.diagnosis.driven.gap import HELD_OUT, ForcedGap, noise_std
 from romsindy.diagnosis.driven.next_test import Level, most_apart
 from romsindy.diagnosis.driven.tolerance import beyond_noise
 from romsindy.diagnosis.explained import Explained, notes_of
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.verdict import Left
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.any_record import AnyRecord
 from romsindy.text import percent, quantity
 
 if TYPE_CHECKING:
@@ -38,12 +38,12 @@ class ForcedReport(Explained):
         What does not matter; where it is the default, what is noise.
     remainder : ForcedAdequacy
         Whether what is left is white.
-    records : tuple of ForcedRecord
+    records : tuple of AnyRecord
     """
 
     gap: ForcedGap
     tolerance: Tolerance
-    records: tuple[ForcedRecord, ...]
+    records: tuple[AnyRecord, ...]
 
     @property
     def left(self) -> Left:
@@ -105,8 +105,12 @@ class ForcedReport(Explained):
             return f"{share}, as noise."
         if self.left == "tolerance":
             return f"{share}, which does not matter."
+        return f"{share}; {self._more_than_noise}."
+
+    @property
+    def _more_than_noise(self) -> str:
         predicted = percent(1 - 1 / self.remainder.structure)
-        return f"{share}; {predicted} of its power is no noise, for its past predicts it."
+        return f"{predicted} of its power is no noise, for its past predicts it"
 
     @property
     def _next(self) -> list[str]:
@@ -165,15 +169,19 @@ class ForcedReport(Explained):
         from romsindy.show.page import Picture
 
         worst = int(np.argmax([np.std(e) for e in self.gap.residuals_after]))
-        record, after = self.gap.records[worst], self.gap.residuals_after[worst]
-        before = self.gap.residuals_before[worst]
+        record, n = self.gap.records[worst], len(self.gap.records[worst].t)
+        found = self.gap.residuals_before[worst], self.gap.residuals_after[worst]
+        every = np.reshape([record.signal, *found], (3, -1, n))
+        channel = int(np.argmax(np.std(every[2], axis=1)))
+        signal, before, after = every[:, channel]
         before = np.where(np.isfinite(before), before, np.nan)  # nan where there is no motion
         name, unit = record.decay.measured, self.gap.unit
         both = f"{percent(self.gap.before)} of the response before, "
         both += f"{percent(self.gap.after)} after"
         of = "Of the held-out record" if self.gap.where == HELD_OUT else f"Of record {worst + 1}"
-        given = (record.signal, before, after, name, unit)
-        spectra = (record.decay.dt, record.noise.std, *given)
+        of += f", channel {channel + 1}" if every.shape[1] > 1 else ""
+        given = (signal, before, after, name, unit)
+        spectra = (record.decay.dt, noise_std(record), *given)
         return {
             p.name: p
             for p in (

@@ -18,9 +18,9 @@ from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED
+from romsindy.physics.coupled import AnyModel
 
 _SURVIVORS = 6  # of each screening are simulated
 _SENSOR = 2  # of what may be wrong in the sensor
@@ -39,7 +39,7 @@ class DrivenSearch(Search):
         What may stand instead of the inputs of the model.
     """
 
-    records: Sequence[ForcedRecord]
+    model: AnyModel
     noise: ColourOfBest
     scales: Scales = field(kw_only=True)
     chain: tuple[Part, ...] = field(kw_only=True)

@@ -45,7 +45,9 @@ def within(search: DrivenSearch, linear: Sequence[Effect]) -> Hypothesis | None:
     free = tuple(p for p in parts if _size(search.model, p) > 0)
     found = replace(search, free=free, compared=[]).hypothesis([])
     residuals = found.solution.residuals
-    little = tolerance.source != DEFAULT and beyond_noise(search.records, residuals) <= tolerance.signal
+    little = (
+        tolerance.source != DEFAULT and beyond_noise(search.records, residuals) <= tolerance.signal
+    )
     if not (found.solution.finite and (little or search.remainder(found).explained)):
         return None
     for i, part in enumerate(free):

@@ -33,6 +33,7 @@ from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.verdict import CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.model import ReducedModel
+from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
 
@@ -77,6 +78,14 @@ def diagnose_forced(
     return report_of(search, found, test, (*note, *on_inputs(search)))
 
 
+def check_repeats(repeats: Sequence[ForcedVibration] | Sequence[Decay]) -> None:
+    """Raise a ValueError for fewer than two runs of a test, or one that is there twice."""
+    if len(repeats) < 2:
+        raise ValueError(f"repeats holds {len(repeats)} record: give two or more of the same test")
+    if any(a.same_record(b) for i, a in enumerate(repeats) for b in repeats[:i]):
+        raise ValueError("repeats holds a record twice: give each run of the test once")
+
+
 def of_repeats(
     model: ReducedModel | Beam, repeats: Sequence[ForcedVibration], options: Options
 ) -> Tolerance:
@@ -88,10 +97,7 @@ def of_repeats(
         If there are fewer than two, one is there twice, or they cannot be compared.
     """
     model = reduced(model)
-    if len(repeats) < 2:
-        raise ValueError(f"repeats holds {len(repeats)} record: give two or more of the same test")
-    if any(a.same_record(b) for i, a in enumerate(repeats) for b in repeats[:i]):
-        raise ValueError("repeats holds a record twice: give each run of the test once")
+    check_repeats(repeats)
     check_inputs(model, repeats, "repeat")
     searches = []
     for record in checked_driven(repeats, options.floor, "repeat"):

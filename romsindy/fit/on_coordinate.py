@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from romsindy.effects.base import Effect, Parameter, Scales, State
+from romsindy.fit.coefficient import SMOOTHING, Coefficient
 from romsindy.physics.coupling import Along
 from romsindy.physics.memory import Memory
 from romsindy.typing import Array
@@ -71,12 +72,21 @@ class OnCoordinate(Effect):
     def value(self, name: str) -> float:
         return self.of.value(name)
 
+    @property
+    def _acting(self) -> Effect:
+        """What acts: smooth, for a coordinate that friction stops is moved by the others."""
+        law = self.of.term()
+        if law is None or law.smooth:
+            return self.of
+        fastest = self.scales.amplitude * self.scales.omega
+        return Coefficient(law.regularised(SMOOTHING * fastest))
+
     def forces(self, state: State) -> Array | None:
         """From the state of its coordinate."""
-        return self.of.forces(state)
+        return self._acting.forces(state)
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
-        return self.of.slopes(state, strengths)
+        return self._acting.slopes(state, strengths)
 
     def remembered(self, state: State) -> Memory | None:
         return self.of.remembered(state)
