@@ -14,8 +14,8 @@ import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis.experiment import EXPERIMENTS, Experiment
+from romsindy.diagnosis.next_test import Rival
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.rival import Rival
 from romsindy.effects import (
     CubicStiffness,
     Gain,

@@ -1,7 +1,8 @@
 """Hypotheses by the colour of the noise that the best of them leaves.
 
 Where the noise starts in a driven record, or in channels in which several coordinates ring, is not
-known beforehand: what the best explanation leaves stands for it. An autoregression makes that white, and the misfits of all others alike.
+known beforehand: what the best explanation leaves stands for it. An autoregression makes that
+white, and the misfits of all others alike.
 """
 
 from __future__ import annotations

@@ -12,26 +12,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from romsindy.diagnosis.checks import FREE, check_request
+from romsindy.diagnosis.arguments import FREE, check_repeats, check_request
 from romsindy.diagnosis.colour import ColourOfBest
-from romsindy.diagnosis.coupled_report import CoupledReport
-from romsindy.diagnosis.driven.held_out import tested
-from romsindy.diagnosis.driven.search import DrivenSearch
-from romsindy.diagnosis.driven.tolerance import of_driven_repeats, within
-from romsindy.diagnosis.driven.workflow import check_repeats, report_of
+from romsindy.diagnosis.held_out import tested
+from romsindy.diagnosis.residual_report import CoupledDiagnosis, report_of
+from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, Options
 from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
 from romsindy.diagnosis.workflow import unsure_parts
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.fit.adequacy import examine
-from romsindy.fit.coefficient import Coefficient, in_place
+from romsindy.fit.coefficient import Coefficient, OnCoordinate, in_place
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.friction import smoothed
 from romsindy.fit.measured import small_frequencies
 from romsindy.fit.mode_shape import ModeShape
-from romsindy.fit.on_coordinate import OnCoordinate
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import KNOWN_GAIN, SHARED
 from romsindy.physics.coupled import CoupledModel
@@ -56,7 +54,7 @@ def diagnose_coupled(
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     options: Options,
-) -> CoupledReport:
+) -> CoupledDiagnosis:
     """Find, name and add what a model of several coordinates lacks; arguments as of `diagnose`."""
     linear = linear_values(model)
     free = [name for f in free for name in _of_every_coordinate(f, linear)]
@@ -65,7 +63,7 @@ def diagnose_coupled(
     records = _records(model, everything, options.floor)
     test = None if held_out is None else records.pop()
     search = _search(model, records, free, tolerances, options)
-    slack = within(search, list(linear.values()))
+    slack = linear_values_within(search, list(linear.values()))
     if slack is not None:
         exact = search.with_free(()).hypothesis([])
         found = Finding([slack], [slack, exact], exact)
@@ -73,7 +71,7 @@ def diagnose_coupled(
         found = search.run()
         if test is not None and not found.interrupted:
             found = tested(search, found, test)
-    return report_of(search, found, test, _notes(model, everything), CoupledReport)
+    return report_of(search, found, test, _notes(model, everything), CoupledDiagnosis)
 
 
 def of_coupled_repeats(
@@ -126,7 +124,7 @@ def _search(
     free: Sequence[str | Effect],
     tolerances: Mapping[str, float],
     options: Options,
-) -> DrivenSearch:
+) -> ResidualSearch:
     """A search beside the mode shapes."""
     model, each = smoothed(model, records), _scales(model, records)
     largest = max(each, key=lambda scales: scales.amplitude)
@@ -138,7 +136,7 @@ def _search(
     gains = [Part(e, (), np.zeros((1, 1)), KNOWN_GAIN, KNOWN_GAIN) for e in mains]
     beside = (*free_shapes(records), *gains)
     noise = ColourOfBest(examine, unsettled=True)
-    return DrivenSearch(model, records, unsure, options, noise, beside, scales=largest, chain=())
+    return ResidualSearch(model, records, unsure, options, noise, beside, scales=largest, chain=())
 
 
 def _sought(

@@ -8,30 +8,31 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
-from romsindy.diagnosis.checks import FREE, check_numbers, decays_of, shared_part
+from romsindy.diagnosis.arguments import (
+    FREE,
+    check_numbers,
+    decays_of,
+    driven_of,
+    forced_alone,
+    refuse_beside,
+)
+from romsindy.diagnosis.checks import shared_part
 from romsindy.diagnosis.coupled import diagnose_coupled, of_coupled_repeats, tolerances_of
-from romsindy.diagnosis.driven.checks import driven_of, forced_alone, refuse_beside
-from romsindy.diagnosis.driven.report import ForcedReport
-from romsindy.diagnosis.driven.workflow import diagnose_forced
-from romsindy.diagnosis.driven.workflow import of_repeats as of_driven_repeats
+from romsindy.diagnosis.driven import diagnose_forced
+from romsindy.diagnosis.driven import of_repeats as of_driven_repeats
 from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import HELD_OUT, name_of
-from romsindy.diagnosis.interaction_report import InteractionReport
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
-from romsindy.diagnosis.other_mode import with_other_mode
+from romsindy.diagnosis.other_mode import InteractionReport, with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.residual_report import ForcedReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.tolerance_sources import (
-    of_estimate,
-    of_references,
-    of_repeats,
-    stated,
-)
+from romsindy.diagnosis.tolerance_sources import of_estimate, of_references, of_repeats, stated
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect

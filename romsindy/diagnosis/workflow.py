@@ -8,21 +8,26 @@ from functools import partial
 
 import numpy as np
 
-from romsindy.diagnosis.checks import check_request, checked_records
+from romsindy.diagnosis.arguments import check_request
+from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.difference import over_all
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
-from romsindy.diagnosis.held_out import parted
+from romsindy.diagnosis.held_out import Validation, parted
 from romsindy.diagnosis.nuisance import nuisances
 from romsindy.diagnosis.plain_values import other_values, without_effects
 from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.search import Finding, Options, rivals_of
-from romsindy.diagnosis.textbook import with_textbook_exponent, with_whole_exponent
+from romsindy.diagnosis.search import (
+    Finding,
+    Options,
+    rivals_of,
+    with_textbook_exponent,
+    with_whole_exponent,
+)
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
-from romsindy.diagnosis.validation import Validation
 from romsindy.diagnosis.verdict import Answer, Explanation, Rule, Verdict
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales

@@ -11,9 +11,8 @@ import numpy as np
 
 from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State
 from romsindy.fit.any_record import AnyRecord
-from romsindy.fit.coefficient import extended
+from romsindy.fit.coefficient import OnCoordinate, extended
 from romsindy.fit.linear_steps import Linearisation
-from romsindy.fit.on_coordinate import OnCoordinate
 from romsindy.fit.part import Part
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm

@@ -13,6 +13,7 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.experiment import Advice
+from romsindy.diagnosis.explained import Written
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
@@ -22,7 +23,6 @@ from romsindy.diagnosis.on_beam.place import Place
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Verdict
-from romsindy.diagnosis.written import Written
 from romsindy.fit.part import Part
 from romsindy.text import TextTable
 

@@ -1,7 +1,8 @@
-"""A diagnosis from forced vibrations, in words, tables and pictures."""
+"""A diagnosis by what is left: of driven records, and of several coordinates."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -9,14 +10,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.driven.gap import HELD_OUT, ForcedGap, noise_std
-from romsindy.diagnosis.driven.next_test import Level, most_apart
-from romsindy.diagnosis.driven.tolerance import beyond_noise
+from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.explained import Explained, notes_of
+from romsindy.diagnosis.gap import UNSEEN, ResidualGap, beyond_noise, noise_std
+from romsindy.diagnosis.held_out import left_of
+from romsindy.diagnosis.input_level import Level, most_apart
+from romsindy.diagnosis.residual_search import ResidualSearch
+from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
-from romsindy.diagnosis.verdict import Left
+from romsindy.diagnosis.verdict import Left, Verdict
+from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.any_record import AnyRecord
-from romsindy.text import percent, quantity
+from romsindy.fit.coefficient import extended
+from romsindy.fit.verdict import CLOSED, NAMED_ABOVE, PREDICTED
+from romsindy.physics.coupled import CoupledModel
+from romsindy.text import percent, quantity, two_digits
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
@@ -32,7 +40,7 @@ class ForcedReport(Explained):
         As those of a `DiagnosisReport`.
     base : Hypothesis
         The simulation as it was.
-    gap : ForcedGap
+    gap : ResidualGap
         Before and after, on what was held out, or else on the records that were fitted.
     tolerance : Tolerance
         What does not matter; where it is the default, what is noise.
@@ -41,7 +49,7 @@ class ForcedReport(Explained):
     records : tuple of AnyRecord
     """
 
-    gap: ForcedGap
+    gap: ResidualGap
     tolerance: Tolerance
     records: tuple[AnyRecord, ...]
 
@@ -78,7 +86,7 @@ class ForcedReport(Explained):
         share = percent(self.gap.before)
         differ = "They agree" if self.verdict == "none" else "They differ"
         line = f"{differ}: the simulation leaves {size} rms, {share} of the response"
-        on = f" on {HELD_OUT}" if self.gap.where == HELD_OUT else ""
+        on = f" on {UNSEEN}" if self.gap.where == UNSEEN else ""
         asked = self.tolerance.source != DEFAULT
         known = f" ({words.tolerated(self.tolerance)})" if asked else ""
         return f"{line}{on}{known}."
@@ -178,7 +186,7 @@ class ForcedReport(Explained):
         name, unit = record.decay.measured, self.gap.unit
         both = f"{percent(self.gap.before)} of the response before, "
         both += f"{percent(self.gap.after)} after"
-        of = "Of the held-out record" if self.gap.where == HELD_OUT else f"Of record {worst + 1}"
+        of = "Of the held-out record" if self.gap.where == UNSEEN else f"Of record {worst + 1}"
         of += f", channel {channel + 1}" if every.shape[1] > 1 else ""
         given = (signal, before, after, name, unit)
         spectra = (record.decay.dt, noise_std(record), *given)
@@ -203,3 +211,90 @@ class ForcedReport(Explained):
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
         return self._page(self.gap.table(), notes_of(self.records))
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class CoupledDiagnosis(ForcedReport):
+    """What a model of several coordinates lacks, against decays in which they ring.
+
+    Effects have the coordinate in their names: "dry_friction [q2]". No test is simulated: what may
+    tell explanations apart is said by the effects themselves.
+
+    Attributes
+    ----------
+    verdict, best, rivals, compared, base, gap, tolerance, added, interrupted, notes
+        As those of a `ForcedReport`.
+    nominal, model : CoupledModel
+    remainder : Adequacy
+        Whether what is left repeats with the vibration of any coordinate.
+    records : tuple of CoupledRecord
+    """
+
+    nominal: CoupledModel
+    model: CoupledModel
+    level: None = None  # type: ignore[assignment]
+
+    @property
+    def _more_than_noise(self) -> str:
+        return (
+            f"{two_digits(self.remainder.ratio)} times the noise, of which more repeats than chance"
+        )
+
+
+def report_of(
+    search: ResidualSearch,
+    found: Finding,
+    test: AnyRecord | None,
+    notes: Sequence[str] = (),
+    kind: type[ForcedReport] = ForcedReport,
+) -> ForcedReport:
+    """What a search found, by what it leaves of the records, or of one that took no part."""
+    best, tolerance = found.rivals[0], search.options.tolerance
+    added = best.parts if best.names else ()
+    gap, tells = _gap(search, found, test), [search.remainder(best)]
+    if test is not None:  # of its values only the start was fitted
+        start = 2 * search.model.n_coordinates
+        tells.append(search.examined([test], gap.residuals_after, start))
+    kept = tolerance.source != DEFAULT and all(
+        beyond_noise(*some) <= tolerance.signal
+        for some in ((gap.records, gap.residuals_after), (search.records, best.solution.residuals))
+    )
+    return kind(
+        verdict=_verdict(found, gap, tells, kept),
+        nominal=search.model,
+        model=extended(driven_instead(search.model, best.parts), added) if added else search.model,
+        best=best,
+        rivals=tuple(found.rivals),
+        compared=tuple(found.compared),
+        base=found.base,
+        remainder=tells[-1],
+        gap=gap,
+        tolerance=tolerance,
+        records=tuple(search.records),
+        scales=search.scales,
+        added=added,
+        interrupted=found.interrupted,
+        notes=tuple(notes),
+    )
+
+
+def _gap(search: ResidualSearch, found: Finding, test: AnyRecord | None) -> ResidualGap:
+    """Before and after, on what took no part, or else on what was fitted."""
+    best, base = found.rivals[0], found.base
+    if test is None:
+        return ResidualGap.of(search.records, base.solution.residuals, best.solution.residuals)
+    before, after = ([left_of(search.model, h.parts, test)] for h in (base, best))
+    return ResidualGap.of([test], before, after, UNSEEN)
+
+
+def _verdict(found: Finding, gap: ResidualGap, tells: Sequence[Adequacy], kept: bool) -> Verdict:
+    """One word; ``kept`` says that what is left is within a tolerance."""
+    best = found.rivals[0]
+    explained = all(left.explained for left in tells)
+    little = gap.closed >= CLOSED and all(left.ratio <= PREDICTED for left in tells)
+    if not (explained or little or kept):
+        return "unknown"
+    if not best.names:
+        return "none"
+    several = len(found.rivals) > 1 or len(best.moved) > 1 or found.interrupted
+    return "ambiguous" if several or best.sureness < NAMED_ABOVE else "named"

@@ -1,4 +1,4 @@
-"""The level of excitation that would tell rivals apart, by simulation of both."""
+"""The level of excitation that would tell explanations apart, by simulation of both."""
 
 from __future__ import annotations
 
