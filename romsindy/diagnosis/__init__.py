@@ -6,6 +6,6 @@ from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.other_mode import InteractionReport
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.residual_report import ForcedReport
+from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect, Parameter, ReadingEffect, TermEffect, TimedEffect

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from romsindy.beam import Beam
 from romsindy.effects.base import Effect
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
@@ -157,19 +158,22 @@ def driven_of(name: str, given: object) -> list[ForcedVibration]:
     return found
 
 
-def reduced(model: ReducedModel | Beam) -> ReducedModel:
+def reduced(model: AnyModel | Beam) -> ReducedModel:
     """The model, if it is one that driven records can be compared with.
 
     Raises
     ------
     ValueError
-        For a Beam.
+        For a Beam, and for several coordinates.
     """
     if isinstance(model, ReducedModel):
         return model
+    remedy = "reduce it first, beam.reduce(...)"
+    if isinstance(model, CoupledModel):
+        remedy = "give that of one coordinate, or free decays"
     raise ValueError(
         f"model is a {type(model).__name__}, and forced vibrations are compared with a"
-        " ReducedModel: reduce it first, beam.reduce(...)"
+        f" ReducedModel: {remedy}"
     )
 
 
@@ -186,7 +190,7 @@ def check_inputs(
                 )
 
 
-def check_repeats(repeats: Sequence[ForcedVibration] | Sequence[Decay]) -> None:
+def check_repeats(repeats: Sequence[Any]) -> None:
     """Raise a ValueError for fewer than two runs of a test, or one that is there twice."""
     if len(repeats) < 2:
         raise ValueError(f"repeats holds {len(repeats)} record: give two or more of the same test")

@@ -33,6 +33,8 @@ from romsindy.typing import Array, Indices
 
 _CHECKS = 8  # iterations, to see what values that did not settle leave
 _FURTHER = 40  # of a fit that others are held against
+# Of a first fit; where friction stops a coordinate, many are short.
+_SETTLED, _UNSETTLED = 16, 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,8 @@ class ColourOfBest:
         given = driven_instead(model, parts)
         n_samples = sum(r.count for r in records)
         with threadpool_limits(limits=1, user_api="blas"):
-            solution = fit(given, parts, records)
+            iterations = _UNSETTLED if self.unsettled else _SETTLED
+            solution = fit(given, parts, records, iterations=iterations)
             empty = Hypothesis(solution, n_free, n_samples, None, noise=(), n_unsure=n_unsure)
             return self._weighed(given, records, empty)
 

@@ -84,9 +84,9 @@ def of_coupled_repeats(
     return of_driven_repeats([_search(model, [r], linear, {}, options) for r in records])
 
 
-def tolerances_of(estimate: Estimate) -> dict[str, float]:
+def tolerances_of(model: CoupledModel, estimate: Estimate) -> dict[str, float]:
     """How well an estimate knows its coefficients, relatively, but for the linear ones."""
-    values, linear = estimate.model.coefficients, linear_values(estimate.model)
+    values, linear = model.coefficients, linear_values(model)
     errors = estimate.standard_errors.items()
     return {
         name: std / abs(values[name])

@@ -28,7 +28,7 @@ from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
 from romsindy.diagnosis.other_mode import InteractionReport, with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.residual_report import ForcedReport
+from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import Tolerance
@@ -39,14 +39,14 @@ from romsindy.effects.base import Effect
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR, SAME_SIGNAL
-from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
 
 def diagnose(
-    model: ReducedModel | Estimate | Beam | Decay,
+    model: ReducedModel | CoupledModel | Estimate | Beam | Decay,
     measured: Decay | ForcedVibration | Sequence[Decay] | Sequence[ForcedVibration],
     *,
     sensors: SensorArray | None = None,
@@ -63,7 +63,7 @@ def diagnose(
     floor: float | None = None,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
-) -> DiagnosisReport | InteractionReport | BeamReport | ForcedReport:
+) -> DiagnosisReport | CoupledDiagnosis | InteractionReport | BeamReport | ForcedReport:
     """Find, name and add what a simulation lacks.
 
     Against forced vibrations an input of the model is taken as known, gain, delay and all, and may
@@ -71,12 +71,13 @@ def diagnose(
 
     Parameters
     ----------
-    model : ReducedModel, Estimate, Beam or Decay
+    model : ReducedModel, CoupledModel, Estimate, Beam or Decay
         The simulation. A `Fit`, an `Identification` or another `Estimate` stands for its model,
         and knows how far that may be off. A decay is a simulated series, which is reduced to an
         equation of one coordinate first.
     measured : Decay, ForcedVibration, or sequence of either
-        For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
+        For a model: one channel each, in its unit; of a `CoupledModel` any number of channels, in
+        which its coordinates ring together. For a beam: displacements from the equilibrium
         [m], one channel per sensor, or velocities or accelerations where a decay says so. Forced
         vibrations are compared with a model, and take all but ``sensors``, ``release`` and
         ``reference``.
@@ -130,9 +131,9 @@ def diagnose(
 
     Returns
     -------
-    DiagnosisReport or BeamReport
-        For an equation or a series, or for a Beam; an `InteractionReport` where a model lacks
-        another mode, a `ForcedReport` for forced vibrations.
+    DiagnosisReport, CoupledDiagnosis or BeamReport
+        For an equation or a series, for several coordinates, or for a Beam; an `InteractionReport`
+        where a model lacks another mode, a `ForcedReport` for forced vibrations.
 
     Raises
     ------
@@ -185,7 +186,7 @@ def diagnose(
             reference=reference,
         )
         if isinstance(model, Estimate) and tolerances is None:
-            near = tolerances_of(model)
+            near = tolerances_of(simulation, model)
         if again is not None:
             options = options.tolerating(of_coupled_repeats(simulation, again, options))
         unsure = FREE if free is None else free
@@ -221,7 +222,7 @@ def _silent(_: str) -> None:
 
 
 def _of_driven(
-    simulation: ReducedModel | Beam,
+    simulation: AnyModel | Beam,
     measured: Sequence[ForcedVibration],
     held_out: object,
     repeats: object,

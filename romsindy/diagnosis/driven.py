@@ -44,6 +44,7 @@ from romsindy.fit.forced.drives import (
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.driven import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
@@ -52,7 +53,7 @@ from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 
 
 def diagnose_forced(
-    model: ReducedModel | Beam,
+    model: AnyModel | Beam,
     measured: Sequence[ForcedVibration],
     held_out: ForcedVibration | None,
     free: Sequence[str | Effect],
@@ -81,7 +82,9 @@ def diagnose_forced(
     slack = linear_values_within(search, linear) if asked else None
     if slack is not None:
         exact = search.with_free(()).hypothesis([])
-        return report_of(search, Finding([slack], [slack, exact], exact), test, on_inputs(search))
+        return report_of(
+            search, Finding([slack], [slack, exact], exact), test, on_inputs(search), ForcedReport
+        )
     found = search.run()
     way, note = between_samples(search, found.rivals[0], measured)
     if way != ways(measured)[0]:
@@ -89,11 +92,11 @@ def diagnose_forced(
         found = search.run()
     if test is not None and not found.interrupted:
         found = tested(search, found, test)
-    return report_of(search, found, test, (*note, *on_inputs(search)))
+    return report_of(search, found, test, (*note, *on_inputs(search)), ForcedReport)
 
 
 def of_repeats(
-    model: ReducedModel | Beam, repeats: Sequence[ForcedVibration], options: Options
+    model: AnyModel | Beam, repeats: Sequence[ForcedVibration], options: Options
 ) -> Tolerance:
     """What runs of one driven test differ by; see `of_driven_repeats`.
 

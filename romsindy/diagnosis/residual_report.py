@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
 from romsindy.fit.verdict import CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.model import ReducedModel
 from romsindy.text import percent, quantity, two_digits
 
 if TYPE_CHECKING:
@@ -31,8 +33,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class ForcedReport(Explained):
-    """What a simulation lacks against driven records.
+class ResidualReport(Explained):
+    """What a simulation lacks, by what it leaves of the records.
 
     Attributes
     ----------
@@ -44,14 +46,14 @@ class ForcedReport(Explained):
         Before and after, on what was held out, or else on the records that were fitted.
     tolerance : Tolerance
         What does not matter; where it is the default, what is noise.
-    remainder : ForcedAdequacy
-        Whether what is left is white.
-    records : tuple of AnyRecord
+    remainder : Adequacy
+        Whether what is left is noise.
+    records : tuple of ForcedRecord or CoupledRecord
     """
 
     gap: ResidualGap
     tolerance: Tolerance
-    records: tuple[AnyRecord, ...]
+    records: tuple[Any, ...]
 
     @property
     def left(self) -> Left:
@@ -116,9 +118,9 @@ class ForcedReport(Explained):
         return f"{share}; {self._more_than_noise}."
 
     @property
+    @abstractmethod
     def _more_than_noise(self) -> str:
-        predicted = percent(1 - 1 / self.remainder.structure)
-        return f"{predicted} of its power is no noise, for its past predicts it"
+        """What shows that what is left is no noise."""
 
     @property
     def _next(self) -> list[str]:
@@ -142,12 +144,10 @@ class ForcedReport(Explained):
             ]
         return [f"Next: in {where} the first two, as they were fitted, differ by {how_far}."]
 
-    @cached_property
+    @property
     def level(self) -> Level | None:
-        """At which the first two rivals differ most; None where there is but one."""
-        if len(self.rivals) < 2:
-            return None
-        return most_apart(self.nominal, self.rivals[:2], self.records)
+        """That of the inputs at which the first two rivals differ most; None where none is."""
+        return None
 
     # -- tables and files ------------------------------------------------------------------------
 
@@ -214,40 +214,55 @@ class ForcedReport(Explained):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class CoupledDiagnosis(ForcedReport):
+class ForcedReport(ResidualReport):
+    """What a model lacks against driven records: a `ResidualReport` of them."""
+
+    nominal: ReducedModel
+    model: ReducedModel
+
+    @property
+    def _more_than_noise(self) -> str:
+        predicted = percent(1 - 1 / self.remainder.structure)
+        return f"{predicted} of its power is no noise, for its past predicts it"
+
+    @cached_property
+    def level(self) -> Level | None:
+        """At which the first two rivals differ most; None where there is but one."""
+        if len(self.rivals) < 2:
+            return None
+        return most_apart(self.nominal, self.rivals[:2], self.records)
+
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures."""
+        return {**super().page(), "formula": self.model.latex_terms()}
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class CoupledDiagnosis(ResidualReport):
     """What a model of several coordinates lacks, against decays in which they ring.
 
     Effects have the coordinate in their names: "dry_friction [q2]". No test is simulated: what may
     tell explanations apart is said by the effects themselves.
-
-    Attributes
-    ----------
-    verdict, best, rivals, compared, base, gap, tolerance, added, interrupted, notes
-        As those of a `ForcedReport`.
-    nominal, model : CoupledModel
-    remainder : Adequacy
-        Whether what is left repeats with the vibration of any coordinate.
-    records : tuple of CoupledRecord
     """
 
     nominal: CoupledModel
     model: CoupledModel
-    level: None = None  # type: ignore[assignment]
 
     @property
     def _more_than_noise(self) -> str:
-        return (
-            f"{two_digits(self.remainder.ratio)} times the noise, of which more repeats than chance"
-        )
+        return f"{two_digits(self.remainder.ratio)} times the noise: more than noise repeats"
+
+
+Kind = TypeVar("Kind", bound=ResidualReport)
 
 
 def report_of(
     search: ResidualSearch,
     found: Finding,
     test: AnyRecord | None,
-    notes: Sequence[str] = (),
-    kind: type[ForcedReport] = ForcedReport,
-) -> ForcedReport:
+    notes: Sequence[str],
+    kind: type[Kind],
+) -> Kind:
     """What a search found, by what it leaves of the records, or of one that took no part."""
     best, tolerance = found.rivals[0], search.options.tolerance
     added = best.parts if best.names else ()

@@ -12,7 +12,6 @@ from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
 from romsindy.fit.part import Part
 from romsindy.physics.coupling import Along
 from romsindy.physics.memory import Memory
-from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
 from romsindy.typing import Array
@@ -92,7 +91,7 @@ class OnCoordinate(Effect):
         return f"{name} [q{self.number}]"
 
     @property
-    def coordinate(self) -> int:  # type: ignore[override]
+    def acts_on(self) -> int:  # type: ignore[override]
         """The column of a motion (n, R)."""
         return self.number - 1
 
@@ -145,7 +144,7 @@ def free_coefficients(model: TermSum, names: Sequence[str]) -> tuple[Part, ...]:
     return tuple(Part(Coefficient(terms[name]), (), np.zeros((1, 1))) for name in names)
 
 
-def in_place(model: ReducedModel, catalogue: Iterable[Effect]) -> list[Coefficient]:
+def in_place(model: TermSum, catalogue: Iterable[Effect]) -> list[Coefficient]:
     """Wrong coefficients of what only adds to a model, but is in it already: it may be too much."""
     terms = {term.key: term for term in model.terms}
     laws = {e: e.term() for e in catalogue if e.sign}

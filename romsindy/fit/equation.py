@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -50,12 +49,12 @@ class ExtendedEquation:
         return {
             i: part
             for i, part in enumerate(self.parts)
-            if not (isinstance(part.effect, ReadingEffect) or _is_inside(part.effect))
+            if not (isinstance(part.effect, ReadingEffect) or _inner(part.effect))
         }
 
     @cached_property
     def _inside(self) -> AnyModel:
-        laws = [p for p in self.parts if _is_inside(p.effect)]
+        laws = [p for p in self.parts if _inner(p.effect)]
         return extended(self.model, laws) if laws else self.model
 
     @cached_property
@@ -66,23 +65,24 @@ class ExtendedEquation:
         squared = np.diag(stiffness) / np.diag(mass)
         return [float(np.sqrt(x)) if 0 < x < np.inf else 1.0 for x in squared]
 
-    def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array, coordinate: int = 0) -> State:
+    def state(
+        self, t: Array, q: Array, q_dot: Array, q_ddot: Array, *, coordinate: int = 0
+    ) -> State:
         """What the effects on one coordinate take, (n,) each, from (n, R) states."""
-        motion = (x[:, coordinate] for x in (q, q_dot, q_ddot))
+        own = [x[:, coordinate] for x in (q, q_dot, q_ddot)]
         rate = self.rates[coordinate]
-        return State(t, *motion, self.step, rate, clock=self.clock, inputs=self.inputs)
+        return State(t, own[0], own[1], own[2], self.step, rate, None, self.clock, self.inputs)
 
     def forces(self, effect: Effect, *motion: Array) -> Array | None:
         """Of an effect of unit strengths in every equation, (k, n, R); None of a sensor."""
-        if _is_inside(effect):
-            law: Any = effect.term()
-            return np.asarray(law.strong(*motion[1:]))[None]
-        forces = effect.forces(self.state(*motion, effect.coordinate))
+        if (law := _inner(effect)) is not None:
+            return law.strong(*motion[1:])[None]
+        forces = effect.forces(self.state(*motion, coordinate=effect.acts_on))
         return None if forces is None else forces[..., None] * self._unit(effect)
 
     def _unit(self, effect: Effect) -> Array:
         """1 in the equation of the coordinate that an effect acts on, (R,)."""
-        return np.eye(self.model.n_coordinates)[effect.coordinate]
+        return np.eye(self.model.n_coordinates)[effect.acts_on]
 
     def _pulling(self, *motion: Array) -> dict[int, tuple[Part, State]]:
         """Parts beside the model, each with what its effect takes and remembers, by number."""
@@ -90,7 +90,7 @@ class ExtendedEquation:
             return {}
         memories = self.memories or (None,) * len(self._beside)
         return {
-            i: (part, self.state(*motion, part.effect.coordinate)._replace(memory=m))
+            i: (part, self.state(*motion, coordinate=part.effect.acts_on)._replace(memory=m))
             for (i, part), m in zip(self._beside.items(), memories, strict=True)
         }
 
@@ -128,8 +128,8 @@ class ExtendedEquation:
         pulling = self._pulling(t, q, q_dot, q_ddot)
         rows = [np.zeros((0, *q.shape))]
         for i, part in enumerate(self.parts):
-            if _is_inside(part.effect):
-                rows.append(self.forces(part.effect, t, q, q_dot, q_ddot))
+            if (law := _inner(part.effect)) is not None:
+                rows.append(law.strong(q, q_dot, q_ddot)[None])
             elif i not in pulling or part.effect.forces(state := pulling[i][1]) is None:
                 rows.append(np.zeros((len(part.columns(self.record)), *q.shape)))
             else:
@@ -138,6 +138,7 @@ class ExtendedEquation:
         return np.concatenate(rows)
 
 
-def _is_inside(effect: Effect) -> bool:
-    """Whether it is a law of several coordinates, which stands in the one table of its model."""
-    return isinstance(effect.term(), CoupledTerm) and not isinstance(effect, OnCoordinate)
+def _inner(effect: Effect) -> CoupledTerm | None:
+    """A law of several coordinates, which stands in the one table of its model; None of others."""
+    law = None if isinstance(effect, OnCoordinate) else effect.term()
+    return law if isinstance(law, CoupledTerm) else None
