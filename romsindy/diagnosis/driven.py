@@ -24,6 +24,7 @@ from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven
 from romsindy.diagnosis.workflow import smooth_model, unsure_parts
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
+from romsindy.effects.choices import looked_for
 from romsindy.effects.drive import (
     InputBetweenSamples,
     InputDelay,
@@ -31,7 +32,6 @@ from romsindy.effects.drive import (
     InputGain,
     InputLag,
 )
-from romsindy.effects.outside import Bias, SecondMode
 from romsindy.fit.coefficient import in_place
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import (
@@ -124,8 +124,6 @@ def _scales(records: Sequence[ForcedRecord]) -> Scales:
     return Scales(max(r.amplitude for r in records), longest.rate, float(longest.t[-1]))
 
 
-# A mode that rings down belongs to decays; the zero of the sensor is fitted always.
-_OF_DECAYS = (SecondMode, Bias)
 _POWERS = 2, 3  # of an input that is distorted
 
 
@@ -137,8 +135,7 @@ def catalogue_of(
 ) -> tuple[Effect, ...]:
     """What can be looked for in these records, and what may be wrong with the inputs."""
     taken = {p.effect.name for p in unsure}
-    driven = [e for e in catalogue if not isinstance(e, _OF_DECAYS)]
-    sought = [e for e in driven if e.name not in taken]
+    sought = [e for e in looked_for(catalogue, "driven") if e.name not in taken]
     known = [c for c in in_place(model, sought) if c.of.key not in tolerances]
     inputs = [(replace(t, delay=0.0), t.delay) for t in inputs_of(model)]
     plain = [(t, late) for t, late in inputs if t.power == 1]

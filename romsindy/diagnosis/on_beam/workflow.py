@@ -34,6 +34,7 @@ from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.tolerance_sources import of_references
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
+from romsindy.effects.choices import looked_for
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
@@ -42,8 +43,6 @@ from romsindy.record.noise_level import noise_std
 from romsindy.typing import Array
 
 _ORDER = 7
-# What a beam explains by its own parameters, and a sensor by comparison with the others.
-_GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 # Parameters of a beam that stand for the coefficients of a reduced model.
 _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
@@ -87,8 +86,8 @@ def diagnose_beam(
     curve, shift = seen.curve(float(np.abs(own.q).max())), _frequency_shift(model, training)
     effects_at = partial(_effects, seen, curve, shift, options.catalogue)
     effects = effects_at()
-    unneeded = {*_GENERIC, *(e.name for e in effects)}
-    general = [e for e in options.catalogue if e.name not in unneeded]
+    mounted = {e.name for e in effects}
+    general = [e for e in looked_for(options.catalogue, "beam") if e.name not in mounted]
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
