@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from romsindy.beam import Beam
 from romsindy.effects.base import Effect
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.units import UNITS
+
+Kind = TypeVar("Kind")
 
 # What a model is unsure of, where nothing else is said.
 FREE = ("omega^2", "c_linear")
@@ -31,13 +33,20 @@ def decays_of(name: str, given: object) -> list[Decay]:
     several = [given] if isinstance(given, Decay) else given
     if not isinstance(several, Iterable) or isinstance(several, (str, bytes)):
         raise ValueError(f"{name} = {given!r} must be a Decay, or several of them in a list")
-    several = list(several)
-    for one in several:
-        if not isinstance(one, Decay):
-            raise ValueError(
-                f"{name} holds a {type(one).__name__}: give Decay objects, as load_decay reads them"
-            )
-    return several
+    decays, others = _of_kind(list(several), Decay)
+    if others:
+        raise ValueError(
+            f"{name} holds a {type(others[0]).__name__}: give Decay objects, as load_decay reads"
+            " them"
+        )
+    return decays
+
+
+def _of_kind(given: object, kind: type[Kind]) -> tuple[list[Kind], list[object]]:
+    """Records of a kind, of several or one, and what else there is."""
+    several = list(given) if isinstance(given, (list, tuple)) else [given]
+    others = [v for v in several if not isinstance(v, kind)]
+    return [v for v in several if isinstance(v, kind)], others
 
 
 def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: int) -> None:
@@ -116,9 +125,8 @@ def forced_alone(measured: object) -> list[ForcedVibration]:
     ValueError
         For decays among them.
     """
-    several = list(measured) if isinstance(measured, (list, tuple)) else [measured]
-    driven = [v for v in several if isinstance(v, ForcedVibration)]
-    if driven and len(driven) < len(several):
+    driven, others = _of_kind(measured, ForcedVibration)
+    if driven and others:
         raise ValueError(
             "measured holds forced vibrations and others: diagnose decays, and forced vibrations,"
             " one kind at a time"
@@ -147,12 +155,10 @@ def driven_of(name: str, given: object) -> list[ForcedVibration]:
     ValueError
         For decays, and for anything else.
     """
-    several = list(given) if isinstance(given, (list, tuple)) else [given]
-    found = [v for v in several if isinstance(v, ForcedVibration)]
-    if len(found) < len(several):
-        strange = next(v for v in several if not isinstance(v, ForcedVibration))
+    found, others = _of_kind(given, ForcedVibration)
+    if others:
         raise ValueError(
-            f"{name} = a {type(strange).__name__} does not go with forced vibrations: give a"
+            f"{name} = a {type(others[0]).__name__} does not go with forced vibrations: give a"
             " ForcedVibration, with its inputs"
         )
     return found
@@ -166,11 +172,10 @@ def reduced(model: AnyModel | Beam) -> ReducedModel:
     ValueError
         For a Beam, and for several coordinates.
     """
-    if isinstance(model, ReducedModel):
-        return model
-    remedy = "reduce it first, beam.reduce(...)"
-    if isinstance(model, CoupledModel):
-        remedy = "give that of one coordinate, or free decays"
+    if not isinstance(model, Beam) and model.n_coordinates == 1:
+        return cast(ReducedModel, model)
+    beam = isinstance(model, Beam)
+    remedy = "reduce it first, beam.reduce(...)" if beam else "give that of one coordinate"
     raise ValueError(
         f"model is a {type(model).__name__}, and forced vibrations are compared with a"
         f" ReducedModel: {remedy}"

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.worth import Solved
+from romsindy.diagnosis.weighing import Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.any_record import AnyRecord

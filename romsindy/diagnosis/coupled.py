@@ -20,7 +20,7 @@ from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, Options
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
-from romsindy.diagnosis.workflow import unsure_parts
+from romsindy.diagnosis.unsure import unsure_parts
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.fit.adequacy import examine
 from romsindy.fit.coefficient import Coefficient, OnCoordinate, in_place

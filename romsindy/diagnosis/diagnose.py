@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from romsindy.diagnosis.checks import shared_part
 from romsindy.diagnosis.coupled import diagnose_coupled, of_coupled_repeats, tolerances_of
 from romsindy.diagnosis.driven import diagnose_forced
 from romsindy.diagnosis.driven import of_repeats as of_driven_repeats
-from romsindy.diagnosis.form import NO_FORM_ERROR
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
@@ -33,6 +33,7 @@ from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.tolerance_sources import of_estimate, of_references, of_repeats, stated
+from romsindy.diagnosis.weighing import NO_FORM_ERROR
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect
@@ -40,6 +41,7 @@ from romsindy.fit.estimate import Estimate
 from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR, SAME_SIGNAL
 from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
@@ -155,42 +157,23 @@ def diagnose(
         model, references = known.model, [known.reference, *references]
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
-    simulation = model.model if isinstance(model, Estimate) else model
-    if not isinstance(simulation, (ReducedModel, CoupledModel, Beam)):
+    simulation: Any = model.model if isinstance(model, Estimate) else model
+    if not isinstance(simulation, (Equations, Beam)):
         raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
     options = Options(
         tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or _silent, given
     )
+    without = {"sensors": sensors, "release": release, "reference": reference}
     if driven:
-        refuse_beside(
-            "forced vibrations",
-            "diagnose decays",
-            sensors=sensors,
-            release=release,
-            reference=reference,
-        )
+        refuse_beside("forced vibrations", "diagnose decays", **without)
         values = (FREE if free is None else free, near)
         return _of_driven(simulation, driven, held_out, repeats, values, options)
     if held_out is not None and not isinstance(held_out, Decay):
         raise ValueError(f"held_out is a {type(held_out).__name__}: give one Decay")
     several = decays_of("measured", measured)
     again = decays_of("repeats", repeats) if repeats is not None else None
-    if isinstance(simulation, CoupledModel):
-        refuse_beside(
-            "a model of several coordinates",
-            "model one coordinate",
-            release=release,
-            sensors=sensors,
-            reference=reference,
-        )
-        if isinstance(model, Estimate) and tolerances is None:
-            near = tolerances_of(simulation, model)
-        if again is not None:
-            options = options.tolerating(of_coupled_repeats(simulation, again, options))
-        unsure = FREE if free is None else free
-        return diagnose_coupled(simulation, several, held_out, unsure, near, options)
     if isinstance(simulation, Beam):
         if sensors is None:
             raise ValueError(
@@ -200,6 +183,14 @@ def diagnose(
         options = _with_runs_of_sensors(options, simulation, sensors, again)
         given_too = (sensors, held_out, release, free or (), near, options, references)
         return diagnose_beam(simulation, several, *given_too)
+    if simulation.n_coordinates > 1:
+        refuse_beside("a model of several coordinates", "model one coordinate", **without)
+        if isinstance(model, Estimate) and tolerances is None:
+            near = tolerances_of(simulation, model)
+        if again is not None:
+            options = options.tolerating(of_coupled_repeats(simulation, again, options))
+        unsure = FREE if free is None else free
+        return diagnose_coupled(simulation, several, held_out, unsure, near, options)
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for an equation")
     if release is not None:

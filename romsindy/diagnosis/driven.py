@@ -21,7 +21,7 @@ from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, Options
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
-from romsindy.diagnosis.workflow import smooth_model, unsure_parts
+from romsindy.diagnosis.unsure import smooth_model, unsure_parts
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.choices import looked_for

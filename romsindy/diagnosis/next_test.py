@@ -45,7 +45,7 @@ _GROWN = 1.5  # a motion that goes so far beyond its release escapes
 
 
 @dataclass(frozen=True)
-class Rival:
+class Extrapolation:
     """A hypothesis and what it says of a record that is still to be made."""
 
     model: ReducedModel
@@ -58,7 +58,7 @@ class Rival:
     @classmethod
     def of(
         cls, model: ReducedModel, hypothesis: Hypothesis, records: Sequence[Record], largest: int
-    ) -> Rival:
+    ) -> Extrapolation:
         """The hypothesis without the values of the simulation that did not move."""
         fitted = _without_unmoved(model, hypothesis, records)
         parts = tuple(
@@ -246,7 +246,7 @@ def next_test(
     largest = max(range(len(records)), key=lambda i: records[i].amplitude)
     shares = weights(rivals) if explained else np.full(len(rivals), 1 / len(rivals))
     compared = _Comparison(
-        [Rival.of(model, h, records, largest) for h in rivals],
+        [Extrapolation.of(model, h, records, largest) for h in rivals],
         np.array([h.score if explained else 0.0 for h in rivals]),
         shares,
         records,
@@ -285,7 +285,7 @@ def _best(tests: Sequence[Experiment], compared: _Comparison) -> tuple[float, Ex
 class _Comparison:
     """Rivals, minus twice the logarithms of their evidence so far, and their weights, (n,)."""
 
-    rivals: Sequence[Rival]
+    rivals: Sequence[Extrapolation]
     scores: Array
     shares: Array
     records: Sequence[Record]

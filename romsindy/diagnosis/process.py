@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError, Weighed
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part

@@ -12,12 +12,12 @@ from romsindy.diagnosis.difference import Difference, over_all
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.explained import Explained, notes_of
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.found import of_the_measurement
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.verdict import Left, left_over
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.record import Record
 from romsindy.physics.model import ReducedModel

@@ -15,7 +15,7 @@ from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.explained import Explained, notes_of
 from romsindy.diagnosis.gap import UNSEEN, ResidualGap, beyond_noise, noise_std
 from romsindy.diagnosis.held_out import left_of
-from romsindy.diagnosis.input_level import Level, most_apart
+from romsindy.diagnosis.input_level import InputLevel, most_apart
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
@@ -145,7 +145,7 @@ class ResidualReport(Explained):
         return [f"Next: in {where} the first two, as they were fitted, differ by {how_far}."]
 
     @property
-    def level(self) -> Level | None:
+    def level(self) -> InputLevel | None:
         """That of the inputs at which the first two rivals differ most; None where none is."""
         return None
 
@@ -226,7 +226,7 @@ class ForcedReport(ResidualReport):
         return f"{predicted} of its power is no noise, for its past predicts it"
 
     @cached_property
-    def level(self) -> Level | None:
+    def level(self) -> InputLevel | None:
         """At which the first two rivals differ most; None where there is but one."""
         if len(self.rivals) < 2:
             return None

@@ -33,8 +33,8 @@ _TABLE: tuple[tuple[Term, str], ...] = (
     (Inertia(5), "rich"),
 )
 # Effects of a catalogue that are not looked for: what a beam explains by its own parameters, and a
-# sensor by comparison with the others; in driven records a mode that rings down, and the zero of the
-# sensor, which is fitted always.
+# sensor by comparison with the others; in driven records a mode that rings down, and the zero of
+# the sensor, which is fitted always.
 _LEFT_OUT = {
     "beam": ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity"),
     "driven": ("second_mode", "bias"),

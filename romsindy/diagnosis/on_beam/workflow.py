@@ -14,10 +14,8 @@ from romsindy.beam import (
     Shape,
     StaticCurve,
 )
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected
-from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt, position_gains
 from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
@@ -25,13 +23,15 @@ from romsindy.diagnosis.on_beam.parameters import (
     parameter_effects,
     standard_deviations,
 )
-from romsindy.diagnosis.on_beam.place import Slack
-from romsindy.diagnosis.on_beam.release import Release
+from romsindy.diagnosis.on_beam.place import Latitude
+from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
-from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
+from romsindy.diagnosis.on_beam.rounds import FAILURES, BeamRounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
+from romsindy.diagnosis.on_beam.within_tolerances import directions, position_error, position_gains
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.tolerance_sources import of_references
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for
@@ -91,11 +91,11 @@ def diagnose_beam(
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
-    start = None if load is None else Release(load)
+    start = None if load is None else ReleaseLoad(load)
     try:
         options, form = _known_errors(seen, model, known, start, options)
-        starts: list[Release | None] = [start] * len(records)
-        rounds = Rounds(
+        starts: list[ReleaseLoad | None] = [start] * len(records)
+        rounds = BeamRounds(
             seen, model, records, raw, held_out is not None, unsure, general, options, starts, form
         )
         before = rounds.begin()
@@ -108,7 +108,7 @@ def diagnose_beam(
         seen.beam.with_effect(p.on_beam(near[p.name]))
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
-    slack = Slack.of(seen, doubtful, position_gains(seen, off or 0.0))
+    slack = Latitude.of(seen, doubtful, position_gains(seen, off or 0.0))
     found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
     errors = _sensor_errors(
         seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
@@ -121,7 +121,7 @@ def _known_errors(
     seen: InstrumentedBeam,
     model: ReducedModel,
     references: Sequence[Decay],
-    release: Release | None,
+    release: ReleaseLoad | None,
     options: Options,
 ) -> tuple[Options, FormError]:
     """What the beam leaves on the records that it was updated to: a tolerance, an error of form."""
@@ -191,9 +191,9 @@ def _within_tolerances(
     apart = [*(p for p in known if p.sign), *(e for e in effects if isinstance(e, DampingEffect))]
     found: list[Effect] = [replace(e, tolerance=near[e.name]) for e in apart if e.name in near]  # type: ignore[type-var]
     if "sensor_positions" in near:
-        found.append(position_doubt(seen, near["sensor_positions"]))
+        found.append(position_error(seen, near["sensor_positions"]))
     deviations = np.array([near[p.name] for p in alike])
-    return found + list(doubts(model, records, alike, deviations) if alike else ())
+    return found + list(directions(model, records, alike, deviations) if alike else ())
 
 
 def _sensor_errors(
