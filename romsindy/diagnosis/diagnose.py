@@ -157,9 +157,7 @@ def diagnose(
         model, references = known.model, [known.reference, *references]
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
-    simulation: Any = model.model if isinstance(model, Estimate) else model
-    if not isinstance(simulation, (Equations, Beam)):
-        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
+    simulation = _equation_or_beam(model)
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
     options = Options(
@@ -206,6 +204,14 @@ def diagnose(
 
 
 _Values = tuple[Sequence[str | Effect], Mapping[str, float]]  # free ones, and tolerances of others
+
+
+def _equation_or_beam(model: object) -> Any:
+    """What is simulated: the equation of an estimate, or what was given."""
+    simulation = model.model if isinstance(model, Estimate) else model
+    if not isinstance(simulation, (Equations, Beam)):
+        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
+    return simulation
 
 
 def _silent(_: str) -> None:
