@@ -17,7 +17,7 @@ from romsindy.beam.sensors import Sensor
 from romsindy.beam.spring import Spring
 from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, rounds
-from romsindy.diagnosis.on_beam.checks import checked_readings
+from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,

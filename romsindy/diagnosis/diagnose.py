@@ -22,8 +22,7 @@ from romsindy.diagnosis.coupled import diagnose_coupled, of_coupled_repeats, tol
 from romsindy.diagnosis.driven import diagnose_forced
 from romsindy.diagnosis.driven import of_repeats as of_driven_repeats
 from romsindy.diagnosis.gap import HELD_OUT, name_of
-from romsindy.diagnosis.on_beam.checks import checked_readings
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, checked_readings
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
 from romsindy.diagnosis.other_mode import InteractionReport, with_other_mode

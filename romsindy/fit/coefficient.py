@@ -11,7 +11,6 @@ import numpy as np
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
 from romsindy.fit.part import Part
 from romsindy.physics.coupling import Along
-from romsindy.physics.memory import Memory
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
 from romsindy.typing import Array
@@ -67,10 +66,11 @@ class OnCoordinate(Effect):
     number: int
     scales: Scales
 
-    family, variant, sign, start, tolerance, n_strengths, per_record, n_shared, advice = map(
-        _own,
-        "family variant sign start tolerance n_strengths per_record n_shared advice".split(),
+    family, variant, sign, start, tolerance, advice = map(
+        _own, ("family", "variant", "sign", "start", "tolerance", "advice")
     )
+    n_strengths, per_record, n_shared = map(_own, ("n_strengths", "per_record", "n_shared"))
+    value, remembered, strength_unit = map(_own, ("value", "remembered", "strength_unit"))
 
     @property
     def name(self) -> str:  # type: ignore[override]
@@ -107,9 +107,6 @@ class OnCoordinate(Effect):
     def shaped(self, values: Mapping[str, float]) -> OnCoordinate:
         return replace(self, of=self.of.shaped(values)) if values else self
 
-    def value(self, name: str) -> float:
-        return self.of.value(name)
-
     @property
     def _acting(self) -> Effect:
         """What acts: smooth, for a coordinate that friction stops is moved by the others."""
@@ -126,16 +123,10 @@ class OnCoordinate(Effect):
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         return self._acting.slopes(state, strengths)
 
-    def remembered(self, state: State) -> Memory | None:
-        return self.of.remembered(state)
-
     def term(self) -> Along | None:
         """The law along the coordinate."""
         law = self.of.term()
         return None if law is None else Along.coordinate(law, self.number)
-
-    def strength_unit(self, unit: str | None) -> str:
-        return self.of.strength_unit(unit)
 
 
 def free_coefficients(model: TermSum, names: Sequence[str]) -> tuple[Part, ...]:

@@ -14,9 +14,14 @@ from romsindy.beam import (
     Shape,
     StaticCurve,
 )
-from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected
-from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
+from romsindy.diagnosis.on_beam.instrumented import (
+    UNIT,
+    InstrumentedBeam,
+    checked_readings,
+    coarse,
+    signals_of,
+)
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
