@@ -115,6 +115,7 @@ class Effect(ABC):
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
     n_shared: ClassVar[int] = 0  # so many of them, the first, do not
+    acts_on: ClassVar[int] = 0  # number, from 0, of its coordinate among several
     fixed_unit: ClassVar[str] = ""  # of the strength, where it does not follow from the law
     advice: ClassVar[str] = "a longer decay from a larger amplitude"
 

@@ -35,7 +35,7 @@ _SHIFT = 1e-4  # of a sensor, for a difference, as a part of the length
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt(TermEffect, BeamEffect):
+class ParameterDirection(TermEffect, BeamEffect):
     """A combination of parameters; its strength is in standard deviations.
 
     ``vector`` are the changes of its parameters for a unit of strength, over ``deviations``; it
@@ -70,7 +70,7 @@ class Doubt(TermEffect, BeamEffect):
 
 
 @dataclass(frozen=True)
-class PositionDoubt(Gain):
+class PositionError(Gain):
     """Sensors that are a little off their places read another size of the one coordinate."""
 
     tolerance: float = 0.0  # type: ignore[misc]
@@ -114,10 +114,10 @@ class Adjusted:
         return f"{self.name.replace('_', ' ')} {way} {size}"
 
 
-def position_doubt(seen: InstrumentedBeam, deviation: float) -> PositionDoubt:
+def position_error(seen: InstrumentedBeam, deviation: float) -> PositionError:
     """Sensors that are each off by a standard deviation, m."""
     of_each = np.linalg.pinv(seen.shapes)[0] * seen.shapes[:, 0] * position_gains(seen, deviation)
-    return PositionDoubt(float(np.linalg.norm(of_each)))
+    return PositionError(float(np.linalg.norm(of_each)))
 
 
 def position_gains(seen: InstrumentedBeam, deviation: float) -> Array:
@@ -133,12 +133,12 @@ def position_gains(seen: InstrumentedBeam, deviation: float) -> Array:
     return np.asarray(deviation * slope / np.abs(seen.shapes[:, 0]))
 
 
-def doubts(
+def directions(
     model: ReducedModel,
     records: Sequence[Record],
     parameters: Sequence[ParameterEffect],
     deviations: Array,
-) -> tuple[Doubt, ...]:
+) -> tuple[ParameterDirection, ...]:
     """The combinations of parameters that the records see, the best seen first.
 
     ``deviations`` (n_parameters,) are their standard deviations.
@@ -148,7 +148,9 @@ def doubts(
     order = [i for i in np.argsort(-squares) if squares[i] > _FELT**2]
     known = tuple(parameters)
     return tuple(
-        Doubt(known, deviations, vectors[:, i], float(np.sqrt(squares[i])), f"tolerances_{n}")
+        ParameterDirection(
+            known, deviations, vectors[:, i], float(np.sqrt(squares[i])), f"tolerances_{n}"
+        )
         for n, i in enumerate(order, 1)
     )
 
@@ -165,17 +167,17 @@ def _information(
 
 
 def changes_of(parts: Sequence[Part]) -> list[Any]:
-    """What `Beam.with_effect` takes, of all doubts together: one change for every parameter."""
-    found = [p for p in parts if isinstance(p.effect, Doubt)]
+    """What `Beam.with_effect` takes, of all directions: one change for every parameter."""
+    found = [p for p in parts if isinstance(p.effect, ParameterDirection)]
     if not found:
         return []
-    effects = [cast(Doubt, p.effect) for p in found]
+    effects = [cast(ParameterDirection, p.effect) for p in found]
     together = sum(float(p.strengths[0, 0]) * e.vector for p, e in zip(found, effects, strict=True))
     return list(_changes(effects[0], np.asarray(together)))
 
 
-def _changes(doubt: Doubt, x: Array) -> tuple[Any, ...]:
-    pairs = zip(doubt.of, (x * doubt.deviations).tolist(), strict=True)
+def _changes(one: ParameterDirection, x: Array) -> tuple[Any, ...]:
+    pairs = zip(one.of, (x * one.deviations).tolist(), strict=True)
     return tuple(p.on_beam(change) for p, change in pairs)
 
 
@@ -184,10 +186,10 @@ def adjusted(found: Hypothesis) -> tuple[Adjusted, ...]:
 
     Empty where the data did not move them.
     """
-    chosen = [i for i, p in enumerate(found.parts) if isinstance(p.effect, Doubt)]
+    chosen = [i for i, p in enumerate(found.parts) if isinstance(p.effect, ParameterDirection)]
     at = [found.solution.slices()[i].start for i in chosen]
     z = np.array([found.parts[i].strengths[0, 0] for i in chosen])
-    effects = [cast(Doubt, found.parts[i].effect) for i in chosen]
+    effects = [cast(ParameterDirection, found.parts[i].effect) for i in chosen]
     felt = np.array([e.felt for e in effects])
     if not np.sum((felt * z) ** 2) > EQUIVALENT:
         return ()
@@ -214,7 +216,7 @@ def in_words(found: Sequence[Adjusted]) -> str:
     if either:
         return (
             f"Within the tolerances the data ask for {' or '.join(map(str, either))}, and show but"
-            f" one combination of them. To separate them: {Doubt.advice}."
+            f" one combination of them. To separate them: {ParameterDirection.advice}."
         )
     most = sorted(found, key=lambda a: -abs(a.change / a.tolerance))[:3]
     moved = [str(replace(a, alone=a.change)) for a in most]

@@ -1,4 +1,7 @@
-"""What inputs do under a diagnosis: known ones may be wrong, others are fitted every time."""
+"""What a simulation lacks, from vibrations that measured inputs drive: from records to a report.
+
+Known inputs may be wrong, others are fitted every time.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from romsindy.beam import Beam
+from romsindy.diagnosis.arguments import FREE, check_inputs, check_repeats, check_request, reduced
+from romsindy.diagnosis.checks import checked_driven
 from romsindy.diagnosis.colour import ColourOfBest
-from romsindy.diagnosis.driven.search import DrivenSearch
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.held_out import tested
+from romsindy.diagnosis.residual_report import ForcedReport, report_of
+from romsindy.diagnosis.residual_search import ResidualSearch
+from romsindy.diagnosis.search import Finding, Options
+from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
+from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
+from romsindy.diagnosis.unsure import smooth_model, unsure_parts
+from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
+from romsindy.effects.choices import looked_for
 from romsindy.effects.drive import (
     InputBetweenSamples,
     InputDelay,
@@ -19,7 +32,6 @@ from romsindy.effects.drive import (
     InputGain,
     InputLag,
 )
-from romsindy.effects.outside import Bias, SecondMode
 from romsindy.fit.coefficient import in_place
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import (
@@ -32,14 +44,86 @@ from romsindy.fit.forced.drives import (
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
 
-# A mode that rings down belongs to decays; the zero of the sensor is fitted always.
-_OF_DECAYS = (SecondMode, Bias)
+
+def diagnose_forced(
+    model: AnyModel | Beam,
+    measured: Sequence[ForcedVibration],
+    held_out: ForcedVibration | None,
+    free: Sequence[str | Effect],
+    tolerances: Mapping[str, float],
+    options: Options,
+) -> ForcedReport:
+    """Find, name and add what a reduced model lacks; arguments as those of `diagnose`.
+
+    Gain and delay of an input that the model has are known, and may turn out to be wrong. Of other
+    inputs both are fitted whatever the hypothesis.
+    """
+    model = reduced(model)
+    check_request(model, measured, held_out, free, tolerances, "record")
+    everything = [*measured, *([] if held_out is None else [held_out])]
+    check_inputs(model, everything)
+    records = checked_driven(everything, options.floor)
+    test = None if held_out is None else records.pop()
+    scales = _scales(records)
+    model = smooth_model(model, scales)
+    unsure = unsure_parts(model, free, tolerances, scales, len(records))
+    sought = catalogue_of(model, unsure, tolerances, options.catalogue)
+    given = (model, records, scales, unsure, replace(options, catalogue=sought))
+    search = search_beside_inputs(*given, ways(measured)[0])
+    linear = (LinearFrequency(), Viscous())
+    asked = options.tolerance.source != DEFAULT  # else noise alone decides
+    slack = linear_values_within(search, linear) if asked else None
+    if slack is not None:
+        exact = search.with_free(()).hypothesis([])
+        return report_of(
+            search, Finding([slack], [slack, exact], exact), test, on_inputs(search), ForcedReport
+        )
+    found = search.run()
+    way, note = between_samples(search, found.rivals[0], measured)
+    if way != ways(measured)[0]:
+        search = search_beside_inputs(*given, way)
+        found = search.run()
+    if test is not None and not found.interrupted:
+        found = tested(search, found, test)
+    return report_of(search, found, test, (*note, *on_inputs(search)), ForcedReport)
+
+
+def of_repeats(
+    model: AnyModel | Beam, repeats: Sequence[ForcedVibration], options: Options
+) -> Tolerance:
+    """What runs of one driven test differ by; see `of_driven_repeats`.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two, one is there twice, or they cannot be compared.
+    """
+    model = reduced(model)
+    check_repeats(repeats)
+    check_inputs(model, repeats, "repeat")
+    searches = []
+    for record in checked_driven(repeats, options.floor, "repeat"):
+        scales = _scales([record])
+        smooth = smooth_model(model, scales)
+        parts = unsure_parts(smooth, FREE, {}, scales, 1)
+        way = ways([record.decay])[0]
+        searches.append(search_beside_inputs(smooth, [record], scales, parts, options, way))
+    return of_driven_repeats(searches)
+
+
+def _scales(records: Sequence[ForcedRecord]) -> Scales:
+    """Of all records together."""
+    longest = max(records, key=lambda r: r.t[-1])
+    return Scales(max(r.amplitude for r in records), longest.rate, float(longest.t[-1]))
+
+
 _POWERS = 2, 3  # of an input that is distorted
 
 
@@ -51,8 +135,7 @@ def catalogue_of(
 ) -> tuple[Effect, ...]:
     """What can be looked for in these records, and what may be wrong with the inputs."""
     taken = {p.effect.name for p in unsure}
-    driven = [e for e in catalogue if not isinstance(e, _OF_DECAYS)]
-    sought = [e for e in driven if e.name not in taken]
+    sought = [e for e in looked_for(catalogue, "driven") if e.name not in taken]
     known = [c for c in in_place(model, sought) if c.of.key not in tolerances]
     inputs = [(replace(t, delay=0.0), t.delay) for t in inputs_of(model)]
     plain = [(t, late) for t, late in inputs if t.power == 1]
@@ -69,7 +152,7 @@ def search_beside_inputs(
     unsure: tuple[Part, ...],
     options: Options,
     way: Interpolation,
-) -> DrivenSearch:
+) -> ResidualSearch:
     """A search in which the inputs that the model does not know do this between their samples."""
     own = {t.source for t in inputs_of(model)}
     others = [t for t in inputs_in([r.decay for r in records], way) if t.source not in own]
@@ -79,7 +162,7 @@ def search_beside_inputs(
         drives = free_drives(others, gains, records)
     beside = (*drives, free_offsets(records))
     given = (model, records, unsure, options, ColourOfBest(), beside)
-    return DrivenSearch(*given, scales=scales, chain=_chain(model, records))
+    return ResidualSearch(*given, scales=scales, chain=_chain(model, records))
 
 
 def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, ...]:
@@ -98,7 +181,7 @@ def _chain(model: ReducedModel, records: Sequence[ForcedRecord]) -> tuple[Part, 
 
 
 def between_samples(
-    search: DrivenSearch, best: Hypothesis, measured: Sequence[ForcedVibration]
+    search: ResidualSearch, best: Hypothesis, measured: Sequence[ForcedVibration]
 ) -> tuple[Interpolation, tuple[str, ...]]:
     """What inputs that the model does not know do between their samples, and a note on it."""
     first, *others = ways(measured)
@@ -120,7 +203,7 @@ def _with_way(part: Part, way: Interpolation) -> Part:
     return replace(part, effect=replace(part.effect, of=replace(of, interpolation=way)))  # type: ignore[type-var]
 
 
-def on_inputs(search: DrivenSearch) -> list[str]:
+def on_inputs(search: ResidualSearch) -> list[str]:
     """That gains were fitted, and what cannot be seen then."""
     free = [p.effect.variant for p in search.beside if p.effect.name == "input"]
     if not free:

@@ -1,4 +1,4 @@
-"""The level of excitation that would tell rivals apart, by simulation of both."""
+"""The level of excitation that would tell explanations apart, by simulation of both."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BAND = 0.25, 0.75  # of the power of the difference lies below each end
 
 
 @dataclass(frozen=True)
-class Level:
+class InputLevel:
     """A record repeated with stronger or weaker inputs, and by how much two rivals differ then.
 
     Attributes
@@ -53,7 +53,7 @@ class Level:
 
 def most_apart(
     model: ReducedModel, rivals: Sequence[Hypothesis], records: Sequence[ForcedRecord]
-) -> Level | None:
+) -> InputLevel | None:
     """The record and the level at which two rivals, as they were fitted, differ most.
 
     None where neither has a motion at other levels.
@@ -68,7 +68,7 @@ def most_apart(
             difference = signals[0] - signals[1]
             apart = float(np.std(difference)) / record.noise.std
             found.append(
-                Level(level, i, apart, _band(difference, record.decay.dt), len(difference))
+                InputLevel(level, i, apart, _band(difference, record.decay.dt), len(difference))
             )
     return max(found, key=lambda f: f.apart, default=None)
 

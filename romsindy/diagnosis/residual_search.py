@@ -1,4 +1,4 @@
-"""The search for what is missing in driven records: effects one after another, then rivals."""
+"""The search for what is missing by what is left: of driven records, and of several coordinates."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ from scipy.stats import chi2
 
 from romsindy.diagnosis.colour import ColourOfBest, driven_instead
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.screening import Screened, Screening, part_of, screened
-from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
-from romsindy.diagnosis.textbook import with_textbook_exponent
-from romsindy.diagnosis.tones import strongest_tones
+from romsindy.diagnosis.screening import Screened, Screening, part_of, screened, strongest_tones
+from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of, with_textbook_exponent
 from romsindy.effects import look_alikes
 from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED
+from romsindy.physics.coupled import AnyModel
 
 _SURVIVORS = 6  # of each screening are simulated
 _SENSOR = 2  # of what may be wrong in the sensor
@@ -29,7 +27,7 @@ _APART = 0.15  # of the frequency of the vibration: so far lines lie from each o
 
 
 @dataclass(eq=False)
-class DrivenSearch(Search):
+class ResidualSearch(Search):
     """Looks for effects that a model lacks in records with inputs, those of the model known.
 
     Attributes
@@ -39,12 +37,12 @@ class DrivenSearch(Search):
         What may stand instead of the inputs of the model.
     """
 
-    records: Sequence[ForcedRecord]
+    model: AnyModel
     noise: ColourOfBest
     scales: Scales = field(kw_only=True)
     chain: tuple[Part, ...] = field(kw_only=True)
 
-    def unsure_as(self, hypothesis: Hypothesis) -> DrivenSearch:
+    def unsure_as(self, hypothesis: Hypothesis) -> ResidualSearch:
         """The same, with the unsure values of a hypothesis free, from where they are."""
         return replace(self, free=self._unsure(hypothesis))
 
