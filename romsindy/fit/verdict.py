@@ -17,7 +17,7 @@ EXPLAINED = 1.10
 STRUCTURE = 1.3
 
 # What goes with the motion or the input of a driven record, as a part of its response, up to which
-# nothing is missing (`romsindy.fit.independence`): 60 dB.
+# nothing is missing (`romsindy.fit.forced.independence`): 60 dB.
 BARELY = 1e-3
 # Correlation from sample to sample from which noise is called coloured; noise of a force that is
 # told beside that of the sensor, as a part of it in the response.

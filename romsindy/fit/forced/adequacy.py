@@ -29,7 +29,7 @@ class ForcedAdequacy(Adequacy):
         it is noise.
     p_value : float
         Probability that noise goes with motion or input as much (F test); nan where it was not
-        tried, see `romsindy.fit.independence`.
+        tried, see `romsindy.fit.forced.independence`.
     left : float
         Rms of the residual, in the unit of the measured quantity.
     part : float

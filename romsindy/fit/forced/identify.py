@@ -9,11 +9,11 @@ from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
+from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.refine import decided
 from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
-from romsindy.fit.independence import examined
 from romsindy.fit.measured import (
     free_names,
     listed_records,

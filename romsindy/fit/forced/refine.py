@@ -10,8 +10,8 @@ import numpy as np
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
+from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.pieces import Driven, forced_among
-from romsindy.fit.independence import examined
 from romsindy.fit.measured import free_names, ready, require_unit
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.equations import inputs_of, without_inputs
