@@ -631,7 +631,7 @@ def test_pictures_say_what_was_measured():
     rate = rs.Decay.from_velocity(truth.t, np.gradient(truth.q, truth.dt), unit="mm")
     result = diagnose(MODEL, rate, catalogue=())
     figures = {name: p.figure() for name, p in result.pictures().items() if name != "record"}
-    assert figures["gap"].get_supylabel() == "velocity (mm/s)"
+    assert "velocity (mm/s)" in {ax.get_ylabel() for ax in figures["gap"].axes}
     assert figures["amplitude"].axes[-1].get_xlabel() == "amplitude of the velocity (mm/s)"
 
 

@@ -10,7 +10,15 @@ from scipy.special import fdtrc
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.verdict import BARELY, COLOURED, FALSE_ALARM, SAME_SIGNAL, SMALLER
+from romsindy.fit.verdict import (
+    BARELY,
+    COLOURED,
+    FALSE_ALARM,
+    SAME_SIGNAL,
+    SMALLER,
+    STRUCTURE,
+    WIDEST_SIGNAL,
+)
 from romsindy.record.prediction import innovation
 from romsindy.text import percent, quantity
 from romsindy.typing import Array
@@ -85,8 +93,12 @@ class ForcedAdequacy(Adequacy):
 
     @property
     def explained(self) -> bool:
-        """Whether what is left goes with neither motion nor input, and the model is determined."""
-        return bool(np.isfinite(self.ratio)) and not self.structured and not self.undetermined
+        """Whether what is left goes with neither motion nor input, and the model is determined.
+
+        Forces that were not measured must not move so much that it would be another motion.
+        """
+        noise = bool(np.isfinite(self.ratio)) and not self.structured
+        return noise and self.force <= WIDEST_SIGNAL and not self.undetermined
 
     @property
     def good(self) -> bool:
@@ -129,7 +141,8 @@ class ForcedAdequacy(Adequacy):
         sensor = f"{percent(self.sensor)} of the sensor{coloured}"
         if self.force < SMALLER * self.sensor:
             return sensor
-        return f"{sensor}, {percent(self.force)} by forces that were not measured"
+        most = ", too much to tell them from what is missing" if self.force > WIDEST_SIGNAL else ""
+        return f"{sensor}, {percent(self.force)} by forces that were not measured{most}"
 
     def _of_the_whole(self) -> str:
         what = "One simulation of the whole record"
@@ -159,6 +172,8 @@ def examine_forced(
             driven += float(np.mean(own**2)) * len(e)
             order += more
     structure = power / driven if driven > 0 else np.inf
+    part = float(np.sqrt(power / heard))
+    told = structure > STRUCTURE  # its past tells more of it than does not matter
     freedom = max(n - order, 1)
     p = float(fdtrc(order, freedom, (structure - 1) * freedom / order)) if order else 1.0
     return ForcedAdequacy(
@@ -172,6 +187,7 @@ def examine_forced(
         unit=unit,
         false_alarm=false_alarm,
         left=float(np.sqrt(power / n)),
-        part=float(np.sqrt(power / heard)),
+        part=part,
         measured_unit=records[0].decay.signal_unit,
+        missing=part if told else 0.0,
     )

@@ -50,7 +50,8 @@ class Independence:
     Attributes
     ----------
     p_value : float
-        Probability that noise alone goes with them as much (F test).
+        Probability that noise alone goes with them as much: F tests of all forces together, and of
+        the one that tells most, by Bonferroni's inequality.
     missing : float
         Rms of what goes with them, measured unit.
     like : str
@@ -107,12 +108,14 @@ def examine_independence(
     new, freedom = full - rank, n - full
     left = system[-1, -1] - both
     gain = (both - alone) / new / (left / freedom) if left > 0 else 0.0
-    singles = [_explained(system, np.append(fitted, k))[0] for k in tried]
+    singles = [_explained(system, np.append(fitted, k))[0] - alone for k in tried]
+    rest = max(system[-1, -1] - alone - max(singles), 0.0) / (n - rank - 1)
+    best = fdtrc(1, n - rank - 1, max(singles) / rest) if rest > 0 else 1.0
     values = _values(system, np.concatenate([fitted, tried]))
     power = sum(float(np.sum((table.columns @ values) ** 2)) for table in tables)
     samples = sum(len(table.columns) for table in tables)
     return Independence(
-        p_value=float(fdtrc(new, freedom, gain)),
+        p_value=min(2 * float(min(fdtrc(new, freedom, gain), len(tried) * best)), 1.0),
         missing=float(np.sqrt(power / samples)),
         like=tables[0].names[int(np.argmax(singles))],
         noises=tuple(table.noises for table in tables),

@@ -29,9 +29,8 @@ Records = Sequence[Record | ForcedRecord]
 _CYCLES = 20.0  # in the shortest pieces
 _MOST = 40  # pieces
 # A whole record is fitted at another minimum where short pieces leave so much less of it; a little
-# less they always leave where the form of the equation is not quite right. Where the motion forgets
-# its start, forces that nobody measured, which every piece starts anew from, leave more by this.
-_ASTRAY, _FAR = 0.7, 0.3
+# less they always leave where the form of the equation is not quite right.
+_ASTRAY = 0.7
 _CHANCE = 3.0  # standard deviations of what values too many take from the noise
 # A motion is sensitive where what its start does to it, at the end, is this part of the beginning.
 _SENSITIVE, _PARTS = 0.1, 10
@@ -75,28 +74,19 @@ class Driven:
             short = self._fit(model, drives, _cut(self.records, count))
         except TrajectoryError:
             return _or_raised(whole, failure)
-        if whole is not None and _felt(whole) <= 1:
-            if not whole.solution.converged:
-                whole = self._again(whole, short)
-            forgets = _felt(whole) <= _SENSITIVE
-            if _power(short) > (_FAR if forgets else _ASTRAY) * _power(whole):
-                return whole
-        return self._longer(short, count, longest)
-
-    def _again(self, whole: Fit, short: Fit) -> Fit:
-        """The whole records from where a fit to pieces of them ended, or as they were."""
-        try:
-            fit = self._fit(*_ended(short), self._seen(short))
-        except TrajectoryError:
+        stays = whole is not None and whole.solution.converged and _felt(whole) <= 1
+        if whole is not None and stays and _power(short) > _ASTRAY * _power(whole):
             return whole
-        return min(whole, fit, key=_power)
+        return self._longer(short, count, longest)
 
     def _longer(self, short: Fit, count: int, longest: float) -> Fit:
         """In the longest pieces over which the model follows as well as over short ones."""
         best = short
         while count > 1:
+            model = without_inputs(best.single_model)
+            drives = [p for p in best.solution.parts if isinstance(p.effect, Drive)]
             try:
-                fit = self._fit(*_ended(best), _cut(self._seen(best), count // 2))
+                fit = self._fit(model, drives, _cut(self._seen(best), count // 2))
             except TrajectoryError:
                 break
             more = short.solution.n_values - fit.solution.n_values
@@ -134,12 +124,6 @@ class Driven:
                 steps += own[-1].grid.n_steps
             seen.append(replace(record, motion=Trajectory.joined(record.motion.grid, own)))
         return seen
-
-
-def _ended(fit: Fit) -> tuple[ReducedModel, list[Part]]:
-    """The model and the inputs where a fit ended."""
-    drives = [p for p in fit.solution.parts if isinstance(p.effect, Drive)]
-    return without_inputs(fit.single_model), drives
 
 
 def _cut(records: Records, count: int) -> list[Record | ForcedRecord]:

@@ -7,27 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from romsindy.effects.choices import sought
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.dragged import dragged
-from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
-from romsindy.fit.noises import TwoNoises, found_noises
-from romsindy.fit.normal_equations import solved
 from romsindy.fit.selection import Gram, Linearised, Trials
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
+from romsindy.record.prediction import innovation
 from romsindy.typing import Array
 
 LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
@@ -73,8 +69,8 @@ def linearised(
     """
     model = without_inputs(fit.single_model)
     more = [p for p in fit.solution.parts if not isinstance(p.effect, Coefficient)]
-    known = model.coefficients
-    others = tuple(t for t in several if t.key not in known)
+    present = model.coefficients
+    others = tuple(t for t in several if t.key not in present)
     wide = replace(
         model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
     )
@@ -87,13 +83,11 @@ def linearised(
         linear_table(wide, parts, i, record, motion)[1]
         for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True))
     ]
-    present = np.array([t.key in known for t in terms])
     total, grams = sum(map(len, tables)), []
-    for i, (rows, record, motion) in enumerate(zip(tables, fit.records, motions, strict=True)):
-        equation = equation_of(wide, parts, i, record)
-        noises = TwoNoises.along(equation, parts, i, record, motion)
+    for rows in tables:
         pieces = max(round(_STRETCHES * len(rows) / total), 2)
-        grams += _stretches(rows, at, present, pieces, noises)
+        rms = float(np.sqrt(np.mean(innovation(_left(rows))[0] ** 2)))
+        grams += _stretches(rows / rms, at, pieces)
     groups = dict(enumerate(terms[len(always) :]))
     least = {g: law.least for g, law in groups.items() if law.least > -np.inf}
     damping = [g for g, law in groups.items() if law.has("damping")]
@@ -105,38 +99,21 @@ def linearised(
         damping,
         dragged(list(groups.values()), motions),
     )
-    return Linearised(trials, (), terms, [g for g, law in groups.items() if law.key in known])
+    return Linearised(trials, (), terms, [g for g, law in groups.items() if law.key in present])
 
 
-def _stretches(
-    rows: Array, at: Array, present: NDArray[np.bool_], pieces: int, noises: TwoNoises
-) -> list[Gram]:
-    """A record in stretches; values beside the coefficients are fitted to all of it first.
-
-    Rows are derivatives by all values and the initial state, and the misfit. All is weighed by the
-    noises in that which the terms that are ``present`` leave: what others would tell of it is noise
-    until they do. Every stretch has a state of its own.
-    """
-    m, states = len(at), noises.shown.shape[1] - noises.moves.shape[0]
-    fitted = np.append(np.flatnonzero(present), np.arange(m, rows.shape[1] - states - 1))
-    left = _left(rows[:, fitted], rows[:, -1])
-    found = found_noises(noises, left)
-    # Over the noise of the sensor alone: what moves as a force may be a missing term of the model.
-    beyond = max(float(np.mean(left**2)) / found.shown**2, 1.0)
-    misfit = rows[:, -1] + rows[:, :m] @ at
-    wanted, beside = np.column_stack([rows[:, :m], misfit]), rows[:, m : -states - 1]
-    products = noises.table(np.column_stack([wanted, beside])).products(found)
-    wanted = wanted - beside @ solved(products[m + 1 :, m + 1 :], products[m + 1 :, : m + 1])
-    edges = np.linspace(0, len(rows), pieces + 1).round().astype(int)
-    grams = []
-    for first, last in pairwise(edges):
-        own = noises.between(first, last).table(wanted[first:last]).products(found)
-        own *= beyond
-        grams.append(Gram(own[:m, :m], own[:m, m], float(own[m, m]), int(last - first)))
-    return grams
+def _left(rows: Array) -> Array:
+    """What a fit of all candidates leaves of the misfit in the last column."""
+    table = rows[:, :-1] / np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
+    return rows[:, -1] - table @ np.linalg.lstsq(table, rows[:, -1], rcond=None)[0]
 
 
-def _left(table: Array, misfit: Array) -> Array:
-    """What a fit of some columns leaves of a misfit."""
-    table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    return misfit - table @ np.linalg.lstsq(table, misfit, rcond=None)[0]
+def _stretches(rows: Array, at: Array, pieces: int) -> list[Gram]:
+    """A record in stretches; values beside the coefficients are fitted to all of it first."""
+    m = len(at)
+    nuisance = rows[:, m:-1]
+    scale = np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
+    basis = np.linalg.svd(nuisance / scale, full_matrices=False)[0]
+    clean = np.column_stack([rows[:, :m], rows[:, -1]])
+    clean = clean - basis @ (basis.T @ clean)
+    return [Gram.of(part, at) for part in np.array_split(clean, pieces)]
