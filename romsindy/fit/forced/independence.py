@@ -74,8 +74,8 @@ def examined(fit: Fit) -> Fit:
     """The same with its verdict by what is left of its driven records."""
     pairs = [(i, r) for i, r in enumerate(fit.records) if isinstance(r, ForcedRecord)]
     verdict = fit.verdict
-    if not (isinstance(verdict, ForcedAdequacy) and np.isfinite(verdict.left)):
-        return fit
+    if not (isinstance(verdict, ForcedAdequacy) and 0 < verdict.part < np.inf):
+        return fit  # there is no motion, or nothing is left
     found = examine_independence(fit.start, fit.solution, pairs)
     heard = verdict.left / verdict.part  # rms of the response
     counts = [len(r.signal) for _, r in pairs]
