@@ -53,6 +53,7 @@ def test_small_benchmark(benchmark):
         assert number <= asked, name
 
 
+@pytest.mark.slow
 @benchmark_of("dry_friction")
 def test_friction_under_a_force_is_chosen_and_held_by_its_interval(benchmark):
     """75 cycles of a multisine, by a simulator that shares nothing with the package."""

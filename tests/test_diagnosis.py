@@ -456,6 +456,7 @@ def sine_polynomial(omega, highest=11):
     return {("omega^2" if p == 1 else f"gamma_{p}"): v for p, v in zip(powers, c, strict=True)}
 
 
+@pytest.mark.slow
 def test_pendulum_lacks_dry_friction(measured):
     content = np.load(measured / "pendulum_free_swing.npz")
     swings = []
