@@ -269,8 +269,8 @@ def spectrum(result: Identified) -> Iterator[Picture]:
     """What is left beside the noise, at every frequency."""
     spectra = {name: spectrum_of(channel) for name, channel in _named(result).items()}
     caption = (
-        "Of what was measured and of what is left of it, beside the noise: what the equation lacks"
-        " stands out of the noise where it acts."
+        "Of what was measured and of what is left of it, beside the noise. What the equation lacks"
+        " stands out of it, and so does what a force that was not measured moves."
     )
     if result.steady is not None:
         spectra = {"": _of_points(result)}
