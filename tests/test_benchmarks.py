@@ -67,13 +67,6 @@ def test_friction_under_a_force_is_chosen_and_held_by_its_interval(benchmark):
 
 @pytest.mark.slow
 @benchmark_of("dry_friction")
-def test_small_benchmark_of_dry_friction_under_a_force(benchmark):
-    _, _, missing, false, holds, _ = benchmark.trial("driven", 1)
-    assert not missing and not false and all(holds.values())
-
-
-@pytest.mark.slow
-@benchmark_of("dry_friction")
 def test_small_benchmark_of_dry_friction_in_one_of_two_modes(benchmark):
     _, _, missing, false, holds, _ = benchmark.trial("coupled", 2)
     assert not missing and not false and all(holds.values())
