@@ -163,8 +163,8 @@ class _Force(NamedTuple):
     values: Array  # at the Gauss points
 
 
-# Powers of an input are not tried: the largest values of a sine that is measured with noise are those
-# that noise made larger, and a cube goes with that.
+# Powers of an input are not tried: the largest values of a sine that is measured with noise are
+# those that noise made larger, and a cube goes with that.
 def _forces(parts: Sequence[Part], record: ForcedRecord, motion: Trajectory) -> Iterator[_Force]:
     """Functions of the motion and of the inputs, of about unit size."""
     t, q, v, _ = nodes(motion)
