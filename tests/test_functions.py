@@ -210,6 +210,22 @@ def test_process_noise_is_none_for_an_exact_equation_and_some_for_a_wandering_on
     assert evidence.fit(equation, windows_of(wandering), wandering, none).jump > 5e-3
 
 
+@pytest.mark.parametrize("sizes, coloured", [(Sizes(5, 0, 3), True), (Sizes(1, 0, 1), False)])
+def test_colour_counts_where_no_more_than_noise_is_left(sizes, coloured):
+    """Noise whose neighbours err alike, under the right equation and under a linear one.
+
+    The frequency of a linear one is the same at all amplitudes; here it is higher at the start, by
+    3/8 gamma_3 a^2 / omega^2 = 8 %.
+    """
+    records = prepared(in_noise("rough", 6.0, 2), "m", coloured=True)
+    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), sizes), records)
+    none = np.zeros((0, len(equation.values) + 1))
+    found = evidence.fit(equation, windows_of(records), records, none)
+    (noise,) = (record.noise for record in found.records)
+    assert noise.alike is not coloured
+    assert found.noise < 1.1 if coloured else found.noise > 1.1
+
+
 # -- draws ------------------------------------------------------------------------------------
 
 

@@ -237,8 +237,12 @@ class Record(OfDecay):
 
     def without_faults(self, *, coloured: bool = False) -> Record:
         """The same for a fit that looks for none: clipped samples take no part, lines are noise."""
-        noise = self.noise.with_lines() if coloured else self.noise.weighing_alike()
-        return replace(self, valid=~clipped(self.signal), noise=noise)
+        known = replace(self, valid=~clipped(self.signal))
+        return replace(known, noise=self.noise.with_lines()) if coloured else known.weighing_alike()
+
+    def weighing_alike(self) -> Record:
+        """The same for a fit that may be wrong: see `romsindy.record.noise.Noise.alike`."""
+        return replace(self, noise=self.noise.weighing_alike())
 
     def with_signal(self, signal: Array) -> Record:
         """The same with another measurement, such as a simulated one."""

@@ -25,7 +25,7 @@ from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Linear, Reduced, Window, linearised, reduced
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import EQUIVALENT, EXPLAINED
 from romsindy.typing import Array
 
 _ITERATIONS = 25
@@ -84,6 +84,11 @@ class Fitted:
     cost: float
     converged: bool
 
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """With the noise by which they were weighed."""
+        return tuple(x.record for x in self.linear)
+
     @cached_property
     def reduced(self) -> Reduced:
         """What the windows say of the values alone."""
@@ -141,6 +146,8 @@ def fit(
     windows : sequence of Window
         With the motions to start from.
     records : sequence of Record
+        With the noise to weigh by. Where ``noise`` is not given samples weigh alike, unless no more
+        than the noise is left: what an equation leaves does not have its colour.
     known : (m, p + 1) array
         Rows for the values, and what they come to, over the error: what is known beforehand.
     start : Fitted, optional
@@ -161,11 +168,16 @@ def fit(
     jump = float(np.clip(1e-2, jumps[0], jumps[-1])) if start is None else start.jump
     level, last = noise or 1.0, np.inf
     own, largest = tuple(windows), np.inf
+    undecided = noise is None
+    heard = [r.weighing_alike() for r in records] if undecided else records
     for iteration in range(_ITERATIONS):
         with np.errstate(all="ignore"):  # a motion that goes astray is found below
-            linear = linearised(series, own, records)
+            linear = linearised(series, own, heard)
         now = Fitted(series, own, linear, known, level, jump, scales, last, False)
         # Evidence means something where the equation is linear: near the end.
+        if largest < _NEAR and undecided:
+            now, undecided = _by_colour(now, records), False
+            heard = now.records
         if largest < _NEAR and len(jumps) > 1:
             now = _best_jump(now, jumps)
         if largest < _NEAR or start is not None:
@@ -189,7 +201,7 @@ def fit(
             break
         level = noise or max(1.0, misfit)
         jump, scales, last = now.jump, now.scales, now.cost
-    final = replace(now, series=series, windows=own, linear=linearised(series, own, records))
+    final = replace(now, series=series, windows=own, linear=linearised(series, own, heard))
     return replace(final, converged=settled)
 
 
@@ -204,6 +216,15 @@ def regressed(series: Series, records: Sequence[Record]) -> Series:
         rows.append(np.column_stack([slopes, -state[3]]) / size)
     triangle = np.asarray(np.linalg.qr(np.concatenate(rows), mode="r"))
     return series.moved(nearest(series, *_normal(triangle, scales)))
+
+
+def _by_colour(now: Fitted, records: Sequence[Record]) -> Fitted:
+    """The same by noise with its colour, where no more than that is left; else as it is."""
+    if all(record.noise.spectrum.white for record in records):
+        return now
+    coloured = replace(now, linear=linearised(now.series, now.windows, records), noise=1.0)
+    *_, misfit = _step(coloured)
+    return coloured if misfit <= EXPLAINED else now
 
 
 def _best_jump(now: Fitted, jumps: Array) -> Fitted:

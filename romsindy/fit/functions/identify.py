@@ -104,13 +104,14 @@ def identify_decays(
     with threadpool_limits(limits=1, user_api="blas"):
         series = regressed(series, records)
         plain = _settled(series, windows_of(records), records, known, say)
-        richest, others = _with_forces(plain, records, say)
+        richest, others = _with_forces(plain, say)
         if richest is not plain:  # what was process noise may have been this force
             richest, others = (
                 _settled(richest.series, richest.windows, records, richest.known, say),
                 [],
             )
-        found = _simpler(richest, records, say)
+        records = richest.records
+        found = _simpler(richest, say)
         rng = np.random.default_rng(seed)
         return _assembled(found, others, records, dict(fixed or {}), rng)
 
@@ -130,7 +131,7 @@ def _settled(
             "windows of the record disagree without limit: no equation of one coordinate holds for"
             " all of them; cut the record with start= and end=, or isolate another mode"
         )
-    return _again(found, found.series, records, level, say)
+    return _again(found, found.series, level, say)
 
 
 def _scales(records: Sequence[Record]) -> Scales:
@@ -155,9 +156,7 @@ def _known(series: Series, fixed: Mapping[str, float]) -> Array:
     return np.array(rows).reshape(len(rows), len(series.values) + 1)
 
 
-def _again(
-    start: Fitted, series: Series, records: Sequence[Record], noise: float, say: Callable
-) -> Fitted:
+def _again(start: Fitted, series: Series, noise: float, say: Callable) -> Fitted:
     """Fit a like series from where another has ended."""
     known = start.known
     if len(series.values) != len(start.series.values):
@@ -165,7 +164,7 @@ def _again(
     return fit(
         series,
         start.windows,
-        records,
+        start.records,
         known,
         start=start,
         noise=noise,
@@ -185,16 +184,14 @@ def _narrowed(start: Fitted, series: Series) -> Array:
     return np.column_stack([*fitted, start.known[:, -1:]])
 
 
-def _with_forces(
-    richest: Fitted, records: Sequence[Record], say: Callable
-) -> tuple[Fitted, list[Fitted]]:
+def _with_forces(richest: Fitted, say: Callable) -> tuple[Fitted, list[Fitted]]:
     """With the further damping forces that the data ask for, one after the other.
 
     Beside it, what the data cannot tell from it with one force more.
     """
     left = list(sought("decay"))  # what no smooth function of q times q_dot can be
     while left:
-        more = [_tried(richest, richest.series.widened([f]), records, say) for f in left]
+        more = [_tried(richest, richest.series.widened([f]), say) for f in left]
         gains = np.array([2 * (evidence - richest.log_evidence()) for _, evidence in more])
         best = int(np.argmax(gains))
         if gains[best] <= EQUIVALENT:
@@ -204,25 +201,23 @@ def _with_forces(
     return richest, []
 
 
-def _tried(
-    start: Fitted, series: Series, records: Sequence[Record], say: Callable
-) -> tuple[Fitted, float]:
+def _tried(start: Fitted, series: Series, say: Callable) -> tuple[Fitted, float]:
     """A fit of another structure and the logarithm of its evidence: none if it has no motion."""
     try:
-        found = _again(start, series, records, start.noise, say)
+        found = _again(start, series, start.noise, say)
     except TrajectoryError:
         return start, -np.inf
     return found, found.log_evidence()
 
 
-def _simpler(richest: Fitted, records: Sequence[Record], say: Callable) -> list[Fitted]:
+def _simpler(richest: Fitted, say: Callable) -> list[Fitted]:
     """Fits of simpler structures, simplest first; none simpler than one that is hopeless."""
     found, evidence = [richest], {richest.series.sizes: richest.log_evidence()}
     for series in simpler(richest.series):
         sizes, least = series.sizes, max(evidence.values()) - _HOPELESS
         if any(e < least for s, e in evidence.items() if contains(s, sizes)):
             continue
-        fitted, evidence[sizes] = _tried(richest, series, records, say)
+        fitted, evidence[sizes] = _tried(richest, series, say)
         if np.isfinite(evidence[sizes]):
             found.append(fitted)
     return found[::-1]

@@ -146,11 +146,6 @@ class Linear:
         tables = [np.column_stack([b.change, b.signal]) for b in self.blocks]
         return _like(tables, self.record.over_noise(_side_by_side(tables) @ changes))
 
-    @property
-    def starts(self) -> slice:
-        """Columns of ``rows`` that belong to the starts of the windows."""
-        return slice(0, 2 * len(self.blocks))
-
     def left(self, values: Array, starts: Array) -> Array:
         """Misfit in the directions of ``rows``."""
         return self.rows @ np.concatenate([starts.ravel(), values, [-1.0]])
