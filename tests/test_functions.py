@@ -16,7 +16,7 @@ from romsindy.fit.functions.cone import lifted, nearest
 from romsindy.fit.functions.dispersion import dispersion
 from romsindy.fit.functions.posterior import _inside, _positive, draw
 from romsindy.fit.functions.series import Scales, Series, Sizes
-from romsindy.fit.functions.windows import linearised, reduced, windows_of
+from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of
 from romsindy.fit.measured import prepared
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.example import add_noise
@@ -224,6 +224,18 @@ def test_colour_counts_where_no_more_than_noise_is_left(sizes, coloured):
     (noise,) = (record.noise for record in found.records)
     assert noise.alike is not coloured
     assert found.noise < 1.1 if coloured else found.noise > 1.1
+
+
+def test_a_motion_beyond_all_numbers_is_refused_in_words():
+    """Of a simpler structure that is tried from where another has ended, over a whole record."""
+    records = prepared(in_noise("slow", 6.0, 2), "m", coloured=True)
+    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records)
+    none, steep = np.zeros((0, len(equation.values) + 1)), equation.moved(1e200 * equation.values)
+    found = evidence.fit(equation, windows_of(records), records, none)
+    (record,) = found.records
+    whole = Window(0, np.arange(len(record.t)), record.motion)
+    with pytest.raises(rs.fit.collocation.TrajectoryError, match="one coordinate follows"):
+        evidence.fit(steep, [whole], [record], none, start=found, noise=1.0)
 
 
 # -- draws ------------------------------------------------------------------------------------

@@ -40,6 +40,11 @@ _ROUGH = 0.03  # errors of the smoothed acceleration, as a part of its rms
 _SMALL_STEP, _SMALL_GAIN = 1e-3, 0.1
 # Process noise from window to window, in amplitudes: from nothing to a phase that is lost.
 JUMPS = 10.0 ** np.arange(-7, -0.9, 0.5)
+_ASTRAY = (
+    "no motion of one coordinate follows the measured one: several modes take part, the records are"
+    " of different structures, or a fixed coefficient is wrong; cut or filter the record, leave the"
+    " coefficient free, or be content with a regression (HarmonicSINDy, romsindy regress)"
+)
 
 
 class Normal(NamedTuple):
@@ -171,8 +176,10 @@ def fit(
     undecided = noise is None
     heard = [r.weighing_alike() for r in records] if undecided else records
     for iteration in range(_ITERATIONS):
-        with np.errstate(all="ignore"):  # a motion that goes astray is found below
+        with np.errstate(all="ignore"):
             linear = linearised(series, own, heard)
+        if not all(np.all(np.isfinite(x.rows)) for x in linear):
+            raise TrajectoryError(_ASTRAY)
         now = Fitted(series, own, linear, known, level, jump, scales, last, False)
         # Evidence means something where the equation is linear: near the end.
         if largest < _NEAR and undecided:
@@ -185,12 +192,7 @@ def fit(
         values, step, largest, misfit = _step(now)
         far = noise is not None and iteration >= _PATIENCE and misfit > _HOPELESS * noise
         if far or not largest < _LOST:
-            raise TrajectoryError(
-                "no motion of one coordinate follows the measured one: several modes take part, the"
-                " records are of different structures, or a fixed coefficient is wrong; cut or"
-                " filter the record, leave the coefficient free, or be content with a regression"
-                " (HarmonicSINDy, romsindy regress)"
-            )
+            raise TrajectoryError(_ASTRAY)
         if progress is not None:
             progress(f"misfit {misfit:.4g} times the noise, change {largest:.1e}")
         short = min(1.0, _LEASH / max(largest, 1e-300))
