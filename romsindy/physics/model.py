@@ -266,6 +266,7 @@ class ReducedModel(Equations):
 
     def _energies(self, reach: float) -> tuple[Callable, Callable]:
         """Integrating factor mu(q) and potential U(q) on |q| <= reach."""
+        self.refuse_memory("an energy or a backbone")
         if all(term.conservative_inertia for term in self.terms):
             return self.inertia, lambda q: self._total("potential", q)
         # d(q_dot^2)/dq + 2 N/M q_dot^2 = -2 K/M  has the factor  mu = exp(int 2 N/M dq).

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from romsindy.physics.entries import finite, items, optional_text, several, table
+from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.serial import content_of, json_text, read_json, term_from_key, term_of
 from romsindy.physics.term import MOST_TERMS, Term
 
@@ -84,6 +85,19 @@ class TermSum:
     @cached_property
     def _pairs(self) -> list[tuple[Term, float]]:
         return list(zip(self.terms, self.values, strict=True))
+
+    @property
+    def memories(self) -> dict[MemoryLaw, float]:
+        """Forces among the terms that depend on the motion so far, with their coefficients."""
+        return {term: value for term, value in self._pairs if isinstance(term, MemoryLaw)}
+
+    def refuse_memory(self, what: str) -> None:
+        """Refuse what is asked of the state alone, where a force remembers the motion."""
+        if self.memories:
+            raise ValueError(
+                f"{next(iter(self.memories)).key} remembers the motion, and {what} follows from the"
+                " state alone: simulate the model, or take its other terms alone"
+            )
 
     def undamped(self) -> Self:
         """Model without its damping terms."""

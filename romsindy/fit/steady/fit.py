@@ -278,6 +278,7 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
     unknown = sorted(set(fixed) - set(model.coefficients))
     if unknown:
         raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    model.refuse_memory("a balance of harmonics")
     jumps = [term.key for term in model.terms if not term.smooth]
     if jumps:
         raise ValueError(
