@@ -26,7 +26,7 @@ from romsindy.fit.measured import prepared
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import PREDICTED
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.memory import SlippingJoint, TunedMass
+from romsindy.physics.memory import MaxwellElement, SlippingJoint, TunedMass
 from romsindy.physics.stiffness import Stiffness
 
 OMEGA = 30.0
@@ -329,7 +329,7 @@ def test_tuned_mass_is_named_where_records_begin_after_the_release():
     assert found.values == pytest.approx(truth, rel=0.1)
 
 
-# -- laws that remember, in models and in their fits ------------------------------------------------
+# -- laws that remember, in models and in their fits ---------------------------------------------
 
 
 def model_with(name, strength=None):
@@ -433,9 +433,36 @@ def test_a_second_mass_is_fitted_with_what_shapes_it():
     np.testing.assert_allclose(again.predict(decay, 200), fit.predict(decay, 200), atol=1e-9)
 
 
-@pytest.mark.slow
-def test_a_slipping_joint_under_an_input():
+def joint_decay(seed):
+    """A Jenkins element beside a Duffing oscillator, let go at rest after a slow pull."""
     k, slip = 25.0, 0.3
+
+    def rates(_, y):
+        q, v, z = y
+        return [v, -(OMEGA**2) * q - 90 * q**3 - 0.12 * v - k * z, slider(z, v, slip)]
+
+    t = np.arange(0, 8, 0.005)
+    q = solve_ivp(rates, (0, 8), [1.0, 0, slip], t_eval=t, rtol=1e-8, atol=1e-10, max_step=4e-3)
+    noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(t))
+    truth = {"slipping_joint": k, "slipping_joint slip": slip, "omega^2": OMEGA**2}
+    return rs.Decay(t, q.y[0] + noise, unit="mm"), truth | {"gamma_3": 90.0, "c_linear": 0.12}
+
+
+@pytest.mark.slow
+def test_a_slipping_joint_is_fitted():
+    held_by = []
+    for seed in range(4):
+        decay, truth = joint_decay(seed)
+        terms = (Stiffness(1), Stiffness(3), PowerDamping(1), SlippingJoint(0.4))
+        fit = rs.refine(rs.ReducedModel(terms, (OMEGA**2, 80.0, 0.2, 20.0), "mm"), decay)
+        held_by += held_truth(fit, truth)
+        assert fit.verdict.explained
+    assert np.mean(held_by) >= 0.8
+
+
+@pytest.mark.slow
+def test_a_viscoelastic_part_under_an_input():
+    k, relaxation = 20.0, 0.04
     w, phase = np.linspace(20, 42, 23), np.random.default_rng(5).uniform(0, 2 * np.pi, 23)
 
     def push(t):
@@ -444,26 +471,28 @@ def test_a_slipping_joint_under_an_input():
     def rates(t, y):
         q, v, z = y
         pull = OMEGA**2 * q + 90 * q**3 + 0.24 * v + k * z
-        return [v, push(t) - pull, slider(z, v, slip)]
+        return [v, push(t) - pull, v - z / relaxation]
 
     t = np.arange(0, 6, 0.005)
-    q = solve_ivp(rates, (0, 6), [0, 0, 0], t_eval=t, rtol=1e-8, atol=1e-9, max_step=4e-3).y[0]
-    noisy = q + 1e-3 * np.random.default_rng(0).standard_normal(len(t))
-    record = rs.ForcedVibration(t, noisy, push(t), unit="mm", inputs="force")
-    start = rs.ReducedModel(
-        (Stiffness(1), PowerDamping(1), Stiffness(3), SlippingJoint(0.4)),
-        (OMEGA**2, 0.2, 80.0, 20.0),
-        "mm",
-    )
-    fit = rs.refine(start, record)
-    truth = {"slipping_joint": k, "slipping_joint slip": slip, "gain [force]": 1.0}
-    truth |= {"omega^2": OMEGA**2, "gamma_3": 90.0, "c_linear": 0.24}
-    assert sum(held_truth(fit, truth)) >= 5 and fit.verdict.explained
-    with pytest.raises(ValueError, match="fixed names .'slipping_joint'.: a force that remembers"):
-        rs.refine(start, record, fixed=["slipping_joint"])
+    q = solve_ivp(rates, (0, 6), [0, 0, 0], t_eval=t, rtol=1e-9, atol=1e-11).y[0]
+    truth = {"omega^2": OMEGA**2, "gamma_3": 90.0, "c_linear": 0.24, "maxwell": k}
+    truth |= {"maxwell relaxation": relaxation, "gain [force]": 1.0}
+    held_by = []
+    for seed in range(2):
+        noisy = q + 1e-4 * np.random.default_rng(seed).standard_normal(len(t))
+        record = rs.ForcedVibration(
+            t, noisy, push(t), unit="mm", inputs="force", interpolation="band-limited"
+        )
+        fit = rs.identify(record, terms=[Stiffness(3), MaxwellElement(0.03)])
+        held_by += held_truth(fit, truth)
+        assert fit.verdict.explained
+    assert np.mean(held_by) >= 0.8
+    assert np.std(fit.predict(record, 100) - noisy) < 0.01 * np.std(noisy)
+    with pytest.raises(ValueError, match=r"fixed names \['maxwell'\]: a force that remembers"):
+        rs.refine(fit.model, record, fixed=["maxwell"])
 
 
 def test_a_shape_that_no_record_shows_is_no_start():
     decay, _ = absorber_decay(0)
-    with pytest.raises(ValueError, match=r"slip = 50, .* finds values from 0.01 to 2"):
+    with pytest.raises(ValueError, match=r"slip = 50, .* finds values from 0\.00\d+ to [12]\."):
         rs.identify(decay, terms=[SlippingJoint(50.0)])

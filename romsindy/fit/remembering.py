@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.memory import MemoryEffect, SmallMass
 from romsindy.fit.any_record import AnyRecord
-from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
+from romsindy.fit.record import Record
 from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
@@ -28,7 +29,7 @@ def memory_parts(model: TermSum, records: Sequence[AnyRecord]) -> tuple[Part, ..
     """
     if not model.memories:
         return ()
-    alone = [r for r in records if not isinstance(r, CoupledRecord)]
+    alone = cast("Sequence[Record | ForcedRecord]", records)  # a CoupledModel has none
     longest = max(alone, key=lambda r: float(r.t[-1]))
     scales = Scales(max(r.amplitude for r in alone), longest.rate, float(longest.t[-1]))
     return tuple(_part(law, c, scales, len(records)) for law, c in model.memories.items())

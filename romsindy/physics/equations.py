@@ -111,6 +111,7 @@ class Equations(TermSum, ABC):
         ValueError
             If q = 0 is not a stable position of rest.
         """
+        self.refuse_memory("a small vibration")
         rest = np.zeros(self.n_coordinates)
         if self.objection(rest[None]):
             self._refuse(rest[None])

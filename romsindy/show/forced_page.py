@@ -95,14 +95,17 @@ def pictures(report: ForcedReport) -> list[Picture]:
     fit, v, held = report.fit, report.vibration, report.held_out
     orange = " Orange: what was held out, and predicted." if held else ""
     curves = "Undamped motion and damping ratio of the equation without inputs, with 95 % bands."
-    draw_band = partial(show.draw_band, report.band)
     one = "one simulation of the equation leaves of it, from the start to the end of the record"
     if report.piece:
         one = f"the equation leaves of pieces of {report.piece:.0f} cycles, each from its own state"
-    if not np.isfinite(report.band.frequency).all():
-        curves += " They end where the equation has no periodic motion."
+    backbone = []
+    if not fit.model.memories:
+        if not np.isfinite(report.band.frequency).all():
+            curves += " They end where the equation has no periodic motion."
+        draw_band = partial(show.draw_band, report.band)
+        backbone = [Picture("backbone", "Backbone and damping", curves, draw_band, (6.4, 6.0))]
     return [
-        Picture("backbone", "Backbone and damping", curves, draw_band, (6.4, 6.0)),
+        *backbone,
         *functions(fit),
         Picture(
             "motion",

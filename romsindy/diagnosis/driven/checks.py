@@ -79,6 +79,7 @@ def reduced(model: ReducedModel | Beam) -> ReducedModel:
         For a Beam.
     """
     if isinstance(model, ReducedModel):
+        model.refuse_memory("what is compared here")
         return model
     raise ValueError(
         f"model is a {type(model).__name__}, and forced vibrations are compared with a"
