@@ -124,6 +124,11 @@ class CoupledRecord(OfDecay):
         return float(np.abs(self.motion.q).max())
 
     @property
+    def count(self) -> float:
+        """Samples of all channels."""
+        return float(len(self.signal))
+
+    @property
     def cycles(self) -> float:
         """Of the slowest coordinate, in all."""
         return float(self.t[-1]) * min(float(np.median(tone.frequency)) for tone in self.tones)
@@ -152,13 +157,14 @@ class CoupledRecord(OfDecay):
         last = x[:, -shapes.shape[1] :]
         for part in parts:
             effect, row = part.effect, np.zeros((len(self.noise), len(x)))
+            silent = np.zeros((len(part.columns(number)) - 1, row.size))  # values of a force
             if isinstance(effect, ModeShape):
                 row[effect.channel] = effect.readings(self.t, last)[0]
             elif isinstance(effect, CurvedShape):
                 row[effect.channel] = effect.readings(self.t, x)[0]
                 curved.append((part.own(number)[0], effect, row))
-            rows.append(row.ravel())
-        by_value = np.array(rows).reshape(len(rows), len(shapes) * len(x))
+            rows += [row.ravel()[None], silent]
+        by_value = np.concatenate([np.zeros((0, len(shapes) * len(x))), *rows])
         shown = last @ shapes.T
         if not curved:
             return CoupledReading(shown.T.ravel(), shapes, by_value)

@@ -37,7 +37,7 @@ from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import TOLERANCE, shoot
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel, CoupledModel
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay

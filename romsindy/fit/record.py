@@ -17,11 +17,9 @@ from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
-from romsindy.record.lag import distortion, settling
 from romsindy.record.noise import Noise
-from romsindy.record.noise_level import noise_std
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.spectrum import Spectrum
+from romsindy.record.spectrum import Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
@@ -87,7 +85,7 @@ class Record(OfDecay):
         motion goes through the others all the same.
     doubts : (n, m) array, optional
         What the measuring chain may have added, each by its standard deviation, unit of the signal:
-        see `romsindy.record.lag`.
+        see `romsindy.record.spectrum`.
     first : int
         First sample that takes part: before it the filter of a measuring chain rings.
     """

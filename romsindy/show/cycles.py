@@ -12,7 +12,7 @@ from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.fitted import Fit
 from romsindy.orbits.curves import linear_mode
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.show.axes import with_unit
 from romsindy.show.facts import Fact
@@ -59,7 +59,7 @@ def backbones_of(
             f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
         )
     name = "fitted model"
-    if isinstance(measured.model, CoupledModel):
+    if measured.model.numbered:
         name += f", mode {mode} alone"
         coordinate = int(np.argmax(np.abs(linear_mode(measured.model.undamped(), mode)[1])))
         found = [_of_tone(r, coordinate) for r in one_a_decay(measured.records)]

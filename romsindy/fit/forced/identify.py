@@ -9,6 +9,7 @@ from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
+from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.forced.refine import decided
@@ -23,7 +24,7 @@ from romsindy.fit.measured import (
 from romsindy.fit.record import Record
 from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -87,7 +88,7 @@ def identify_forced(
     if inputs[0].interpolation != hypotheses[0][0].interpolation:
         # Terms that were chosen with another input may stand for what was wrong with it.
         best = search.decided(search.needed(inputs), hypotheses)
-    best = with_choice_error(best, search.every_choice(best))
+    best = examined(with_choice_error(best, search.every_choice(best)))
     return replace(best, notes=(*best.notes, *stand_ins(best)))
 
 

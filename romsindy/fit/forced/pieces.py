@@ -22,7 +22,7 @@ from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
-from romsindy.physics.driven import without_inputs
+from romsindy.physics.equations import without_inputs
 from romsindy.physics.model import ReducedModel
 
 Records = Sequence[Record | ForcedRecord]

@@ -16,7 +16,7 @@ from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.record import OfDecay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
-from romsindy.record.noise_level import quiet_power, quiet_std
+from romsindy.record.spectrum import quiet_power, quiet_std
 from romsindy.typing import Array
 
 # Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies

@@ -10,10 +10,11 @@ import numpy as np
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
+from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.pieces import Driven, forced_among
 from romsindy.fit.measured import free_names, ready, require_unit
 from romsindy.physics.coupled import AnyModel, CoupledModel
-from romsindy.physics.driven import inputs_of, without_inputs
+from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
@@ -54,7 +55,7 @@ def refined_forced(
         refuse_displacement(inputs, gains)
         problem = Driven(names, records, loss, progress)
         fits.append(problem.fit(free_model, free_drives(inputs, gains, forced)))
-    return decided(fits)
+    return examined(decided(fits))
 
 
 def decided(fits: Sequence[Fit]) -> Fit:
