@@ -25,7 +25,8 @@ from romsindy.fit.linear_response import nodes, sensitivity
 from romsindy.fit.measured import prepared
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import PREDICTED
-from romsindy.physics.damping import PowerDamping
+from romsindy.physics.damping import Friction, PowerDamping
+from romsindy.physics.input import Input
 from romsindy.physics.memory import MaxwellElement, SlippingJoint, TunedMass
 from romsindy.physics.stiffness import Stiffness
 
@@ -361,6 +362,9 @@ def test_a_model_that_remembers_is_saved_and_refuses_what_it_cannot_say():
     ):
         with pytest.raises(ValueError, match="tuned_mass remembers the motion"):
             ask()
+    rubbing = rs.ReducedModel((*model.terms, Friction()), (*model.values, 1.0), "mm")
+    with pytest.raises(ValueError, match="c_coulomb jumps: give model"):
+        rubbing.simulate(1.0, 0.0, T)
     with pytest.raises(ValueError, match="'tuned_mass' is not known"):
         rs.ReducedModel.from_coefficients({"tuned_mass": 0.1})
 
@@ -476,6 +480,15 @@ def test_a_viscoelastic_part_under_an_input():
     t = np.arange(0, 6, 0.005)
     q = solve_ivp(rates, (0, 6), [0, 0, 0], t_eval=t, rtol=1e-9, atol=1e-11).y[0]
     truth = {"omega^2": OMEGA**2, "gamma_3": 90.0, "c_linear": 0.24, "maxwell": k}
+    terms = (
+        Stiffness(1),
+        Stiffness(3),
+        PowerDamping(1),
+        MaxwellElement(relaxation),
+        Input("force"),
+    )
+    model = rs.ReducedModel(terms, (*truth.values(), 1.0), "mm")
+    np.testing.assert_allclose(model.simulate(0, 0, t, rtol=1e-8, u=push).signal, q, atol=1e-6)
     truth |= {"maxwell relaxation": relaxation, "gain [force]": 1.0}
     held_by = []
     for seed in range(2):

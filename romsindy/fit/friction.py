@@ -30,12 +30,13 @@ def free_parts(
     coordinates: one of them may stop while others go on. Forces that remember are in parts, too.
     """
     memories = memory_parts(model, records)
-    names = [name for name in names if name not in {law.key for law in model.memories}]
+    remembering = {law.key for law in model.memories}
+    names = [name for name in names if name not in remembering]
     alone = {t.key for t in model.terms if not (t.smooth or isinstance(t, Along))}
     apart = alone & {*names}
     values = model.coefficients
-    kept = {t.key for t in model.terms} - apart - {law.key for law in model.memories}
-    inside = tuple(value if name in kept else 0.0 for name, value in values.items())
+    outside = apart | remembering
+    inside = tuple(0.0 if name in outside else value for name, value in values.items())
     left = smoothed(replace(model, values=inside), records, apart)
     parts = free_coefficients(left, names)
     free = (

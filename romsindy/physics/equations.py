@@ -220,18 +220,17 @@ class Equations(TermSum, ABC):
         state, t = self._state(q0, q_dot0), checked_time(t)
         frequency = self._frequency_at_rest
         scale = max(np.abs(state[0]).max(), np.abs(state[1]).max() / frequency, 1e-300)
-        if u is not None:
-            forcing = self._forcing(u, t)
-            if self.memories:
-                return self._remembering(state, forcing.t, rtol, scale, forcing, measured)
+        forcing = None if u is None else self._forcing(u, t)
+        if forcing is not None:
             scale = max(scale, float(np.abs(forcing(t)).max()) / frequency**2)
+        if not all(term.smooth for term in self.terms):
+            return self._by_strokes(state, t, rtol, scale)
+        if self.memories:
+            return self._remembering(state, t, rtol, scale, forcing, measured)
+        if forcing is not None:
             own = self._quick_acceleration()
             q, q_dot = integrate_steps(own, state, t, forcing.steps(), rtol, scale)
             return self._shown(forcing, q, q_dot, measured)
-        if self.memories:
-            return self._remembering(state, t, rtol, scale)
-        if not all(term.smooth for term in self.terms):
-            return self._by_strokes(state, t, rtol, scale)
         q, q_dot = integrate_smooth(self._quick_acceleration(), state, t, rtol, scale)
         return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
 
@@ -249,8 +248,8 @@ class Equations(TermSum, ABC):
         t: Array,
         rtol: float,
         scale: float,
-        forcing: Forcing | None = None,
-        measured: Quantity = "displacement",
+        forcing: Forcing | None,
+        measured: Quantity,
     ) -> Decay | ForcedVibration:
         """The motion where forces remember: as from rest, or from a vibration that has lasted."""
         steps = forcing.steps() if forcing else ((end, lambda _: 0.0) for end in t[1:])

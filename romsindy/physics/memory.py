@@ -140,11 +140,6 @@ def _between(x: float, xs: list[float], ys: list[float]) -> float:
     return ys[i] + (ys[i + 1] - ys[i]) / (xs[i + 1] - xs[i]) * (x - xs[i])
 
 
-def _dragged(z: Array, q_dot: float, most: Array) -> Array:
-    """Rates of springs (m,) that follow q up to the slip of their sliders."""
-    return np.where(np.abs(z) * np.sign(z * q_dot) >= most, 0.0, q_dot)
-
-
 @dataclass(frozen=True)
 class SlidingLaw(MemoryLaw):
     """A law that knows no time: z follows q, alike upwards and downwards.
@@ -189,8 +184,27 @@ class SlidingLaw(MemoryLaw):
         return self.moved(z[:, stroke], q - start[stroke])
 
 
+class SliderLaw(SlidingLaw):
+    """Springs that q stretches, z, each in series with a slider."""
+
+    @property
+    @abstractmethod
+    def slips(self) -> Array:
+        """Most that each is stretched, (m, 1)."""
+
+    def _still(self) -> Array:
+        return np.zeros(len(self.slips))
+
+    def moved(self, z: Array, way: Array | float) -> Array:
+        return np.minimum(np.maximum(z + way, -self.slips), self.slips)
+
+    def rates(self, q: float, q_dot: float, inner: Array) -> Array:
+        dragged = np.abs(inner) * np.sign(inner * q_dot) >= self.slips[:, 0]
+        return np.where(dragged, 0.0, q_dot)
+
+
 @dataclass(frozen=True)
-class SlippingJoint(SlidingLaw):
+class SlippingJoint(SliderLaw):
     """Springs in parallel, each in series with a slider (Iwan [2]); one is a Jenkins element.
 
     Springs of equal stiffness, of 1 together, slip at distances up to ``slip``: (i / n)^scatter of
@@ -209,20 +223,11 @@ class SlippingJoint(SlidingLaw):
         return "mean of z_i; z_i' = q_dot, |z_i| <= slip_i"
 
     @cached_property
-    def _slips(self) -> Array:
+    def slips(self) -> Array:
         middle = (np.arange(_SLIDERS) + 0.5) / _SLIDERS
         return (
             self.slip * middle[:, None] ** self.scatter if self.scatter else np.array([[self.slip]])
         )
-
-    def _still(self) -> Array:
-        return np.zeros(len(self._slips))
-
-    def moved(self, z: Array, way: Array | float) -> Array:
-        return np.minimum(np.maximum(z + way, -self._slips), self._slips)
-
-    def rates(self, q: float, q_dot: float, inner: Array) -> Array:
-        return _dragged(inner, q_dot, self._slips[:, 0])
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return np.mean(inner, axis=0)
@@ -284,7 +289,7 @@ class BoucWen(SlidingLaw):
 
 
 @dataclass(frozen=True)
-class Play(SlidingLaw):
+class Play(SliderLaw):
     """A joint with play: friction in series with a spring that is met beyond ``half`` the play.
 
     z is the way since the last slip; a Jenkins element where there is no play.
@@ -298,15 +303,9 @@ class Play(SlidingLaw):
     def rule(self) -> str:
         return "sign(z) max(|z| - half, 0); z' = q_dot, |z| <= half + slip"
 
-    def _still(self) -> Array:
-        return np.zeros(1)
-
-    def moved(self, z: Array, way: Array | float) -> Array:
-        most = self.half + self.slip
-        return np.minimum(np.maximum(z + way, -most), most)
-
-    def rates(self, q: float, q_dot: float, inner: Array) -> Array:
-        return _dragged(inner, q_dot, np.array([self.half + self.slip]))
+    @cached_property
+    def slips(self) -> Array:
+        return np.array([[self.half + self.slip]])
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return inner[0] - np.clip(inner[0], -self.half, self.half)

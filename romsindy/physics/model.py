@@ -213,6 +213,8 @@ class ReducedModel(Equations):
         return np.array([q0, q_dot0], float)
 
     def _by_strokes(self, state: Array, t: Array, rtol: float, scale: float) -> Decay:
+        if self.memories:
+            return super()._by_strokes(state, t, rtol, scale)
         q, q_dot, rests = integrate_strokes(self._quick_acceleration(), state, t, rtol, scale)
         q_ddot = np.where(rests, 0.0, self.acceleration(q, q_dot))
         return Decay(t, q, q_dot, q_ddot, unit=self.unit)
