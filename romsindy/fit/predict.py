@@ -20,6 +20,7 @@ from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.measured import NUMERICS, require_unit, small_frequencies
 from romsindy.fit.part import Part, in_orders
 from romsindy.fit.record import Record
+from romsindy.fit.remembering import memory_parts
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.equations import inputs_of, without_inputs
@@ -86,11 +87,11 @@ def _of_one(
     else:
         model, seen = without_inputs(model), Record.of(record.single(), NUMERICS)
     bias = (Part(Bias(), (), np.full((1, 1), offset)),) if offset else ()
-    smooth = smoothed(model, [seen])
+    smooth, parts = smoothed(model, [seen]), (*bias, *memory_parts(model, [seen]))
     first = seen.until(float(seen.t[samples - 1]))
-    start = fit(smooth, bias, [first], fixed=True).motions[0].start
-    equation = equation_of(smooth, bias, 0, seen)
-    motion = integrate(equation, start, seen.motion.grid, seen.motion)
+    known = fit(smooth, parts, [first], fixed=True)
+    equation = equation_of(smooth, known.parts, 0, seen)
+    motion = integrate(equation, known.motions[0].start, seen.motion.grid, seen.motion)
     return seen.read(bias, 0, motion.samples(equation, seen.derivative)).shown
 
 

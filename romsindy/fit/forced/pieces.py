@@ -68,7 +68,7 @@ class Driven:
         forced = forced_among(self.records)
         longest = max(float(r.t[-1]) * r.rate / (2 * np.pi) for r in forced)
         count = min(round(longest / _CYCLES), _MOST)
-        if count < 2:
+        if count < 2 or model.memories:  # what is remembered goes from piece to piece
             return _or_raised(whole, failure)
         try:
             short = self._fit(model, drives, _cut(self.records, count))
