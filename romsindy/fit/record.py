@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import prev_fast_len
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.effects.base import SampledInput, Scales
@@ -253,22 +254,31 @@ class Record(OfDecay):
         return self.noise.draw(len(self.signal), self.decay.dt, rng)
 
     def over_noise(self, x: Array) -> Array:
-        """Misfits or their derivatives (n, ...) over the noise, made white.
+        """Misfits or their derivatives (n, ...) over the noise, for a fit that may be wrong.
 
-        All that takes part, whatever a filter may have made of it: what that is is known but as a
-        bound, which is no size of an error that a fit could count with.
+        White where not all samples weigh alike. Whatever a filter may have made of them counts:
+        what that is is known but as a bound, which is no size of an error.
         """
-        return self._taking_part(self.noise(_each(x, self.valid)))
+        return x / self.noise.std if self.noise.alike else self.noise(x)
+
+    def cosines(self, x: Array) -> Array:
+        """The cosines of the same, (m, ...): sums of products are those of the samples.
+
+        Without a few per cent of them at the end, where a decay is quietest, if the transform of
+        all would take several times as long.
+        """
+        last = prev_fast_len(len(x))
+        return self.noise.cosines(x[:last])
 
     def whitened(self, x: Array) -> Array:
-        """The same without what a filter may have made of the harmonics."""
+        """Misfits or their derivatives (n, ...) over the noise, white, for a comparison with it.
+
+        Without what a filter may have made of the harmonics.
+        """
         white = self.noise(_each(x, self.valid))
         if self._doubtful is not None:
             modes, share = self._doubtful
             white = white - modes @ (share * (modes.T @ white).T).T
-        return self._taking_part(white)
-
-    def _taking_part(self, white: Array) -> Array:
         white[: self.first] = 0.0
         # White samples are independent: those left out tell nothing about the others.
         return white if self.part is None else _each(white, self.part)

@@ -207,11 +207,17 @@ class Noise:
         """Filter signals (n, ...) so that the noise in them is white with standard deviation 1."""
         if self.one_by_one:
             return x / self.std
-        # The cosines of a record without memory of its ends are nearly independent for any noise
-        # (N. Ahmed, T. Natarajan, K. Rao, IEEE Trans. Computers C-23, 1974, 90).
-        weight = 1 / np.sqrt(self._weighed(len(x)))
+        return idct(self.cosines(x), norm="ortho", axis=0)
+
+    def cosines(self, x: Array) -> Array:
+        """Cosines of signals (n, ...), so that the noise in them has a standard deviation of 1.
+
+        Those of a record without memory of its ends are nearly independent for any noise (N. Ahmed,
+        T. Natarajan, K. Rao, IEEE Trans. Computers C-23, 1974, 90).
+        """
         waves = dct(x, norm="ortho", axis=0)
-        return idct(waves * weight.reshape(-1, *np.ones(x.ndim - 1, int)), norm="ortho", axis=0)
+        waves /= np.sqrt(self._weighed(len(x))).reshape(-1, *np.ones(x.ndim - 1, int))
+        return np.asarray(waves)
 
     def draw(self, n: int, dt: float, rng: np.random.Generator) -> Array:
         """Noise like this one: the same level and colour, lines with phases of their own, (n,)."""

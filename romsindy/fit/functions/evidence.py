@@ -152,7 +152,7 @@ def fit(
         With the motions to start from.
     records : sequence of Record
         With the noise to weigh by. Where ``noise`` is not given samples weigh alike, unless no more
-        than the noise is left: what an equation leaves does not have its colour.
+        than the noise is left: what an equation leaves does not have its colour, and may drift.
     known : (m, p + 1) array
         Rows for the values, and what they come to, over the error: what is known beforehand.
     start : Fitted, optional
@@ -221,8 +221,8 @@ def regressed(series: Series, records: Sequence[Record]) -> Series:
 
 
 def _by_colour(now: Fitted, records: Sequence[Record]) -> Fitted:
-    """The same by noise with its colour, where no more than that is left; else as it is."""
-    if all(record.noise.spectrum.white for record in records):
+    """The same by the noise as it is, where no more than that is left; else all samples alike."""
+    if all(record.noise.one_by_one for record in records):
         return now
     coloured = replace(now, linear=linearised(now.series, now.windows, records), noise=1.0)
     *_, misfit = _step(coloured)

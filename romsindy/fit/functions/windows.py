@@ -77,7 +77,8 @@ class Block:
     window : Window
     response : Response
     change : (n, p + 2) array
-        Derivatives of what the sensor shows by the values and by q and q_dot at the start.
+        Derivatives of what the sensor shows by the values and by q and q_dot at the start; none
+        where it shows nothing.
     signal : (n,) array
         What these times values and start have to be.
     end : (2, p + 2) array
@@ -111,9 +112,11 @@ def _block(series: Series, window: Window, record: Record) -> Block:
     change[:, 1:-2] += series.shown_by_value(x, record.derivative, window.record)
     there = np.concatenate([series.values, m.start])
     signal = record.signal[window.rows] - shown - change[:, 0] + change[:, 1:] @ there
+    valid = record.valid[window.rows]
     end = np.stack([response.q[-1, 0], response.q_dot[-1, 0]])
     reached = np.array([m.q[-1, 0], m.q_dot[-1, 0]]) + end[:, 0] - end[:, 1:] @ there
-    return Block(window, response, change[:, 1:], signal, end[:, 1:], reached)
+    change, signal = change[:, 1:] * valid[:, None], signal * valid
+    return Block(window, response, change, signal, end[:, 1:], reached)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +141,7 @@ class Linear:
         """Linearise about the present motions."""
         blocks = tuple(_block(series, w, record) for w in windows)
         tables = [np.column_stack([b.change, b.signal]) for b in blocks]
-        rows = _alone if record.noise.one_by_one else _together
+        rows = _alone if record.noise.alike or record.noise.one_by_one else _together
         return cls(record, blocks, rows(record, tables))
 
     def whitened(self, changes: Array) -> list[Array]:
@@ -166,7 +169,7 @@ def _together(record: Record, tables: Sequence[Array]) -> Array:
     triangles = [r for _, r in own]
     outer, inner = np.linalg.qr(_side_by_side(triangles))
     pairs = zip(own, _like(triangles, outer), strict=True)
-    white = record.over_noise(np.concatenate([q @ x for (q, _), x in pairs]))
+    white = record.cosines(np.concatenate([q @ x for (q, _), x in pairs]))
     products = white.T @ white
     if not np.all(np.isfinite(products)):  # the motion goes astray, and so will what follows
         return np.full_like(inner, np.nan)
