@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.effects.base import ReadingEffect, SampledInput, State
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
 from romsindy.fit.linear_steps import Linearisation
 from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.memory import Memory
@@ -20,7 +20,7 @@ from romsindy.typing import Array
 
 
 def equation_of(
-    model: AnyModel, parts: Sequence[Part], number: int, record: AnyRecord
+    model: AnyModel, parts: Sequence[Part], number: int, record: Prepared
 ) -> ExtendedEquation:
     """The equation of a model with its parts in a record, which has this number."""
     step = record.motion.grid.step
@@ -95,7 +95,7 @@ class ExtendedEquation:
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
-                residual = residual + (own @ forces)[:, None]
+                residual = residual + np.tensordot(own, forces, 1).reshape(len(t), -1)
                 added = (np.reshape(b, (-1, 1, 1)) for b in part.effect.slopes(state, own))
                 slopes = [a + b for a, b in zip(slopes, added, strict=True)]
         return Linearisation(residual, *slopes)
@@ -119,5 +119,6 @@ class ExtendedEquation:
             elif i not in pulling or part.effect.forces(state := pulling[i][1]) is None:
                 rows.append(np.zeros((len(part.columns(self.record)), *q.shape)))
             else:
-                rows.append(part.by_value("forces", (state,), self.record)[..., None])
+                own = part.by_value("forces", (state,), self.record)
+                rows.append(own.reshape(len(own), *q.shape))
         return np.concatenate(rows)

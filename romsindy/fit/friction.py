@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import free_coefficients
 from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared
 from romsindy.physics.coupling import Along
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
@@ -24,7 +24,7 @@ _SMOOTHING = 0.001
 
 
 def free_parts(
-    model: Model, names: Sequence[str], records: Sequence[AnyRecord]
+    model: Model, names: Sequence[str], records: Sequence[Prepared]
 ) -> tuple[Model, tuple[Part, ...]]:
     """A model to fit, and its free coefficients as parts.
 
@@ -44,7 +44,7 @@ def free_parts(
     )
 
 
-def smoothed(model: Model, records: Sequence[AnyRecord], but: Collection[str] = ()) -> Model:
+def smoothed(model: Model, records: Sequence[Prepared], but: Collection[str] = ()) -> Model:
     """Model whose dry friction is smooth at the speeds of the records, each in its direction.
 
     Coefficients with names that stand in ``but`` keep their jump.

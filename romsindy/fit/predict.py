@@ -138,7 +138,7 @@ def _start(
     From a state that is far off, a fit over many cycles would not find its way. Vibrations that
     beat have several states that show few cycles well: the best of some is taken.
     """
-    cycle = len(record.t) / record.cycles
+    cycle = len(record.t) / record.turns
     fewest = _SAMPLES * model.n_coordinates
     firsts = sorted({min(max(int(c * cycle), fewest), samples) for c in _CYCLES})
     found: list[Solution] = []
@@ -155,12 +155,12 @@ def _grown(
     model: CoupledModel, curved: Sequence[Part], record: CoupledRecord, first: int, samples: int
 ) -> Solution:
     """The initial state of all samples, from that of the first ones."""
-    few, equation = record.until(first), equation_of(model, (), 0, record)
+    few, equation = record.beginning(first), equation_of(model, (), 0, record)
     motions = [integrate(equation, _linear_state(model, few), few.motion.grid)]
     counts = first * _GROWTH ** np.arange(np.log(samples / first) / np.log(_GROWTH))
     for n in counts.astype(int):
-        motions = list(shoot(model, curved, [record.until(n)], motions, fixed=True)[0].motions)
-    return shoot(model, curved, [record.until(samples)], motions, fixed=True)[0]
+        motions = list(shoot(model, curved, [record.beginning(n)], motions, fixed=True)[0].motions)
+    return shoot(model, curved, [record.beginning(samples)], motions, fixed=True)[0]
 
 
 def _linear_state(model: CoupledModel, record: CoupledRecord) -> Array:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.fit.any_record import one_a_decay
 from romsindy.fit.fitted import Fit
+from romsindy.fit.record import one_a_decay
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.typing import Array
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
+import numpy as np
+
+from romsindy.physics.coupling import Along
 from romsindy.physics.equations import Equations
 from romsindy.physics.forcing import input_in
 from romsindy.physics.input import Input
@@ -23,6 +27,18 @@ def without_inputs(model: Model) -> Model:
     pairs = zip(model.terms, model.values, strict=True)
     kept = {term: value for term, value in pairs if input_in(term) is None}
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))
+
+
+def with_inputs(model: Any, inputs: Sequence[Input], gains: Sequence[Any]) -> Any:
+    """A model that inputs drive, with the gains of each: a number, or one for each coordinate."""
+    several = [
+        [Along.coordinate(term, i + 1) for i in range(model.n_coordinates)]
+        if model.numbered
+        else [term]
+        for term in inputs
+    ]
+    terms = (*model.terms, *(term for own in several for term in own))
+    return replace(model, terms=terms, values=(*model.values, *np.ravel(gains).tolist()))
 
 
 def gain_of(model: Equations) -> Any:

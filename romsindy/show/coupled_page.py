@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from romsindy.fit.any_record import in_pieces
 from romsindy.fit.fitted import Fit
+from romsindy.fit.record import in_pieces
 from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import BackboneCurve, backbone_curve

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.any_record import one_a_decay
-from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.fitted import Fit
+from romsindy.fit.record import Prepared, one_a_decay
 from romsindy.orbits.curves import linear_mode
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.show.axes import with_unit
 from romsindy.show.facts import Fact
@@ -59,7 +58,7 @@ def backbones_of(
             f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
         )
     name = "fitted model"
-    if isinstance(measured.model, CoupledModel):
+    if measured.model.numbered:
         name += f", mode {mode} alone"
         coordinate = int(np.argmax(np.abs(linear_mode(measured.model.undamped(), mode)[1])))
         found = [_of_tone(r, coordinate) for r in one_a_decay(measured.records)]
@@ -76,7 +75,7 @@ def points_of(measured: Backbone | Sequence[Backbone] | Fit, mode: int) -> dict[
     return look | {"label": label, "zorder": 1}
 
 
-def _of_tone(record: CoupledRecord, coordinate: int) -> Backbone:
+def _of_tone(record: Prepared, coordinate: int) -> Backbone:
     """The tone of a coordinate at the windows where it was followed; its errors are not known."""
     tone = record.tones[coordinate]
     omega = 2 * np.pi * tone.frequency

@@ -9,8 +9,7 @@ from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
-from romsindy.fit.forced.pieces import Driven, forced_among
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.forced.pieces import Driven
 from romsindy.fit.forced.refine import decided
 from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
 from romsindy.fit.measured import (
@@ -20,7 +19,7 @@ from romsindy.fit.measured import (
     require_known,
     require_unit,
 )
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared
 from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
 from romsindy.physics.driven import inputs_of
@@ -78,7 +77,7 @@ def identify_forced(
     laws, known = (*LINEAR, *candidates(order)), dict(fixed or {})
     require_known(known, [t.key for t in laws])
     found = ready(several)
-    measured = [r.decay for r in forced_among(found)]
+    measured = [r.decay for r in found if r.driven]
     say = progress or (lambda _: None)
     hypotheses = [inputs_in(measured, way) for way in ways(measured)]
     search = _Search(laws, known, found, say)
@@ -97,7 +96,7 @@ class _Search:
 
     laws: tuple[Term, ...]
     fixed: Mapping[str, float]
-    records: Sequence[Record | ForcedRecord]
+    records: Sequence[Prepared]
     say: Callable[[str], None]
 
     def decided(self, terms: Sequence[Term], hypotheses: Sequence[Sequence[Input]]) -> Fit:
@@ -135,9 +134,10 @@ class _Search:
         """From values by regression on the smooth motions."""
         known = [t for t in self.laws if t.key in self.fixed]
         own = tuple({t.key: t for t in (*LINEAR, *known, *terms)}.values())
-        values, gains = regressed(own, inputs, forced_among(self.records), self.fixed)
+        driven = [r for r in self.records if r.driven]
+        values, gains = regressed(own, inputs, driven, self.fixed)
         refuse_displacement(inputs, gains.tolist())
         model = ReducedModel(own, tuple(values.tolist()), self.records[0].decay.unit)
-        drives = free_drives(inputs, gains.tolist(), forced_among(self.records))
+        drives = free_drives(inputs, gains.tolist(), driven)
         names = free_names(model, self.fixed)
         return Driven(names, self.records).fit(model, drives)
