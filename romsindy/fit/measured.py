@@ -54,13 +54,17 @@ def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[De
         For none, or anything else.
     """
     several = listed_records(decays)
-    decays_alone = [d for d in several if isinstance(d, Decay)]
-    if len(decays_alone) < len(several):
+    if driven_among(several):
         raise ValueError(
             "decays hold a ForcedVibration, and free decays are needed here: refine() and"
             " identify() take inputs"
         )
-    return decays_alone
+    return several  # type: ignore[return-value]
+
+
+def driven_among(several: Sequence[Decay | ForcedVibration]) -> list[ForcedVibration]:
+    """Those with inputs."""
+    return [v for v in several if isinstance(v, ForcedVibration)]
 
 
 def prepared(decays: Decay | Sequence[Decay], unit: str | None) -> tuple[Record, ...]:
@@ -97,9 +101,7 @@ def ready_along(
     return tuple(
         driven_record(measured, modes, NUMERICS)
         if isinstance(measured, ForcedVibration)
-        else replace(
-            CoupledRecord.of(measured.free(), hertz, NUMERICS, modes.main), shapes=modes.shapes
-        )
+        else replace(CoupledRecord.of(measured, hertz, NUMERICS, modes.main), shapes=modes.shapes)
         for measured in several
     )
 

@@ -20,7 +20,11 @@ from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.coupled_terms import linear_model
+from romsindy.fit.forced.between_samples import deviance
 from romsindy.fit.forced.smooth import finer, on_grid, reflected
+from romsindy.fit.verdict import MODE
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.input import Input
 from romsindy.record.forced import ForcedVibration
 from romsindy.typing import Array
@@ -37,45 +41,77 @@ class Modes(NamedTuple):
     """Linear modes of R coordinates in c channels.
 
     ``omega`` (R,) in rad/s, ``ratios`` (R,) of damping, ``shapes`` (c, R), which are 1 in the
-    channel that a mode moves most, ``gains`` (R,) of every input by its name, and ``left``, the
-    part of the power of the channels that they do not explain.
+    channel that a mode moves most, ``gains`` (R,) of every input by its name, and ``left`` (n, c),
+    what they leave of all channels, over the rms of each.
     """
 
     omega: Array
     ratios: Array
     shapes: Array
     gains: dict[str, Array]
-    left: float
+    left: Array
 
     @property
     def main(self) -> list[int]:
         """The channel of each coordinate whose reading says how large it is."""
         return [int(i) for i in np.argmax(self.shapes == 1.0, axis=0)]
 
+    def model(self, unit: str | None) -> CoupledModel:
+        """Their equations, without inputs."""
+        return linear_model(self.omega, self.ratios, unit)
 
-def modes_of(vibrations: Sequence[ForcedVibration], count: int) -> Modes:
-    """So many modes: each is where one more explains most of what those before leave.
+
+def modes_in(model: CoupledModel, shapes: Array) -> Modes:
+    """The small vibrations of a model with its inputs, in channels of known shapes."""
+    omega, modes = model.linear_modes
+    order = np.argsort(np.argmax(np.abs(modes), axis=0))
+    gains: dict[str, Array] = {}
+    for term, gain in model.pushes:
+        gains[term.source] = gains.get(term.source, 0.0) + np.asarray(gain)
+    return Modes(omega[order], model.linear_damping_ratios[order], shapes, gains, np.zeros((0, 1)))
+
+
+def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
+    """So many modes, or "auto": each is where one more explains most of what others leave.
 
     Raises
     ------
     ValueError
-        If the inputs move fewer.
+        If the inputs move fewer, or for another count.
     """
+    whole = isinstance(count, int) and not isinstance(count, bool) and count >= 1
+    if not whole and count != "auto":
+        raise ValueError(f"coordinates = {count!r}: give 'auto' or a whole number of at least 1")
     modes = modes_near(vibrations, np.array([_loudest(vibrations, None)]))
-    while (r := len(modes.omega)) < count:
+    while not whole or len(modes.omega) < count:  # type: ignore[operator]
         more = modes_near(vibrations, np.append(modes.omega, _loudest(vibrations, modes)))
-        n = sum(v.y.size for v in vibrations)
-        values = 2 + len(modes.shapes) * len(modes.gains)
-        if n * np.log(modes.left / more.left) < values * np.log(n):
+        if not _needed(modes, more, sure=not whole):
+            if not whole:
+                break
             hertz = ", ".join(f"{w / (2 * np.pi):.4g} Hz" for w in np.sort(modes.omega))
             raise ValueError(
-                f"coordinates = {count}, but the inputs move {r} in the record, at {hertz}: ask for"
+                f"coordinates = {count}, but what the inputs move in the record is {hertz}: ask for"
                 " as many at most, or drive and measure where others move"
             )
         modes = more
     order = np.argsort(modes.omega)
     gains = {name: gain[order] for name, gain in modes.gains.items()}
-    return Modes(modes.omega[order], modes.ratios[order], modes.shapes[:, order], gains, modes.left)
+    omega, ratios, shapes = modes.omega[order], modes.ratios[order], modes.shapes[:, order]
+    return Modes(omega, ratios, shapes, gains, modes.left)
+
+
+def _needed(before: Modes, more: Modes, sure: bool) -> bool:
+    """Whether a mode more explains more than chance, or, to be ``sure``, much of what is left.
+
+    What other than linear modes leave is noise of a colour here. Modes closer than their bandwidth
+    are one, whose stiffness is not linear.
+    """
+    n, values = before.left.size, 2 + len(more.shapes) * len(more.gains)
+    gain = deviance(list(before.left.T)) - deviance(list(more.left.T))
+    order = np.argsort(more.omega)
+    omega, width = more.omega[order], (more.omega * more.ratios)[order]
+    apart = np.all(np.diff(omega) > width[1:] + width[:-1])
+    return bool(apart and gain > max(values * np.log(n), -n * np.log(1 - MODE) * sure))
 
 
 def modes_near(
@@ -100,8 +136,7 @@ def modes_near(
         by_input, sizes, by_channel = np.linalg.svd(table, full_matrices=False)
         main = by_channel[0, np.argmax(np.abs(by_channel[0]))]
         shapes[:, j], gains[:, j] = by_channel[0] / main, sizes[0] * by_input[:, 0] * main
-    power = float(np.mean((left / scale) ** 2))
-    return Modes(omega, ratios, shapes, dict(zip(names, gains, strict=True)), power)
+    return Modes(omega, ratios, shapes, dict(zip(names, gains, strict=True)), left / scale)
 
 
 def motion_behind(v: ForcedVibration, modes: Modes, std: Array, grid: Grid) -> Trajectory:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,13 +14,22 @@ from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.forced.modes import Modes, modes_near
 from romsindy.fit.forced.pieces import Driven
-from romsindy.fit.measured import free_names, ready, ready_along, require_unit, small_frequencies
+from romsindy.fit.measured import (
+    driven_among,
+    free_names,
+    ready,
+    ready_along,
+    require_unit,
+    small_frequencies,
+)
 from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
-from romsindy.physics.coupled import AnyModel
+from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.driven import inputs_of, with_inputs, without_inputs
 from romsindy.physics.forcing import input_in
 from romsindy.physics.input import Input
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.ringing import require_channels
@@ -48,23 +57,19 @@ def refined_forced(
             " the mass instead"
         )
     names = free_names(free_model, fixed)
-    look = Look.at(free_model, several)
+    look = Look.near(free_model, several)
+    if own:
+        return look.fit(names, model, loss, progress)
     fits: list[Fit] = []
-    for way in (next(iter(own.values())).interpolation,) if own else ways(look.measured):
-        driven = model
-        if not own:
-            inputs = inputs_in(look.measured, way)
-            driven = with_inputs(free_model, inputs, look.gains(free_model, inputs))
-        pairs = zip(driven.terms, driven.values, strict=True)
-        acting = [(i, gain) for t, gain in pairs if (i := input_in(t)) is not None]
-        refuse_displacement(*zip(*acting, strict=True))
-        problem = Driven(names, look.records, loss, progress)
-        fits.append(problem.fit(free_model, (*drives_of(driven, look.driven), *look.shapes)))
+    for way in ways(look.measured):
+        inputs = inputs_in(look.measured, way)
+        driven = with_inputs(free_model, inputs, look.gains(free_model.terms, inputs))
+        fits.append(look.fit(names, driven, loss, progress))
     return decided(fits)
 
 
 class Look(NamedTuple):
-    """A first look at records, some of them driven, for a model.
+    """A first look at records, some of them driven.
 
     ``shapes`` are what channels show of several coordinates, as parts that are fitted, ``modes``
     the linear modes that the inputs move.
@@ -75,16 +80,23 @@ class Look(NamedTuple):
     modes: Modes | None = None
 
     @classmethod
-    def at(cls, model: AnyModel, several: Sequence[ForcedVibration | Decay]) -> Look:
-        """For a model without inputs, whose small vibrations are those of the records, roughly."""
-        if not model.numbered:
+    def of(cls, several: Sequence[ForcedVibration | Decay], modes: Modes | None) -> Look:
+        """For one coordinate, or those of some modes."""
+        if modes is None:
             return cls(ready(several))
         require_channels(several, several[0].n_channels)
-        driven = [v for v in several if isinstance(v, ForcedVibration)]
-        omega = 2 * np.pi * small_frequencies(model)
-        modes = modes_near(driven, omega, model.linear_damping_ratios)
-        records = ready_along(several, modes)
+        free = [v if isinstance(v, ForcedVibration) else v.free() for v in several]
+        records = ready_along(free, modes)
         return cls(records, free_shapes(records), modes)
+
+    @classmethod
+    def near(cls, model: AnyModel, several: Sequence[ForcedVibration | Decay]) -> Look:
+        """For a model without inputs, with frequencies near those of the records."""
+        if not model.numbered:
+            return cls.of(several, None)
+        omega = 2 * np.pi * small_frequencies(model)
+        modes = modes_near(driven_among(several), omega, model.linear_damping_ratios)
+        return cls.of(several, modes)
 
     @property
     def driven(self) -> list[Prepared]:
@@ -96,11 +108,39 @@ class Look(NamedTuple):
         """What was measured of these."""
         return [r.decay for r in self.driven]
 
-    def gains(self, model: AnyModel, inputs: Sequence[Input]) -> list:
-        """Of inputs on the coordinates of a model without any, from which a fit may start."""
+    def gains(self, terms: Sequence[Term], inputs: Sequence[Input]) -> list:
+        """Of inputs beside some terms, from which a fit may start."""
         if self.modes is not None:
             return [self.modes.gains[term.source] for term in inputs]
-        return regressed(model.terms, inputs, self.driven)[1].tolist()
+        return regressed(terms, inputs, self.driven)[1].tolist()
+
+    def model(
+        self, terms: tuple[Term, ...], inputs: Sequence[Input], fixed: Mapping[str, float]
+    ) -> AnyModel:
+        """Terms and inputs with values from which a fit may start; ``fixed`` ones are known."""
+        unit = self.records[0].decay.unit
+        if self.modes is None:
+            found, gains = regressed(terms, inputs, self.driven, fixed)
+            model = ReducedModel(terms, tuple(found.tolist()), unit)
+            return with_inputs(model, inputs, gains.tolist())
+        values = self.modes.model(unit).coefficients | dict(fixed)
+        at = tuple(values.get(t.key, 0.0) for t in terms)
+        return with_inputs(CoupledModel(terms, at, unit), inputs, self.gains(terms, inputs))
+
+    def fit(
+        self,
+        names: tuple[str, ...],
+        model: AnyModel,
+        loss: str = "linear",
+        progress: Callable[[str], None] | None = None,
+    ) -> Fit:
+        """Coefficients of these names, from a model with its inputs on."""
+        pairs = zip(model.terms, model.values, strict=True)
+        acting = [(i, gain) for t, gain in pairs if (i := input_in(t)) is not None]
+        refuse_displacement(*zip(*acting, strict=True))
+        beside = (*drives_of(model, self.driven), *self.shapes)
+        problem = Driven(names, self.records, loss, progress)
+        return problem.fit(without_inputs(model), beside)
 
 
 def decided(fits: Sequence[Fit]) -> Fit:
