@@ -17,12 +17,16 @@ from romsindy.commands.options import damping_option, grouped
 from romsindy.commands.outputs import writing
 from romsindy.commands.results import Brief, Result, Small, if_short
 from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.held_out import HeldOut, without_end
 from romsindy.fit.forced.terms import stiffness_to
+from romsindy.fit.small_vibrations import small_vibrations
 from romsindy.physics.damping import DAMPING
 from romsindy.physics.driven import inputs_of
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
+from romsindy.show.coupled_page import CoupledReport, write_coupled
+from romsindy.show.coupled_page import pictures as coupled_pictures
 from romsindy.show.forced_page import ForcedReport, pictures, write_forced
 from romsindy.text import as_text, bar
 
@@ -95,7 +99,7 @@ def of_inputs(
         How the file is read.
     asked : Asked
     coordinates : int or "auto"
-        Refused unless it is 1.
+        Of several the terms are chosen.
     driven : Driven
     interactive : bool
 
@@ -105,7 +109,7 @@ def of_inputs(
         If what is held out is too short, or the model has no motion near the record.
     """
     with of_file(file):
-        terms, order = driven.terms, driven.order
+        terms, order = driven.terms if coordinates == 1 else None, driven.order
         vibration, rest = driven.parts(file, reading)
         with bar(None, "identifying") as steps:
             try:
@@ -114,10 +118,47 @@ def of_inputs(
             except TrajectoryError as error:
                 raise ValueError(f"{error}; a lower --order, or --select, may help") from error
     held_out = None if rest is None else HeldOut.of(fit, rest)
+    if fit.model.numbered:
+        return _of_several(file, page, fit, vibration, held_out, interactive)
     report = ForcedReport(f"Forced vibration {file.name}", fit, vibration, held_out)
     with writing(page):
         write_forced(report, page, bar(pictures(report), "drawing"), interactive=interactive)
     return _result(str(file), report, page)
+
+
+def _of_several(
+    file: Path,
+    page: Path,
+    fit: Fit,
+    vibration: ForcedVibration,
+    held_out: HeldOut | None,
+    interactive: bool,
+) -> Result:
+    """The page of several coordinates, and what is printed of them."""
+    names = [f"channel {i + 1}" for i in range(vibration.n_channels)]
+    title, seen = f"Forced vibration {file.name}", small_vibrations(fit)
+    report = CoupledReport(title, fit, seen, [vibration], names)
+    with writing(page):
+        figures = bar(coupled_pictures(report), "drawing")
+        write_coupled(report, page, figures, interactive=interactive)
+    said = [str(held_out)] if held_out else []
+    modes, shapes = map(as_text, report.tables())
+    found = [*report.equations().splitlines(), str(fit.verdict), *modes.splitlines(), *said]
+    delays = {name: {"delay": late, "delay_std": std} for name, (late, std) in fit.delays.items()}
+    return Result(
+        file=str(file),
+        page=page,
+        model=fit.model,
+        found=fit,
+        small=[Small.of_mode(m) for m in seen],
+        structure=f"{fit.model.n_coordinates} coordinates, driven",
+        facts={"delays": delays, "mode_shapes": fit.mode_shapes.tolist()},
+        notes=[*fit.notes, *report.notes()],
+        pictures=coupled_pictures(report),
+        full="\n\n".join([repr(vibration), str(fit), modes, shapes, *said]) + "\n",
+        brief=Brief(found, fit.remarks(), "mode shapes at the channels with --full."),
+        interrupted=fit.solution.interrupted,
+    )
 
 
 def _result(file: str, report: ForcedReport, page: Path) -> Result:

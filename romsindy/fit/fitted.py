@@ -274,7 +274,11 @@ def _followed(
         near = fit(model, parts, records, iterations=_DRIVEN)
         if not near.finite:
             raise TrajectoryError("it leads far away")
-        return near, coloured_covariance(model, near, records)
+        with np.errstate(all="ignore"):
+            covariance = coloured_covariance(model, near, records)
+        if not np.all(np.isfinite(covariance)):
+            raise TrajectoryError("it leads far away")
+        return near, covariance
     near = fit(model, parts, records)
     if model.numbered:
         if not near.converged:

@@ -74,7 +74,8 @@ def _acting(model: AnyModel, record: Decay | ForcedVibration) -> Any:
     """The model as it moves in a record: without its inputs in a decay."""
     if isinstance(record, Decay):
         return without_inputs(model)
-    missing = [t.source for t in inputs_of(model) if t.source not in record.names]
+    names = dict.fromkeys(term.source for term in inputs_of(model))
+    missing = [name for name in names if name not in record.names]
     if missing:
         raise ValueError(
             f"the model is driven by {missing}, and the record has {list(record.names)}: give all"

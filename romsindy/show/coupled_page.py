@@ -15,6 +15,7 @@ from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import BackboneCurve, backbone_curve
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.show.coupled_plots import draw_backbones, draw_channel
 from romsindy.show.identification_page import told_of
 from romsindy.show.page import Picture, write_page
@@ -34,7 +35,7 @@ class CoupledReport:
     title : str
     fit : Fit
     modes : sequence of SmallVibration
-    decays : sequence of Decay
+    decays : sequence of Decay or ForcedVibration
         Whole, as the fit was given them.
     channels : sequence of str
         Names of what was measured.
@@ -45,7 +46,7 @@ class CoupledReport:
     title: str
     fit: Fit
     modes: Sequence[SmallVibration]
-    decays: Sequence[Decay]
+    decays: Sequence[Decay | ForcedVibration]
     channels: Sequence[str]
     picked: str = ""
 

@@ -28,6 +28,7 @@ from romsindy.physics.input import Input
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.ringing import require_channels
 
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
 
@@ -83,6 +84,7 @@ def identify_forced(
     say = progress or (lambda _: None)
     one = coordinates == 1 and all(v.n_channels == 1 for v in several)
     alone = candidates(order)
+    require_channels(several, several[0].n_channels)
     modes = None if one else modes_of(driven, coordinates)
     if modes is None or (len(modes.omega) == 1 and modes.shapes.size == 1):
         modes = None

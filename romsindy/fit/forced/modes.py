@@ -27,6 +27,7 @@ from romsindy.fit.verdict import MODE
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.input import Input
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.ringing import require_channels
 from romsindy.typing import Array
 
 # Damping ratio from which modes are looked for, and its limits; how far their frequencies may move.
@@ -82,6 +83,7 @@ def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
     whole = isinstance(count, int) and not isinstance(count, bool) and count >= 1
     if not whole and count != "auto":
         raise ValueError(f"coordinates = {count!r}: give 'auto' or a whole number of at least 1")
+    require_channels(vibrations, vibrations[0].n_channels)
     modes = modes_near(vibrations, np.array([_loudest(vibrations, None)]))
     while not whole or len(modes.omega) < count:  # type: ignore[operator]
         more = modes_near(vibrations, np.append(modes.omega, _loudest(vibrations, modes)))
@@ -101,17 +103,20 @@ def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
 
 
 def _needed(before: Modes, more: Modes, sure: bool) -> bool:
-    """Whether a mode more explains more than chance, or, to be ``sure``, much of what is left.
+    """Whether a mode more explains more than chance, or, to be ``sure``, a tenth of what is left.
 
-    What other than linear modes leave is noise of a colour here. Modes closer than their bandwidth
-    are one, whose stiffness is not linear.
+    For that, what other than linear modes leave is noise of a colour. Modes closer than their
+    bandwidth are one, whose stiffness is not linear.
     """
-    n, values = before.left.size, 2 + len(more.shapes) * len(more.gains)
-    gain = deviance(list(before.left.T)) - deviance(list(more.left.T))
-    order = np.argsort(more.omega)
+    order, n = np.argsort(more.omega), before.left.size
     omega, width = more.omega[order], (more.omega * more.ratios)[order]
-    apart = np.all(np.diff(omega) > width[1:] + width[:-1])
-    return bool(apart and gain > max(values * np.log(n), -n * np.log(1 - MODE) * sure))
+    if not np.all(np.diff(omega) > width[1:] + width[:-1]):
+        return False
+    if sure:
+        gain = deviance(list(before.left.T)) - deviance(list(more.left.T))
+        return bool(gain > -n * np.log(1 - MODE))
+    values = 2 + len(more.shapes) * len(more.gains)
+    return bool(n * np.log(np.mean(before.left**2) / np.mean(more.left**2)) > values * np.log(n))
 
 
 def modes_near(

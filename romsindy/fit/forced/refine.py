@@ -84,7 +84,6 @@ class Look(NamedTuple):
         """For one coordinate, or those of some modes."""
         if modes is None:
             return cls(ready(several))
-        require_channels(several, several[0].n_channels)
         free = [v if isinstance(v, ForcedVibration) else v.free() for v in several]
         records = ready_along(free, modes)
         return cls(records, free_shapes(records), modes)
@@ -94,6 +93,7 @@ class Look(NamedTuple):
         """For a model without inputs, with frequencies near those of the records."""
         if not model.numbered:
             return cls.of(several, None)
+        require_channels(several, several[0].n_channels)
         omega = 2 * np.pi * small_frequencies(model)
         modes = modes_near(driven_among(several), omega, model.linear_damping_ratios)
         return cls.of(several, modes)
