@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from romsindy.fit.functions.identification import Identification
 from romsindy.record.backbone import CERTAIN, Backbone, joined
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.regression.comparison import (
     Candidate,
     Judged,
@@ -146,8 +147,8 @@ class IdentificationReport:
         return sentences
 
 
-def told_of(decays: Sequence[Decay]) -> list[str]:
-    """What decays are, and what was done to them; what holds for several of them once."""
+def told_of(decays: Sequence[Decay | ForcedVibration]) -> list[str]:
+    """What records are, and what was done to them; what holds for several of them once."""
     lines = [line for d in decays for line in (repr(d).splitlines()[0].strip("<>"), *d.notes)]
     return list(dict.fromkeys(lines))
 
