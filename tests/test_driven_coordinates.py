@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
+from romsindy.commands.main import main
 from romsindy.effects.drive import DriveAlong
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.equation import ExtendedEquation
@@ -159,6 +161,23 @@ def test_coordinates_and_terms_are_chosen():
     fit = rs.identify(driven(6, n=3000), "auto")
     assert np.abs(misses(fit)).max() < 4
     assert fit.verdict.explained
+
+
+@pytest.mark.slow
+def test_the_command_takes_several_channels(tmp_path):
+    record, file = driven(20, n=1500), tmp_path / "shaker.csv"
+    columns = np.column_stack([record.t, record.y, record.u])
+    header = "time [s],left [m],right [m],force [N]"
+    np.savetxt(file, columns, delimiter=",", header=header, comments="")
+    assert rs.load_forced(file, "force", column=["left", "right"]).n_channels == 2
+    options = ["--input", "force", "--column", "left", "--column", "right", "--coordinates", "2"]
+    page, kept = tmp_path / "page.html", tmp_path / "kept.json"
+    more = ["--interpolation", "band-limited", "--report", str(page), "--save", str(kept)]
+    result = CliRunner().invoke(main, ["identify", str(file), *options, *more])
+    assert result.exit_code == 0, result.output
+    assert "The model explains the record" in result.stdout and "Modes:" in result.stdout
+    assert "gain [force] [q2]" in page.read_text()
+    assert np.abs(misses(rs.Estimate.load(kept))).max() < 4
 
 
 def test_linear_modes_are_those_of_the_equations():

@@ -148,7 +148,7 @@ def test_what_a_way_cannot_have_is_refused_with_a_remedy():
         (
             driven,
             {"coordinates": 2},
-            "coordinates = 2, but what the inputs move in the record is 5",
+            "coordinates = 2, but what the inputs move in the record is 3.",
         ),
         (driven, {"curvature": 0.01}, "curvature = 0.01 must be left out where inputs drive"),
         (driven, {"fixed": {"gamma_9": 1.0}}, "fixed names ['gamma_9'], but there are omega^2,"),

@@ -157,7 +157,8 @@ def model_with_terms(
         )
     unit = records[0].unit
     if driven := driven_among(records):
-        linear = modes_of(driven, coordinates).model(unit)
+        modes = modes_of(driven, coordinates)
+        linear = linear_model(modes.omega, modes.ratios, unit)
     else:
         decays = [d.free() for d in several_decays(records)]
         linear = _small(_ringing(decays, coordinates)[0], unit)

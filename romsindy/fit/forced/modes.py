@@ -20,7 +20,6 @@ from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
 from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.fit.coupled_terms import linear_model
 from romsindy.fit.forced.between_samples import deviance
 from romsindy.fit.forced.smooth import finer, on_grid, reflected
 from romsindy.fit.verdict import MODE
@@ -56,10 +55,6 @@ class Modes(NamedTuple):
     def main(self) -> list[int]:
         """The channel of each coordinate whose reading says how large it is."""
         return [int(i) for i in np.argmax(self.shapes == 1.0, axis=0)]
-
-    def model(self, unit: str | None) -> CoupledModel:
-        """Their equations, without inputs."""
-        return linear_model(self.omega, self.ratios, unit)
 
 
 def modes_in(model: CoupledModel, shapes: Array) -> Modes:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.fit.coupled_record import free_shapes
+from romsindy.fit.coupled_terms import linear_model
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
@@ -123,7 +124,8 @@ class Look(NamedTuple):
             found, gains = regressed(terms, inputs, self.driven, fixed)
             model = ReducedModel(terms, tuple(found.tolist()), unit)
             return with_inputs(model, inputs, gains.tolist())
-        values = self.modes.model(unit).coefficients | dict(fixed)
+        linear = linear_model(self.modes.omega, self.modes.ratios, unit)
+        values = linear.coefficients | dict(fixed)
         at = tuple(values.get(t.key, 0.0) for t in terms)
         return with_inputs(CoupledModel(terms, at, unit), inputs, self.gains(terms, inputs))
 
