@@ -76,21 +76,22 @@ def identify(
         If no motion of the equation follows the measured one.
     """
     several = listed_records(records, "records")
+    driven = driven_among(several)
     one = coordinates == 1 and not isinstance(coordinates, bool)
     if terms is not None:
         _require(curvature is None, "curvature", curvature, "left out where terms are given")
     if terms is not None and one:
         return refine_terms(several, terms, fixed or {}, progress)
-    if one and not driven_among(several) and all(r.n_channels == 1 for r in several):
+    if one and not driven and all(r.n_channels == 1 for r in several):
         known = CURVATURE if curvature is None else curvature
         decays = several_decays(several)
         return identify_decays(decays, fixed=fixed, curvature=known, seed=seed, progress=progress)
-    remedy = "left out where inputs drive the motion, and for several channels or coordinates"
-    _require(curvature is None, "curvature", curvature, remedy)
+    where = "where inputs drive the motion" if driven else "for several channels or coordinates"
+    _require(curvature is None, "curvature", curvature, f"left out {where}")
     if terms is not None:
         start = model_with_terms(several, coordinates, terms, fixed or {})
         return refine(start, several, fixed=tuple(fixed or ()), progress=progress)
-    if driven_among(several):
+    if driven:
         return identify_forced(several, order, coordinates, fixed=fixed, progress=progress)
     return identify_coupled(several_decays(several), coordinates, fixed=fixed, progress=progress)
 
