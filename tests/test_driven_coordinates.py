@@ -116,6 +116,15 @@ def test_two_channels_give_back_both_equations(fitted):
     assert small_vibrations(fitted)[1].coordinate == 2
 
 
+def test_the_verdict_names_the_coupling_that_is_missing(fitted):
+    """Its force is the derivative of V q1^2 q2, in both equations; see `rates`."""
+    alone = {k: v for k, v in fitted.model.coefficients.items() if k != "V q1^2 q2"}
+    model = rs.CoupledModel.from_coefficients(alone, unit="m")
+    verdict = rs.refine(model, fitted.records[0].decay).verdict
+    assert not verdict.explained and not verdict.good and verdict.like == "V q1^2 q2"
+    assert "most like V q1^2 q2 (p = " in str(verdict)
+
+
 def test_a_record_that_took_no_part_is_predicted(fitted):
     other = driven(2, size=1.2, offset=np.array([0.02, -0.01]))
     missed = fitted.predict(other, 60) - other.y

@@ -9,9 +9,8 @@ from test_forced import CUBIC, DAMPING, DT, GAIN, OMEGA, T, duffing, misses, mul
 import romsindy as rs
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.driven import without_inputs
-from romsindy.physics.forcing import input_in
-from romsindy.physics.input import Input
+from romsindy.physics.equations import without_inputs
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.stiffness import Stiffness
 
 DUFFING = {
