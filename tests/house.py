@@ -24,7 +24,7 @@ MODULES = sorted(
 )
 MODELS = {"ReducedModel", "CoupledModel", "AnyModel"}
 RECORDS = {"Decay", "ForcedVibration", "Recording"}
-PREPARED = {"Record", "ForcedRecord", "CoupledRecord", "AnyRecord"}
+PREPARED = {"Record", "ForcedRecord", "CoupledRecord", "Prepared"}
 
 
 class Measure(NamedTuple):

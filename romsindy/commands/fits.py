@@ -158,7 +158,7 @@ def of_inputs(
         If what is held out is too short, or the model has no motion near the record.
     """
     with of_file(file):
-        terms, order = driven.terms, driven.order
+        terms, order = driven.terms if coordinates == 1 else None, driven.order
         vibration, rest = driven.parts(file, reading)
         with bar(None, "identifying") as steps:
             try:

@@ -92,7 +92,6 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
         np.concatenate([x.reshape(-1, len(d.t)) for x, d in zip(several, decays, strict=True)], 1)
         for several in ([r.signal for r, _ in pairs], [residual for _, residual in pairs])
     )
-    noise = first.noise if isinstance(first.noise, tuple) else (first.noise,)
     return [
         Compared(
             np.concatenate([d.t for d in decays]),
@@ -104,7 +103,7 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
             _inputs(decays) if first.inputs else {},
             min(float(_rate(record.motion)) for record, _ in pairs),
         )
-        for x, rest, own in zip(measured, left, noise, strict=True)
+        for x, rest, own in zip(measured, left, first.noises, strict=True)
     ]
 
 
