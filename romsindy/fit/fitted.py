@@ -210,15 +210,22 @@ def refined(
                 f"the model with {len(free)} free coefficients has no motion near the measured one"
                 f" ({error}): use fewer terms, or start from other values"
             ) from error
+    solution = replace(solution, covariance=covariance)  # that of the residuals as they are
+    return concluded(model, start, records, solution)
+
+
+def concluded(
+    model: AnyModel, start: AnyModel, records: Sequence[Prepared], solution: Solution
+) -> Fit:
+    """What a solution says of a model that was followed from ``start``."""
     peak = max(record.peak for record in records)
     new = extended(replace(model, values=start.values), solution.parts)
     new = with_memories(new, solution.parts)
-    solution = replace(solution, covariance=covariance)  # that of the residuals as they are
     pairs = zip(solution.parts, solution.slices(), strict=True)
     laws = [(law, at.start + k) for p, at in pairs for k, law in enumerate(laws_in(p.effect))]
     named = {law.key: place for law, place in laws}
     free, places = tuple(named), list(named.values())
-    covariance = covariance[np.ix_(places, places)]
+    covariance = solution.covariance[np.ix_(places, places)]
     grows = _growing(new, free, covariance)
     return Fit(
         model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
