@@ -182,10 +182,13 @@ def test_the_command_takes_several_channels(tmp_path):
     options = ["--input", "force", "--column", "left", "--column", "right", "--coordinates", "2"]
     page, kept = tmp_path / "page.html", tmp_path / "kept.json"
     more = ["--interpolation", "band-limited", "--report", str(page), "--save", str(kept)]
+    more += ["--held-out", "0.2"]
     result = CliRunner().invoke(main, ["identify", str(file), *options, *more])
     assert result.exit_code == 0, result.output
     assert "The model explains the record" in result.stdout and "Modes:" in result.stdout
-    assert "gain [force] [q2]" in page.read_text()
+    text = page.read_text()
+    assert all(x in text for x in ("gain [force] [q2]", "force [q2]", "Over time: channel 2"))
+    assert "took no part in the fit" in result.stdout and ">nan<" not in text
     assert np.abs(misses(rs.Estimate.load(kept))).max() < 4
 
 

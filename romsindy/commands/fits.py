@@ -171,6 +171,7 @@ def of_inputs(
         f"Forced vibration {file.name}",
         [vibration],
         fit,
+        channels=[f"channel {i + 1}" for i in range(vibration.n_channels)],
         held_out=held_out,
         interrupted=fit.solution.interrupted,
     )
