@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 import romsindy as rs
 from romsindy.physics.term import Term
-from romsindy.regression.projection import Rows
+from romsindy.regression.projection import HarmonicRows
 from romsindy.typing import Array
 
 LEVEL = 0.95
@@ -45,7 +45,7 @@ def inertia_samples(terms: Sequence[Term], coefficients: Array, q: Array) -> Arr
     return np.asarray(coefficients @ by_term)
 
 
-def resampled(rows: Rows, repetitions: int = 200, seed: int = 0) -> Array:
+def resampled(rows: HarmonicRows, repetitions: int = 200, seed: int = 0) -> Array:
     """Coefficients of regressions on cycles drawn with replacement, (repetitions, n_terms).
 
     Every cycle keeps its rows together, since errors within a cycle go together.

@@ -25,6 +25,7 @@ from oracles import ORDER_5, ORDER_9, duffing_frequency
 from timing import fastest
 
 import romsindy as rs
+from romsindy.orbits.curves import BackboneCurve, ForcedResponse
 
 AUTO_DIR = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))
 LOW, HIGH = 0.01, 2.9
@@ -226,7 +227,7 @@ def forced() -> dict[str, float]:
     }
 
 
-def _state(response: rs.ForcedResponse, index: int) -> tuple[float, float]:
+def _state(response: ForcedResponse, index: int) -> tuple[float, float]:
     c = response.coefficients[index]
     return c.real.sum(), float(np.sum(-np.arange(len(c)) * response.frequency[index] * c.imag))
 
@@ -245,7 +246,7 @@ def _largest_multiplier(q: float, v: float, omega: float) -> float:
     return float(np.abs(np.linalg.eigvals(y[2:].reshape(2, 2))).max())
 
 
-def _jump(response: rs.ForcedResponse, fold: int, side: int) -> float:
+def _jump(response: ForcedResponse, fold: int, side: int) -> float:
     """Frequency at which motions that start on the fold's orbit leave it, to 1e-4, by bisection."""
     amplitude, start = response.amplitude[fold], _state(response, fold)
     kept, left = response.frequency[fold] * np.array([1 - 5e-3 * side, 1 + 5e-3 * side])
@@ -291,7 +292,7 @@ def tongue(repeats: int = 5) -> dict[str, float]:
     }
 
 
-def _integrated(curve: rs.BackboneCurve, index: int) -> float:
+def _integrated(curve: BackboneCurve, index: int) -> float:
     t, q = curve.motion(index)
     motion = TONGUE.simulate(q[0], [0.0, 0.0], t, rtol=1e-12)
     return float(np.abs(motion.q - q).max() / curve.amplitude[index].max())

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import romsindy as rs
+from romsindy.inspection.inspection import Inspection
 from romsindy.record.defects import Defect
 from romsindy.record.recording import Recording
 
@@ -211,7 +212,7 @@ def trial(seed: int, name: str) -> Trial:
     return Trial(named, others, inside, wider, len(found) / len(reference))
 
 
-def backbone(inspection: rs.Inspection) -> rs.Backbone:
+def backbone(inspection: Inspection) -> rs.Backbone:
     """Of the longest free decay of the dominant mode."""
     return rs.extract_backbone(max(inspection.decays(), key=lambda decay: decay.t[-1] - decay.t[0]))
 

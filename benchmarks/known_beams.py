@@ -14,8 +14,7 @@ from numpy.polynomial import polynomial
 from scipy.interpolate import CubicSpline
 
 import romsindy as rs
-from romsindy.beam.section import Section
-from romsindy.beam.structure import CLAMPED
+from romsindy.beam.structure import CLAMPED, Section
 
 DURATION, STEP = 25.0, 1e-3  # s
 FASTEST = 80.0  # rad/s; faster beams are simulated at a part of the step

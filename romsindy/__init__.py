@@ -22,6 +22,21 @@ _MOVED = {
     "identify_coupled": 'identify(decays, coordinates="auto"), or with a number of them',
     "identify_forced": "identify(records)",
     "free_run": "the method predict(record, samples) of what identify and refine give",
+    # What functions give, and nobody makes, is imported from its room.
+    "Adequacy": "romsindy.fit.adequacy.Adequacy",
+    "BackboneCurve": "romsindy.orbits.curves.BackboneCurve",
+    "Band": "romsindy.fit.estimate.Band",
+    "BeamReport": "romsindy.diagnosis.BeamReport",
+    "Bifurcation": "romsindy.orbits.curves.Bifurcation",
+    "Bootstrap": "romsindy.fit.bootstrap.Bootstrap",
+    "Branch": "romsindy.orbits.continuation.Branch",
+    "Curve": "romsindy.fit.curve.Curve",
+    "ForcedBand": "romsindy.fit.forced_band.ForcedBand",
+    "ForcedReport": "romsindy.diagnosis.ForcedReport",
+    "ForcedResponse": "romsindy.orbits.curves.ForcedResponse",
+    "Inspection": "romsindy.inspection.inspection.Inspection",
+    "InteractionReport": "romsindy.diagnosis.InteractionReport",
+    "SteadyFit": "romsindy.fit.steady.fit.SteadyFit",
 }
 _ROOMS = ("beam", "diagnosis", "effects", "physics", "show")
 

@@ -3,33 +3,19 @@
 from romsindy.beam import BaseAcceleration as BaseAcceleration
 from romsindy.beam import Beam as Beam
 from romsindy.beam import PointForce as PointForce
-from romsindy.diagnosis import BeamReport as BeamReport
 from romsindy.diagnosis import DiagnosisReport as DiagnosisReport
-from romsindy.diagnosis import ForcedReport as ForcedReport
-from romsindy.diagnosis import InteractionReport as InteractionReport
 from romsindy.diagnosis import diagnose as diagnose
-from romsindy.fit.adequacy import Adequacy as Adequacy
-from romsindy.fit.bootstrap import Bootstrap as Bootstrap
 from romsindy.fit.bootstrap import bootstrap as bootstrap
-from romsindy.fit.estimate import Band as Band
 from romsindy.fit.estimate import Estimate as Estimate
 from romsindy.fit.fitted import Fit as Fit
-from romsindy.fit.forced_band import ForcedBand as ForcedBand
-from romsindy.fit.functions.identification import Curve as Curve
 from romsindy.fit.functions.identification import Identification as Identification
 from romsindy.fit.identify import identify as identify
 from romsindy.fit.refine import refine as refine
-from romsindy.fit.steady.fit import SteadyFit as SteadyFit
 from romsindy.fit.steady.fit import fit_steady as fit_steady
-from romsindy.inspection.inspect import inspect as inspect
-from romsindy.inspection.inspection import Inspection as Inspection
-from romsindy.orbits.continuation import Branch as Branch
+from romsindy.inspection.inspection import inspect as inspect
 from romsindy.orbits.continuation import ContinuationError as ContinuationError
 from romsindy.orbits.continuation import Steps as Steps
 from romsindy.orbits.continuation import continue_branch as continue_branch
-from romsindy.orbits.curves import BackboneCurve as BackboneCurve
-from romsindy.orbits.curves import Bifurcation as Bifurcation
-from romsindy.orbits.curves import ForcedResponse as ForcedResponse
 from romsindy.orbits.curves import backbone_curve as backbone_curve
 from romsindy.orbits.curves import forced_response as forced_response
 from romsindy.physics.coupled import CoupledModel as CoupledModel
@@ -45,11 +31,10 @@ from romsindy.record.files import load_decay as load_decay
 from romsindy.record.files import load_forced as load_forced
 from romsindy.record.files import load_recording as load_recording
 from romsindy.record.files import save_decay as save_decay
-from romsindy.record.filters import Butterworth as Butterworth
-from romsindy.record.filters import SavitzkyGolay as SavitzkyGolay
 from romsindy.record.forced import ForcedVibration as ForcedVibration
 from romsindy.record.recording import Recording as Recording
-from romsindy.regression.coupled_projection import WindowProjection as WindowProjection
+from romsindy.record.smoothing import Butterworth as Butterworth
+from romsindy.record.smoothing import SavitzkyGolay as SavitzkyGolay
 from romsindy.regression.estimator import HarmonicSINDy as HarmonicSINDy
 from romsindy.regression.library import BeamTheoryLibrary as BeamTheoryLibrary
 from romsindy.regression.library import DampingLibrary as DampingLibrary
@@ -60,6 +45,7 @@ from romsindy.regression.library import implicit_data as implicit_data
 from romsindy.regression.projection import HarmonicLibrary as HarmonicLibrary
 from romsindy.regression.projection import HarmonicProjection as HarmonicProjection
 from romsindy.regression.scaled_optimizer import ScaledOptimizer as ScaledOptimizer
+from romsindy.regression.windows import WindowProjection as WindowProjection
 
 __version__: str
 __all__: list[str]

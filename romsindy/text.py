@@ -13,7 +13,7 @@ from tqdm import tqdm
 # Arguments of Python that are options of commands, and the names of those that differ.
 _ARGUMENTS = (
     "start end unit quantity column channel time rate mode band release fixed amplitude name"
-    " input_column input_unit curvature"
+    " input_column input_unit curvature gain slope phase"
 )
 _OPTIONS = {"channel": "column", "fixed": "fix"}
 _OPTIONS |= {"input_column": "input-column", "input_unit": "unit-input"}

@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 from romsindy.beam import Motion
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
-from romsindy.record.filters import Butterworth
+from romsindy.record.smoothing import Butterworth
 from romsindy.regression.comparison import PAPER, WEIGHTED, Candidate
 from romsindy_study.models import identify
 

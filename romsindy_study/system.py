@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.beam import Beam, ModalBasis, Motion
-from romsindy.beam.normal_modes import NormalMode
+from romsindy.beam.transient import NormalMode
 from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from romsindy.beam import Section
-from romsindy.beam.element import shape_functions
+from romsindy.beam.assembly import shape_functions
 
 NODES = 3
 DOFS = 9

@@ -145,6 +145,15 @@ def test_public_names_exist_once():
     assert callable(romsindy.beam.Beam)  # a room, without an import of its own
 
 
+def test_names_that_left_the_root_say_where_they_are():
+    for name, place in romsindy._MOVED.items():
+        with pytest.raises(AttributeError, match=f"romsindy.{name} is now {re.escape(place)}"):
+            getattr(romsindy, name)
+        if re.fullmatch(r"romsindy(\.\w+)+", place):
+            module, _, own = place.rpartition(".")
+            assert own == name and getattr(importlib.import_module(module), own).__doc__
+
+
 def test_type_checkers_see_the_public_names():
     """`__init__.pyi` says where the late imports come from."""
     stub = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from romsindy.beam import CLAMPED, BaseAcceleration, Beam, PointForce, RadauIIA, Section, transient
-from romsindy.effects.load import PointMass
+from romsindy.effects.mounting import PointMass
 
 ALPHA, ETA = 20.0, 1e-4
 AT = 0.1

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from romsindy.beam import PINNED, Beam, Section, Support
 from romsindy.beam.changes import ClampCompliance, ExtraTension
-from romsindy.beam.spring import Spring
+from romsindy.beam.structure import Spring
 from romsindy.effects import (
     AirDrag,
     AlongBeam,

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq, root
 
 from romsindy.beam import Beam, NoEquilibriumError
-from romsindy.beam.static_surface import find_static_surface, shells
+from romsindy.beam.static_shapes import find_static_surface, shells
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
 

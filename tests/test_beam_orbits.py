@@ -6,7 +6,7 @@ import beam_oracles as oracles
 import numpy as np
 import pytest
 
-from romsindy.beam import Beam, Shape, normal_modes
+from romsindy.beam import Beam, Shape, transient
 from romsindy.effects import Damper
 from romsindy.record.backbone import extract_backbone
 
@@ -71,14 +71,14 @@ def test_interrupt_keeps_the_orbits_that_were_found(monkeypatch: pytest.MonkeyPa
     beam = plain(6)
     tips = [0.05 * beam.length, 0.1 * beam.length]
     first = beam.normal_mode(tips[:1], progress=False)
-    held = normal_modes._Shooting._held
+    held = transient._Shooting._held
 
-    def interrupted(self: normal_modes._Shooting, ratios: np.ndarray, tip: float) -> Shape:
+    def interrupted(self: transient._Shooting, ratios: np.ndarray, tip: float) -> Shape:
         if tip == tips[1]:
             raise KeyboardInterrupt
         return held(self, ratios, tip)
 
-    monkeypatch.setattr(normal_modes._Shooting, "_held", interrupted)
+    monkeypatch.setattr(transient._Shooting, "_held", interrupted)
     kept = beam.normal_mode(tips, progress=False)
     assert kept.stop_reason == "interrupted after 1 of 2 orbits"
     np.testing.assert_array_equal(kept.frequency, first.frequency)

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from romsindy.beam import CLAMPED, FREE, Beam, NoEquilibriumError, Section
-from romsindy.beam.spring import Spring
+from romsindy.beam.structure import Spring
 
 RIGID = 1e8  # EA and GA beside EI = L = 1: bending alone, to 1e-7
 TOLERANCE = 1e-5  # what 20 elements leave; the issue asks for 1e-4

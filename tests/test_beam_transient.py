@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.special import ellipk
 
 from romsindy.beam import CLAMPED, PINNED, Beam, RadauIIA, Section, StepTooLongError, transient
-from romsindy.beam.radau import lagrange
+from romsindy.beam.integrator import lagrange
 
 LARGE = 0.15  # the release of the default system, a third of its length
 

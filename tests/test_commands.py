@@ -55,13 +55,13 @@ def test_example_is_identified_beside_plain_regressions(run, tmp_path):
     left_out = "whose own frequency is not known to 1 % are left out" in result.output
     assert left_out == (not certain.all())
     header = "coefficient +unit +identified +plain IC-ROM +plain stiffness\n"
-    row = re.search(rf"{header}omega\^2 +1/s\^2 +([\d.]+) \+- ([\d.e-]+) ", result.output)
+    row = re.search(rf"{header} *omega\^2 +1/s\^2 +([\d.]+) \+- ([\d.e-]+) ", result.output)
     assert abs(float(row[1]) - 36) < 4 * float(row[2])
     page = (tmp_path / "example_report.html").read_text(encoding="utf-8")
     drawn = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(drawn) == 8 and "http" not in page.replace("http-equiv", "")
+    assert len(drawn) == 9 and "http" not in page.replace("http-equiv", "")
     assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in drawn)
-    assert "gamma_3" in page and __version__ in page
+    assert "gamma_3" in page and "Spectrum of what is left" in page and __version__ in page
     model = ReducedModel.from_json((tmp_path / "model.json").read_text())
     assert model.coefficients["omega^2"] == pytest.approx(36, rel=2e-3)
     # What was saved is what was printed, to the last digit.

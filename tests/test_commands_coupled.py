@@ -105,7 +105,7 @@ def test_what_is_printed_and_written(identified, folder):
     np.testing.assert_allclose(np.array(rows, float), SHAPES, atol=5e-3)
     page = (folder / result["report"]).read_text(encoding="utf-8")
     drawn = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(drawn) == 5  # backbones, stiffness, two channels, the record
+    assert len(drawn) == 6  # backbones, stiffness, two channels, what is left, the record
     assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in drawn)
     for words in ("Over time: left", "Over time: right", "V q1^2 q2", "Mode shapes", "q2_ddot"):
         assert words in page

@@ -265,7 +265,7 @@ def test_negative_damping_is_not_printed_without_a_word(run, tmp_path):
     result = run("regress", "dry.csv", "--plain", "--order", 3,
                  "--damping", "linear", "--damping", "quadratic", "--full")  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert re.search(r"^c_quadratic +1/m +-\d", result.output, re.M)
+    assert re.search(r"^ *c_quadratic +1/m +-\d", result.output, re.M)
     assert re.search(r"IC-ROM: its c_quadratic is negative: a force that would supply energy",
                      result.output)  # fmt: skip
 

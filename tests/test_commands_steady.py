@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -69,7 +70,7 @@ def test_a_duffing_oscillator_is_recovered(run, duffing, tmp_path):
     model = rs.ReducedModel.from_json((tmp_path / "model.json").read_text())
     assert model.unit == "m" and rs.Estimate.load(tmp_path / "fit.json").model == model
     page = (tmp_path / "points_steady.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png") == 3 and "no curve at" not in page
+    assert page.count("data:image/png") == 4 and "no curve at" not in page
 
 
 @pytest.mark.parametrize(
@@ -159,6 +160,30 @@ def test_a_table_without_points_is_named_once(run, tmp_path):
     result = run("none.csv")
     assert result.exit_code == 2 and result.stderr.count("none.csv") == 1
     assert "no line starts with a number" in result.stderr
+    assert "with a time or frequency and what was measured" in result.stderr
+
+
+def test_a_slope_that_is_not_needed_is_told(run, duffing, tmp_path):
+    """Also where nothing else of the chain is fitted."""
+    w, force, q = duffing
+    rng = np.random.default_rng(4)
+    q = q + 1e-5 * (rng.standard_normal(len(q)) + 1j * rng.standard_normal(len(q)))
+    polar = 1e3 * np.abs(q), np.degrees(np.angle(q))
+    write(tmp_path / "points.csv", HEADER, w / (2 * np.pi), force, *polar)
+    known = ["--gain", GAIN, "--phase", 0]
+    result = run("points.csv", "--slope", "fit", *known)
+    assert result.exit_code == 0 and "a slope of the gain was looked for, and" in result.output
+    assert "a slope of the gain" not in run("points.csv", *known).output
+
+
+def test_what_comes_next_helps_where_the_points_are_not_explained(run, duffing, tmp_path):
+    """Without gamma_3 a linear oscillator is left, which no level follows."""
+    w, force, q = duffing
+    polar = 1e3 * np.abs(q), np.degrees(np.angle(q)), np.full(len(w), 1e-3)
+    write(tmp_path / "points.csv", f"{HEADER},spread [mm]", w / (2 * np.pi), force, *polar)
+    right, wrong = (run("points.csv", "--term", t).output for t in ("gamma_3", "c_quadratic"))
+    assert "Next: --save keeps the fit" in right
+    assert re.search("Next: leave out points .*another --term; --slope fit lets", wrong)
 
 
 @pytest.mark.parametrize(

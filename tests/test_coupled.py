@@ -12,8 +12,8 @@ from romsindy.fit.coupled_terms import KINDS, candidates
 from romsindy.fit.followed_back import state_before
 from romsindy.physics.coupling import Along, MixedDamping, MixedStiffness, SlavedInertia
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.serial import term_from_key
 from romsindy.physics.stiffness import Stiffness
+from romsindy.physics.term_sum import term_from_key
 
 FIRST = {"omega^2": 36.0, "gamma_2": -3.0, "gamma_3": 9.0, "Upsilon_3": 0.4, "c_linear": 0.05}
 SECOND = {"omega^2": 150.0, "gamma_3": 20.0, "c_quadratic": 0.2, "c_q^2 q_dot": 0.3}

@@ -7,9 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from romsindy import CoupledModel, ReducedModel, backbone_curve, forced_response
-from romsindy.orbits.families import ForcedFamily, FreeFamily, Path
-from romsindy.orbits.harmonic_balance import HarmonicBalance
-from romsindy.orbits.stability import monodromy
+from romsindy.orbits.families import ForcedFamily, FreeFamily, Sweep
+from romsindy.orbits.harmonic_balance import HarmonicBalance, monodromy
 from romsindy.show.plots import plot_branch, plot_forced_response
 
 FIRST = {"omega^2": 36.0, "gamma_2": -3.0, "gamma_3": 9.0, "Upsilon_3": 0.4, "c_linear": 0.1}
@@ -370,7 +369,7 @@ def test_jacobians_are_differences(kind):
     balance = HarmonicBalance(damped, 3)
     u = 0.3 * np.random.default_rng(0).normal(size=14)
     if kind == "forced":
-        family = ForcedFamily(balance, Path((0.9, 1.2), ([0.1, 0.2], [0.3, 0.1])), 0.4)
+        family = ForcedFamily(balance, Sweep((0.9, 1.2), ([0.1, 0.2], [0.3, 0.1])), 0.4)
     else:
         family = FreeFamily(balance, 1.1, 1.5, 1, from_rest=kind == "from rest")
         u = np.append(u, [1.1, 0.02])

@@ -5,11 +5,9 @@ import pytest
 from oracles import falling_decay, viscous_decay
 
 from romsindy.record.defects import clean
-from romsindy.record.faults import dropouts
-from romsindy.record.gaps import restored
-from romsindy.record.noise_level import NoiseLevel
-from romsindy.record.outliers import spikes
+from romsindy.record.faults import dropouts, restored, spikes
 from romsindy.record.recording import Recording
+from romsindy.record.spectrum import NoiseLevel
 
 T = np.arange(8000) * 0.004  # 32 s at 250 Hz
 F, ZETA, NOISE = 3.1, 0.006, 0.005

@@ -13,12 +13,11 @@ from scipy.interpolate import CubicSpline
 import romsindy as rs
 from romsindy.beam import CLAMPED, Beam, NoEquilibriumError, Section, Support, load_beam
 from romsindy.beam.changes import ClampCompliance, HeavierMasses, Longer, StifferBending
-from romsindy.beam.sensors import Sensor
-from romsindy.beam.spring import Spring
+from romsindy.beam.motion import Sensor
+from romsindy.beam.structure import Spring
 from romsindy.commands.main import main
 from romsindy.diagnosis.on_beam import InstrumentedBeam, rounds
-from romsindy.diagnosis.on_beam.checks import checked_readings
-from romsindy.diagnosis.on_beam.doubts import position_gains
+from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.mounted import mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
@@ -27,6 +26,7 @@ from romsindy.diagnosis.on_beam.parameters import (
 )
 from romsindy.diagnosis.on_beam.report import recipe_of
 from romsindy.diagnosis.on_beam.sensor_faults import find_fault
+from romsindy.diagnosis.on_beam.within_tolerances import position_gains
 from romsindy.effects import CATALOGUE, AirDrag, AtPoint, Damper, PointMass
 from romsindy.effects.base import Scales, State
 from romsindy.record.signals import with_noise

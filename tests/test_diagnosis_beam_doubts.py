@@ -9,14 +9,19 @@ import pytest
 
 import romsindy as rs
 from romsindy.beam import FREE, Beam, NoEquilibriumError, Section, changes
-from romsindy.beam.sensors import Sensor
+from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.on_beam import InstrumentedBeam
-from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.defect import beam_with, calm_from
-from romsindy.diagnosis.on_beam.doubts import adjusted, doubts, in_words, position_doubt
+from romsindy.diagnosis.on_beam.instrumented import checked_readings
 from romsindy.diagnosis.on_beam.parameters import parameter_effects, points, standard_deviations
-from romsindy.diagnosis.on_beam.place import Slack, find_place
+from romsindy.diagnosis.on_beam.place import Latitude, find_place
 from romsindy.diagnosis.on_beam.release import read_release
+from romsindy.diagnosis.on_beam.within_tolerances import (
+    adjusted,
+    directions,
+    in_words,
+    position_error,
+)
 from romsindy.diagnosis.on_beam.workflow import calibrated
 from romsindy.effects import AtPoint, Damper
 from romsindy.effects.base import Scales
@@ -162,7 +167,7 @@ def test_parameters_that_do_the_same_are_one(own):
     """
     known = parameter_effects(SEEN, 0.016, names=("bending_stiffness", "modulus"))
     spread = np.array([0.01, 0.02])
-    found = doubts(*own, known, spread)
+    found = directions(*own, known, spread)
     assert len(found) == 1 and found[0].felt > 30
     share = found[0].vector * spread
     assert share[1] / share[0] == pytest.approx(4.0, rel=0.01)
@@ -188,7 +193,7 @@ def test_parameters_that_do_the_same_are_one(own):
 def test_parameters_that_the_data_do_not_see_are_left_out(own):
     """Stretching is none of a beam that hangs on a spring."""
     known = parameter_effects(SEEN, 0.016, names=("axial_stiffness",))
-    assert doubts(*own, known, np.array([0.01])) == ()
+    assert directions(*own, known, np.array([0.01])) == ()
 
 
 def test_sensors_off_their_places_show_another_size():
@@ -198,7 +203,7 @@ def test_sensors_off_their_places_show_another_size():
     pushes = (BEAM.point_load((0.0, 1.0), at=x) for x in (0.3, 0.301))
     here, there = (np.vdot(push, basis.shapes[0]) for push in pushes)
     # A difference of 1 mm of a curve: 1 mm over its length.
-    assert position_doubt(one, 1e-3).tolerance == pytest.approx(there / here - 1, rel=0.01)
+    assert position_error(one, 1e-3).tolerance == pytest.approx(there / here - 1, rel=0.01)
 
 
 def test_tolerances_of_positions_are_in_metres():
@@ -241,7 +246,7 @@ def test_a_damper_is_found_where_it_is():
     measured = with_noise(read(0.62 * length), 35, 0)
     t = STEP * np.arange(len(measured))
     record = Record.of(rs.Decay(t, SEEN.coordinate(measured), unit="kg^0.5 m"), 2e-4)
-    slack = Slack.of(SEEN, (), np.zeros(5))
+    slack = Latitude.of(SEEN, (), np.zeros(5))
     place = find_place(SEEN, [record], [measured], [tried], slack)
     assert place.told and abs(place.at - 0.62 * length) < 0.05 * length
     assert BEAM.right == FREE and f"{place.at:.3g} m" in str(place)

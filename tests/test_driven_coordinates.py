@@ -116,6 +116,15 @@ def test_two_channels_give_back_both_equations(fitted):
     assert small_vibrations(fitted)[1].coordinate == 2
 
 
+def test_the_verdict_names_the_coupling_that_is_missing(fitted):
+    """Its force is the derivative of V q1^2 q2, in both equations; see `rates`."""
+    alone = {k: v for k, v in fitted.model.coefficients.items() if k != "V q1^2 q2"}
+    model = rs.CoupledModel.from_coefficients(alone, unit="m")
+    verdict = rs.refine(model, fitted.records[0].decay).verdict
+    assert not verdict.explained and not verdict.good and verdict.like == "V q1^2 q2"
+    assert "most like V q1^2 q2 (p = " in str(verdict)
+
+
 def test_a_record_that_took_no_part_is_predicted(fitted):
     other = driven(2, size=1.2, offset=np.array([0.02, -0.01]))
     missed = fitted.predict(other, 60) - other.y
@@ -173,10 +182,13 @@ def test_the_command_takes_several_channels(tmp_path):
     options = ["--input", "force", "--column", "left", "--column", "right", "--coordinates", "2"]
     page, kept = tmp_path / "page.html", tmp_path / "kept.json"
     more = ["--interpolation", "band-limited", "--report", str(page), "--save", str(kept)]
+    more += ["--held-out", "0.2"]
     result = CliRunner().invoke(main, ["identify", str(file), *options, *more])
     assert result.exit_code == 0, result.output
     assert "The model explains the record" in result.stdout and "Modes:" in result.stdout
-    assert "gain [force] [q2]" in page.read_text()
+    text = page.read_text()
+    assert all(x in text for x in ("gain [force] [q2]", "force [q2]", "Over time: channel 2"))
+    assert "took no part in the fit" in result.stdout and ">nan<" not in text
     assert np.abs(misses(rs.Estimate.load(kept))).max() < 4
 
 

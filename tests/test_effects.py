@@ -11,7 +11,7 @@ from catalogue import page, rows
 
 import romsindy as rs
 from romsindy.beam import Beam
-from romsindy.beam.sensors import Sensor
+from romsindy.beam.motion import Sensor
 from romsindy.effects import (
     BEAM_CATALOGUE,
     CATALOGUE,

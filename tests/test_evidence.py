@@ -14,11 +14,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import cho_factor, cho_solve, expm
 
 import romsindy as rs
+from romsindy.diagnosis.decay_search import ProcessNoise
 from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.process import ProcessNoise
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.verdict import Explanation, Rule
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part

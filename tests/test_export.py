@@ -20,9 +20,9 @@ from romsindy.commands.main import main
 from romsindy.physics.coupling import Along
 from romsindy.physics.damping import Friction, PositionDamping
 from romsindy.physics.example import EXAMPLE_MODEL
+from romsindy.physics.export import symbols
 from romsindy.physics.input import Input
 from romsindy.physics.stiffness import Stiffness
-from romsindy.physics.symbolic import symbols
 from romsindy.physics.term import ForceLaw
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))

@@ -4,7 +4,7 @@ import pytest
 from romsindy import Decay, HarmonicProjection, ROMLibrary
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import Stiffness
-from romsindy.regression.projection import Rows, _quadrature
+from romsindy.regression.projection import HarmonicRows, _quadrature
 
 TERMS = ROMLibrary().terms
 
@@ -72,7 +72,7 @@ def test_amplitude_range(clean):
 
 def test_rows_of_several_records_are_numbered_through(clean):
     one = HarmonicProjection((1,)).rows(TERMS[:2], clean)
-    both = Rows.stacked([one, one])
+    both = HarmonicRows.stacked([one, one])
     assert both.cycle.max() + 1 == len(both.amplitude) == 2 * len(one.amplitude)
     assert both.theta.shape == (2 * len(one.target), 2)
 

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import romsindy as rs
 from romsindy.beam import Beam
-from romsindy.beam.sensors import Sensor
+from romsindy.beam.motion import Sensor
 from romsindy.diagnosis.found import effects_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import mounted_effects

@@ -14,8 +14,8 @@ import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis.experiment import EXPERIMENTS, Experiment
+from romsindy.diagnosis.next_test import Extrapolation
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.rival import Rival
 from romsindy.effects import (
     CubicStiffness,
     Gain,
@@ -69,7 +69,7 @@ report = cache(diagnosed)  # several tests look at the same diagnosis
 
 
 def rivals_of(found):
-    return [Rival.of(MODEL, h, found.records, 0) for h in found.rivals]
+    return [Extrapolation.of(MODEL, h, found.records, 0) for h in found.rivals]
 
 
 @pytest.mark.slow

@@ -11,12 +11,11 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, freqz, lfilter, lfilter_zi, sosfilt
 
 import romsindy as rs
-from romsindy.diagnosis.tones import combs, tuned
+from romsindy.diagnosis.screening import combs, tuned
 from romsindy.fit.adequacy import examine
 from romsindy.fit.record import Record, sharing_drift
 from romsindy.fit.verdict import EXPLAINED
-from romsindy.record.lag import distortion
-from romsindy.record.spectrum import Line, Spectrum
+from romsindy.record.spectrum import Line, Spectrum, distortion
 
 RATE, F0 = 200.0, 5.0
 T = np.arange(0, 16, 1 / RATE)

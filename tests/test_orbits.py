@@ -7,9 +7,8 @@ from oracles import ORDER_5, ORDER_9, duffing_frequency
 from scipy.integrate import odeint, solve_ivp
 
 from romsindy import ContinuationError, ReducedModel, backbone_curve, forced_response
-from romsindy.orbits.families import ForcedFamily, FreeFamily, Path
-from romsindy.orbits.harmonic_balance import HarmonicBalance
-from romsindy.orbits.stability import floquet_multipliers
+from romsindy.orbits.families import ForcedFamily, FreeFamily, Sweep
+from romsindy.orbits.harmonic_balance import HarmonicBalance, floquet_multipliers
 from romsindy.physics.example import EXAMPLE_MODEL
 
 DUFFING = {"omega^2": 1.0, "gamma_3": 1.0}
@@ -388,7 +387,7 @@ def test_jacobians_are_differences(kind):
         u = np.append(0.1 * random.normal(size=9), [1.1, 0.02])
         u[1] = 1.0
     else:
-        family = ForcedFamily(balance, Path((5.0, 7.0), (0.5, 0.9)), 0.4)
+        family = ForcedFamily(balance, Sweep((5.0, 7.0), (0.5, 0.9)), 0.4)
         u = random.normal(size=9)
     z, h = np.append(u, 0.7), 1e-6
     columns = [
@@ -406,8 +405,8 @@ def test_magnus_steps_are_of_fourth_order(monkeypatch):
     c[0, 0], c[0, 1::2] = curve.coefficients[-1, 0].real, curve.coefficients[-1, 1:].real
     traces = []
     for steps in (64, 128, 1024):
-        monkeypatch.setattr("romsindy.orbits.stability._FEWEST_STEPS", steps)
-        monkeypatch.setattr("romsindy.orbits.stability._STEPS_PER_HARMONIC", 1)
+        monkeypatch.setattr("romsindy.orbits.harmonic_balance._FEWEST_STEPS", steps)
+        monkeypatch.setattr("romsindy.orbits.harmonic_balance._STEPS_PER_HARMONIC", 1)
         multipliers = floquet_multipliers(EXAMPLE_MODEL, c, curve.frequency[-1:])
         traces.append(np.sum(multipliers).real)
     errors = np.abs(np.array(traces[:2]) - traces[2])

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from romsindy import ReducedModel, save_decay
-from romsindy.commands import one_mode
+from romsindy.commands import results
 from romsindy.commands.main import main
 from romsindy.commands.outputs import Output, WritingCommand
 from romsindy.record.files.whole import whole, write_whole
@@ -68,7 +68,10 @@ def test_every_option_that_writes_is_known():
         assert isinstance(command, WritingCommand) or name == "example"
 
 
-@pytest.mark.parametrize("way", ["path", "symlink", "hard link", "spelling", "absolute", "case"])
+WAYS = ["path", "symlink", "hard link", "spelling", "absolute", "case", "process"]
+
+
+@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(("name", "source", "output"), PAIRS)
 def test_no_output_replaces_an_input(run, tmp_path, name, source, output, way):
     """Refused before the work, whatever stands in the file: nothing is read."""
@@ -80,6 +83,8 @@ def test_no_output_replaces_an_input(run, tmp_path, name, source, output, way):
     other = Path(f"link{ending}")
     if way == "symlink":
         other.symlink_to(path)
+    elif way == "process" and not Path("/proc/self/cwd").exists():
+        pytest.skip("this system has no /proc")
     elif way == "hard link":
         os.link(path, other)
     else:
@@ -88,6 +93,7 @@ def test_no_output_replaces_an_input(run, tmp_path, name, source, output, way):
             "spelling": Path("folder") / ".." / path.name,
             "absolute": path,
             "case": Path(path.name.upper()),
+            "process": Path("/proc/self/cwd") / path.name,
         }[way]
     result = run(
         name,
@@ -275,7 +281,7 @@ def test_a_page_that_fails_costs_no_result(run, tmp_path, monkeypatch, failure, 
     def fail(*_, **__):
         raise failure
 
-    monkeypatch.setattr(one_mode, "write_identification", fail)
+    monkeypatch.setattr(results, "write_result", fail)
     (tmp_path / "page.html").write_text("old")
     result = run("regress", "decay.csv", "--report", "page.html", "--force",
                  "--full", "--model", "m.json")  # fmt: skip

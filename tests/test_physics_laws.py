@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from romsindy.physics.combination import Combination
 from romsindy.physics.damping import (
     DAMPING,
     AmplitudeDamping,
@@ -19,9 +18,9 @@ from romsindy.physics.damping import (
 )
 from romsindy.physics.inertia import AddedMass, Inertia, LinearConvection, QuadraticInertia
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import term_from_key
 from romsindy.physics.stiffness import ConstantForce, GapForce, MagnetForce, Stiffness, StopForce
-from romsindy.physics.term import ForceLaw, Term
+from romsindy.physics.term import Combination, ForceLaw, Term
+from romsindy.physics.term_sum import term_from_key
 
 POLYNOMIAL = [
     *(Inertia(k) for k in (2, 3, 4, 5, 6, 9)),

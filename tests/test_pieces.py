@@ -18,7 +18,8 @@ from romsindy.fit.gauss_newton import fit
 from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.pieces import fit_pieces, lengths
 from romsindy.fit.small_vibrations import small_vibrations
-from romsindy.show.coupled_page import CoupledReport, pictures
+from romsindy.show.identified import Identified
+from romsindy.show.panels import over_time
 
 # Hardening: the first coordinate falls from 15 to 10 Hz, through a third of the second's 40 Hz.
 TRUTH = {
@@ -95,8 +96,8 @@ def test_a_report_of_pieces_says_so(record):
     for a, b in zip(one, three, strict=True):
         np.testing.assert_array_equal(a.measured_amplitude, b.measured_amplitude)
     said = [
-        pictures(CoupledReport("", fit, seen, [record.decay], ["left", "right"]))[-1].caption
-        for fit, seen in ((whole, one), (pieces, three))
+        [*over_time(Identified("", [record.decay], fit, channels=["left", "right"]))][-1].caption
+        for fit in (whole, pieces)
     ]
     assert "the decay from its start" in said[0] and "worst" not in said[0]
     assert "the piece from its start" in said[1] and "the worst of 3" in said[1]

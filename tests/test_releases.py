@@ -9,10 +9,9 @@ from oracles import falling_decay, viscous_decay
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from romsindy import Decay
-from romsindy.record.integration import displacement
 from romsindy.record.recording import Recording
-from romsindy.record.releases import split_releases
-from romsindy.record.swings import background_of
+from romsindy.record.releases import background_of, split_releases
+from romsindy.record.smoothing import displacement
 
 DT = 0.004
 OMEGA = 2 * np.pi

@@ -8,7 +8,6 @@ import pytest
 from fingerprint import fingerprint, plot_fingerprint
 
 from romsindy import (
-    Adequacy,
     CoupledModel,
     Estimate,
     HarmonicSINDy,
@@ -20,11 +19,13 @@ from romsindy import (
     forced_response,
 )
 from romsindy.effects import AirDrag
+from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.functions.series import Sizes
 from romsindy.fit.functions.structures import Structure
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.physics.stiffness import MagnetForce
 from romsindy.show import function_plots, plots
+from romsindy.show.identified import Identified
 from romsindy.show.panels import functions
 
 
@@ -71,7 +72,7 @@ def test_functions_are_drawn_of_the_coordinates_along_which_they_change():
     model = replace(model, amplitude_range=(0.1, 2.0))
     verdict = Adequacy(1.0, 0.5, 1.0, False, np.array([1.0]), np.ones((1, 6)), 1.0, "m")
     found = Estimate(model, ("gamma_3 [q1]",), np.array([[0.2**2]]), verdict, ())
-    (picture,) = functions(found)
+    (picture,) = functions(Identified("", found=found))
     assert picture.name == "stiffness" and "with the others at rest" in picture.caption
     (ax,) = picture.figure().axes
     q, secant = ax.lines[0].get_data()
@@ -79,11 +80,12 @@ def test_functions_are_drawn_of_the_coordinates_along_which_they_change():
     edges = ax.collections[0].get_paths()[0].vertices
     assert edges[:, 1].max() == pytest.approx(36 + (9 + 1.96 * 0.2) * 4)
     assert ax.get_xlabel() == "$q_1$ (m)" and (q[0], q[-1]) == (-2.0, 2.0)
+    known = (np.eye(1), verdict, ())
     linear = replace(ReducedModel.from_coefficients({"omega^2": 36.0}), amplitude_range=(0.1, 2))
-    assert not functions(Estimate(linear, ("omega^2",), np.eye(1), verdict, ()))
+    assert not [*functions(Identified("", found=Estimate(linear, ("omega^2",), *known)))]
     # Without a range of the data there is none to draw over.
     unknown = replace(model, amplitude_range=None)
-    assert not functions(Estimate(unknown, ("omega^2 [q1]",), np.eye(1), verdict, ()))
+    assert not [*functions(Identified("", found=Estimate(unknown, ("omega^2 [q1]",), *known)))]
 
 
 def identification(inertia: int) -> Identification:

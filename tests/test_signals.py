@@ -3,12 +3,18 @@ import pytest
 from oracles import falling_decay, viscous_decay
 from scipy.signal import lfilter
 
-from romsindy.record.autoregression import autoregression, predictor
-from romsindy.record.cycles import crossings, rest_level
 from romsindy.record.decay import Decay
-from romsindy.record.integration import integrate
-from romsindy.record.noise_level import noise_std
-from romsindy.record.signals import fundamental_frequency, lowpass, upsample, vertex
+from romsindy.record.prediction import autoregression, predictor
+from romsindy.record.signals import (
+    crossings,
+    fundamental_frequency,
+    lowpass,
+    rest_level,
+    upsample,
+    vertex,
+)
+from romsindy.record.smoothing import integrate
+from romsindy.record.spectrum import noise_std
 
 DT = 0.01
 T = np.arange(4000) * DT

@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from romsindy import HarmonicSINDy, ROMLibrary
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
-from romsindy.record.cycles import crossings
+from romsindy.record.signals import crossings
 from romsindy.regression.comparison import PAPER, WEIGHTED
 from romsindy_study import chapters, story, tables
 from romsindy_study import command as study_command

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from romsindy.record.isolation import isolated
+from romsindy.record.isolation import isolated, together
 from romsindy.record.ridges import find_ridges
 from romsindy.record.signals import downsample
-from romsindy.record.together import together
 from romsindy.record.vibrations import dominant, find_vibrations, resonances
 
 RATE = 2000.0
@@ -138,11 +137,11 @@ def test_channels_together_are_the_mode_with_less_noise():
     x = np.outer(own, shape) + np.outer(other, [1.0, 0.3, -1.1])
     x = np.column_stack([x, tone(23.0, 0.01)[0]]) + level * rng.standard_normal((len(T), 4))
     (ridge,) = [v.tone for v in find_vibrations(x[:, 0], 1 / RATE) if v.mean_frequency < 50]
-    found = together(T, x, 0, ridge)
-    assert found.shape[:3] == pytest.approx(shape, abs=0.01)
-    assert found.shape[3] == 0  # another vibration
+    combined, seen = together(T, x, 0, ridge)
+    assert seen[:3] == pytest.approx(shape, abs=0.01)
+    assert seen[3] == 0  # another vibration
     weights = shape / (shape @ shape)
-    rest = found.x - own - (weights @ [1.0, 0.3, -1.1]) * other
+    rest = combined - own - (weights @ [1.0, 0.3, -1.1]) * other
     assert rest.std() == pytest.approx(level / np.linalg.norm(shape), rel=0.03)
 
 

@@ -9,7 +9,7 @@ from exudyn_trials import TOLERANCES, beam_trial
 from marked import asked_of
 
 import romsindy as rs
-from romsindy.beam.sensors import Sensor
+from romsindy.beam.motion import Sensor
 
 # Blamed on the simulation, and no effect: what has a tolerance, and what stands for several.
 PARAMETERS = {*TOLERANCES, "bending_stiffness", "axial_stiffness", "width", "anchor_y"}

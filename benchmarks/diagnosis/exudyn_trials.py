@@ -25,7 +25,7 @@ from noises import COLOURS, noises
 
 import romsindy as rs
 from romsindy.beam import CLAMPED, FREE, PINNED, Beam, Section
-from romsindy.beam.spring import Spring as OwnSpring
+from romsindy.beam.structure import Spring as OwnSpring
 from romsindy.effects import PointMass
 
 ELEMENTS, FINER = 12, 3

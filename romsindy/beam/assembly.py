@@ -1,7 +1,8 @@
 """The discretised beam: forces, tangents, mass and energy of all elements and effects.
 
-Nodal fields are (n_nodes, 3) with (u, w, theta) per node, matrices are kept per element,
-(n_elements, 9, 9); see `kernel.py`.
+The beam is straight at rest along x. Nodal fields are (n_nodes, 3) with (u, w, theta) per node:
+axial and transverse displacement [m] and rotation [rad] of the section. Matrices are kept per
+element, (n_elements, 9, 9); see `kernel.py`.
 """
 
 from __future__ import annotations
@@ -11,14 +12,31 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.beam import element, kernel
-from romsindy.beam.structure import Structure
-from romsindy.effects.load import MountedLaw, PointMass
-from romsindy.effects.mounting import Point, Vector
+from romsindy.beam import kernel
+from romsindy.beam.structure import Section, Structure
+from romsindy.effects.mounting import MountedLaw, Point, PointMass, Vector
 from romsindy.physics.validation import require_position
 
 
-class Place:
+def shape_functions(xi: float) -> np.ndarray:
+    """Return the three quadratic shape functions at xi in [-1, 1]."""
+    return np.array([0.5 * xi * (xi - 1.0), 1.0 - xi * xi, 0.5 * xi * (xi + 1.0)])
+
+
+def element_mass(length: float, section: Section) -> np.ndarray:
+    """Return the consistent mass matrix, shape (9, 9); constant, since the motion is planar.
+
+    Integrated with three Gauss points, which is exact.
+    """
+    density = np.diag([section.mass, section.mass, section.rotary_inertia])
+    M = np.zeros((9, 9))
+    for xi, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
+        N = shape_functions(xi)
+        M += 0.5 * length * weight * np.kron(np.outer(N, N), density)
+    return M
+
+
+class BeamPoint:
     """A point of the beam as a row of shape functions over the three nodes of one element."""
 
     def __init__(self, position: float, length: float, n_elements: int) -> None:
@@ -26,7 +44,7 @@ class Place:
         self.element = min(int(position / length * n_elements), n_elements - 1)
         xi = 2.0 * (position / length * n_elements - self.element) - 1.0
         self.nodes = slice(2 * self.element, 2 * self.element + 3)
-        self.weights = element.shape_functions(xi)
+        self.weights = shape_functions(xi)
         self.spread = np.kron(self.weights, np.eye(3))  # (3, 9): point <- element
         nearest = int(np.argmax(self.weights))
         # most points sit on a node; reading that alone is what keeps effects cheap
@@ -101,10 +119,10 @@ class Assembly:
         self._free = np.where(self.fixed, 0.0, 1.0)  # a product is faster than a mask
         self.weight = self.mass_times(np.broadcast_to([*structure.gravity, 0.0], self._rest.shape))
 
-    def place(self, at: float | None) -> Place:
+    def place(self, at: float | None) -> BeamPoint:
         """Return the place at a position on the axis, m; None is the right end."""
         length = self.structure.length
-        return Place(length if at is None else at, length, self.n_elements)
+        return BeamPoint(length if at is None else at, length, self.n_elements)
 
     def point_load(
         self, force: tuple[float, float] = (0.0, 0.0), moment: float = 0.0, at: float | None = None
@@ -122,7 +140,7 @@ class Assembly:
 
     def _mass_matrices(self) -> np.ndarray:
         M = np.repeat(
-            element.mass(self._length, self.structure.section)[None], self.n_elements, axis=0
+            element_mass(self._length, self.structure.section)[None], self.n_elements, axis=0
         )
         for effect in self.structure.effects:
             if isinstance(effect, PointMass):

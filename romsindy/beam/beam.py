@@ -10,21 +10,15 @@ from typing import Any, overload
 import numpy as np
 
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.coupled_reduction import reduce_modes
+from romsindy.beam.equilibrium import ModalBasis, Shape, find_equilibrium, hold, solve_modes
 from romsindy.beam.excitation import BaseAcceleration, Excitation, InTime, PointForce
-from romsindy.beam.modes import ModalBasis, solve_modes
-from romsindy.beam.motion import Motion
-from romsindy.beam.normal_modes import NormalMode, find_normal_mode
-from romsindy.beam.radau import RadauIIA
-from romsindy.beam.reduction import reduce
-from romsindy.beam.section import Section
-from romsindy.beam.sensors import Sensor, SensorArray, place_sensors
-from romsindy.beam.spring import Spring
-from romsindy.beam.static_curve import StaticCurve, follow_static_curve
-from romsindy.beam.statics import Shape, find_equilibrium, hold
-from romsindy.beam.structure import Structure
-from romsindy.beam.transient import simulate
-from romsindy.effects.load import MountedLaw, PointMass
+from romsindy.beam.integrator import RadauIIA
+from romsindy.beam.motion import Motion, Sensor, SensorArray, place_sensors
+from romsindy.beam.reduction import reduce, reduce_modes
+from romsindy.beam.static_shapes import StaticCurve, follow_static_curve
+from romsindy.beam.structure import Section, Spring, Structure
+from romsindy.beam.transient import NormalMode, find_normal_mode, simulate
+from romsindy.effects.mounting import MountedLaw, PointMass
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.validation import require_finite, require_positive
@@ -317,14 +311,14 @@ class Beam(Structure):
         *,
         progress: bool = True,
     ) -> NormalMode:
-        """Return periodic orbits of the undamped beam; see `normal_modes.find_normal_mode`."""
+        """Return periodic orbits of the undamped beam; see `transient.find_normal_mode`."""
         return find_normal_mode(self, tip_displacements, mode, forces, progress=progress)
 
     def static_curve(self, mode: int = 1, amplitude: float = 0.024, cases: int = 41) -> StaticCurve:
         """Return the shapes under the force of one mode, in [-amplitude, amplitude] kg^0.5 m.
 
         Inertia, restoring force and material damping along them are exact, not fitted; see
-        `static_curve.follow_static_curve`.
+        `static_shapes.follow_static_curve`.
         """
         return follow_static_curve(self.assembly, self.equilibrium(), mode, amplitude, cases)
 
@@ -399,8 +393,8 @@ class Beam(Structure):
 
         Notes
         -----
-        omega^2 are the modes'; all else is least squares over the cases, see `reduction` and
-        `coupled_reduction`: best where the amplitudes are little larger than those of the motion.
+        omega^2 are the modes'; all else is least squares over the cases, see `reduction`:
+        best where the amplitudes are little larger than those of the motion.
         What is left out follows statically: modes that are slower, or in resonance, must be in.
         The model of several modes holds that of one, where the forces of all others are zero.
 
@@ -422,5 +416,5 @@ class Beam(Structure):
         return reduce_modes(*request, numbers, order, amplitudes, cases, progress=progress)
 
     def sensors(self, sensors: Sequence[Sensor | float]) -> SensorArray:
-        """Place sensors on the beam; see `sensors.place_sensors`."""
+        """Place sensors on the beam; see `motion.place_sensors`."""
         return place_sensors(self.assembly, sensors)

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from romsindy.beam.beam import Beam
-from romsindy.beam.section import Section
-from romsindy.beam.sensors import Sensor, SensorArray
-from romsindy.beam.spring import Spring
-from romsindy.beam.structure import CLAMPED, FREE, PINNED, Support
+from romsindy.beam.motion import Sensor, SensorArray
+from romsindy.beam.structure import CLAMPED, FREE, PINNED, Section, Spring, Support
 from romsindy.effects import PointMass
-from romsindy.physics import entries
+from romsindy.physics import validation as entries
 from romsindy.physics.validation import refuse_unknown
 
 if sys.version_info >= (3, 11):

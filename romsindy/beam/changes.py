@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar
 
-from romsindy.beam.section import Section
-from romsindy.beam.spring import Spring, find_spring
-from romsindy.effects.load import PointMass
+from romsindy.beam.structure import Section, Spring, find_spring
+from romsindy.effects.mounting import PointMass
 from romsindy.physics.validation import require_finite, require_positive
 
 

@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from romsindy.beam.assembly import Assembly
-from romsindy.beam.sensors import TRANSVERSE
+from romsindy.beam.structure import TRANSVERSE
 from romsindy.physics.validation import unit_vector
 
 Function: TypeAlias = Callable[[np.ndarray], ArrayLike]
 InTime: TypeAlias = Function | tuple[ArrayLike, ArrayLike]
 
 
-class _Input(ABC):
+class _Driver(ABC):
     """A history, and the nodal load of its unit."""
 
     history: InTime
@@ -79,7 +79,7 @@ class _Input(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class PointForce(_Input):
+class PointForce(_Driver):
     """A force at a point of a beam that changes in time and keeps its direction.
 
     Parameters
@@ -124,7 +124,7 @@ class PointForce(_Input):
 
 
 @dataclass(frozen=True, eq=False)
-class BaseAcceleration(_Input):
+class BaseAcceleration(_Driver):
     """The acceleration of all that holds a beam: its supports and the anchors of its springs.
 
     The motion is then relative to the base, in whose frame the inertial force -rho A a(t) acts

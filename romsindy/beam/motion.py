@@ -2,13 +2,159 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from romsindy.beam.modes import ModalBasis
-from romsindy.beam.sensors import SensorArray
+from romsindy.beam.assembly import Assembly
+from romsindy.beam.equilibrium import ModalBasis, Recorded
+from romsindy.beam.excitation import Excitation
+from romsindy.beam.structure import AXIAL, TRANSVERSE
+from romsindy.physics.validation import require_position, unit_vector
+from romsindy.record.decay import Decay
+from romsindy.record.signals import with_noise
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A displacement sensor.
+
+    Parameters
+    ----------
+    at : float
+        Position on the undeformed axis, m.
+    direction : tuple of two float
+        (x, y), of any length; (0, 1) is transverse, (1, 0) axial.
+
+    Raises
+    ------
+    ValueError
+        For a direction of length zero.
+    """
+
+    at: float
+    direction: tuple[float, float] = TRANSVERSE
+
+    def __post_init__(self) -> None:
+        unit_vector(self.direction)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorArray:
+    """Sensors on a beam.
+
+    Attributes
+    ----------
+    sensors : tuple of Sensor
+        The sensors, one channel each.
+    rows : (n_channels, n_nodes * 3) array
+        What each reads of the nodal displacements.
+    """
+
+    sensors: tuple[Sensor, ...]
+    rows: np.ndarray
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each channel, such as "y(0.45)": direction and position [m]."""
+        axes = {TRANSVERSE: "y", AXIAL: "x"}
+        return [f"{axes.get(s.direction, 'd')}({s.at:g})" for s in self.sensors]
+
+    def measure(
+        self, motion: Recorded, snr_db: float | None = None, seed: int | None = 0
+    ) -> np.ndarray:
+        """Return displacements [m] from equilibrium, (n_samples, n_channels), noisy if asked.
+
+        Parameters
+        ----------
+        motion : Recorded
+            Simulated with these sensors, or with its full field kept.
+        snr_db : float, optional
+            Signal-to-noise ratio of each channel, rms over the record, dB; None is clean.
+        seed : int, optional
+            Of the noise.
+
+        Raises
+        ------
+        ValueError
+            If the motion did not record these sensors.
+        """
+        clean = motion.readings(self.rows)
+        return clean if snr_db is None else with_noise(clean, snr_db, seed)
+
+    def mode_shapes(
+        self, basis: ModalBasis, modes: int = 3, snr_db: float | None = None, seed: int | None = 0
+    ) -> np.ndarray:
+        """Return the first `modes` mode shapes at the sensors, (n_channels, modes).
+
+        Raises
+        ------
+        ValueError
+            If there are fewer sensors than modes, or the basis has fewer modes.
+        """
+        basis.index(modes)
+        if modes > len(self.sensors):
+            raise ValueError(
+                f"modes = {modes} cannot be told apart by {len(self.sensors)} sensors; ask for "
+                "fewer modes or place more sensors"
+            )
+        shapes = basis.shapes[:modes].reshape(modes, -1)
+        clean = self.rows @ shapes.T
+        return clean if snr_db is None else with_noise(clean, snr_db, seed)
+
+    def experiment(
+        self,
+        motion: Recorded,
+        modes: int = 3,
+        snr_db: float | None = 35.0,
+        seed: int = 0,
+        basis: ModalBasis | None = None,
+    ) -> Decay:
+        """Return the modal coordinates, one channel per mode, that an experiment would find.
+
+        Noise goes on displacements and on mode shapes; the pseudo-inverse of the noisy shapes
+        gives q = Phi^+ x (the paper's eq. 21 and section 5).
+
+        Parameters
+        ----------
+        motion : Recorded
+            Simulated with these sensors.
+        modes : int
+            Number of modes that are told apart.
+        snr_db : float, optional
+            Signal-to-noise ratio of both, dB; None is clean.
+        seed : int
+            Of both noises.
+        basis : ModalBasis, optional
+            The modes (default: those in which the motion was recorded).
+        """
+        x = self.measure(motion, snr_db, seed)
+        phi = self.mode_shapes(basis or motion.basis, modes, snr_db, seed + 1)
+        return Decay(motion.t, x @ np.linalg.pinv(phi).T, unit="kg^0.5 m")
+
+
+def place_sensors(assembly: Assembly, sensors: Sequence[Sensor | float]) -> SensorArray:
+    """Return the sensors on a beam; a bare position, m, stands for a transverse and an axial one.
+
+    Raises
+    ------
+    ValueError
+        For no sensors, or one off the beam.
+    """
+    placed: list[Sensor] = []
+    for sensor in sensors:
+        if isinstance(sensor, Sensor):
+            placed.append(sensor)
+        else:
+            placed += [Sensor(float(sensor), TRANSVERSE), Sensor(float(sensor), AXIAL)]
+    if not placed:
+        raise ValueError("sensors is empty; give at least one position, in m")
+    for sensor in placed:
+        require_position("sensor at", sensor.at, assembly.structure.length)
+    rows = [assembly.point_load(unit_vector(s.direction), at=s.at).ravel() for s in placed]
+    return SensorArray(tuple(placed), np.array(rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +322,68 @@ def _same_modes(recorded: ModalBasis, asked: ModalBasis) -> bool:
         recorded.equilibrium.displacement, asked.equilibrium.displacement, rtol=0.0, atol=1e-9
     )
     return same_shapes and same_rest
+
+
+class Recorder:
+    """Histories of the modes, the sensors and, if asked, of the whole field, at the times t."""
+
+    def __init__(
+        self,
+        basis: ModalBasis,
+        sensors: SensorArray | None,
+        t: np.ndarray,
+        excitation: Excitation,
+        keep_field: bool,
+    ) -> None:
+        size = basis.momenta[0].size
+        self._basis = basis
+        self._sensors = sensors
+        self._t = t
+        # also refuses a bad history before the work
+        self._force, self._base = excitation.force(t), excitation.base(t)
+        self._n_modes = len(basis.omega)
+        modal = basis.momenta.reshape(self._n_modes, size)
+        self._rows = modal if sensors is None else np.concatenate([modal, sensors.rows])
+        self._offset = self._rows @ basis.equilibrium.displacement.ravel()
+        self._readings = np.empty((3, len(t), len(self._rows)))
+        self._field = np.empty((3, len(t), size)) if keep_field else None
+        self._energies = np.empty((5, len(t)))
+        self.count = 0
+
+    def add(
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        energies: tuple[float, float, float],
+        dissipated: float,
+        work: float,
+    ) -> None:
+        """Record one sample."""
+        state = np.stack([x.ravel(), v.ravel(), a.ravel()])
+        readings = state @ self._rows.T
+        readings[0] -= self._offset
+        self._readings[:, self.count] = readings
+        self._energies[:, self.count] = (*energies, dissipated, work)
+        if self._field is not None:
+            self._field[:, self.count] = state
+        self.count += 1
+
+    def motion(self, cost: Cost, rest: tuple[float, float, float], stop_reason: str) -> Motion:
+        """Return what was recorded; energies are counted from those at rest."""
+        n = self.count
+        readings = self._readings[:, :n]
+        kinetic, strain, potential, dissipated, work = self._energies[:, :n]
+        return Motion(
+            t=self._t[:n],
+            basis=self._basis,
+            coordinates=History(*readings[:, :, : self._n_modes]),
+            energy=EnergyBalance(kinetic, strain - rest[1], potential - rest[2], dissipated, work),
+            cost=cost,
+            stop_reason=stop_reason,
+            sensors=History(*readings[:, :, self._n_modes :]) if self._sensors else None,
+            sensor_array=self._sensors,
+            field=None if self._field is None else History(*self._field[:, :n]),
+            force=None if self._force is None else self._force[:n],
+            base=None if self._base is None else self._base[:n],
+        )

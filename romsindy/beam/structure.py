@@ -1,16 +1,148 @@
-"""What a beam is made of: length, section, supports, gravity, damping and effects."""
+"""What a beam is made of: length, section, supports, springs, gravity, damping and effects."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from romsindy.beam.section import Section
-from romsindy.effects.load import MountedLaw, PointMass
-from romsindy.effects.mounting import TowardsAnchor
+from romsindy.effects.mounting import MountedLaw, PointMass, TowardsAnchor
+from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.validation import require_finite, require_position, require_positive
 
+
+@dataclass(frozen=True)
+class Section:
+    """Stiffness and inertia of a cross-section about its centroid.
+
+    Parameters
+    ----------
+    EA, GA, EI : float
+        Axial stiffness, N; shear stiffness with its correction factor, N; bending stiffness, N m^2.
+    mass, rotary_inertia : float
+        Per unit length, kg/m and kg m.
+
+    Raises
+    ------
+    ValueError
+        For a value that is not positive (rotary_inertia may be zero).
+    """
+
+    EA: float
+    GA: float
+    EI: float
+    mass: float
+    rotary_inertia: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            zero_allowed = field.name == "rotary_inertia"
+            require_positive(field.name, getattr(self, field.name), zero_allowed=zero_allowed)
+
+    @classmethod
+    def rectangle(
+        cls,
+        width: float,
+        thickness: float,
+        young: float,
+        density: float,
+        poisson: float = 0.3,
+        shear_correction: float = 5.0 / 6.0,
+    ) -> Section:
+        """Make a solid rectangle that bends about its `width` axis (SI units).
+
+        Raises
+        ------
+        ValueError
+            For an argument that is not positive, or a Poisson ratio outside (-1, 0.5].
+
+        Examples
+        --------
+        >>> round(Section.rectangle(0.025, 0.001, young=210e9, density=7800).EI, 6)
+        0.4375
+        """
+        names = ("width", "thickness", "young", "density", "shear_correction")
+        values = (width, thickness, young, density, shear_correction)
+        for name, value in zip(names, values, strict=True):
+            require_positive(name, value)
+        if not -1.0 < poisson <= 0.5:
+            raise ValueError(f"poisson must lie in (-1, 0.5], got {poisson}; steel has 0.3")
+        area, second_moment = width * thickness, width * thickness**3 / 12.0
+        return cls(
+            EA=young * area,
+            GA=shear_correction * young / (2.0 * (1.0 + poisson)) * area,
+            EI=young * second_moment,
+            mass=density * area,
+            rotary_inertia=density * second_moment,
+        )
+
+
+@dataclass(frozen=True)
+class Spring(MountedLaw):
+    """A spring from a point of the beam to a fixed anchor, force k (l - l0) along itself.
+
+    Parameters
+    ----------
+    at : float, optional
+        Position on the undeformed axis [m]; None is the right end.
+    stiffness : float
+        Stiffness k [N/m].
+    anchor : (float, float)
+        (x, y) of the fixed end [m]; x runs along the undeformed beam from its left end.
+    natural_length : float
+        Length l0 [m] at which the spring is free of force.
+
+    Raises
+    ------
+    ValueError
+        For a negative stiffness or natural length, or an anchor that is not finite.
+    """
+
+    at: float | None = None
+    stiffness: float = 1.0
+    anchor: tuple[float, float] = (0.0, 0.0)
+    natural_length: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("stiffness", self.stiffness, zero_allowed=True)
+        require_positive("natural_length", self.natural_length, zero_allowed=True)
+        require_finite("anchor", *self.anchor)
+
+    law = Stiffness(1)
+
+    @property
+    def strength(self) -> float:  # type: ignore[override]
+        """The stiffness."""
+        return self.stiffness
+
+    @cached_property
+    def mounting(self) -> TowardsAnchor:  # type: ignore[override]
+        """Towards the anchor, beyond the natural length."""
+        return TowardsAnchor(self.anchor, self.at, self.natural_length)
+
+
+def springs_of(beam: Any) -> list[Spring]:
+    """Return the springs of a beam."""
+    return [e for e in beam.effects if isinstance(e, Spring)]
+
+
+def find_spring(beam: Any) -> Spring:
+    """Return the one spring of a beam.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or more than one.
+    """
+    springs = springs_of(beam)
+    if len(springs) != 1:
+        raise ValueError(f"the beam has {len(springs)} springs, this effect needs exactly one")
+    return springs[0]
+
+
+TRANSVERSE, AXIAL = (0.0, 1.0), (1.0, 0.0)  # directions
 _MOST = 10_000  # elements: the finest mesh that is solved within hours
 
 

@@ -15,8 +15,8 @@ from romsindy.fit.identify import identify
 from romsindy.fit.verdict import LEAST_CYCLES
 from romsindy.record.backbone import Backbone, extract_backbone, joined
 from romsindy.record.decay import Decay
-from romsindy.record.filters import Butterworth
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.smoothing import Butterworth
 from romsindy.regression.comparison import (
     PAPER,
     WEIGHTED,
@@ -25,7 +25,8 @@ from romsindy.regression.comparison import (
     compare_models,
     judge,
 )
-from romsindy.show.identification_page import IdentificationReport
+from romsindy.show.beside import Beside
+from romsindy.show.identified import Identified
 from romsindy.text import bar
 
 USUAL = (5, ("linear",))  # order and damping of regressions, where nothing else is asked for
@@ -74,19 +75,8 @@ class Recipe:
     cutoff: float | None
 
 
-def regressed(
-    title: str, decays: Sequence[Decay], picked: str, recipe: Recipe
-) -> IdentificationReport:
-    """Make the regressions of the free decays of one mode.
-
-    Parameters
-    ----------
-    title : str
-        Of the report.
-    decays : sequence of Decay
-    picked : str
-        What was used of the record.
-    recipe : Recipe
+def regressed(title: str, decays: Sequence[Decay], picked: str, recipe: Recipe) -> Identified:
+    """Make the regressions of the free decays of one mode; ``picked`` was used of the record.
 
     Raises
     ------
@@ -110,23 +100,14 @@ def regressed(
     )
     if broken is not None:
         raise broken
-    return IdentificationReport(
-        title, conditioned, backbones, [*four.values()], four["IC-ROM"], picked=picked
-    )
+    beside = Beside(conditioned, backbones, [*four.values()], four["IC-ROM"])
+    return Identified(title, conditioned, beside=beside, picked=picked)
 
 
-def identified(
-    title: str, decays: Sequence[Decay], picked: str, asked: Asked
-) -> IdentificationReport:
+def identified(title: str, decays: Sequence[Decay], picked: str, asked: Asked) -> Identified:
     """Identify an equation from the free decays of one mode, beside plain regressions.
 
     An interrupt leaves the regressions, and the report says so.
-
-    Parameters
-    ----------
-    title, decays, picked
-        As of `regressed`.
-    asked : Asked
 
     Raises
     ------
@@ -153,8 +134,15 @@ def identified(
         raise ValueError(f"{broken}; {trouble.rstrip('.')}") from broken
     else:
         main = four["IC-ROM"]
-    return IdentificationReport(
-        title, conditioned, backbones, columns, main, found, trouble, picked, interrupted
+    forces = () if found is None else found.structure.forces
+    return Identified(
+        title,
+        conditioned,
+        found,
+        Beside(conditioned, backbones, columns, main, forces),
+        picked=picked,
+        trouble=trouble,
+        interrupted=interrupted,
     )
 
 

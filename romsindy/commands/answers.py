@@ -24,7 +24,7 @@ from romsindy.commands.outputs import (
     writing,
 )
 from romsindy.commands.results import HEADER, Refused, Result
-from romsindy.physics.serial import json_text
+from romsindy.physics.term_sum import json_text
 from romsindy.show.overview import write_overview
 from romsindy.text import aligned, as_options, at_most, bar
 
@@ -74,14 +74,8 @@ class Telling:
     def give(self, job: Job, files: Sequence[Path], example: bool, ending: str) -> None:
         """Do a job for every file, or for the example, print what came of it, and write it.
 
-        Parameters
-        ----------
-        job : callable
-            Of a file, or None for the example, and its page, which it writes; gives a result.
-        files : sequence of Path
-        example : bool
-        ending : str
-            Of the names of pages.
+        The job takes a file, or None for the example, and the page that it writes, whose name has
+        this ending; it gives a result.
 
         Raises
         ------
@@ -99,7 +93,7 @@ class Telling:
             file = files[0] if files else None
             page = self.report or default_page(f"{file.stem if file else 'example'}_{ending}.html")
             result = job(file, page)
-            results, interrupted = [result], result.interrupted
+            results, interrupted = [result], result.report.interrupted
             tell = partial(self._tell_one, result)
         if self.json_file is not None:
             write_json(self.json_file, json_text([r.content() for r in results]))
@@ -138,10 +132,10 @@ class Telling:
             with writing(self.figure):
                 next(p for p in result.pictures if p.name == "backbone").write(self.figure)
             written.append(told("Figure", self.figure))
-        words = [result.full] if self.full else in_brief(result, _LINES - len(written))
+        words = [result.full()] if self.full else in_brief(result, _LINES - len(written))
         self._say([*words, *written])
         if self.save is not None and result.found is None:
-            raise click.ClickException(result.trouble)
+            raise click.ClickException(result.report.trouble)
 
     def _tell_all(self, results: Sequence[Result | Refused], overview: Path) -> None:
         """Print the table, and write the page of all files."""
@@ -150,7 +144,8 @@ class Telling:
         explained = sum(bool(r.explained) for r in done)
         sentence = f"Identified: {len(done)} files, {explained} of them explained to the noise."
         rows = [HEADER, *(row for r in results for row in r.rows())]
-        backbones = {r.file: r.backbone for r in done if r.backbone is not None}
+        beside = {r.file: r.report.beside for r in done}
+        backbones = {file: b.backbone for file, b in beside.items() if b is not None}
         command = str(click.get_current_context().info_name)
         with writing(overview):
             write_overview(
@@ -167,9 +162,8 @@ class Telling:
 
 def in_brief(result: Result, room: int) -> list[str]:
     """What was found and how sure, what is wrong with it, what next: so many lines at most."""
-    found, doubts, step = result.brief
     more = "with --full, and on the page."
-    return [*at_most([*found, *doubts], room - 1, more), f"Next: {step}"]
+    return [*at_most(result.brief(), room - 1, more), f"Next: {result.step}"]
 
 
 def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Refused], bool]:
@@ -185,7 +179,7 @@ def _all_of(jobs: Mapping[str, Callable[[], Result]]) -> tuple[list[Result | Ref
             return results, True
         else:
             results.append(result)
-            if result.interrupted or stopped():
+            if result.report.interrupted or stopped():
                 return results, True
     return results, False
 

@@ -43,8 +43,8 @@ from romsindy.diagnosis import diagnose as run_diagnosis
 from romsindy.diagnosis.tolerance import KINDS
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
-from romsindy.physics.driven import inputs_of
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.equations import inputs_of
 from romsindy.record.decay import Decay
 from romsindy.record.files.load import named
 from romsindy.text import aligned, bar
@@ -199,12 +199,13 @@ def diagnose(
     """Name what a simulation lacks, from measured vibrations, free or driven.
 
     The simulation is a model (--model), a simulated decay (--simulated), or a beam (--beam) with
-    one measured column per sensor; of a beam, omega^2 and c_linear stand for the bending stiffness
-    and the damping in proportion to mass. Measured files are read as identify reads them, one decay
-    of every release: level, hold and tail are taken off, but nothing is filtered, and no mode
-    isolated unless --mode or --band asks for it. With --input the records of a model are vibrations
-    that measured inputs drive. The exit code is 2 where something is refused, and 130 after an
-    interruption (Ctrl-C), which keeps what was compared.
+    one measured column per sensor. A model of several coordinates is compared with all that rings
+    in one column or more. Of a beam, omega^2 and c_linear stand for the bending stiffness and the
+    damping in proportion to mass. Measured files are read as identify reads them, one decay of
+    every release: level, hold and tail are taken off, but nothing is filtered, and no mode
+    isolated unless --mode or --band asks for it. With --input the records of a model are
+    vibrations that measured inputs drive. The exit code is 2 where something is refused, and 130
+    after an interruption (Ctrl-C), which keeps what was compared.
     """
     driven = Inputs(**{f.name: reading.pop(f.name) for f in fields(Inputs)})
     driven.check(_DECAYS)
@@ -223,6 +224,9 @@ def diagnose(
         simulation = {"model": _series(simulated, reading["unit"])}
     elif model_file is not None:
         simulation = {"model": _model(model_file)}
+        choice = choice._replace(coordinates=_equation(simulation["model"]).n_coordinates)
+        if choice.coordinates > 1 and choice.isolates:
+            raise click.UsageError("--mode and --band isolate one mode: the model is of several")
         if not driven.inputs:
             _note_inputs(simulation["model"])
     load = partial(_records_in, driven=driven, reading=reading, choice=choice)
@@ -278,14 +282,16 @@ def _run(
             raise ValueError(_on_command_line(str(error), names)) from error
 
 
-def _model(path: Path) -> ReducedModel | Estimate:
+def _model(path: Path) -> AnyModel | Estimate:
     """A model, with what is known of it if the file says so."""
     text = text_of(path)
     with named(f"{path}"):
-        model = model_of(text)
-        if not isinstance(model, ReducedModel):
-            raise ValueError("a model of several coordinates is not diagnosed: isolate one mode")
-        return estimate_of(text) or model
+        return estimate_of(text) or model_of(text)
+
+
+def _equation(simulation: AnyModel | Estimate) -> AnyModel:
+    """The equations of a model, without what else is known of it."""
+    return simulation.model if isinstance(simulation, Estimate) else simulation
 
 
 def _series(path: Path, unit: str | None) -> Decay:
@@ -295,10 +301,9 @@ def _series(path: Path, unit: str | None) -> Decay:
     return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 
-def _note_inputs(simulation: ReducedModel | Estimate) -> None:
+def _note_inputs(simulation: AnyModel | Estimate) -> None:
     """Say that inputs of a model stand still in records that are taken for free decays."""
-    model = simulation.model if isinstance(simulation, Estimate) else simulation
-    for term in inputs_of(model):
+    for term in inputs_of(_equation(simulation)):
         kind = term.source.split()[0]
         warnings.warn(
             f"the model has {term.key!r}, and records are taken for free decays, which nothing"

@@ -13,11 +13,11 @@ from romsindy.commands.outputs import Output, WritingCommand, write_text
 from romsindy.effects import CATALOGUE, ReadingEffect
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.entries import several, table
-from romsindy.physics.entries import text as entry
 from romsindy.physics.export import python_script
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import read_json
+from romsindy.physics.term_sum import read_json
+from romsindy.physics.validation import several, table
+from romsindy.physics.validation import text as entry
 from romsindy.record.files.load import named
 from romsindy.text import listed
 

@@ -12,8 +12,14 @@ import click
 
 from romsindy.commands.analysis import Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
-from romsindy.commands.coupled import Coordinates, coordinates_of, of_coordinates
-from romsindy.commands.forced import Driven, forced_options, of_inputs
+from romsindy.commands.fits import (
+    AskedDriven,
+    Coordinates,
+    coordinates_of,
+    forced_options,
+    of_coordinates,
+    of_inputs,
+)
 from romsindy.commands.inputs import PARTS
 from romsindy.commands.measurement import Choice
 from romsindy.commands.one_mode import mode_options, of_one_mode
@@ -105,7 +111,7 @@ def identify(
     """
     telling = Telling.taken(options)
     asked = Asked(**{f.name: options.pop(f.name) for f in fields(Asked)})
-    driven = Driven(**{f.name: options.pop(f.name) for f in fields(Driven)})
+    driven = AskedDriven(**{f.name: options.pop(f.name) for f in fields(AskedDriven)})
     there = {"input": driven.inputs, "coordinates": coordinates, "select": driven.select}
     for option, what, others in EXCLUDED:
         if there[option]:

@@ -60,14 +60,7 @@ class Inputs:
     interpolation: Interpolation | None
 
     def check(self, decays: Mapping[str, str], driven: Sequence[str] = ()) -> None:
-        """Refuse options that make no sense together.
-
-        Parameters
-        ----------
-        decays : mapping of str to str
-            Further options for free decays alone, and what to do without each.
-        driven : sequence of str
-            Further options for records with inputs alone.
+        """Refuse options for free decays alone, what to do without each, and for driven records.
 
         Raises
         ------

@@ -26,7 +26,7 @@ from romsindy.commands.outputs import (
     writing,
 )
 from romsindy.inspection import tables
-from romsindy.inspection.inspect import inspect as look
+from romsindy.inspection.inspection import inspect as look
 from romsindy.text import bar
 
 

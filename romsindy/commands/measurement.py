@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from romsindy.commands.options import read
-from romsindy.inspection.inspect import inspect
-from romsindy.inspection.inspection import Inspection
+from romsindy.inspection.inspection import Inspection, inspect
 from romsindy.inspection.tables import picked
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
@@ -23,6 +22,7 @@ class Choice(NamedTuple):
     band: tuple[float, float] | None = None
     release: int | None = None
     whole: bool = False  # the file as it is
+    coordinates: int = 1  # that ring together
 
     @property
     def isolates(self) -> bool:
@@ -47,13 +47,16 @@ def decays_in(
         return [load_decay(file, **{**reading, "column": list(reading["column"]) or None})]
     recording = read(file, reading)
     with named(f"{file}"):
-        if len(recording.names) > 1 and not (reading["column"] and choice.isolates):
+        together = choice.isolates or choice.coordinates > 1
+        if len(recording.names) > 1 and not (reading["column"] and together):
             raise ValueError(
                 f"{len(recording.names)} columns could be the measured one,"
                 f" {list(recording.names)}: choose with column="
             )
         with bar(None, "inspecting") as steps:
             found = inspect(recording, progress=steps.set_postfix_str)
+        if choice.coordinates > 1:
+            return list(found.whole_decays(choice.release, choice.coordinates))
         return _chosen(found, choice, lambda line: say(f"{file}: {line}"))
 
 

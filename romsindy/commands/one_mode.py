@@ -8,31 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from romsindy.commands.measurement import Choice
 from romsindy.commands.options import grouped, read
-from romsindy.commands.outputs import writing
-from romsindy.commands.results import Brief, Result, Small, if_short
-from romsindy.fit.functions.identification import Identification
-from romsindy.inspection.inspect import inspect
-from romsindy.inspection.inspection import Inspection
-from romsindy.inspection.modes import Mode
+from romsindy.commands.results import Result
+from romsindy.inspection.inspection import Inspection, inspect
 from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked
 from romsindy.physics.example import example_decay
 from romsindy.record.decay import Decay
 from romsindy.record.recording import Recording
-from romsindy.show.identification_page import (
-    IdentificationReport,
-    pictures,
-    write_identification,
-)
-from romsindy.text import aligned, bar
+from romsindy.show.identified import Identified
+from romsindy.text import bar
 
-Analysis = Callable[[str, Sequence[Decay], str], IdentificationReport]
+Analysis = Callable[[str, Sequence[Decay], str], Identified]
 
-_LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
 # The options that choose a mode, and releases.
 mode_options = grouped(
     click.option(
@@ -103,95 +93,23 @@ def of_one_mode(
         except KeyboardInterrupt as error:
             reached = f"{error}, after the inspection. {used.rstrip('.')}"
             raise KeyboardInterrupt(reached) from None
-    figures = pictures(report)
-    if len(found.modes) > 1 or len(found.releases) > 1:
-        figures.append(picture(found))
-    command = str(click.get_current_context().info_name)
-    with writing(page):
-        write_identification(
-            report, page, bar(figures, "drawing"), interactive=interactive, command=command
-        )
-    return _result(str(file or "example"), report, found, mode, releases, page)
-
-
-def _result(
-    file: str,
-    report: IdentificationReport,
-    found: Inspection,
-    mode: Mode,
-    releases: Sequence[int],
-    page: Path,
-) -> Result:
-    b, identified = report.backbone, report.found
-    small = _small(report, str(mode.number))
-    structure = None if identified is None else str(identified.structure)
-    per_cycle = {"amplitude": 1.0, "frequency": 2 * np.pi, "damping_ratio": 1.0}
-    linear = {name: value for name, value in small._asdict().items() if name != "mode"}
+    more = [picture(found)] if len(found.modes) > 1 or len(found.releases) > 1 else []
     facts = {
         "channel": found.channel,
         "mode": mode.number,
         "modes": [m.mean_frequency for m in found.modes],
         "releases": tuple(i + 1 for i in releases),
         "warnings": found.warnings,
-        "linear": {"amplitude": _LOW * float(b.amplitude.max()), **linear},
-        "structure": structure,
-        "backbone": {
-            name + end: getattr(b, name + end) / unit
-            for name, unit in per_cycle.items()
-            for end in ("", "_std")
-        },
     }
-    return Result(
-        file=file,
-        page=page,
-        model=report.main.model,
-        found=identified,
-        small=[small],
-        structure=structure or "-",
-        facts=facts,
-        notes=report.notes(),
-        pictures=pictures(report),
-        full=_full(report),
-        brief=_brief(file, report, found),
-        trouble=report.trouble,
-        interrupted=report.interrupted,
-        backbone=b,
-    )
+    step = _next(str(file or "example"), report, found)
+    return Result.written(file, page, report, interactive, more, facts=facts, step=step)
 
 
-def _small(report: IdentificationReport, mode: str) -> Small:
-    """Frequency and damping ratio at low amplitude, with standard errors where known."""
-    amplitude = [_LOW * float(report.backbone.amplitude.max())]
-    if report.found is not None:
-        return Small.of(mode, report.found.band(amplitude))
-    model, nan = report.main.model, float("nan")
-    frequency, ratio = model.backbone(amplitude)[0], model.damping_ratio(amplitude)[0]
-    return Small(mode, float(frequency) / (2 * np.pi), nan, float(ratio), nan)
-
-
-def _full(report: IdentificationReport) -> str:
-    measured = [
-        f"{decay!r}\n{backbone!r}"
-        for decay, backbone in zip(report.decays, report.backbones, strict=True)
-    ]
-    table = f"{aligned(report.table())}\n\n{report.errors()}\n{report.note()}"
-    return "\n\n".join([report.picked, *measured, report.equation, table])
-
-
-def _brief(file: str, report: IdentificationReport, inspection: Inspection) -> Brief:
-    found = report.found
-    if found is None:
-        lines = [report.picked, str(report.equation).splitlines()[0], report.errors()]
-        return Brief(lines, report.impossible(), "the coefficients of all regressions with --full.")
-    table = if_short(found.coefficients().rows)
-    explained, *notes = found.conclusions()
-    lines = [report.picked, *found.in_short(), *table, *found.ends(), explained, report.missed()]
-    return Brief(lines, notes, _next(file, found, inspection))
-
-
-def _next(file: str, found: Identification, inspection: Inspection) -> str:
+def _next(file: str, report: Identified, inspection: Inspection) -> str:
     ringing = [m for m in inspection.modes if not m.steady]
-    if found.verdict.explained:
+    if report.found is None:
+        return "the coefficients of all regressions with --full."
+    if report.found.verdict.explained:
         return "--full prints the functions; romsindy diagnose asks what a simulation lacks."
     if len(ringing) > 1:
         return (

@@ -14,8 +14,8 @@ from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.coupled import AnyModel, model_from_json
 from romsindy.physics.damping import DAMPING
-from romsindy.physics.entries import table
-from romsindy.physics.serial import read_json
+from romsindy.physics.term_sum import read_json
+from romsindy.physics.validation import table
 from romsindy.record.files import load_recording
 from romsindy.record.recording import QUANTITIES, Recording
 
@@ -155,16 +155,7 @@ def command_line(file: Path, reading: Mapping[str, Any]) -> str:
 
 
 def refuse_beside(option: str, what: str, others: Mapping[str, str]) -> None:
-    """Refuse options that are for something else than one that was given.
-
-    Parameters
-    ----------
-    option : str
-        What was given.
-    what : str
-        What the others are for.
-    others : mapping of str to str
-        What to do without each, by its name.
+    """Refuse ``others``, what to do without each by its name, which are for ``what``, beside one.
 
     Raises
     ------

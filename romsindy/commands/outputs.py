@@ -129,15 +129,17 @@ def claim_folder(folder: Path, page: str) -> None:
 def _claim(
     ctx: click.Context, label: str, path: Path, mark: str, remedy: str = "name another file"
 ) -> None:
-    if str(path) == "-" or is_stream(path):
+    if str(path) == "-" or (path.exists() and not path.is_file()):
         return
-    for name, file in _inputs(ctx):
+    for name, file in _inputs(ctx):  # also through /proc and /dev, where all else is a stream
         if _same(path, file):
             also = "" if str(file) == str(path) else f", {file}"
             raise click.UsageError(
                 f"{label} {path} is the input {name}{also}: no output replaces an input; {remedy}",
                 ctx,
             )
+    if is_stream(path):
+        return
     for other, name in ctx.meta[_CLAIMED].items():
         if _same(path, other):
             both = f"{path}" if str(path) == str(other) else f"{path} and {other}"

@@ -1,4 +1,4 @@
-"""What came of a file: numbers by name, rows of a table, and words."""
+"""What came of a file, by parts: numbers by name, rows of a table, words in short or full."""
 
 from __future__ import annotations
 
@@ -7,15 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import click
 import numpy as np
 
+from romsindy.commands.outputs import writing
 from romsindy.fit.estimate import Band, Estimate
-from romsindy.fit.small_vibrations import SmallVibration
+from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.coupled import AnyModel
-from romsindy.record.backbone import Backbone
+from romsindy.show.identified import Identified
 from romsindy.show.page import Picture
-from romsindy.text import aligned, with_error
+from romsindy.show.panels import pictures, write_result
+from romsindy.show.tables import coefficients, few_tables, more_tables
+from romsindy.text import TextTable, aligned, as_text, bar, with_error
 
+_LOW = 0.1  # of the largest amplitude of the data: there the linear frequency is read
 _FEW = 9  # rows of a table that is printed without --full
 _WORDS = {True: "yes", False: "no", None: "not refined"}
 HEADER = ["file", "mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-"]
@@ -38,14 +43,6 @@ class Refused:
         return [[self.file, *["-"] * (len(HEADER) - 3), "refused", "-"]]
 
 
-class Brief(NamedTuple):
-    """The answer in short: what was found, what is doubtful of it, and what comes next."""
-
-    found: list[str]
-    doubts: list[str]
-    step: str
-
-
 class Small(NamedTuple):
     """A small vibration: Hz, and damping ratio, with standard errors, nan where not known."""
 
@@ -62,14 +59,6 @@ class Small(NamedTuple):
         hertz, off = float(band.frequency[0]) / turn, float(band.frequency_std[0]) / turn
         return cls(mode, hertz, off, float(ratio), float(error))
 
-    @classmethod
-    def of_mode(cls, found: SmallVibration) -> Small:
-        """That of a mode of several."""
-        frequency, ratio = found.frequency, found.damping_ratio
-        return cls(
-            str(found.number), frequency, found.frequency_std, ratio, found.damping_ratio_std
-        )
-
     def cells(self) -> list[str]:
         """Of the table."""
         ratio = _cells(100 * self.damping_ratio, 100 * self.damping_ratio_std)
@@ -78,51 +67,57 @@ class Small(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What was identified from one file, however that was done.
+    """What came of one file, however that was done.
 
     Attributes
     ----------
     file : str
     page : Path
-    model : ReducedModel or CoupledModel
-        The equation that is printed.
-    found : Estimate or None
-        All that was identified; None after regressions.
-    small : sequence of Small
-        Its small vibrations, one for each mode.
-    structure : str
-        Of the model, in a word.
-    facts : mapping of str to Any
-        What else is known, by name, frequencies in Hz, the rest in SI units.
-    notes : sequence of str
-        On the record, and on the model.
+    report : Identified
     pictures : sequence of Picture
-        Figures of its page that are about the equation.
-    full : str
-        All tables.
-    brief : Brief
-    trouble : str
-        Why nothing was found but regressions.
-    interrupted : bool
-        Whether the user wished to stop.
-    backbone : Backbone or None
-        As measured.
+        Figures of its page.
+    facts : mapping of str to Any
+        What else is known of the record, by name, frequencies in Hz, the rest in SI units.
+    step : str
+        What comes next.
     """
 
     file: str
     page: Path
-    model: AnyModel
-    found: Estimate | None
-    small: Sequence[Small]
-    structure: str
-    facts: Mapping[str, Any]
-    notes: Sequence[str]
+    report: Identified
     pictures: Sequence[Picture]
-    full: str
-    brief: Brief
-    trouble: str = ""
-    interrupted: bool = False
-    backbone: Backbone | None = None
+    facts: Mapping[str, Any]
+    step: str
+
+    @classmethod
+    def written(
+        cls,
+        file: Path | None,
+        page: Path,
+        report: Identified,
+        interactive: bool,
+        more: Sequence[Picture] = (),
+        *,
+        facts: Mapping[str, Any],
+        step: str,
+    ) -> Result:
+        """Draw a report on its page, with ``more`` figures."""
+        figures = [*pictures(report), *more]
+        command = str(click.get_current_context().info_name)
+        drawn = bar(figures, "drawing")
+        with writing(page):
+            write_result(report, page, drawn, interactive=interactive, command=command)
+        return cls(str(file or "example"), page, report, figures, facts, step)
+
+    @property
+    def found(self) -> Estimate | None:
+        """All that was identified; None after regressions."""
+        return self.report.found
+
+    @property
+    def model(self) -> AnyModel:
+        """The equation that is printed."""
+        return self.report.model
 
     @property
     def explained(self) -> bool | None:
@@ -131,13 +126,18 @@ class Result:
 
     def content(self) -> dict[str, Any]:
         """All numbers by name."""
-        errors = {} if self.found is None else self.found.standard_errors
+        found = self.found
+        errors = {} if found is None else found.standard_errors
         return {
             "file": self.file,
             **self.facts,
+            **self._of_cycles(),
+            **self._of_modes(),
+            **self._of_inputs(),
+            **self._of_points(),
             "unit": self.model.unit,
             "explained": self.explained,
-            "verdict": self.trouble if self.found is None else str(self.found.verdict),
+            "verdict": self.report.trouble if found is None else str(found.verdict),
             "equation": self.model.equation(),
             "coefficients": {
                 term.key: {
@@ -147,20 +147,134 @@ class Result:
                 }
                 for term, value in zip(self.model.terms, self.model.values, strict=True)
             },
-            "notes": self.notes,
+            "notes": [*(() if found is None else found.notes), *self.report.notes()],
             "report": str(self.page),
         }
+
+    def _of_cycles(self) -> dict[str, Any]:
+        r = self.report
+        if r.beside is None:
+            return {}
+        b, (small,) = r.beside.backbone, self.small
+        per_cycle = {"amplitude": 1.0, "frequency": 2 * np.pi, "damping_ratio": 1.0}
+        linear = {name: value for name, value in small._asdict().items() if name != "mode"}
+        return {
+            "linear": {"amplitude": _LOW * float(b.amplitude.max()), **linear},
+            "structure": str(r.series.structure) if r.series else None,
+            "backbone": {
+                name + end: getattr(b, name + end) / unit
+                for name, unit in per_cycle.items()
+                for end in ("", "_std")
+            },
+        }
+
+    def _of_modes(self) -> dict[str, Any]:
+        r = self.report
+        if not r.modes or r.fit is None:
+            return {}
+        shapes = zip(r.channels, r.fit.mode_shapes.tolist(), strict=True)
+        return {
+            "channels": r.channels,
+            "coordinates": len(r.modes),
+            "modes": [vars(m) | {"backbone": _curve(r.backbones[m.number])} for m in r.modes],
+            "mode_shapes": dict(shapes),
+        }
+
+    def _of_inputs(self) -> dict[str, Any]:
+        r = self.report
+        if not r.inputs():
+            return {}
+        left, held = np.concatenate([x for _, x in r.compared]), r.held_out
+        return {
+            "inputs": r.inputs(),
+            "residual": None if r.piece else float(np.sqrt(np.mean(left**2))),
+            "held_out": held and {"start": held.vibration.t[0], "error": held.error},
+        }
+
+    def _of_points(self) -> dict[str, Any]:
+        steady = self.report.steady
+        if steady is None:
+            return {}
+        errors, chain = steady.chain_errors, vars(steady.chain)
+        return {
+            "points": len(steady.points),
+            "excitation": {
+                name: {"value": value, "standard_error": errors.get(name)}
+                for name, value in chain.items()
+            },
+            "force_unit": self.report.force_unit,
+            "unexplained": steady.unexplained,
+        }
+
+    @property
+    def small(self) -> list[Small]:
+        """Its small vibrations, one for each mode."""
+        r, nan = self.report, float("nan")
+        if r.modes:
+            names = Small._fields[1:]
+            return [Small(str(m.number), *(getattr(m, name) for name in names)) for m in r.modes]
+        number = str(self.facts.get("mode", "-"))
+        if r.steady is not None:
+            return [Small.of(number, r.steady.band([r.steady.points.amplitude.min()]))]
+        if r.beside is None:
+            return [
+                Small(number, nan, nan, nan, nan) if r.band is None else Small.of(number, r.band)
+            ]
+        amplitude = [_LOW * float(r.beside.backbone.amplitude.max())]
+        if r.found is not None:
+            return [Small.of(number, r.found.band(amplitude))]
+        model = r.beside.main.model
+        frequency, ratio = model.backbone(amplitude)[0], model.damping_ratio(amplitude)[0]
+        return [Small(number, float(frequency) / (2 * np.pi), nan, float(ratio), nan)]
+
+    @property
+    def structure(self) -> str:
+        """Of the model, in a word."""
+        r = self.report
+        if r.series is not None:
+            return str(r.series.structure)
+        words = {f"{len(r.modes)} coordinates": r.modes, "driven": r.inputs(), "steady": r.steady}
+        return ", ".join(word for word, there in words.items() if there) or "-"
 
     def rows(self) -> list[list[str]]:
         """Its rows in the table."""
         end = [self.structure, _WORDS[self.explained], str(self.page)]
         return [[self.file, *vibration.cells(), *end] for vibration in self.small]
 
+    def brief(self) -> list[str]:
+        """What was found and how sure that is, then what is doubtful of it."""
+        r, series, beside = self.report, self.report.series, self.report.beside
+        lines = [r.picked] if r.picked else []
+        lines += r.equations() if series is None else series.in_short()
+        lines += _if_short(coefficients(r)) if r.found is not None and not r.modes else []
+        lines += [] if series is None else series.ends()
+        lines += r.findings(alone=True)
+        for table in few_tables(r):
+            lines += as_text(table._replace(note="")).splitlines()
+        doubts = beside.impossible() if beside is not None and r.found is None else r.remarks()
+        return [*lines, *doubts]
+
+    def full(self) -> str:
+        """All of it, tables included."""
+        r, whole = self.report, [repr(record) for record in self.report.measured]
+        if r.beside is not None:
+            pairs = zip(r.beside.decays, r.beside.backbones, strict=True)
+            whole = [f"{decay!r}\n{backbone!r}" for decay, backbone in pairs]
+        parts = [r.picked, *(whole or r.notes()), str(r.found or r.model)]
+        more = [*map(as_text, more_tables(r)), *r.findings()[0 if r.found is None else 1 :]]
+        return "\n\n".join(filter(None, [*parts, *more])) + "\n"
+
+
+def _curve(curve: BackboneCurve | str) -> dict[str, Any] | str:
+    if isinstance(curve, str):
+        return curve
+    return {"frequency": curve.frequency / (2 * np.pi), "amplitude": curve.amplitude}
+
 
 def _cells(value: float, error: float) -> list[str]:
     return with_error(value, error) if np.isfinite(error) else [f"{value:.5g}", "-"]
 
 
-def if_short(rows: Sequence[Sequence[str]]) -> list[str]:
+def _if_short(table: TextTable) -> list[str]:
     """Lines of a table of few rows; none of a longer one, which leaves a verdict no room."""
-    return aligned(rows, "  ").splitlines() if len(rows) <= _FEW else []
+    return aligned(table.rows, "  ").splitlines() if len(table.rows) <= _FEW else []

@@ -14,24 +14,34 @@ import numpy as np
 from romsindy.commands.answers import SAVE, Telling, answer_options
 from romsindy.commands.one_mode import of_file
 from romsindy.commands.options import FILE, fix_option
-from romsindy.commands.outputs import WritingCommand, writing
-from romsindy.commands.results import Brief, Result, Small
+from romsindy.commands.outputs import WritingCommand
+from romsindy.commands.results import Result
 from romsindy.commands.steady_table import SteadyTable
 from romsindy.fit.steady.fit import SteadyFit, fit_steady
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import QUANTITIES, Quantity
-from romsindy.show.steady_page import SteadyReport, pictures, write_steady
-from romsindy.text import as_text, bar
+from romsindy.show.identified import Identified
+from romsindy.text import as_options, bar
 
-# What arguments of Python are called here.
+# What remedies of Python are called here; arguments follow by `as_options`.
 _WORDS = (
     (r"give response\.conj\(\)", "say --lag"),
     (r"look at measured=", "look at --quantity"),
     (r"give -force", "turn it by 180 degrees"),
     (r"\bstd (was not given|must be)", r"spread \1"),
-    (r"\b(gain|slope|phase)=(\d)", r"--\1 \2"),
-    (r"\b(gain|slope|phase)=", r"--\1"),
     (r"give model\.regularised\(.*", "leave it out; in Python, model.regularised makes it smooth"),
+)
+
+_CONSTANT = (
+    "a slope of the gain was looked for, and without one what takes no part is predicted as well:"
+    " it is 0"
+)
+_EXPLAINED = (
+    "--save keeps the fit; in Python, .forced_response of it foretells another level of force."
+)
+_LACKS = (
+    "leave out points that stand off their neighbours on the page, for they had not settled; name"
+    " another --term; --slope fit lets the gain change with the force."
 )
 
 
@@ -116,7 +126,9 @@ def steady(
                 fit = _fitted(table, terms, fix, {"gain": gain, "slope": slope, "phase": turn})
             except ValueError as error:
                 raise ValueError(_in_words(str(error))) from error
-        return _told(file, table, fit, page, telling.interactive)
+        notes = [*fit.notes, *([_CONSTANT] if slope is None and not fit.chain.slope else [])]
+        told = replace(fit, notes=tuple(map(_in_words, notes)))
+        return _told(file, table, told, page, telling.interactive)
 
     telling.give(job, [file], False, "steady")
 
@@ -142,37 +154,11 @@ def _in_words(sentence: str) -> str:
     """A sentence of the fit with what its remedies are called on the command line."""
     for pattern, word in _WORDS:
         sentence = re.sub(pattern, word, sentence)
-    return sentence
+    return as_options(sentence)
 
 
 def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactive: bool) -> Result:
     """What is said of a fit, with its page."""
-    fit = replace(fit, notes=tuple(map(_in_words, fit.notes)))
-    report = SteadyReport(f"Steady states {file.name}", fit, table.force_unit)
-    figures = pictures(report)
-    with writing(page):
-        write_steady(report, page, bar(figures, "drawing"), interactive=interactive)
-    remarks = fit.remarks()
-    found = [line for line in str(fit).splitlines() if line not in remarks]
-    errors = fit.chain_errors
-    chain = {
-        name: {"value": value, "standard_error": errors.get(name)}
-        for name, value in vars(fit.chain).items()
-    }
-    facts = {"points": len(fit.points), "excitation": chain, "force_unit": table.force_unit}
-    step = (
-        "--save keeps the fit; in Python, .forced_response of it foretells another level of force."
-    )
-    return Result(
-        file=str(file),
-        page=page,
-        model=fit.model,
-        found=fit,
-        small=[Small.of("-", fit.band([fit.points.amplitude.min()]))],
-        structure="steady",
-        facts={**facts, "unexplained": fit.unexplained},
-        notes=[*fit.notes, *report.notes()],
-        pictures=figures,
-        full="\n\n".join([*report.notes(), str(fit), as_text(report.chain())]) + "\n",
-        brief=Brief(found, remarks, step),
-    )
+    report = Identified(f"Steady states {file.name}", found=fit, force_unit=table.force_unit)
+    step = _EXPLAINED if fit.verdict.explained else _LACKS
+    return Result.written(file, page, report, interactive, facts={}, step=step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,8 +10,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
-from romsindy.effects.base import Effect
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
@@ -28,101 +28,15 @@ from romsindy.fit.verdict import (
     SHARED,
 )
 from romsindy.physics.model import ReducedModel
-from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.signals import rest_level
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.units import UNITS
 from romsindy.text import listed, quantity
 from romsindy.typing import Array
 
-# What a model is unsure of, where nothing else is said.
-FREE = ("omega^2", "c_linear")
-_WHOLE = (int, np.integer)
-_NUMBER = (*_WHOLE, float, np.floating)
 # Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
 _ASYMMETRY_CYCLES = 20.0
-
-
-def decays_of(name: str, given: object) -> list[Decay]:
-    """One decay or several, as a list; other things are refused by the name of the argument."""
-    several = [given] if isinstance(given, Decay) else given
-    if not isinstance(several, Iterable) or isinstance(several, (str, bytes)):
-        raise ValueError(f"{name} = {given!r} must be a Decay, or several of them in a list")
-    several = list(several)
-    for one in several:
-        if not isinstance(one, Decay):
-            raise ValueError(
-                f"{name} holds a {type(one).__name__}: give Decay objects, as load_decay reads them"
-            )
-    return several
-
-
-def check_numbers(floor: float, false_alarm: float, max_effects: int, n_jobs: int) -> None:
-    """Raise a ValueError for settings of a search that are no numbers, or not of their range."""
-    if not (isinstance(floor, _NUMBER) and 0 < floor < 1):
-        raise ValueError(f"floor = {floor!r} must be a part of the largest amplitude, below 1")
-    if not (isinstance(false_alarm, _NUMBER) and 0 < false_alarm < 1):
-        raise ValueError(f"false_alarm = {false_alarm!r} must be a probability between 0 and 1")
-    if not (isinstance(max_effects, _WHOLE) and max_effects >= 0):
-        raise ValueError(f"max_effects = {max_effects!r} must be a number of effects, such as 3")
-    if not (isinstance(n_jobs, _WHOLE) and n_jobs != 0):
-        raise ValueError(f"n_jobs = {n_jobs!r} must be a number of processes; -1 uses all cores")
-
-
-def check_request(
-    model: ReducedModel,
-    measured: Sequence[Decay] | Sequence[ForcedVibration],
-    held_out: Decay | ForcedVibration | None,
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
-    word: str = "decay",
-) -> None:
-    """Raise a ValueError for arguments that cannot be meant: "decay 0" in messages."""
-    if not measured:
-        raise ValueError("measured is empty: give at least one Decay")
-    if isinstance(free, str) or not isinstance(free, Iterable):
-        raise ValueError(f"free = {free!r} must be a list of names or effects, such as ['omega^2']")
-    unknown = [name for name in free if not isinstance(name, Effect) and name not in FREE]
-    if unknown:
-        raise ValueError(
-            f"free = {list(free)}: {unknown} cannot be free; use names of {list(FREE)}, and"
-            " tolerances for other coefficients"
-        )
-    if not isinstance(tolerances, Mapping):
-        raise ValueError(
-            f"tolerances = {tolerances!r} must map names to relative standard deviations, such as"
-            " {'gamma_3': 0.05}"
-        )
-    for name, relative in tolerances.items():
-        if name not in model.coefficients:
-            raise ValueError(
-                f"tolerances name {name!r}, but the model has {list(model.coefficients)}"
-            )
-        if not (isinstance(relative, _NUMBER) and 0 < relative < float("inf")):
-            raise ValueError(f"tolerances of {name} = {relative!r} must be positive (relative)")
-        if model.coefficients[name] == 0:
-            raise ValueError(
-                f"tolerances name {name!r}, which is 0 in the model: a relative tolerance of 0 is"
-                " none; give the coefficient its expected size, or leave it to the catalogue"
-            )
-    everything: list[Decay | ForcedVibration] = [*measured]
-    everything += [held_out] if held_out is not None else []
-    for i, decay in enumerate(everything):
-        if decay.unit is not None and model.unit is not None and decay.unit != model.unit:
-            known = UNITS.get(model.unit)
-            remedy = f"load the {word} with unit={model.unit!r}, or give"
-            if known is None or known.base == decay.unit:  # records are in SI once they are read
-                remedy = "give"
-            raise ValueError(
-                f"{word} {i} is in {decay.unit}, the model in {model.unit}: {remedy} the model's"
-                f" coefficients for q in {decay.unit}"
-            )
-        if any(np.array_equal(decay.signal, other.signal) for other in everything[:i]):
-            raise ValueError(
-                f"{word} {i} is the same record as an earlier one: give it once, and hold out"
-                " another"
-            )
 
 
 class Shared(NamedTuple):
@@ -289,3 +203,21 @@ def _asymmetry(record: Record, t: Array, force: Array) -> Array:
     z = HarmonicSpline.along(record.spline.phase, t, force, _ASYMMETRY_CYCLES, 2).amplitudes.c
     mean, second = z[:, 0].real, z[:, 2] / (1 - 2**2)
     return np.concatenate([mean - np.mean(mean), second.real, second.imag])
+
+
+# Steps of a record, where more than the least in a cycle are not needed: many fits are compared.
+_AFFORDABLE = 3000
+
+
+def checked_driven(
+    measured: Sequence[ForcedVibration], floor: float, word: str = "record"
+) -> list[ForcedRecord]:
+    """Prepare records, and refuse noise: "record 0" in messages."""
+    records = [ForcedRecord.of(v, floor, _AFFORDABLE) for v in measured]
+    for i, record in enumerate(records):
+        if np.std(record.signal) < ABOVE_NOISE * record.noise.std:
+            raise ValueError(
+                f"{word} {i} is noise: its rms of {np.std(record.signal):.3g} is below twice the"
+                f" noise ({record.noise.std:.3g}); check the channel, or excite more"
+            )
+    return records

@@ -1,35 +1,40 @@
-"""Driven records: hypotheses by the colour of the noise that the best of them leaves.
+"""Hypotheses by the colour of the noise that the best of them leaves.
 
-Where the noise starts in a driven record is not known beforehand: what the best explanation leaves
-stands for it. An autoregression makes that white, and the misfits of all others alike.
+Where the noise starts in a driven record, or in channels in which several coordinates ring, is not
+known beforehand: what the best explanation leaves stands for it. An autoregression makes that
+white, and the misfits of all others alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.worth import Solved
+from romsindy.diagnosis.weighing import Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.forced.adequacy import examine_forced
-from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.fit.record import Prepared
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import Input
-from romsindy.physics.model import ReducedModel
-from romsindy.record.autoregression import autoregression
+from romsindy.record.prediction import autoregression
 from romsindy.typing import Array, Indices
 
 _CHECKS = 8  # iterations, to see what values that did not settle leave
 _FURTHER = 40  # of a fit that others are held against
+# Of a first fit; where friction stops a coordinate, many are short.
+_SETTLED, _UNSETTLED = 16, 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,35 +56,37 @@ class Colour:
         return lfilter(self.filter, [1.0], rows, axis=0) / self.std
 
 
-Colours = tuple[Colour, ...]  # of the records
+Colours = tuple[Colour, ...]  # of the channels of all records
 
 
 @dataclass(frozen=True, eq=False)
 class Coloured:
     """What a fit to driven records says of its values by noise of any colour.
 
-    ``rows`` are derivatives of the reading of each record and its misfit, over the noise, at the
-    ``places`` of the values.
+    ``rows`` are derivatives of the reading of each channel of each record and its misfit, over the
+    noise, at the ``places`` of the values; ``system`` is empty.
     """
 
     n_values: int
+    system: NormalEquations
     places: tuple[Indices, ...]
     rows: tuple[Array, ...]
 
     @classmethod
-    def of(
-        cls, model: ReducedModel, solution: Solution, records: Sequence[ForcedRecord]
-    ) -> Coloured:
+    def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Coloured:
         """Linearise a fit about its motion."""
         n_values = sum(p.size for p in solution.parts)
-        system, parts = NormalEquations(n_values, len(records)), solution.parts
-        rows, places = [], []
+        parts, rows, places = solution.parts, [], []
+        system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
         for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
-            rows.append(linear_table(model, parts, i, record, motion)[1])
+            table = linear_table(model, parts, i, record, motion)[1]
             # A step further may lead astray where the motion is sensitive.
-            rows[i][:, -1] = record.whitened(solution.residuals[i])
-            places.append(np.concatenate([columns_of(parts, i), system.states_of(i)]))
-        return cls(n_values, tuple(places), tuple(rows))
+            table[:, -1] = record.whitened(solution.residuals[i])
+            channels = np.split(table, len(table) // len(record.t))
+            rows += channels
+            where = np.concatenate([columns_of(parts, i), system.states_of(i)])
+            places += [where] * len(channels)
+        return cls(n_values, system, tuple(places), tuple(rows))
 
     @cached_property
     def needed(self) -> Colours:
@@ -93,7 +100,7 @@ class Coloured:
     def solved(self, solution: Solution, noise: Colours) -> Solved:
         """The fit by noise of these colours, its own where none are given."""
         parts, n = solution.parts, self.n_values
-        system, misfit = NormalEquations(n, len(self.rows)), prior_cost(parts)
+        system, misfit = deepcopy(self.system), prior_cost(parts)
         for where, rows, colour in zip(self.places, self.rows, noise or self.needed, strict=True):
             white = colour.whitened(rows)
             system.add(where, white)
@@ -104,12 +111,24 @@ class Coloured:
 
 @dataclass(frozen=True)
 class ColourOfBest:
-    """All by the noise that the one leaves that fits best, of all that were fitted so far."""
+    """All by the noise that the one leaves that fits best, of all that were fitted so far.
+
+    Attributes
+    ----------
+    examine : callable
+        What says whether a residual is noise: of driven records, or of decays.
+    unsettled : bool
+        Whether a fit that has not come to its end counts for what it reached: where one of several
+        coordinates stops while others go on, friction lets none settle.
+    """
+
+    examine: Callable[..., Adequacy] = examine_forced
+    unsettled: bool = False
 
     def fitted(
         self,
-        model: ReducedModel,
-        records: Sequence[ForcedRecord],
+        model: AnyModel,
+        records: Sequence[Prepared],
         parts: Sequence[Part],
         n_unsure: int,
         n_free: int,
@@ -121,12 +140,13 @@ class ColourOfBest:
         given = driven_instead(model, parts)
         n_samples = sum(r.count for r in records)
         with threadpool_limits(limits=1, user_api="blas"):
-            solution = fit(given, parts, records)
+            iterations = _UNSETTLED if self.unsettled else _SETTLED
+            solution = fit(given, parts, records, iterations=iterations)
             empty = Hypothesis(solution, n_free, n_samples, None, noise=(), n_unsure=n_unsure)
-            return _weighed(given, records, empty)
+            return self._weighed(given, records, empty)
 
     def further(
-        self, model: ReducedModel, records: Sequence[ForcedRecord], hypothesis: Hypothesis
+        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
         """Go on with a fit that has not come to its end."""
         s = hypothesis.solution
@@ -135,7 +155,7 @@ class ColourOfBest:
         given = driven_instead(model, s.parts)
         with threadpool_limits(limits=1, user_api="blas"):
             more = fit(given, s.parts, records, s.motions, iterations=_FURTHER)
-            return _weighed(given, records, replace(hypothesis, solution=more))
+            return self._weighed(given, records, replace(hypothesis, solution=more))
 
     def ranked(
         self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis]
@@ -152,24 +172,27 @@ class ColourOfBest:
         return before.at(noise), after.at(noise)
 
     def examined(
-        self, records: Sequence[ForcedRecord], hypothesis: Hypothesis, false_alarm: float
+        self,
+        records: Sequence[Any],
+        residuals: Sequence[Array],
+        n_values: int,
+        false_alarm: float,
     ) -> Adequacy:
-        """What a hypothesis leaves."""
+        """What is left of records, to which so many values were fitted."""
+        return self.examine(records, residuals, n_values, false_alarm)
+
+    def _weighed(
+        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
+    ) -> Hypothesis:
+        """The same with what its fit says; nothing where no motion satisfies its equation."""
         s = hypothesis.solution
-        return examine_forced(records, s.residuals, s.n_values, false_alarm)
-
-
-def _weighed(
-    model: ReducedModel, records: Sequence[ForcedRecord], hypothesis: Hypothesis
-) -> Hypothesis:
-    """The same with what its fit says; nothing where no motion satisfies its equation."""
-    s = hypothesis.solution
-    ended = s.converged
-    if s.finite and not ended:
-        # A motion that does not yet satisfy its equation leaves too little.
-        s = fit(model, s.parts, records, s.motions, fixed=True, iterations=_CHECKS)
-    weighed = Coloured.of(model, s, records) if s.converged else None
-    return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
+        ended = s.converged
+        if s.finite and not ended:
+            # A motion that does not yet satisfy its equation leaves too little.
+            s = fit(model, s.parts, records, s.motions, fixed=True, iterations=_CHECKS)
+        there = s.converged or (self.unsettled and s.finite)
+        weighed = Coloured.of(model, s, records) if there else None
+        return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
 
 
 def _noise_of(hypotheses: Sequence[Hypothesis]) -> Colours:
@@ -181,7 +204,7 @@ def _noise_of(hypotheses: Sequence[Hypothesis]) -> Colours:
     return nearest.needed if nearest is not None else ()
 
 
-def driven_instead(model: ReducedModel, parts: Sequence[Part]) -> ReducedModel:
+def driven_instead(model: AnyModel, parts: Sequence[Part]) -> AnyModel:
     """The model without the inputs that parts stand instead of, and with those that are others."""
     others = (InputDelay, InputLag, InputBetweenSamples)
     changed = [p.effect for p in parts if isinstance(p.effect, others)]

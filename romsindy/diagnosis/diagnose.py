@@ -4,46 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from romsindy.beam import Beam, SensorArray, Shape
-from romsindy.diagnosis.checks import FREE, check_numbers, decays_of, shared_part
-from romsindy.diagnosis.driven.checks import driven_of, forced_alone, refuse_with_inputs
-from romsindy.diagnosis.driven.report import ForcedReport
-from romsindy.diagnosis.driven.workflow import diagnose_forced
-from romsindy.diagnosis.driven.workflow import of_repeats as of_driven_repeats
-from romsindy.diagnosis.form import NO_FORM_ERROR
+from romsindy.diagnosis.arguments import (
+    FREE,
+    check_numbers,
+    decays_of,
+    driven_of,
+    forced_alone,
+    refuse_beside,
+)
+from romsindy.diagnosis.checks import shared_part
+from romsindy.diagnosis.coupled import diagnose_coupled, of_coupled_repeats, tolerances_of
+from romsindy.diagnosis.driven import diagnose_forced
+from romsindy.diagnosis.driven import of_repeats as of_driven_repeats
 from romsindy.diagnosis.gap import HELD_OUT, name_of
-from romsindy.diagnosis.interaction_report import InteractionReport
-from romsindy.diagnosis.on_beam.checks import checked_readings
-from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, checked_readings
 from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.diagnosis.on_beam.workflow import diagnose_beam
-from romsindy.diagnosis.other_mode import with_other_mode
+from romsindy.diagnosis.other_mode import InteractionReport, with_other_mode
 from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.tolerance_sources import (
-    of_estimate,
-    of_references,
-    of_repeats,
-    stated,
-)
+from romsindy.diagnosis.tolerance_sources import of_estimate, of_references, of_repeats, stated
+from romsindy.diagnosis.weighing import NO_FORM_ERROR
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import FALSE_ALARM, FLOOR, SAME_SIGNAL
+from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.equations import Equations
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 
 
 def diagnose(
-    model: ReducedModel | Estimate | Beam | Decay,
+    model: ReducedModel | CoupledModel | Estimate | Beam | Decay,
     measured: Decay | ForcedVibration | Sequence[Decay] | Sequence[ForcedVibration],
     *,
     sensors: SensorArray | None = None,
@@ -60,7 +64,7 @@ def diagnose(
     floor: float | None = None,
     n_jobs: int = 1,
     progress: Callable[[str], None] | None = None,
-) -> DiagnosisReport | InteractionReport | BeamReport | ForcedReport:
+) -> DiagnosisReport | CoupledDiagnosis | InteractionReport | BeamReport | ForcedReport:
     """Find, name and add what a simulation lacks.
 
     Against forced vibrations an input of the model is taken as known, gain, delay and all, and may
@@ -68,12 +72,13 @@ def diagnose(
 
     Parameters
     ----------
-    model : ReducedModel, Estimate, Beam or Decay
+    model : ReducedModel, CoupledModel, Estimate, Beam or Decay
         The simulation. A `Fit`, an `Identification` or another `Estimate` stands for its model,
         and knows how far that may be off. A decay is a simulated series, which is reduced to an
         equation of one coordinate first.
     measured : Decay, ForcedVibration, or sequence of either
-        For a model: one channel each, in its unit. For a beam: displacements from the equilibrium
+        For a model: one channel each, in its unit; of a `CoupledModel` any number of channels, in
+        which its coordinates ring together. For a beam: displacements from the equilibrium
         [m], one channel per sensor, or velocities or accelerations where a decay says so. Forced
         vibrations are compared with a model, and take all but ``sensors``, ``release`` and
         ``reference``.
@@ -127,9 +132,9 @@ def diagnose(
 
     Returns
     -------
-    DiagnosisReport or BeamReport
-        For an equation or a series, or for a Beam; an `InteractionReport` where a model lacks
-        another mode, a `ForcedReport` for forced vibrations.
+    DiagnosisReport, CoupledDiagnosis or BeamReport
+        For an equation or a series, for several coordinates, or for a Beam; an `InteractionReport`
+        where a model lacks another mode, a `ForcedReport` for forced vibrations.
 
     Raises
     ------
@@ -151,16 +156,15 @@ def diagnose(
         model, references = known.model, [known.reference, *references]
         tolerances = known.tolerances if tolerances is None else tolerances
         floor = known.floor if floor is None else floor
-    simulation = model.model if isinstance(model, Estimate) else model
-    if not isinstance(simulation, (ReducedModel, Beam)):
-        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
+    simulation = _equation_or_beam(model)
     floor, near = FLOOR if floor is None else floor, tolerances or {}
     given = Tolerance(signal=max(SAME_SIGNAL, floor)) if tolerance is None else stated(tolerance)
     options = Options(
         tuple(catalogue), false_alarm, max_effects, floor, n_jobs, progress or _silent, given
     )
+    without = {"sensors": sensors, "release": release, "reference": reference}
     if driven:
-        refuse_with_inputs(sensors=sensors, release=release, reference=reference)
+        refuse_beside("forced vibrations", "diagnose decays", **without)
         values = (FREE if free is None else free, near)
         return _of_driven(simulation, driven, held_out, repeats, values, options)
     if held_out is not None and not isinstance(held_out, Decay):
@@ -176,6 +180,14 @@ def diagnose(
         options = _with_runs_of_sensors(options, simulation, sensors, again)
         given_too = (sensors, held_out, release, free or (), near, options, references)
         return diagnose_beam(simulation, several, *given_too)
+    if simulation.n_coordinates > 1:
+        refuse_beside("a model of several coordinates", "model one coordinate", **without)
+        if isinstance(model, Estimate) and tolerances is None:
+            near = tolerances_of(simulation, model)
+        if again is not None:
+            options = options.tolerating(of_coupled_repeats(simulation, again, options))
+        unsure = FREE if free is None else free
+        return diagnose_coupled(simulation, several, held_out, unsure, near, options)
     if sensors is not None:
         raise ValueError("sensors = ... belong to a Beam: leave them out for an equation")
     if release is not None:
@@ -193,12 +205,20 @@ def diagnose(
 _Values = tuple[Sequence[str | Effect], Mapping[str, float]]  # free ones, and tolerances of others
 
 
+def _equation_or_beam(model: object) -> Any:
+    """What is simulated: the equation of an estimate, or what was given."""
+    simulation = model.model if isinstance(model, Estimate) else model
+    if not isinstance(simulation, (Equations, Beam)):
+        raise TypeError(f"model is a {type(model).__name__}: give a ReducedModel, Beam or Decay")
+    return simulation
+
+
 def _silent(_: str) -> None:
     """Nobody is told of progress."""
 
 
 def _of_driven(
-    simulation: ReducedModel | Beam,
+    simulation: AnyModel | Beam,
     measured: Sequence[ForcedVibration],
     held_out: object,
     repeats: object,

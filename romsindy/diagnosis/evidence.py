@@ -10,9 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.stats import chi2
 
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError, Weighed
-from romsindy.diagnosis.nuisance import allowed, largest_reading
-from romsindy.diagnosis.worth import Solved, Worth
+from romsindy.diagnosis.unsure import allowed, largest_reading
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError, Solved, Weighed, Worth
 from romsindy.effects.base import ReadingEffect
 from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.part import Part

@@ -1,13 +1,15 @@
-"""The part of a report that explanations by effects have: what they say, and their odds."""
+"""What reports of a diagnosis share: files, and explanations by effects with their odds."""
 
 from __future__ import annotations
 
+import csv
 import json
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,15 +17,91 @@ from romsindy.diagnosis import words
 from romsindy.diagnosis.evidence import Hypothesis, weights
 from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
 from romsindy.diagnosis.verdict import Verdict
-from romsindy.diagnosis.written import Written
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared
 from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.term_sum import json_text
+from romsindy.record.files.whole import whole
 from romsindy.text import TextTable
+
+if TYPE_CHECKING:
+    from romsindy.show.page import Picture
+
+
+class Written(ABC):
+    """A finding as a sentence, a table, JSON, CSV and a page."""
+
+    if TYPE_CHECKING:  # a field of some reports, found by others
+
+        @property
+        def verdict(self) -> str:
+            """One word: "none", "named", "ambiguous" or "unknown"."""
+
+    @property
+    @abstractmethod
+    def sentence(self) -> str:
+        """The finding, a line for each question: do they differ, what is missing, left, next?"""
+
+    @property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """Effects that are missing, of the best explanation; empty where something else is."""
+        return ()
+
+    @property
+    def equivalent(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the explanations that the data do not tell apart, best first."""
+        return ()
+
+    @abstractmethod
+    def table(self) -> list[list[str]]:
+        """Rows of text: every explanation that the data allow, with its values."""
+
+    @abstractmethod
+    def pictures(self) -> dict[str, Picture]:
+        """Pictures by name; ``draw(figure)`` draws one, its caption is what its numbers say."""
+
+    @abstractmethod
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures."""
+
+    @abstractmethod
+    def _content(self) -> dict[str, Any]:
+        """What JSON holds."""
+
+    def to_json(self) -> str:
+        """All that was found as JSON text."""
+        return json_text(self._content())
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table of explanations."""
+        with whole(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows(self.table())
+
+    def to_html(self, path: str | Path, *, interactive: bool = False) -> None:
+        """Write one self-contained page with figures.
+
+        Parameters
+        ----------
+        path : str or Path
+        interactive : bool
+            Whether figures zoom and show what is under the pointer; needs plotly:
+            ``pip install "romsindy[interactive]"``.
+        """
+        from romsindy.show.page import write_page  # draws: only where a page is asked for
+
+        pictures = self.pictures().values()
+        write_page(
+            path, "report", "diagnose", pictures=pictures, interactive=interactive, **self.page()
+        )
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -31,8 +109,8 @@ class Explained(Written):
     """What a simulation lacks, by effects of a catalogue: see `DiagnosisReport`."""
 
     verdict: Verdict
-    nominal: ReducedModel
-    model: ReducedModel
+    nominal: AnyModel
+    model: AnyModel
     best: Hypothesis
     rivals: tuple[Hypothesis, ...]
     compared: tuple[Hypothesis, ...]
@@ -175,7 +253,6 @@ class Explained(Written):
             "verdict": self.verdict,
             "sentence": self.sentence,
             "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
-            "formula": self.model.latex_terms(),
             "equation": str(self.model),
             "equation_note": f"{note}{outside}." if outside else "",
             "tables": [*tables, *([TextTable(found, rows)] if rows[1:] else [])],
@@ -183,7 +260,7 @@ class Explained(Written):
         }
 
 
-def notes_of(records: Sequence[Record | ForcedRecord]) -> list[str]:
+def notes_of(records: Sequence[Prepared]) -> list[str]:
     """What each record is, and what was done to it."""
     found = []
     for record in records:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.form import NO_FORM_ERROR
+from romsindy.diagnosis.weighing import NO_FORM_ERROR
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import NAMED_ABOVE
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 _STRENGTH = "strength"
@@ -75,7 +75,7 @@ class FoundEffect:
 
 
 def effects_of(
-    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: ReducedModel
+    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: AnyModel
 ) -> tuple[FoundEffect, ...]:
     """What a hypothesis says is missing, `Hypothesis.blamed`.
 
@@ -85,7 +85,7 @@ def effects_of(
 
 
 def moved_of(
-    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: ReducedModel
+    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: AnyModel
 ) -> tuple[FoundEffect, ...]:
     """Values that the simulation was unsure of and that moved, beside what is missing."""
     found = [i for i in hypothesis.changed if i not in hypothesis.blamed]
@@ -93,7 +93,7 @@ def moved_of(
 
 
 def of_the_measurement(
-    hypothesis: Hypothesis, ratio: float, model: ReducedModel
+    hypothesis: Hypothesis, ratio: float, model: AnyModel
 ) -> tuple[FoundEffect, ...]:
     """What the measurement surely adds, of what it may add without being wrong."""
     told = (_effect(hypothesis, i, [hypothesis], ratio, model) for i in hypothesis.of_measurement)
@@ -118,7 +118,7 @@ def _effect(
     index: int,
     rivals: Sequence[Hypothesis],
     ratio: float,
-    model: ReducedModel,
+    model: AnyModel,
 ) -> FoundEffect:
     part, where = hypothesis.parts[index], hypothesis.solution.slices()[index]
     # Where the residual is above the noise, the errors grow with it.
@@ -144,7 +144,7 @@ def _effect(
     )
 
 
-def _relative(part: Part, std: Array, model: ReducedModel) -> tuple[float | None, float | None]:
+def _relative(part: Part, std: Array, model: AnyModel) -> tuple[float | None, float | None]:
     """Change of a value of the model as a part of it, and its error."""
     is_value = isinstance(part.effect, (Coefficient, LinearFrequency, Viscous))
     law = part.effect.term()

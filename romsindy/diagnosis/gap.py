@@ -1,4 +1,4 @@
-"""The gap between simulation and measurement, before and after, on what took no part in a fit."""
+"""The gap between simulation and measurement, before and after, if it can on what took no part."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
+from romsindy.record.recording import unit_of
 from romsindy.typing import Array
 
-HELD_OUT = "the held-out record"
+HELD_OUT, UNSEEN = "the held-out record", "the record that took no part"
 
 
 def name_of(record: int) -> str:
@@ -198,3 +199,96 @@ def _percent(difference: Difference, kind: str) -> str:
     value, error = (100 * getattr(difference, k) for k in (kind, f"{kind}_std"))
     what = " (all that differs)" if difference.apart else ""
     return f"{value:.3g} +- {error:.1g}{what}"
+
+
+def noise_std(record: Prepared) -> float:
+    """Rms of the noise of a record, over all its channels, unit of the measured quantity."""
+    channels = record.noise if isinstance(record.noise, tuple) else (record.noise,)
+    return float(np.sqrt(np.mean([noise.std**2 for noise in channels])))
+
+
+@dataclass(frozen=True)
+class ResidualGap:
+    """What a simulation leaves of the records, without and with what was found.
+
+    Attributes
+    ----------
+    records : tuple of Prepared
+        On which it was measured.
+    residuals_before, residuals_after : tuple of (n,) arrays
+        Measured minus simulated, of each record.
+    rms_before, rms_after : float
+        Of all records, unit of the measured quantity.
+    before, after : float
+        The same as a part of the rms of the response.
+    closed : float
+        Part of the squared gap beyond the noise that is closed, 0 to 1.
+    unit : str
+        Of the rms.
+    where : str
+        What it was measured on, in words.
+    """
+
+    records: tuple[Prepared, ...]
+    residuals_before: tuple[Array, ...]
+    residuals_after: tuple[Array, ...]
+    rms_before: float
+    rms_after: float
+    before: float
+    after: float
+    closed: float
+    unit: str
+    where: str = "the records themselves"
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Prepared],
+        before: Sequence[Array],
+        after: Sequence[Array],
+        where: str = "the records themselves",
+    ) -> ResidualGap:
+        """Compare residuals of records, which are called ``where``."""
+        n = sum(len(r.signal) for r in records)
+        heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records) / n
+        noise = sum(len(r.signal) * noise_std(r) ** 2 for r in records) / n
+        old, new = (sum(float(e @ e) for e in several) / n for several in (before, after))
+        # The noise is no larger than what is left.
+        beyond = old - min(new, noise)
+        closed = float(np.clip((old - new) / beyond, 0.0, 1.0)) if 0 < beyond < np.inf else 0.0
+        if not np.isfinite(old):
+            closed = 1.0 if np.isfinite(new) else 0.0
+        rms, shares = np.sqrt([old, new]), np.sqrt(np.array([old, new]) / heard)
+        decay = records[0].decay
+        return cls(
+            tuple(records),
+            tuple(before),
+            tuple(after),
+            rms_before=float(rms[0]),
+            rms_after=float(rms[1]),
+            before=float(shares[0]),
+            after=float(shares[1]),
+            closed=closed,
+            unit=unit_of(decay.measured, decay.unit),
+            where=where,
+        )
+
+    def table(self) -> list[list[str]]:
+        """Rows of text: what, before, after."""
+        pairs = {
+            f"rms left, {self.unit}": (self.rms_before, self.rms_after),
+            "rms left, % of the response": (100 * self.before, 100 * self.after),
+        }
+        rows = [[name, *(f"{x:.3g}" for x in pair)] for name, pair in pairs.items()]
+        first = f"on {UNSEEN}" if self.where == UNSEEN else "fitted"
+        return [[first, "before", "after"], *rows]
+
+
+def beyond_noise(records: Sequence[Prepared], residuals: Sequence[Array]) -> float:
+    """The most that is left of a record: rms without noise, over its largest value."""
+    sizes = []
+    for record, e in zip(records, residuals, strict=True):
+        peak = float(np.abs(record.signal - record.signal.mean()).max())
+        power = float(np.mean(e**2)) - noise_std(record) ** 2
+        sizes.append(max(power, 0.0) ** 0.5 / peak)
+    return max(sizes)

@@ -14,13 +14,13 @@ import numpy as np
 
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.nuisance import nuisances
 from romsindy.diagnosis.screening import part_of, screen
+from romsindy.diagnosis.unsure import nuisances
 from romsindy.effects.base import Effect
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.record import scales
 from romsindy.fit.verdict import NOTHING_LEFT
-from romsindy.physics.driven import inputs_of
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import Prediction, name_of
-from romsindy.diagnosis.nuisance import offsets
+from romsindy.diagnosis.unsure import offsets
 from romsindy.effects import Bias
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.equation import ExtendedEquation

@@ -12,14 +12,15 @@ from romsindy.diagnosis.difference import Difference, over_all
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.explained import Explained, notes_of
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.found import of_the_measurement
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import next_test
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.verdict import Left, left_over
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.record import Record
+from romsindy.physics.model import ReducedModel
 from romsindy.text import listed
 
 if TYPE_CHECKING:
@@ -106,6 +107,8 @@ class DiagnosisReport(BesideDecays, Explained):
         Whether what is named changes less than matters.
     """
 
+    nominal: ReducedModel
+    model: ReducedModel
     form: FormError = NO_FORM_ERROR
     small: bool = False
     whole: tuple[Difference, ...] = ()
@@ -213,7 +216,8 @@ class DiagnosisReport(BesideDecays, Explained):
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        return self._page(self.gap.table(), notes_of(self.records))
+        page = self._page(self.gap.table(), notes_of(self.records))
+        return {**page, "formula": self.model.latex_terms()}
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

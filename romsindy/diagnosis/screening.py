@@ -10,20 +10,113 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy.fft import next_fast_len
 
-from romsindy.diagnosis.tones import combs, strongest_tones, tuned
 from romsindy.effects.base import Effect, Scales
+from romsindy.effects.outside import HIGHEST
 from romsindy.fit.collocation import Trajectory
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.equation import ExtendedEquation, equation_of
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, read
-from romsindy.fit.record import Record
+from romsindy.fit.part import Part, columns_of, in_orders, read
+from romsindy.fit.record import Prepared, Record
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
+from romsindy.record.signals import vertex
+from romsindy.record.spectrum import Line
 from romsindy.typing import Array, Indices
+
+# Of a comb of lines: which may be its first harmonics, and combs to be tried.
+_STRONGEST, _COMBS = 3, 2
+# Points of a spectrum for each line of its own.
+_FINE = 8
+
+
+def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]:
+    """Angular frequencies of the strongest lines of a signal, rad/s.
+
+    Parameters
+    ----------
+    t : array
+        Uniform times, s.
+    x : (n,) array
+        Tapered.
+    count : int
+    apart : float
+        Least distance of two lines, rad/s.
+    """
+    n = 8 * len(x)
+    step = 2 * np.pi / (n * (t[1] - t[0]))
+    power = np.abs(np.fft.rfft(x, n)) ** 2
+    power[: 8 * 2] = power[-1] = 0.0  # two cycles a record at least
+    found = []
+    for _ in range(count):
+        k = int(np.argmax(power))
+        if not 0 < k < len(power) - 1 or power[k] <= 0:
+            break
+        top = vertex(*np.log(power[k - 1 : k + 2] + 1e-300))
+        found.append(float(step * (k + np.clip(top, -1, 1))))
+        width = max(int(apart / step), 16)
+        power[max(k - width, 0) : k + width] = 0.0
+    return found
+
+
+def combs(lines: Sequence[Line], t: Array) -> tuple[tuple[float, int], ...]:
+    """Lines that are harmonics of one frequency: that in rad/s, and the number of the highest.
+
+    They may come from several records, none of which need show them all. Any of the strongest may
+    be the first, second or third harmonic, whichever leaves fewest alone. Some are too weak to be
+    seen, or lie beside a harmonic of the vibration: each comb is there up to the highest as well,
+    and where no lines fit together, the strongest is the first or the second of one.
+    """
+    width = 1 / (t[-1] - t[0])  # Hz, of a line
+    different: list[Line] = []
+    for line in sorted(lines, key=lambda line: -line.rms):
+        if all(abs(line.frequency - other.frequency) > 2 * width for other in different):
+            different.append(line)
+    found: dict[tuple[int, ...], tuple[float, int]] = {}
+    for line, number in itertools.product(different[:_STRONGEST], (1, 2, 3)):
+        first = line.frequency / number
+        order = np.array([other.frequency / first for other in different])
+        nearest = np.round(order)
+        at = (np.abs(order - nearest) * first < (1 + nearest / number) * width) & (nearest > 0)
+        at &= nearest <= HIGHEST
+        if np.count_nonzero(at) > 1:
+            members = tuple(map(int, np.flatnonzero(at)))
+            found.setdefault(members, (2 * np.pi * first, int(nearest[at].max())))
+    whole = [m for m in found if not any(set(m) < set(other) for other in found)]
+    seen = [found[m] for m in sorted(whole, key=len, reverse=True)[:_COMBS]]
+    alone = [2 * np.pi * different[0].frequency / k for k in (1, 2)] if different else []
+    fastest = np.pi / (t[1] - t[0])
+    guessed = [
+        (first, min(HIGHEST, int(fastest / first)))
+        for first in ([first for first, _ in seen] or alone)
+    ]
+    return tuple(dict.fromkeys((*seen, *(comb for comb in guessed if comb[1] > 1))))
+
+
+def tuned(comb: tuple[float, int], signals: Sequence[tuple[Array, Array]]) -> tuple[float, int]:
+    """A comb with the frequency, within a line's width, at which it holds most of some signals.
+
+    Its highest harmonic must keep step over the whole of a record, or nothing of it is found.
+    ``signals`` are uniform times (s) and values of each record, without its vibration.
+    """
+    first, highest = comb[0] / (2 * np.pi), comb[1]
+    spans = [float(t[-1] - t[0]) for t, _ in signals]
+    fine = 1 / (_FINE * highest * max(spans))
+    tried = first + np.arange(-1 / min(spans), 1 / min(spans), fine)
+    power = np.zeros(len(tried))
+    for t, x in signals:
+        n = next_fast_len(_FINE * len(x), real=True)
+        spectrum = np.abs(np.fft.rfft(x * np.hanning(len(x)), n)) ** 2
+        lines = np.fft.rfftfreq(n, t[1] - t[0])
+        for k in range(1, highest + 1):
+            power += np.interp(k * tried, lines, spectrum, right=0.0)
+    return 2 * np.pi * float(tried[np.argmax(power)]), highest
+
 
 # A line this close to the vibration itself beats with it slowly: it could imitate any effect.
 _BEATS = 0.12
@@ -116,10 +209,10 @@ def screen(
 
 
 def screened(
-    model: ReducedModel,
+    model: AnyModel,
     parts: Sequence[Part],
     effects: Sequence[Effect],
-    records: Sequence[Record | ForcedRecord],
+    records: Sequence[Prepared],
     scales: Scales,
     motions: Sequence[Trajectory],
 ) -> Screening:
@@ -132,13 +225,13 @@ def screened(
         for e in effect.forms(scales)
         for start in itertools.product(*(p.starts for p in e.parameters(scales)))
     ]
-    n_base = first = n_parts + 2 * n_records
+    n_base = first = n_parts + 2 * model.n_coordinates * n_records
     candidates: list[tuple[Effect, Indices]] = []
     for trial in trials:
         n = trial.strengths.size
         candidates.append((trial.effect, np.arange(first, first + n)))
         first += n
-    system = NormalEquations(n_parts, n_records, first - n_base)
+    system = NormalEquations(n_parts, n_records, first - n_base, model.n_coordinates)
     for i, record in enumerate(records):
         where, rows = _rows(model, parts, trials, candidates, record, i, motions[i])
         system.add(np.concatenate([where[0], system.states_of(i), *where[1:]]).astype(int), rows)
@@ -147,43 +240,40 @@ def screened(
 
 
 def _rows(
-    model: ReducedModel,
+    model: AnyModel,
     parts: tuple[Part, ...],
     trials: Sequence[Part],
     candidates: Sequence[tuple],
-    record: Record | ForcedRecord,
+    record: Prepared,
     i: int,
     motion: Trajectory,
 ) -> tuple[list[Indices], Array]:
     """Places of the values that act in one record, and the columns of these, states and misfit."""
-    step = motion.grid.step
-    equation = ExtendedEquation(model, parts, i, step, record.clock, inputs=record.inputs)
     at = nodes(motion)
-    state = equation.state(*at)
+    equation = equation_of(model, parts, i, record)
     own = equation.by_parameter(*at)
-    forces = [t.effect.forces(state) for t in trials]
-    pushed = [f[..., None] for f in forces if f is not None]
-    response = respond(equation, motion, np.concatenate([own, *pushed]))
-    change = response.samples(record.derivative)
-    measured = sampled(motion, record.derivative)
-    shown, slope, by_value = read(parts, i, record.t, measured + change[..., 0])
-    columns = slope[:, None] * change[:, 0, 1:]
-    m = len(own)
-    base = np.column_stack([columns[:, :m] + by_value.T, columns[:, -2:]])
+    forces = [equation.forces(t.effect, *at) for t in trials]
+    response = respond(
+        equation, motion, np.concatenate([own, *(f for f in forces if f is not None)])
+    )
+    orders, m = record.orders(parts), len(own)
+    change = in_orders(orders, response.samples)
+    measured = in_orders(orders, partial(sampled, motion))
+    reading = record.read(parts, i, measured + change[..., 0])
+    columns = reading.by_motion(change[..., 1:])
+    states = columns[:, -2 * model.n_coordinates :]
+    base = np.column_stack([columns[:, :m] + reading.by_value.T, states])
     blocks, next_force = [base], m
     where = [columns_of(parts, i)]
-    for force, (effect, at_columns) in zip(forces, candidates, strict=True):
+    for force, trial, (effect, at_columns) in zip(forces, trials, candidates, strict=True):
         k = effect.n_strengths
-        block = np.zeros((len(record.t), k))
+        block = np.zeros((len(record.signal), k))
         if force is not None:
             block += columns[:, next_force : next_force + k]
             next_force += k
-        shown_too = effect.readings(record.t, measured[:, 0])
-        if shown_too is not None:
-            block += shown_too.T
-        blocks.append(block)
+        blocks.append(block + record.read((trial,), i, measured).by_value[:k].T)
         where.append(at_columns[k * i : k * i + k] if effect.per_record else at_columns)
-    return where, record.whitened(np.column_stack([*blocks, record.signal - shown]))
+    return where, record.whitened(np.column_stack([*blocks, record.signal - reading.shown]))
 
 
 def _with_tones(

@@ -2,7 +2,7 @@
 
 Effects are accepted one after another, as long as each gains more than chance would, and those that
 others have made superfluous are dropped. What is looked at beside a hypothesis is said by
-`DecaySearch` and `DrivenSearch`, how hypotheses are fitted and weighed by a noise model.
+`DecaySearch` and `ResidualSearch`, how hypotheses are fitted and weighed by a noise model.
 """
 
 from __future__ import annotations
@@ -12,16 +12,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
+import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.diagnosis.screening import Screened
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.effects.base import Effect
+from romsindy.effects.base import Effect, Parameter
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.physics.model import ReducedModel
+from romsindy.typing import Array
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class NoiseModel(Protocol):
 
     def fitted(
         self,
-        model: ReducedModel,
+        model: Any,
         records: Sequence[Any],
         parts: Sequence[Part],
         n_unsure: int,
@@ -67,9 +68,7 @@ class NoiseModel(Protocol):
     ) -> Hypothesis:
         """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects."""
 
-    def further(
-        self, model: ReducedModel, records: Sequence[Any], hypothesis: Hypothesis
-    ) -> Hypothesis:
+    def further(self, model: Any, records: Sequence[Any], hypothesis: Hypothesis) -> Hypothesis:
         """Go on with a fit that has not come to its end."""
 
     def ranked(
@@ -83,9 +82,13 @@ class NoiseModel(Protocol):
         """Two by the same noise, to say whether one gains enough."""
 
     def examined(
-        self, records: Sequence[Any], hypothesis: Hypothesis, false_alarm: float
+        self,
+        records: Sequence[Any],
+        residuals: Sequence[Array],
+        n_values: int,
+        false_alarm: float,
     ) -> Adequacy:
-        """What a hypothesis leaves."""
+        """What is left of records, to which so many values were fitted."""
 
 
 @dataclass(eq=False)
@@ -94,8 +97,8 @@ class Search(ABC):
 
     Attributes
     ----------
-    model : ReducedModel
-    records : sequence of Record or ForcedRecord
+    model : ReducedModel or CoupledModel
+    records : sequence of Record, CoupledRecord or ForcedRecord
     free : tuple of Part
         Values that the simulation is unsure of, blamed only if nothing else is.
     options : Options
@@ -107,7 +110,7 @@ class Search(ABC):
         made of one another share it.
     """
 
-    model: ReducedModel
+    model: Any
     records: Sequence[Any]
     free: tuple[Part, ...]
     options: Options
@@ -174,7 +177,14 @@ class Search(ABC):
 
     def remainder(self, hypothesis: Hypothesis) -> Adequacy:
         """What a hypothesis leaves."""
-        return self.noise.examined(self.records, hypothesis, self.options.false_alarm)
+        s = hypothesis.solution
+        return self.examined(self.records, s.residuals, s.n_values)
+
+    def examined(
+        self, records: Sequence[Any], residuals: Sequence[Array], n_values: int
+    ) -> Adequacy:
+        """What is left of records, to which so many values were fitted."""
+        return self.noise.examined(records, residuals, n_values, self.options.false_alarm)
 
     def worth(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether one says more than chance would, over all that was looked at."""
@@ -255,3 +265,24 @@ def leaders(singles: Sequence[Screened], each: int = 1, by_variant: bool = False
 
 def _same_effects(a: Hypothesis, b: Hypothesis) -> bool:
     return [p.effect.name for p in a.effects] == [p.effect.name for p in b.effects]
+
+
+def with_textbook_exponent(part: Part) -> Part:
+    """The same with its exponent held at that of the textbook."""
+    return _at_exponent(part, lambda p: p.starts[0])
+
+
+def with_whole_exponent(part: Part) -> Part:
+    """The same with its exponent held at the next whole number."""
+    return _at_exponent(part, lambda p: float(round(part.effect.value(p.name))))
+
+
+def _at_exponent(part: Part, value: Callable[[Parameter], float]) -> Part:
+    held = [
+        replace(p, low=value(p), high=value(p)) if p.name == "exponent" else p
+        for p in part.parameters
+    ]
+    if held == list(part.parameters):
+        return part
+    shape = np.clip(part.shape, [p.low for p in held], [p.high for p in held])
+    return replace(part.shaped(shape), parameters=tuple(held))

@@ -15,9 +15,9 @@ from typing import Literal
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import Gap, within
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.verdict import (
     CLOSED,

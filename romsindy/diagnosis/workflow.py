@@ -8,25 +8,30 @@ from functools import partial
 
 import numpy as np
 
-from romsindy.diagnosis.checks import check_request, checked_records
+from romsindy.diagnosis.arguments import check_request
+from romsindy.diagnosis.checks import checked_records
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.difference import over_all
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
-from romsindy.diagnosis.held_out import parted
-from romsindy.diagnosis.nuisance import nuisances
+from romsindy.diagnosis.held_out import Validation, parted
 from romsindy.diagnosis.plain_values import other_values, without_effects
 from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
-from romsindy.diagnosis.search import Finding, Options, rivals_of
-from romsindy.diagnosis.textbook import with_textbook_exponent, with_whole_exponent
+from romsindy.diagnosis.search import (
+    Finding,
+    Options,
+    rivals_of,
+    with_textbook_exponent,
+    with_whole_exponent,
+)
 from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
-from romsindy.diagnosis.validation import Validation
+from romsindy.diagnosis.unsure import nuisances, smooth_model, unsure_parts
 from romsindy.diagnosis.verdict import Answer, Explanation, Rule, Verdict
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
-from romsindy.fit.coefficient import Coefficient, extended, in_place
+from romsindy.fit.coefficient import extended, in_place
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import (
@@ -284,32 +289,6 @@ def _agree(search: DecaySearch, slack: Hypothesis, as_it_was: Gap) -> bool:
         return True
     left = search.remainder(slack)
     return left.p_value > search.options.false_alarm and left.ratio < NOTHING_LEFT
-
-
-def smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
-    """Dry friction that the model has already must not jump."""
-    if all(term.smooth for term in model.terms):
-        return model
-    return model.regularised(0.01 * all_scales.amplitude * all_scales.omega)
-
-
-def unsure_parts(
-    model: ReducedModel,
-    free: Sequence[str | Effect],
-    tolerances: Mapping[str, float],
-    all_scales: Scales,
-    n_records: int,
-) -> tuple[Part, ...]:
-    """Parts of the values that a simulation is unsure of, or knows to a tolerance."""
-    known = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
-    unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
-    parts = [Part.of(effect, all_scales, n_records) for effect in unsure]
-    terms = {term.key: term for term in model.terms}
-    for name, relative in tolerances.items():
-        effect: Effect = known.get(name) or Coefficient(terms[name])
-        part = Part.of(effect, all_scales, n_records)
-        parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
-    return tuple(parts)
 
 
 def _snapped(search: DecaySearch, best: Hypothesis, records: Mapping[str, Record]) -> Hypothesis:

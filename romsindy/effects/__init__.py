@@ -24,7 +24,6 @@ from romsindy.effects.damping import (
     SpringFriction,
     Viscous,
 )
-from romsindy.effects.load import Load, PointMass
 from romsindy.effects.memory import (
     Backlash,
     MemoryEffect,
@@ -33,7 +32,7 @@ from romsindy.effects.memory import (
     SofteningLoop,
     Viscoelastic,
 )
-from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, TowardsAnchor
+from romsindy.effects.mounting import AlongBeam, AtPoint, Load, Mounting, PointMass, TowardsAnchor
 from romsindy.effects.outside import (
     BaseExcitation,
     Bias,

@@ -26,8 +26,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from romsindy.effects.load import Load, PointMass
-from romsindy.effects.mounting import AlongBeam, Mounting, Point
+from romsindy.effects.mounting import AlongBeam, Load, Mounting, Point, PointMass
 from romsindy.physics.damping import FrictionLaw
 from romsindy.physics.input import Input
 from romsindy.physics.memory import Memory
@@ -116,6 +115,7 @@ class Effect(ABC):
     n_strengths: ClassVar[int] = 1
     per_record: ClassVar[bool] = False  # strengths differ from record to record
     n_shared: ClassVar[int] = 0  # so many of them, the first, do not
+    acts_on: ClassVar[int] = 0  # number, from 0, of its coordinate among several
     fixed_unit: ClassVar[str] = ""  # of the strength, where it does not follow from the law
     advice: ClassVar[str] = "a longer decay from a larger amplitude"
 

@@ -1,4 +1,4 @@
-"""Which laws of one coordinate are looked for, and where: the one table.
+"""Which laws of one coordinate, and effects of a catalogue, are looked for, and where.
 
 "decay": beside functions of q, where one coordinate decays. "coupled": on every one of several
 coordinates; "jointed": on these as well, where what is smooth does not explain them. "driven":
@@ -10,6 +10,9 @@ what stands for a simulated series, one by one; "rich": in what that is measured
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from romsindy.effects.base import Effect
 from romsindy.physics.damping import AmplitudeDamping, Friction, PowerDamping
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
@@ -29,7 +32,19 @@ _TABLE: tuple[tuple[Term, str], ...] = (
     (Inertia(3), "series rich"),
     (Inertia(5), "rich"),
 )
+# Effects of a catalogue that are not looked for: what a beam explains by its own parameters, and a
+# sensor by comparison with the others; in driven records a mode that rings down, and the zero of
+# the sensor, which is fitted always.
+_LEFT_OUT = {
+    "beam": ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity"),
+    "driven": ("second_mode", "bias"),
+}
 PLACES = frozenset(place for _, places in _TABLE for place in places.split())
+
+
+def looked_for(catalogue: Iterable[Effect], where: str) -> list[Effect]:
+    """The effects of a catalogue that are looked for on a "beam", or in "driven" records."""
+    return [e for e in catalogue if e.name not in _LEFT_OUT[where]]
 
 
 def sought(place: str) -> tuple[Term, ...]:

@@ -17,7 +17,7 @@ from romsindy.effects.base import (
 )
 from romsindy.typing import Array
 
-# Steady lines that are slower are a drifting offset (`romsindy.record.drift`): noise.
+# Steady lines that are slower are a drifting offset (`romsindy.record.noise`): noise.
 _SLOWEST = 0.2
 HIGHEST = 6  # harmonic of hum that is looked for
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.effects.base import Parameter, Scales, TermEffect
-from romsindy.effects.load import Load, PointMass
-from romsindy.effects.mounting import AtPoint, Mounting, Point, TowardsAnchor
+from romsindy.effects.mounting import AtPoint, Load, Mounting, Point, PointMass, TowardsAnchor
 from romsindy.physics.inertia import AddedMass, Inertia
 from romsindy.physics.stiffness import ConstantForce, GapForce, MagnetForce, Stiffness, StopForce
 

@@ -82,5 +82,11 @@ def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
     return tuple(found)
 
 
+def couplings(n_coordinates: int) -> tuple[CoupledTerm, ...]:
+    """Those of several coordinates together, and the masses that a coordinate drags along."""
+    every = candidates(n_coordinates, KINDS[0])
+    return tuple(term for term in every if not isinstance(term, Along))
+
+
 def _slaved(first: Array, second: Array) -> SlavedInertia:
     return SlavedInertia(tuple(first.tolist()), tuple(second.tolist()))

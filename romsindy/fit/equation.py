@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from romsindy.effects.base import ReadingEffect, SampledInput, State
-from romsindy.fit.coefficient import extended
+from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State
+from romsindy.fit.coefficient import OnCoordinate, extended
 from romsindy.fit.linear_steps import Linearisation
 from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
@@ -31,8 +31,9 @@ def equation_of(
 class ExtendedEquation:
     """The model with its parts, in one record: R equations of R coordinates.
 
-    Inputs among the terms of the model drive it where they were measured. Effects of one coordinate
-    pull beside the model; laws of several are within it, where one table serves all terms.
+    Inputs among the terms of the model drive it where they were measured. Effects pull beside the
+    model, each at one coordinate, inputs at all of them; laws of several are within it, where one
+    table serves all terms.
     """
 
     model: AnyModel
@@ -49,35 +50,52 @@ class ExtendedEquation:
         return {
             i: part
             for i, part in enumerate(self.parts)
-            if not isinstance(part.effect, ReadingEffect)
-            and not isinstance(part.effect.term(), CoupledTerm)
+            if not (isinstance(part.effect, ReadingEffect) or _inner(part.effect))
         }
 
     @cached_property
     def _inside(self) -> AnyModel:
-        laws = [p for p in self.parts if isinstance(p.effect.term(), CoupledTerm)]
+        laws = [p for p in self.parts if _inner(p.effect)]
         return extended(self.model, laws) if laws else self.model
 
     @cached_property
-    def rate(self) -> float:
-        """Angular frequency of small vibrations of the first coordinate, rad/s; 1 without any."""
+    def rates(self) -> list[float]:
+        """Angular frequency of small vibrations of each coordinate, rad/s; 1 without any."""
         rest = np.zeros(self.model.n_coordinates)
         _, stiffness, _, mass = self.model.residual_and_slopes(rest, rest, rest)
-        squared = float(stiffness[0, 0] / mass[0, 0])
-        return float(np.sqrt(squared)) if 0 < squared < np.inf else 1.0
+        squared = np.diag(stiffness) / np.diag(mass)
+        return [float(np.sqrt(x)) if 0 < x < np.inf else 1.0 for x in squared]
 
-    def state(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> State:
-        """What the effects of one coordinate take, (n,) each, from (n, 1) states."""
-        motion = (q[:, 0], q_dot[:, 0], q_ddot[:, 0])
-        return State(t, *motion, self.step, self.rate, clock=self.clock, inputs=self.inputs)
+    def state(
+        self, t: Array, q: Array, q_dot: Array, q_ddot: Array, *, coordinate: int = 0
+    ) -> State:
+        """What the effects on one coordinate take, (n,) each, from (n, R) states."""
+        own = [x[:, coordinate] for x in (q, q_dot, q_ddot)]
+        rate = self.rates[coordinate]
+        return State(t, own[0], own[1], own[2], self.step, rate, None, self.clock, self.inputs)
+
+    def forces(self, effect: Effect, *motion: Array) -> Array | None:
+        """Of an effect of unit strengths in every equation, (k, n, R); None of a sensor."""
+        if (law := _inner(effect)) is not None:
+            return law.strong(*motion[1:])[None]
+        forces = effect.forces(self.state(*motion, coordinate=effect.acts_on))
+        return None if forces is None else self._everywhere(effect, forces)
+
+    def _everywhere(self, effect: Effect, forces: Array) -> Array:
+        """Forces (k, n) on its coordinate, or (k, n, R), in every equation: (k, n, R)."""
+        return forces if forces.ndim == 3 else forces[..., None] * self._unit(effect)
+
+    def _unit(self, effect: Effect) -> Array:
+        """1 in the equation of the coordinate that an effect acts on, (R,)."""
+        return np.eye(self.model.n_coordinates)[effect.acts_on]
 
     def _pulling(self, *motion: Array) -> dict[int, tuple[Part, State]]:
         """Parts beside the model, each with what its effect takes and remembers, by number."""
         if not self._beside:
             return {}
-        state, memories = self.state(*motion), self.memories or (None,) * len(self._beside)
+        memories = self.memories or (None,) * len(self._beside)
         return {
-            i: (part, state._replace(memory=m))
+            i: (part, self.state(*motion, coordinate=part.effect.acts_on)._replace(memory=m))
             for (i, part), m in zip(self._beside.items(), memories, strict=True)
         }
 
@@ -95,8 +113,11 @@ class ExtendedEquation:
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
-                residual = residual + np.tensordot(own, forces, 1).reshape(len(t), -1)
-                added = (np.reshape(b, (-1, 1, 1)) for b in part.effect.slopes(state, own))
+                everywhere = self._everywhere(part.effect, forces)
+                residual = residual + np.tensordot(own, everywhere, 1)
+                unit = self._unit(part.effect)
+                both = np.outer(unit, unit)
+                added = (np.reshape(b, (-1, 1, 1)) * both for b in part.effect.slopes(state, own))
                 slopes = [a + b for a, b in zip(slopes, added, strict=True)]
         return Linearisation(residual, *slopes)
 
@@ -113,12 +134,17 @@ class ExtendedEquation:
         pulling = self._pulling(t, q, q_dot, q_ddot)
         rows = [np.zeros((0, *q.shape))]
         for i, part in enumerate(self.parts):
-            term = part.effect.term()
-            if isinstance(term, CoupledTerm):
-                rows.append(term.strong(q, q_dot, q_ddot)[None])
+            if (law := _inner(part.effect)) is not None:
+                rows.append(law.strong(q, q_dot, q_ddot)[None])
             elif i not in pulling or part.effect.forces(state := pulling[i][1]) is None:
                 rows.append(np.zeros((len(part.columns(self.record)), *q.shape)))
             else:
-                own = part.by_value("forces", (state,), self.record)
-                rows.append(own.reshape(len(own), *q.shape))
+                by_value = part.by_value("forces", (state,), self.record)
+                rows.append(self._everywhere(part.effect, by_value))
         return np.concatenate(rows)
+
+
+def _inner(effect: Effect) -> CoupledTerm | None:
+    """A law of several coordinates, which stands in the one table of its model; None of others."""
+    law = None if isinstance(effect, OnCoordinate) else effect.term()
+    return law if isinstance(law, CoupledTerm) else None

@@ -29,11 +29,11 @@ from romsindy.fit.predict import Sensors, predicted
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
-from romsindy.physics.driven import gain_of, inputs_of, without_inputs
-from romsindy.physics.entries import array, made, several, table
-from romsindy.physics.entries import text as entry
+from romsindy.physics.equations import gain_of, inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import json_text, read_json
+from romsindy.physics.term_sum import json_text, read_json
+from romsindy.physics.validation import array, made, several, table
+from romsindy.physics.validation import text as entry
 from romsindy.record.decay import Decay
 from romsindy.record.files.whole import write_whole
 from romsindy.record.forced import ForcedVibration
@@ -334,7 +334,7 @@ class Estimate:
 
         They are "free", "covariance", "verdict" and "notes". Every number reads back as the same
         number; those that are not finite, such as the ratio of a model without any motion, are the
-        strings "Infinity", "-Infinity" and "NaN" (see `romsindy.physics.serial`), for JSON has no
+        strings "Infinity", "-Infinity" and "NaN" (see `romsindy.physics.term_sum`), for JSON has no
         such numbers. `ReducedModel.from_json` reads the model alone.
         """
         content = json.loads(self.model.to_json()) | {

@@ -33,7 +33,7 @@ from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import TOLERANCE, shoot
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.forcing import input_in
+from romsindy.physics.input import input_in
 from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise

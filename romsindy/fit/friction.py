@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from romsindy.fit.coefficient import free_coefficients
+from romsindy.fit.coefficient import SMOOTHING, free_coefficients
 from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
 from romsindy.physics.coupling import Along
@@ -17,10 +17,6 @@ from romsindy.physics.term_sum import TermSum
 from romsindy.typing import Array
 
 Model = TypeVar("Model", bound=TermSum)
-
-# Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
-# quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
-_SMOOTHING = 0.001
 
 
 def free_parts(
@@ -54,7 +50,7 @@ def smoothed(model: Model, records: Sequence[Prepared], but: Collection[str] = (
         return model
     q_dot = np.concatenate([r.motion.q_dot for r in records])
     terms = tuple(
-        t if stay else t.regularised(_SMOOTHING * _fastest(t, q_dot))
+        t if stay else t.regularised(SMOOTHING * _fastest(t, q_dot))
         for t, stay in zip(model.terms, stays, strict=True)
     )
     return replace(model, terms=terms)

@@ -16,7 +16,7 @@ import numpy as np
 
 from romsindy.fit.collocation import Grid, Trajectory, end_states, interpolated
 from romsindy.fit.linear_steps import Equation, LinearSteps, at_nodes, gains, inverse, quadrature
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 
 def nodes(motion: Trajectory) -> tuple[Array, Array, Array, Array]:
@@ -106,6 +106,18 @@ def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> 
     q, q_dot, _ = system.solve(*_columns(motion, -force))
     q_ddot = _end_acceleration(equation, motion, q, q_dot)
     return interpolated(grid, derivative, q, q_dot, q_ddot)
+
+
+def states_shown(grid: Grid, system: LinearSteps, derivative: int = 0) -> tuple[Indices, Array]:
+    """At which step's start the state tells each wanted time, (n,), and its derivatives by it.
+
+    Those of q, q_dot or q_ddot by q and q_dot there, (n, R, 2 R).
+    """
+    wide = system.mass.shape[-1]
+    q, q_dot = np.split(np.tile(np.eye(2 * wide), (grid.n_steps + 1, 1, 1)), 2, axis=1)
+    q_ddot = system.by_start.reshape(-1, 3, wide, 2 * wide)
+    at_end = (grid.fraction > 1 - 1e-9) & (derivative == 0)
+    return (grid.sample_step + at_end).astype(int), _inside(grid, q, q_dot, q_ddot, derivative)
 
 
 def _end_acceleration(equation: Equation, motion: Trajectory, q: Array, q_dot: Array) -> Array:

@@ -12,6 +12,7 @@ triangular system for the R coordinates and their velocities.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -122,6 +123,25 @@ class LinearSteps:
         """Whether the mass matrix is positive definite at every Gauss point."""
         return bool(np.all(inverse(self.mass)[1] > 0))
 
+    @cached_property
+    def _solved(self) -> Array:
+        return inverse(self.stages)[0]
+
+    @cached_property
+    def by_start(self) -> Array:
+        """What q and q_dot at the start of a step do to q_ddot in it, (n, 3 R, 2 R)."""
+        return -self._solved @ self.by_state
+
+    @cached_property
+    def transition(self) -> Array:
+        """What q and q_dot at the start of a step do to those at its end, (n, 2 R, 2 R)."""
+        r = self.mass.shape[-1]
+        return self._end(r) @ self.by_start + _for_each(np.array([[1.0, self.h], [0.0, 1.0]]), r)
+
+    def _end(self, r: int) -> Array:
+        """What the accelerations in a step do to q and q_dot at its end, (2 R, 3 R)."""
+        return _for_each(_END * [[self.h**2], [self.h]], r)
+
     def solve(
         self, force: Array, start: Array | None = None, jump: Array | None = None
     ) -> tuple[Array, Array, Array]:
@@ -131,20 +151,15 @@ class LinearSteps:
         ``jump`` (n, 2, R, m) what is added to q and q_dot at the end of each step.
         """
         n, _, r, m = force.shape
-        h = self.h
-        solved = inverse(self.stages)[0]
-        direct = solved @ force.reshape(n, 3 * r, m)
-        by_state = -solved @ self.by_state
-        end = _for_each(_END * [[h * h], [h]], r)  # (2 R, 3 R): accelerations to the end
-        transition = end @ by_state + _for_each(np.array([[1.0, h], [0.0, 1.0]]), r)
+        direct = self._solved @ force.reshape(n, 3 * r, m)
         x = np.zeros((n + 1, 2 * r, m))
-        x[1:] = end @ direct
+        x[1:] = self._end(r) @ direct
         if start is not None:
             x[0] = start.reshape(2 * r, m)
         if jump is not None:
             x[1:] += jump.reshape(n, 2 * r, m)
-        states = _recursion(transition, x)
-        q_ddot = direct + by_state @ states[:n]
+        states = _recursion(self.transition, x)
+        q_ddot = direct + self.by_start @ states[:n]
         return states[:, :r], states[:, r:], q_ddot.reshape(force.shape)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 from scipy.signal import lfilter
 
-from romsindy.record.autoregression import autoregression, coloured_product
+from romsindy.record.prediction import autoregression, coloured_product
 from romsindy.typing import Array, Indices
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from romsindy.fit.part import Part, in_orders
 from romsindy.fit.record import Prepared, Record
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import AnyModel, CoupledModel
-from romsindy.physics.driven import inputs_of, without_inputs
+from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration

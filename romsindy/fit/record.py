@@ -19,12 +19,10 @@ from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
-from romsindy.record.lag import distortion, settling
 from romsindy.record.noise import Noise
-from romsindy.record.noise_level import noise_std
 from romsindy.record.ridges import Ridge
 from romsindy.record.smoothing import HarmonicSpline, swing
-from romsindy.record.spectrum import Spectrum
+from romsindy.record.spectrum import Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
 
 _LEAST_STEPS, _MOST_STEPS = 30, 60  # per cycle
@@ -83,6 +81,11 @@ class Prepared(ABC):
         return float(np.abs(self.decay.q).max())
 
     @property
+    def noises(self) -> tuple[Noise, ...]:
+        """Of every channel."""
+        return self.noise if isinstance(self.noise, tuple) else (self.noise,)
+
+    @property
     def inputs(self) -> Mapping[str, SampledInput]:
         """What drives it, by name: nothing drives a decay."""
         return {}
@@ -116,6 +119,11 @@ class Prepared(ABC):
     def turns(self) -> float:
         """Cycles of the slowest coordinate, in all."""
         return float(self.t[-1]) * float(self.frequencies.min())
+
+    @property
+    def count(self) -> float:
+        """Samples that tell anything, of all channels."""
+        return float(len(self.signal))
 
     @property
     def power(self) -> float:
@@ -198,7 +206,7 @@ class Record(Prepared):
         motion goes through the others all the same.
     doubts : (n, m) array, optional
         What the measuring chain may have added, each by its standard deviation, unit of the signal:
-        see `romsindy.record.lag`.
+        see `romsindy.record.spectrum`.
     first : int
         First sample that takes part: before it the filter of a measuring chain rings.
     """

@@ -16,6 +16,13 @@ EXPLAINED = 1.10
 # less than 30 % of the noise in power, 14 % in amplitude, where noise is least, does not matter.
 STRUCTURE = 1.3
 
+# What goes with the motion or the input of a driven record, as a part of its response, up to which
+# nothing is missing (`romsindy.fit.forced.independence`): 60 dB.
+BARELY = 1e-3
+# Correlation from sample to sample from which noise is called coloured; noise of a force that is
+# told beside that of the sensor, as a part of it in the response.
+COLOURED, SMALLER = 0.3, 0.3
+
 # -- what do the data determine? (`romsindy.fit.functions`) -----------------------------------
 
 # A function is determined where its 95 % band is within this part of its value to either side.

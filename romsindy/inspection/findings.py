@@ -9,13 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.inspection.modes import Mode, modes_of
-from romsindy.record.cycles import rest_level
 from romsindy.record.decay import Decay
 from romsindy.record.defects import Defect, clean
-from romsindy.record.isolation import ENOUGH_SAMPLES, isolated
+from romsindy.record.isolation import ENOUGH_SAMPLES, isolated, together
 from romsindy.record.recording import Recording
 from romsindy.record.releases import Discarded, Release
-from romsindy.record.together import together
+from romsindy.record.signals import rest_level
 from romsindy.record.vibrations import (
     Resonance,
     Vibration,
@@ -364,8 +363,8 @@ class Findings:
         part = self.releases[i]
         inside = self.cleaned.between(part.start, part.end).channel(*self.together)
         main = self.together.index(self.channel)
-        found = together(inside.t - inside.t[0], inside.x, main, vibration.tone)
-        used = [f"{n} ({s:+.3g})" for n, s in zip(self.together, found.shape, strict=True) if s]
-        left = [n for n, s in zip(self.together, found.shape, strict=True) if not s]
+        x, shape = together(inside.t - inside.t[0], inside.x, main, vibration.tone)
+        used = [f"{n} ({s:+.3g})" for n, s in zip(self.together, shape, strict=True) if s]
+        left = [n for n, s in zip(self.together, shape, strict=True) if not s]
         note = f"channels {listed(used)} together, as displacement of {self.channel}"
-        return found.x, note + (f"; not in phase with it: {listed(left)}" if left else "")
+        return x, note + (f"; not in phase with it: {listed(left)}" if left else "")

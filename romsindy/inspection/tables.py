@@ -160,11 +160,8 @@ def picked_together(found: Findings, releases: Sequence[int]) -> str:
 def next_steps(found: Findings, command: str = "") -> Iterator[str]:
     """What to do next, with the choices that the record offers.
 
-    Parameters
-    ----------
-    found : Findings
-    command : str
-        A command line that identifies the record; calls in Python without.
+    As command lines where ``command`` is one that identifies the record, as calls in Python
+    without.
     """
     ringing = [m for m in found.modes if not m.steady]
     if found.recording.driven:

@@ -185,7 +185,7 @@ def continue_branch(
     return Branch(z[:, :-1], z[:, -1], tangents, residuals, np.flatnonzero(folds), stop_reason)
 
 
-class _Point(NamedTuple):
+class _OnBranch(NamedTuple):
     z: Array
     tangent: Array
     residual: float
@@ -230,12 +230,12 @@ class _System:
         return self.until(z[:-1], float(z[-1])) if self.until else ""
 
 
-def predict(point: _Point, step: float) -> Array:
+def predict(point: _OnBranch, step: float) -> Array:
     """Go along the tangent; the curve is missed by step^2 times half its curvature."""
     return point.z + step * point.tangent
 
 
-def correct(system: _System, guess: Array, normal: Array) -> _Point:
+def correct(system: _System, guess: Array, normal: Array) -> _OnBranch:
     """Solve F(z) = 0, normal . (z - guess) = 0 by Newton's method.
 
     The tangent comes with the last update: the same matrix, and 1 in place of the residual.
@@ -262,7 +262,7 @@ def correct(system: _System, guess: Array, normal: Array) -> _Point:
         if size <= system.tolerance * (1 + np.linalg.norm(z)):
             tangent = solution[:, 1] / np.linalg.norm(solution[:, 1])
             left = float(np.max(np.abs(system.residual(z))))
-            return _Point(z, tangent, left, iteration, system.side(matrix))
+            return _OnBranch(z, tangent, left, iteration, system.side(matrix))
     raise ContinuationError(
         f"the corrector does not converge near p = {guess[-1]:.6g}: give a guess nearer to a"
         " solution, or scale u and p to order one"
@@ -276,7 +276,7 @@ def next_step(step: float, turn: float, iterations: int, steps: Steps) -> float:
     return float(np.clip(step * min(ease, bend), steps.least, steps.most))
 
 
-def _first_point(system: _System, guess: Array, direction: ArrayLike) -> _Point:
+def _first_point(system: _System, guess: Array, direction: ArrayLike) -> _OnBranch:
     along_p = np.eye(len(guess))[-1]
     point = correct(system, guess, along_p)
     # The null vector of the Jacobian is the tangent also where p stands still.
@@ -287,7 +287,9 @@ def _first_point(system: _System, guess: Array, direction: ArrayLike) -> _Point:
     return point._replace(tangent=tangent, side=system.side(np.vstack([jacobian, tangent])))
 
 
-def _walk(system: _System, points: list[_Point], p_range: tuple[float, float], steps: Steps) -> str:
+def _walk(
+    system: _System, points: list[_OnBranch], p_range: tuple[float, float], steps: Steps
+) -> str:
     """Append points until the branch ends, and say why it does."""
     step = steps.first
     while len(points) < steps.max_points:
@@ -315,12 +317,12 @@ def _walk(system: _System, points: list[_Point], p_range: tuple[float, float], s
     return f"max_points = {steps.max_points} reached"
 
 
-def _leaving(here: _Point, p_range: tuple[float, float]) -> str:
+def _leaving(here: _OnBranch, p_range: tuple[float, float]) -> str:
     limit = p_range[1] if here.tangent[-1] > 0 else p_range[0]
     return f"p reached {limit:.6g}" if here.z[-1] == limit else ""
 
 
-def _accepted(system: _System, here: _Point, step: float, steps: Steps) -> _Point:
+def _accepted(system: _System, here: _OnBranch, step: float, steps: Steps) -> _OnBranch:
     there = correct(system, predict(here, step), here.tangent)
     if _angle(here, there) > steps.turn:
         raise ContinuationError(
@@ -334,14 +336,14 @@ def _accepted(system: _System, here: _Point, step: float, steps: Steps) -> _Poin
     return there
 
 
-def _angle(here: _Point, there: _Point) -> float:
+def _angle(here: _OnBranch, there: _OnBranch) -> float:
     """From the tangent here to that there, or to the way there, whichever is larger."""
     way = there.z - here.z
     cosines = here.tangent @ there.tangent, here.tangent @ way / np.linalg.norm(way)
     return float(np.arccos(np.clip(min(cosines), -1, 1)))
 
 
-def _on_limit(system: _System, here: _Point, there: _Point, limit: float) -> _Point:
+def _on_limit(system: _System, here: _OnBranch, there: _OnBranch, limit: float) -> _OnBranch:
     share = (limit - here.z[-1]) / (there.z[-1] - here.z[-1])
     guess = here.z + share * (there.z - here.z)
     guess[-1] = limit
@@ -349,21 +351,21 @@ def _on_limit(system: _System, here: _Point, there: _Point, limit: float) -> _Po
     return end if end.tangent @ here.tangent > 0 else end._replace(tangent=-end.tangent)
 
 
-def _fold(system: _System, here: _Point, there: _Point, step: float) -> list[_Point]:
+def _fold(system: _System, here: _OnBranch, there: _OnBranch, step: float) -> list[_OnBranch]:
     """Point between the two at which the tangent has no component along p, if there is one."""
     if here.tangent[-1] * there.tangent[-1] >= 0:
         return []
     # The ends are as found: next to a fold, rounding may give them another sign.
     known = {0.0: here, step: there}
 
-    def at(part: float) -> _Point:
+    def at(part: float) -> _OnBranch:
         return known.get(part) or correct(system, predict(here, part), here.tangent)
 
     part = brentq(lambda part: float(at(part).tangent[-1]), 0.0, step, xtol=1e-10 * step)
     return [correct(system, predict(here, part), here.tangent)._replace(fold=True)]
 
 
-def _passes(start: _Point, here: _Point, there: _Point) -> bool:
+def _passes(start: _OnBranch, here: _OnBranch, there: _OnBranch) -> bool:
     """Whether the step from here to there goes through the start, in its direction."""
     chord = there.z - here.z
     along = (start.z - here.z) @ chord / (chord @ chord)

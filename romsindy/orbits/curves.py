@@ -22,14 +22,12 @@ from romsindy.orbits.families import (
     ForcedFamily,
     FreeFamily,
     OrbitBranch,
-    Path,
     Start,
+    Sweep,
     follow,
 )
-from romsindy.orbits.harmonic_balance import HarmonicBalance
-from romsindy.orbits.stability import floquet_multipliers, free_multipliers
-from romsindy.physics.coupled import AnyModel
-from romsindy.physics.driven import gain_of
+from romsindy.orbits.harmonic_balance import HarmonicBalance, floquet_multipliers, free_multipliers
+from romsindy.physics.equations import Equations, gain_of
 from romsindy.text import TextTable, as_text
 from romsindy.typing import Array, Indices
 
@@ -125,7 +123,7 @@ class BackboneCurve(PeriodicOrbits):
     """
 
     negative_damping: Array
-    model: AnyModel
+    model: Equations
     conservative: bool
     crossings: Indices
 
@@ -246,7 +244,7 @@ class ForcedResponse(PeriodicOrbits):
 
 
 def backbone_curve(
-    model: AnyModel,
+    model: Equations,
     amplitude: tuple[float, float],
     n_harmonics: int | None = None,
     *,
@@ -362,7 +360,7 @@ class Estimated(Protocol[_Band]):
 
 @overload
 def forced_response(
-    model: AnyModel,
+    model: Equations,
     force: ArrayLike,
     frequency: tuple[float, float],
     n_harmonics: int | None = None,
@@ -444,20 +442,20 @@ def forced_response(
     forces = _forces(smooth, force)
     size = _resonance(smooth, forces, (first + last) / 2)
 
-    def family(path: Path, n: int) -> Family:
+    def family(path: Sweep, n: int) -> Family:
         return ForcedFamily(HarmonicBalance(smooth, n), path, size)
 
     # One unit in p, and twice up and down the resonance in two components.
     steps = _steps(n_points, 5.0)
-    raising = partial(family, Path((first, first), (np.zeros_like(forces), forces)))
+    raising = partial(family, Sweep((first, first), (np.zeros_like(forces), forces)))
     failure = (
         f"no response was found at a force of {_listed(forces)} near {first:g} rad/s: give a"
         " smaller force, or another range of frequencies"
     )
     rest = Start(np.zeros(3 * len(forces)), 0.0)
     raised = _led(raising, ladder, rest, (0.0, 1.0), steps, failure)
-    sweeping = partial(family, Path((first, last), (forces, forces)))
-    resting = partial(family, Path((last, last), (np.zeros_like(forces), forces)))
+    sweeping = partial(family, Sweep((first, last), (forces, forces)))
+    resting = partial(family, Sweep((last, last), (np.zeros_like(forces), forces)))
     branch = follow(sweeping, ladder, Start(raised.u, 0.0), (0.0, 1.0), steps)
     multipliers = floquet_multipliers(smooth, branch.c, branch.omega)
     stable = np.abs(multipliers[:, 0]) <= 1 + _NEUTRAL
@@ -501,7 +499,7 @@ def _untraced(branch: OrbitBranch, from_rest: Callable[[], Start], last: float) 
     )
 
 
-def _limit(model: AnyModel) -> float | None:
+def _limit(model: Equations) -> float | None:
     """Largest amplitude of the data behind a model of one coordinate."""
     if model.numbered or model.amplitude_range is None:
         return None
@@ -524,7 +522,7 @@ def _steps(n_points: int, length: float) -> Steps:
     return Steps(first=most / 10, least=1e-4 * most, most=most, max_points=100 * n_points)
 
 
-def _smooth(model: AnyModel, velocity_scale: float | None) -> AnyModel:
+def _smooth(model: Equations, velocity_scale: float | None) -> Equations:
     if velocity_scale is not None:
         return model.regularised(velocity_scale)
     jumps = [term.expression() for term in model.terms if not term.smooth]
@@ -536,14 +534,14 @@ def _smooth(model: AnyModel, velocity_scale: float | None) -> AnyModel:
     return model
 
 
-def linear_mode(model: AnyModel, number: int) -> tuple[float, Array]:
+def linear_mode(model: Equations, number: int) -> tuple[float, Array]:
     """Angular frequency, rad/s, and shape, (R,), of a mode counted from 1."""
     require_mode(number, model)
     omega, shapes = model.linear_modes
     return float(omega[number - 1]), shapes[:, number - 1]
 
 
-def require_mode(number: int, model: AnyModel) -> None:
+def require_mode(number: int, model: Equations) -> None:
     """Whether a model has a mode of this number, counted from 1, or else a ValueError."""
     count = model.n_coordinates
     if isinstance(number, bool) or number not in range(1, count + 1):
@@ -589,7 +587,7 @@ def checked_force(force: ArrayLike, count: int) -> Array:
     return forces.reshape(count)
 
 
-def _forces(model: AnyModel, force: ArrayLike) -> Array:
+def _forces(model: Equations, force: ArrayLike) -> Array:
     """Amplitudes of the forces per unit mass on the coordinates, (R,)."""
     gain = gain_of(model)
     if np.ndim(gain):  # one input, which pushes all coordinates in phase
@@ -608,7 +606,7 @@ def _listed(forces: Array) -> str:
     return " and ".join(f"{f:g}" for f in forces)
 
 
-def _resonance(model: AnyModel, forces: Array, omega: float) -> float:
+def _resonance(model: Equations, forces: Array, omega: float) -> float:
     """Amplitude of a linear resonance at omega, unit of q: the size of what is to come."""
     rest = np.zeros(model.n_coordinates)
     damping = np.diag(model.residual_and_slopes(rest, rest, rest)[2])

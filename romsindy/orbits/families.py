@@ -167,7 +167,7 @@ def _odd(c: Array) -> Array:
     return c[(np.arange(len(c)) + 1) // 2 % 2 == 1]
 
 
-class Path(NamedTuple):
+class Sweep(NamedTuple):
     """Straight line in angular frequency (rad/s) and forces (unit of q per s^2), (R,) each."""
 
     omega: tuple[float, float]
@@ -179,7 +179,7 @@ class ForcedFamily(Family):
     """Orbits under force cos(omega t); u = q / size, and p runs along a path from 0 to 1."""
 
     n_other = 0
-    path: Path
+    path: Sweep
     size: float
 
     def orbit(self, u: Array, p: float) -> tuple[Array, float]:

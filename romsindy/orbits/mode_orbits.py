@@ -13,7 +13,7 @@ import numpy as np
 from romsindy.orbits.curves import BackboneCurve, backbone_curve, linear_mode, peak_phase
 from romsindy.orbits.families import FreeFamily
 from romsindy.orbits.harmonic_balance import FourierBasis, HarmonicBalance
-from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.equations import Equations
 from romsindy.typing import Array
 
 # Of the largest amplitude: there the mode is linear enough for the branch to start.
@@ -48,13 +48,13 @@ class ModeOrbits:
     """
 
     family: FreeFamily
-    model: CoupledModel
+    model: Equations
     amplitudes: Array
     unknowns: Array
     slopes: Array
     inverses: Array
 
-    def curves(self, model: CoupledModel) -> Array:
+    def curves(self, model: Equations) -> Array:
         """Angular frequency (rad/s) and damping ratio of a model near this one, (2, n).
 
         Orbits move to first order in what differs, as standard errors ask for.
@@ -67,7 +67,7 @@ class ModeOrbits:
         losses = np.array([orbits._loss(model, x) for x in orbits.unknowns])
         return np.stack([omega, losses / (2 * np.pi * self.amplitudes * orbits._growth)])
 
-    def _moved(self, model: CoupledModel) -> ModeOrbits:
+    def _moved(self, model: Equations) -> ModeOrbits:
         """Orbits and slopes of another undamped model: a step of Newton's method for each."""
         family = replace(
             self.family, balance=HarmonicBalance(model, self.family.balance.n_harmonics)
@@ -81,7 +81,7 @@ class ModeOrbits:
             slope -= inverse @ off
         return replace(self, family=family, model=model, unknowns=unknowns, slopes=slopes)
 
-    def _loss(self, model: CoupledModel, x: Array) -> float:
+    def _loss(self, model: Equations, x: Array) -> float:
         """Work of the damping of a model over a period."""
         c, omega = self.family.orbit(x[:-1], x[-1])
         basis, weights = _half_periods(self.family.balance.n_harmonics)
@@ -123,7 +123,7 @@ def _reach(family: FreeFamily, x: Array) -> Array:
     return row
 
 
-def mode_orbits(model: CoupledModel, amplitudes: Array, mode: int) -> ModeOrbits:
+def mode_orbits(model: Equations, amplitudes: Array, mode: int) -> ModeOrbits:
     """Follow a mode from small amplitudes on, without damping, to orbits at some of them.
 
     Parameters

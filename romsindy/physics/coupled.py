@@ -29,9 +29,8 @@ from romsindy.physics.coupling import (
 from romsindy.physics.equations import SINGULAR, Equations
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import read_json
 from romsindy.physics.term import Term, law_called, type_name
-from romsindy.physics.term_sum import refuse_many
+from romsindy.physics.term_sum import read_json, refuse_many
 from romsindy.physics.validation import require_finite
 from romsindy.typing import Array
 
@@ -300,7 +299,7 @@ def _is_coordinate(w: Array) -> bool:
     return bool(np.count_nonzero(w) == 1 and np.max(w) == 1.0)
 
 
-class _Column(NamedTuple):
+class _Products(NamedTuple):
     """What multiplies some velocities, and perhaps an acceleration, in one equation.
 
     ``values`` (n,) are coefficients of the products of powers.
@@ -398,14 +397,14 @@ class _Polynomials(NamedTuple):
         return np.tensordot(table, self.m, 1), table @ self.k + turning @ q_dot
 
     @property
-    def columns(self) -> list[_Column]:
+    def columns(self) -> list[_Products]:
         """Those that are not zero, of which there are few."""
         found = []
         for part in (self.k, self.c, self.m, self.g):
             for place in np.argwhere(np.any(part, axis=0)):
                 i, *others = place.tolist()
                 rates, second = ((), others[0]) if part is self.m else (tuple(others), None)
-                found.append(_Column(i, rates, second, part[(slice(None), *place)]))
+                found.append(_Products(i, rates, second, part[(slice(None), *place)]))
         return found
 
     def residual(self, q: Array, q_dot: Array, q_ddot: Array) -> Array:

@@ -8,24 +8,24 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from romsindy.physics import export
-from romsindy.physics.coupling import CoupledTerm, Names
-from romsindy.physics.forcing import Excitation, Forcing, input_in
-from romsindy.physics.input import Input
+from romsindy.physics.coupling import Along, CoupledTerm, Names
+from romsindy.physics.input import Excitation, Forcing, Input, input_in
 from romsindy.physics.integration import integrate_smooth, integrate_steps
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
-from romsindy.record.decay import Decay, checked_time
+from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.recording import Quantity
+from romsindy.record.sampling import checked_time
 from romsindy.typing import Array
 
 # Near M = 0 the acceleration has no bound, and steps shrink without end; refuse before that.
@@ -75,6 +75,14 @@ class Equations(TermSum, ABC):
     @abstractmethod
     def stiffness(self, q: ArrayLike) -> Array:
         """Restoring forces per unit mass, (..., R)."""
+
+    @abstractmethod
+    def damping(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """Damping forces per unit mass, (..., R)."""
+
+    @abstractmethod
+    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> Array:
+        """First integral of the undamped motion, per unit mass."""
 
     @abstractmethod
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, push: Array | float = 0.0) -> Array:
@@ -356,3 +364,51 @@ def _expressions(term: Term, names: Names) -> dict[int, tuple[float, str]]:
 
 def _in_latex(text: str) -> str:
     return re.sub(r"\^(\d[\d.]+)", r"^{\1}", text).replace("sign", r"\operatorname{sign}")
+
+
+Model = TypeVar("Model", bound=TermSum)
+
+
+def inputs_of(model: TermSum) -> tuple[Input, ...]:
+    """The inputs among the terms of a model."""
+    return tuple(i for i in map(input_in, model.terms) if i is not None)
+
+
+def without_inputs(model: Model) -> Model:
+    """The free model."""
+    pairs = zip(model.terms, model.values, strict=True)
+    kept = {term: value for term, value in pairs if input_in(term) is None}
+    return replace(model, terms=tuple(kept), values=tuple(kept.values()))
+
+
+def with_inputs(model: Any, inputs: Sequence[Input], gains: Sequence[Any]) -> Any:
+    """A model that inputs drive, with the gains of each: a number, or one for each coordinate."""
+    several = [
+        [Along.coordinate(term, i + 1) for i in range(model.n_coordinates)]
+        if model.numbered
+        else [term]
+        for term in inputs
+    ]
+    terms = (*model.terms, *(term for own in several for term in own))
+    return replace(model, terms=terms, values=(*model.values, *np.ravel(gains).tolist()))
+
+
+def gain_of(model: Equations) -> Any:
+    """Force per unit mass for an input of 1, a number or (R,) of several coordinates; or else 1.
+
+    Raises
+    ------
+    ValueError
+        If the model has several inputs, or one that lags or acts with a power.
+    """
+    inputs = list(dict.fromkeys(inputs_of(model)))
+    if len(inputs) > 1:
+        names = [term.signal for term in inputs]
+        raise ValueError(f"the model has the inputs {names}, and one can be harmonic: drop others")
+    changed = [term for term in inputs if term.lag or term.power > 1]
+    if changed:
+        raise ValueError(
+            f"the model is driven by {changed[0].expression()}, which is not as large as"
+            f" {changed[0].source!r} itself: drop the input, and give the force per unit mass"
+        )
+    return sum(gain for _, gain in model.pushes) if inputs else 1.0

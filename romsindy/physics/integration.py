@@ -28,7 +28,7 @@ class EscapeError(ValueError):
     """The motion leaves every bound, or becomes too fast to be followed."""
 
 
-class _Followed:
+class _Course:
     """The acceleration along the motion that begins with a state at t[0].
 
     Near infinity steps shrink, or cycles get shorter, without end: it refuses to go there.
@@ -65,21 +65,17 @@ class _Followed:
 def integrate_smooth(
     acceleration: Acceleration, state: Array, t: Array, rtol: float, scale: float
 ) -> tuple[Array, Array]:
-    """Motion (q, q_dot) without jumps of force at increasing times, by LSODA.
+    """Motion (q, q_dot), (n,) or (n, R), without jumps of force at increasing times, by LSODA.
 
     ``state`` is (q, q_dot) at t[0], (2,) of one coordinate or (2, R) of several; the absolute
     tolerance is ``rtol * scale``.
-
-    Returns
-    -------
-    q, q_dot : (n,) or (n, R) arrays
 
     Raises
     ------
     EscapeError
         If the motion cannot be followed to the last time.
     """
-    followed = _Followed(acceleration, state, t)
+    followed = _Course(acceleration, state, t)
 
     def rates(y: Array, now: float) -> tuple[float, float]:
         q, q_dot = y.tolist()
@@ -112,7 +108,7 @@ def integrate_steps(
 
     ``steps`` are their ends, all of t[1:] among them, with the force as a function of time.
     """
-    followed = _Followed(acceleration, state, t)
+    followed = _Course(acceleration, state, t)
 
     def rates(now: float, y: Array, force: Callable[[float], float]) -> list[float]:
         q, q_dot = y.tolist()
@@ -146,7 +142,7 @@ def integrate_strokes(
 
     As `integrate_smooth`; the third array says where friction holds the mass.
     """
-    followed = _Followed(acceleration, state, t)
+    followed = _Course(acceleration, state, t)
     creep, options = 1e-12 * scale, {"rtol": max(rtol, 1e-12), "atol": rtol * scale}
     y = np.tile([float(state[0]), 0.0], (len(t), 1))
     rests = np.ones(len(t), bool)
@@ -176,7 +172,7 @@ def _breakaway(acceleration: Acceleration, q: float, creep: float) -> float:
 
 
 def _stroke(  # type: ignore[no-untyped-def]
-    followed: _Followed,
+    followed: _Course,
     direction: float,
     span: tuple[float, float],
     state: Array,

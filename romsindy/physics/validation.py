@@ -1,10 +1,19 @@
-"""Checks of arguments: every message names the argument, the value and the remedy."""
+"""Checks of arguments and of entries of files: a message names what, the value and the remedy."""
 
 from __future__ import annotations
 
 import difflib
+import json
 import math
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, fields
+from typing import Any, TypeVar
+
+import numpy as np
+
+from romsindy.text import listed
+from romsindy.typing import Array
 
 
 def require_finite(name: str, *values: float) -> None:
@@ -48,3 +57,137 @@ def require_position(name: str, value: float, length: float) -> None:
         raise ValueError(
             f"{name} = {value} m is off the beam; give a position between 0 and {length} m"
         )
+
+
+T = TypeVar("T")
+Reader = Callable[[str, Any], Any]
+
+_NOT_FINITE = {"Infinity": math.inf, "-Infinity": -math.inf, "NaN": math.nan}
+
+
+def number(name: str, value: Any) -> Any:
+    """A number, also one of the strings that stand for those that are not finite."""
+    if isinstance(value, str):
+        value = _NOT_FINITE.get(value, value)
+    if isinstance(value, float) or _is_whole(value):
+        return value
+    raise _refusal(name, value, "a number")
+
+
+def finite(name: str, value: Any) -> Any:
+    """A number that is finite."""
+    if _is_whole(value) or (isinstance(value, float) and math.isfinite(value)):
+        return value
+    raise _refusal(name, value, "a finite number")
+
+
+def whole(name: str, value: Any) -> int:
+    """A whole number."""
+    if not _is_whole(value):
+        raise _refusal(name, value, "a whole number")
+    return int(value)
+
+
+def _is_whole(value: Any) -> bool:
+    """Whether it is a whole number, and none that arrays cannot hold."""
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    return whole and abs(value) <= sys.float_info.max
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or false."""
+    if not isinstance(value, bool):
+        raise _refusal(name, value, "true or false")
+    return value
+
+
+def text(name: str, value: Any) -> str:
+    """A text."""
+    if not isinstance(value, str):
+        raise _refusal(name, value, 'a text in quotes, such as "m"')
+    return value
+
+
+def optional_text(name: str, value: Any) -> str | None:
+    """A text, or null."""
+    return None if value is None else text(name, value)
+
+
+def items(name: str, value: Any) -> list[Any]:
+    """A list."""
+    if not isinstance(value, list):
+        raise _refusal(name, value, "a list [...]")
+    return value
+
+
+def table(name: str, value: Any, keys: Iterable[str] = ()) -> dict[str, Any]:
+    """Named entries, all of those that must be there."""
+    if not isinstance(value, dict):
+        raise _refusal(name, value, "a table {...}")
+    missing = [repr(key) for key in keys if key not in value]
+    if missing:
+        raise ValueError(f"{name} has no {listed(missing)}: add what is missing, or write it again")
+    return value
+
+
+def several(read: Reader) -> Reader:
+    """A reader of lists, by that of their items."""
+    return lambda name, value: tuple(
+        read(f"{name}[{i}]", item) for i, item in enumerate(items(name, value))
+    )
+
+
+def array(name: str, value: Any) -> Array:
+    """Numbers in a list, or in a list of lists of one length."""
+    nested = any(isinstance(item, list) for item in items(name, value))
+    rows = several(several(number) if nested else number)(name, value)
+    if nested and len(set(map(len, rows))) > 1:
+        raise ValueError(f"{name} must be a table of numbers: its rows differ in length")
+    return np.array(rows, float)
+
+
+_FIELD_READERS: dict[str, Reader] = {
+    "float": number,
+    "int": whole,
+    "bool": flag,
+    "str": text,
+    "str | None": optional_text,
+    "tuple[float, ...]": several(number),
+    "tuple[str, ...]": several(text),
+    "Array": array,
+}
+
+
+def made(
+    kind: Callable[..., T], name: str, value: Any, readers: Mapping[str, Reader] | None = None
+) -> T:
+    """A dataclass by its fields: all of those without a default, each of the kind it states.
+
+    Parameters
+    ----------
+    kind : dataclass
+    name : str
+        Where the entry stands, as messages tell it.
+    value : mapping
+    readers : mapping of str to callable, optional
+        For fields of further kinds, by their annotation; "" is for any other.
+    """
+    known = {f.name: f for f in fields(kind)}  # type: ignore[arg-type]
+    needed = [n for n, f in known.items() if f.default is MISSING]
+    refuse_unknown(name, table(name, value, needed), list(known))
+    by_kind = _FIELD_READERS | dict(readers or {})
+    given = {}
+    for field, entry in value.items():
+        stated = getattr(known[field].type, "__name__", str(known[field].type))
+        given[field] = by_kind[stated if stated in by_kind else ""](f"{name}.{field}", entry)
+    try:
+        return kind(**given)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _refusal(name: str, value: Any, wanted: str) -> ValueError:
+    # What is in brackets may be large, and deep.
+    brackets: dict[type, str] = {list: "[...]", dict: "{...}"}
+    shown = brackets.get(type(value)) or f"{json.dumps(value, default=str):.60}"
+    return ValueError(f"{name} = {shown} must be {wanted}: correct it, or write the file again")

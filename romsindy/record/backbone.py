@@ -13,13 +13,14 @@ from romsindy.record.events import (
     CROSSING,
     PEAK,
     LocalValues,
+    Scatter,
     crossings_near,
     half_cycles,
     interpolation_error,
+    noise_behind,
     sides,
 )
-from romsindy.record.noise_level import noise_std
-from romsindy.record.scatter import Scatter, noise_behind
+from romsindy.record.spectrum import noise_std
 from romsindy.record.trend import Curves, Pace, Trend
 from romsindy.typing import Array
 

@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.cycles import crossings, rest_level
-from romsindy.record.filters import Butterworth, Filter
-from romsindy.record.integration import displacement
 from romsindy.record.recording import QUANTITIES, Quantity, Recording
 from romsindy.record.releases import Release, split_releases
-from romsindy.record.sampling import as_floats, as_seconds, part_between, uniform_times
-from romsindy.record.signals import downsample, fundamental_frequency, upsample
-from romsindy.text import counted
+from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
+from romsindy.record.signals import (
+    crossings,
+    downsample,
+    fundamental_frequency,
+    rest_level,
+    upsample,
+)
+from romsindy.record.smoothing import Butterworth, Filter, displacement
 from romsindy.typing import Array, Indices
 
 Stage = Literal["raw", "free", "conditioned"]
@@ -166,6 +169,11 @@ class Decay:
         return 1 if self.q.ndim == 1 else self.q.shape[1]
 
     @property
+    def inputs(self) -> tuple[str, ...]:
+        """None: nothing drives it, see `ForcedVibration.inputs`."""
+        return ()
+
+    @property
     def complete(self) -> bool:
         """Whether velocity and acceleration came with the displacement."""
         return self.q_dot is not None and self.q_ddot is not None
@@ -174,6 +182,12 @@ class Decay:
     def derivative(self) -> int:
         """0, 1, 2 where displacement, velocity or acceleration was measured."""
         return QUANTITIES.index(self.measured)
+
+    def as_recording(self, basis: str = "the decay that was given", source: str = "") -> Recording:
+        """What the sensor gave, with the notes."""
+        return Recording(
+            *(self.t, self.signal, (), self.measured, self.unit, basis, source, self.notes)
+        )
 
     @property
     def signal(self) -> Array:
@@ -250,8 +264,7 @@ class Decay:
         record = self if start is None and end is None else self.between(start, end)
         if self.stage != "raw":
             return record
-        recording = Recording(record.t, record.signal, quantity=self.measured, unit=self.unit)
-        release, notes = _release(recording, start, end)
+        release, notes = _release(record.as_recording(), start, end)
         first = release.start if start is None else record.t[0]
         last = release.end if end is None else record.t[-1]
         part = record.between(first, last)
@@ -320,64 +333,6 @@ class Decay:
         changed: Any = {n: None if x is None else change(x) for n, x in signals.items()}
         t, stage = self.t if t is None else t, stage or self.stage
         return replace(self, t=t, notes=(*self.notes, *notes), stage=stage, **changed)
-
-
-def checked_time(t: ArrayLike) -> Array:
-    """Times of a record, (n,) in s.
-
-    Raises
-    ------
-    ValueError
-        Unless they are finite numbers that increase without a gap, at least 8 of them.
-    """
-    t = as_seconds("t", t)
-    if t.ndim != 1 or len(t) < 8:
-        raise ValueError(
-            f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
-            " the record"
-        )
-    _refuse_nan("t", t)
-    steps = np.diff(t)
-    bad = np.flatnonzero(steps <= 0)
-    if len(bad):
-        i = int(bad[0])
-        what = "repeats" if steps[i] == 0 else "decreases"
-        raise ValueError(
-            f"t must increase, but it {what} at sample {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s):"
-            " sort the samples or remove the repeated ones"
-        )
-    usual = float(np.median(steps))
-    if steps.max() > 1.5 * usual:
-        i = int(np.argmax(steps))
-        raise ValueError(
-            f"t has a gap of {steps[i]:.6g} s after {t[i]:.9g} s (usual step {usual:.6g} s): split"
-            " the record there and pass the pieces as a list, keep one with start= or end=, or"
-            " interpolate"
-        )
-    return t
-
-
-def checked_signal(name: str, x: ArrayLike, n: int) -> Array:
-    x = as_floats(name, x)
-    if x.ndim not in (1, 2) or len(x) != n:
-        raise ValueError(
-            f"{name} must have shape ({n},) or ({n}, n_channels) to go with t, got {x.shape}"
-        )
-    _refuse_nan(name, x)
-    if name == "q" and not np.all(np.ptp(x, axis=0) > 0):
-        raise ValueError(f"q is constant ({x.flat[0]:.6g}): nothing vibrates in this record")
-    return x
-
-
-def _refuse_nan(name: str, x: Array) -> None:
-    bad = np.argwhere(~np.isfinite(x))
-    if len(bad):
-        what = counted(len(bad), "value that is", "values that are")
-        raise ValueError(
-            f"{name} has {what} NaN, infinite or masked, the first at sample"
-            f" {int(bad[0][0])}: cut them off, or interpolate over them; rs.inspect takes a"
-            " Recording in which samples are missing"
-        )
 
 
 def _release(

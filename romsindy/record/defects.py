@@ -8,14 +8,22 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from romsindy.record.disturbances import hidden_mains, level_and_drift, steady_lines
-from romsindy.record.faults import Mask, clipped, dropouts, filled, resolution, runs
-from romsindy.record.gaps import restored
-from romsindy.record.noise_level import NoiseLevel
-from romsindy.record.outliers import spikes, steps
+from romsindy.record.faults import (
+    Mask,
+    clipped,
+    dropouts,
+    filled,
+    resolution,
+    restored,
+    runs,
+    spikes,
+    steps,
+)
 from romsindy.record.recording import Recording
 from romsindy.record.sampling import uniform_times
 from romsindy.record.signals import moving_mean
 from romsindy.record.smoothing import swing
+from romsindy.record.spectrum import NoiseLevel
 from romsindy.text import counted
 from romsindy.typing import Array
 
@@ -70,24 +78,13 @@ class Defect:
 def clean(
     recording: Recording, *, as_measured: bool = False
 ) -> tuple[Recording, tuple[Defect, ...]]:
-    """Mend what can be mended, and list all that is wrong with the samples.
+    """Mend what can be mended, NaN where nothing can, and list all that is wrong with the samples.
 
-    Times become uniform between gaps. Samples that are missing, dropped out, spiked or clipped
-    are interpolated where a quarter of a cycle or less is lost, and NaN otherwise. Offset, drift
-    and steady lines such as mains hum are subtracted. The vibration's own moving midline stays.
-
-    Parameters
-    ----------
-    recording : Recording
-    as_measured : bool
-        Whether what a sensor or its surroundings do stays: samples that clip, offset, drift and
-        lines.
-
-    Returns
-    -------
-    recording : Recording
-        The mended one, NaN where nothing could be done.
-    defects : tuple of Defect
+    Times become uniform between gaps. Samples that are missing, dropped out, spiked or clipped are
+    interpolated where a quarter of a cycle or less is lost, and NaN otherwise. Offset, drift and
+    steady lines such as mains hum are subtracted. The vibration's own moving midline stays.
+    ``as_measured`` what a sensor or its surroundings do stays: samples that clip, offset, drift and
+    lines.
     """
     recording, found = _uniform(_whole(recording))
     x = recording.x.copy()

@@ -15,9 +15,8 @@ from scipy.ndimage import minimum_filter1d, uniform_filter1d
 from scipy.signal import periodogram
 
 from romsindy.record.faults import Mask, filled
-from romsindy.record.noise_level import noise_std
 from romsindy.record.signals import moving_mean, vertex
-from romsindy.record.spectrum import round_about, standing_out
+from romsindy.record.spectrum import noise_std, round_about, standing_out
 from romsindy.typing import Array, Indices
 
 # Cycles for each value of a drift; a midline that moves faster belongs to the vibration.

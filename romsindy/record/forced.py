@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.decay import checked_signal, checked_time
-from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
+from romsindy.record.faults import runs
+from romsindy.record.interpolation import INTERPOLATIONS, Interpolation, require_input
 from romsindy.record.recording import QUANTITIES, Quantity, unit_of
-from romsindy.record.sampling import part_between, uniform_times
+from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
 from romsindy.typing import Array
 
 # What response and input must have, and the remedy.
@@ -23,24 +22,9 @@ ONE_CLOCK = (
     "response and input need one clock; resample one of them, or cut both to the times that they"
     " share"
 )
-_INPUT = re.compile(r"(force|base)( \d+)?")
 # So many samples in a row at the largest, or at the least value, are an input that is clipped, if
 # they are this part of all; one that switches between a few levels is not.
 _CLIPPED, _PART, _LEVELS = 3, 2e-3, 20
-
-
-def require_input(name: str) -> None:
-    """Refuse what is no name of an input."""
-    if not _INPUT.fullmatch(name):
-        raise ValueError(
-            f"input {name!r} is not known: use 'force' or 'base', and of several of a kind"
-            " 'force 2', ..."
-        )
-
-
-def is_base(name: str) -> bool:
-    """Whether an input is the acceleration of the base."""
-    return name.startswith("base")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -229,10 +213,8 @@ def _clipped_note(name: str, u: Array) -> str:
         return ""
     found = 0
     for end in (u.max(), u.min()):
-        at = np.concatenate([[0], u == end, [0]]).astype(int)
-        edges = np.flatnonzero(np.diff(at)).reshape(-1, 2)
-        lengths = edges[:, 1] - edges[:, 0]
-        found += int(lengths[lengths >= _CLIPPED].sum())
+        lengths = [run.stop - run.start for run in runs(u == end)]
+        found += sum(length for length in lengths if length >= _CLIPPED)
     if found < max(_PART * len(u), _CLIPPED):
         return ""
     return (

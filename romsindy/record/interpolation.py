@@ -1,4 +1,4 @@
-"""What a sampled input does between its samples: it is held, goes straight, or is band-limited.
+"""Names of inputs, and what a sampled one does: it is held, goes straight, or is band-limited.
 
 A converter holds its output until the next sample; a line from sample to sample is the least that
 is assumed of a measured input; one that went through an anti-aliasing filter is band-limited. Where
@@ -9,6 +9,7 @@ the input drives a motion, the difference is seen (J. Schoukens, R. Pintelon, H.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Literal
 
@@ -23,6 +24,7 @@ from romsindy.typing import Array
 Interpolation = Literal["band-limited", "linear", "hold"]
 INTERPOLATIONS: tuple[Interpolation, ...] = ("band-limited", "linear", "hold")
 
+_INPUT = re.compile(r"(force|base)( \d+)?")
 # Samples to either side in the interpolation of a band-limited input, and the shape of its window
 # (J. Kaiser): 170 dB up to 0.4 of the sampling rate.
 _REACH, _KAISER = 32, 17.5
@@ -31,6 +33,20 @@ _REACH, _KAISER = 32, 17.5
 _GAUSS = np.polynomial.legendre.leggauss(8)
 _PIECE = ((_GAUSS[0] + 1) / 2, _GAUSS[1] / 2)
 _SHARED = 10  # places for one fraction of a sample, at least, for a filter over all samples
+
+
+def require_input(name: str) -> None:
+    """Refuse what is no name of an input."""
+    if not _INPUT.fullmatch(name):
+        raise ValueError(
+            f"input {name!r} is not known: use 'force' or 'base', and of several of a kind"
+            " 'force 2', ..."
+        )
+
+
+def is_base(name: str) -> bool:
+    """Whether an input is the acceleration of the base."""
+    return name.startswith("base")
 
 
 def interpolated(u: Array, place: Array, interpolation: Interpolation, lag: float = 0.0) -> Array:
@@ -107,20 +123,10 @@ def of_steps(
     """What stands for an input at the Gauss points of steps of time, (n_steps, 3).
 
     With these values quadrature gives the exact integrals of the input times any parabola over a
-    step, wherever it jumps or bends within: so does the motion that it drives.
-
-    Parameters
-    ----------
-    values : callable
-        Of the input, at places counted in samples, (n,).
-    start : (n_steps,) array
-        Where steps start, in samples.
-    length : float
-        Of a step, in samples.
-    nodes : (3,) array
-        Gauss points of a step of length one.
-    smooth : bool
-        Whether it neither jumps nor bends at its samples: then its values are as good.
+    step, wherever it jumps or bends within: so does the motion that it drives. ``values`` takes
+    places counted in samples; steps ``start`` (n_steps,) there and have a ``length``; ``nodes``
+    (3,) are the Gauss points of a step of length one. A ``smooth`` input neither jumps nor bends at
+    its samples: then its values are as good.
     """
     if smooth:
         return values((start[:, None] + length * nodes).ravel()).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""One vibration of a free decay by itself."""
+"""One vibration of a free decay by itself, and channels weighed so that it stands out best."""
 
 from __future__ import annotations
 
@@ -10,13 +10,44 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import butter, sosfiltfilt
 
 from romsindy.record.decay import Decay
-from romsindy.record.noise_level import noise_std
 from romsindy.record.recording import QUANTITIES
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
-from romsindy.record.spectrum import HARMONICS
+from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.spectrum import HARMONICS, noise_std
 from romsindy.record.vibrations import Vibration, decimation
 from romsindy.typing import Array
+
+_CYCLES = 12.0  # between knots: wide, so that other vibrations do not count
+# Amplitudes of one vibration in two channels have a ratio that is constant and real: so much of
+# their product must agree, and so much of it must be in phase. Else they are of different things.
+_COHERENT, _IN_PHASE = 0.98, 0.95
+
+
+def together(t: Array, x: Array, main: int, tone: Ridge) -> tuple[Array, Array]:
+    """Channels ``x`` (n, m) as one (n,), weighed by the shape of a vibration and by their noise.
+
+    Times ``t`` count from the start of the release, s; ``tone`` was followed in channel ``main``,
+    to which the sum is scaled. The shape (m,) is the amplitude of the vibration in each channel
+    over that in the main one; 0 where it was left out because it does not go with that.
+    """
+    inside = tone.inside(t)
+    z = [_amplitude(t[inside], channel[inside], tone) for channel in x.T]
+    own = float(np.vdot(z[main], z[main]).real)
+    shape = np.zeros(len(z))
+    for i, other in enumerate(z):
+        product, size = np.vdot(z[main], other), float(np.vdot(other, other).real)
+        coherent = abs(product) ** 2 > _COHERENT * own * size
+        if coherent and abs(product.real) > _IN_PHASE * abs(product):
+            shape[i] = product.real / own
+    weight = shape / np.array([noise_std(channel) for channel in x.T]) ** 2
+    return x @ (weight / (weight @ shape)), shape
+
+
+def _amplitude(t: Array, x: Array, tone: Ridge) -> Array:
+    """Complex amplitude of a tone in a signal, along its phase."""
+    return HarmonicSpline.along(tone.phase, t, x, _CYCLES, 1).amplitudes(t)[:, 1]
+
 
 # Below this part of its lowest frequency a velocity or an acceleration shows nothing of it.
 _SLOW = 0.7
@@ -45,30 +76,14 @@ def isolated(
     unit: str | None = None,
     notes: tuple[str, ...] = (),
 ) -> Decay:
-    """The free decay of one of several vibrations, with its harmonics.
+    """The free decay of one of several vibrations, with its harmonics, in the quantity measured.
 
     The others are subtracted as they were followed, so that neither the ends nor the harmonics of
     the one suffer, and the noise stays what it was. A record of many samples a cycle is decimated.
 
-    Parameters
-    ----------
-    t : (n,) array
-        Uniform times of the decay, s.
-    x : (n,) array
-        What was measured, free of offset and drift.
-    vibrations : sequence of Vibration
-        As `find_vibrations` found them in x.
-    number : int
-        Which of them, from 0.
-    unit : str, optional
-        SI unit of the displacement.
-    notes : tuple of str
-        What was done to the record before.
-
-    Returns
-    -------
-    Decay
-        Free, in the quantity that was measured.
+    ``x`` (n,) is free of offset and drift, at uniform times ``t``, s; ``vibrations`` are those that
+    `find_vibrations` found in it, ``number`` counts them from 0. ``unit`` is that of the
+    displacement, ``notes`` say what was done before.
     """
     own = vibrations[number]
     others = [v for i, v in enumerate(vibrations) if i != number]

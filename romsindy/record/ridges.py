@@ -110,20 +110,9 @@ class Ridge(Track):
 
 
 def find_ridges(x: Array, dt: float, progress: Callable[[str], None] | None = None) -> list[Ridge]:
-    """Follow the tones of a signal, strongest first.
+    """Follow the tones of a signal ``x`` (n,), free of offset and drift, strongest first.
 
-    Parameters
-    ----------
-    x : (n,) array
-        Free of offset and drift.
-    dt : float
-        Sampling interval, s.
-    progress : callable, optional
-        Called with a line of text for every ridge.
-
-    Returns
-    -------
-    list of Ridge
+    Samples are ``dt`` s apart; ``progress`` is called with a line of text for every ridge.
     """
     n = len(x)
     duration, t = n * dt, dt * np.arange(n)
@@ -192,7 +181,7 @@ def window_cycles(frequency: float, duration: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Level:
+class _Octave:
     """An octave of a signal: samples, their interval in s, and the band in Hz."""
 
     x: Array
@@ -201,16 +190,16 @@ class _Level:
     high: float
 
 
-def _levels(x: Array, dt: float, duration: float) -> list[_Level]:
-    found, high = [_Level(x, dt, 0.225 / dt, 0.45 / dt)], 0.225 / dt
+def _levels(x: Array, dt: float, duration: float) -> list[_Octave]:
+    found, high = [_Octave(x, dt, 0.225 / dt, 0.45 / dt)], 0.225 / dt
     while high > _LEAST_CYCLES / duration and len(x) > _FEWEST_SAMPLES:
-        found.append(_Level(x, dt, high / 2, high))
+        found.append(_Octave(x, dt, high / 2, high))
         x, dt, high = decimate(x, 2, ftype="fir", zero_phase=True), 2 * dt, high / 2
     return found
 
 
 def _seed(
-    levels: Sequence[_Level], known: Sequence[Track], duration: float
+    levels: Sequence[_Octave], known: Sequence[Track], duration: float
 ) -> tuple[float, float, float] | None:
     """Time, frequency and amplitude of the strongest tone that belongs to no ridge yet."""
     best, strongest = None, 0.0
@@ -231,7 +220,7 @@ def _seed(
 
 
 def _picture(
-    level: _Level, duration: float
+    level: _Octave, duration: float
 ) -> Iterator[tuple[Array, Array, Array, NDArray[np.bool_]]]:
     """Times, frequencies, amplitudes (n_t, n_f) of an octave, and which of them stand out."""
     middle = np.sqrt(level.low * level.high)
@@ -261,7 +250,7 @@ def _picture(
 # -- following ----------------------------------------------------------------------------------
 
 
-def _followed(levels: Sequence[_Level], t: float, f: float, duration: float) -> Track:
+def _followed(levels: Sequence[_Octave], t: float, f: float, duration: float) -> Track:
     first = _look(levels, t, f, duration)
     points = np.array(
         [
@@ -280,7 +269,7 @@ def _followed(levels: Sequence[_Level], t: float, f: float, duration: float) -> 
 
 
 def _one_way(
-    levels: Sequence[_Level],
+    levels: Sequence[_Octave],
     direction: int,
     first: tuple[float, float, float, bool],
     duration: float,
@@ -303,7 +292,7 @@ def _one_way(
 
 
 def _look(
-    levels: Sequence[_Level], t: float, f: float, duration: float
+    levels: Sequence[_Octave], t: float, f: float, duration: float
 ) -> tuple[float, float, float, bool]:
     """Time, frequency and amplitude of the tone near f, and whether it stands out there."""
     level = next((v for v in levels[::-1] if v.high > 1.5 * f), levels[0])

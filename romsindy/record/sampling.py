@@ -7,6 +7,7 @@ from datetime import date, timedelta
 import numpy as np
 from numpy.typing import ArrayLike
 
+from romsindy.text import counted
 from romsindy.typing import Array
 
 # Deviation from uniform sampling, in sampling intervals: below it digits were merely rounded.
@@ -100,3 +101,74 @@ def part_between(t: Array, start: float | None, end: float | None) -> slice:
             f" which runs from {t[0]:.6g} to {t[-1]:.6g} s"
         )
     return slice(first, last)
+
+
+def enough_times(t: ArrayLike) -> Array:
+    """Times as `as_seconds` takes them, refused where they are not (n,) of at least 8."""
+    t = as_seconds("t", t)
+    if t.ndim != 1 or len(t) < 8:
+        raise ValueError(
+            f"t must be one-dimensional with at least 8 samples, got shape {t.shape}: give more of"
+            " the record"
+        )
+    return t
+
+
+def require_increasing(
+    t: Array, remedy: str = "sort the samples or remove the repeated ones"
+) -> None:
+    """Refuse times (n,) of which one is not after the one before it."""
+    bad = np.flatnonzero(~(np.diff(t) > 0))
+    if len(bad):
+        i = int(bad[0])
+        what = "repeats" if t[i + 1] == t[i] else "decreases"
+        raise ValueError(
+            f"t must increase, but it {what} at sample {i + 1} ({t[i]:.9g} -> {t[i + 1]:.9g} s):"
+            f" {remedy}"
+        )
+
+
+def checked_time(t: ArrayLike) -> Array:
+    """Times of a record, (n,) in s.
+
+    Raises
+    ------
+    ValueError
+        Unless they are finite numbers that increase without a gap, at least 8 of them.
+    """
+    t = enough_times(t)
+    _refuse_nan("t", t)
+    require_increasing(t)
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    if steps.max() > 1.5 * usual:
+        i = int(np.argmax(steps))
+        raise ValueError(
+            f"t has a gap of {steps[i]:.6g} s after {t[i]:.9g} s (usual step {usual:.6g} s): split"
+            " the record there and pass the pieces as a list, keep one with start= or end=, or"
+            " interpolate"
+        )
+    return t
+
+
+def checked_signal(name: str, x: ArrayLike, n: int) -> Array:
+    x = as_floats(name, x)
+    if x.ndim not in (1, 2) or len(x) != n:
+        raise ValueError(
+            f"{name} must have shape ({n},) or ({n}, n_channels) to go with t, got {x.shape}"
+        )
+    _refuse_nan(name, x)
+    if name == "q" and not np.all(np.ptp(x, axis=0) > 0):
+        raise ValueError(f"q is constant ({x.flat[0]:.6g}): nothing vibrates in this record")
+    return x
+
+
+def _refuse_nan(name: str, x: Array) -> None:
+    bad = np.argwhere(~np.isfinite(x))
+    if len(bad):
+        what = counted(len(bad), "value that is", "values that are")
+        raise ValueError(
+            f"{name} has {what} NaN, infinite or masked, the first at sample"
+            f" {int(bad[0][0])}: cut them off, or interpolate over them; rs.inspect takes a"
+            " Recording in which samples are missing"
+        )

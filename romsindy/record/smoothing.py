@@ -1,20 +1,22 @@
-"""The smooth motion behind a record, with no smoother to choose.
+"""The smooth motion behind a record; displacements integrated without drift by it; filters.
 
 A free decay is a sum of harmonics of one phase whose complex amplitudes drift slowly. Splines for
-these amplitudes, a few cycles between knots, are fitted to the samples by least squares.
+these amplitudes, a few cycles between knots, are fitted to the samples by least squares. A filter
+has one to choose; its derivatives are those of the signal that it smoothed.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.signal import savgol_filter
 
-from romsindy.record.cycles import crossings
-from romsindy.record.signals import fundamental_frequency
+from romsindy.record.signals import crossings, fundamental_frequency, lowpass
 from romsindy.record.spectrum import HARMONICS
 from romsindy.typing import Array
 
@@ -135,3 +137,129 @@ def _fitted(t: Array, x: Array, phase: Array, knots: Array, harmonics: int) -> A
     z = c[:, : harmonics + 1].astype(complex)
     z[:, 1:] -= 1j * c[:, harmonics + 1 :]
     return z
+
+
+# Knots of the midline, in cycles: it follows slow noise and leaves the vibration alone. Knots
+# farther apart tell how far it can be trusted: what both disagree about is of the
+# size of the true error.
+MIDLINE, _CHECK = 3.5, 5.0
+# Of the amplitude: an end where the midline is known no better is left out, half a cycle at most;
+# farther inside it is as good as anywhere.
+_SPOILT, _LONGEST = 0.01, 0.5
+
+
+def displacement(x: Array, dt: float, frequency: float, times: int) -> tuple[Array, slice]:
+    """Displacement from one channel (n,), and the samples that the removal of drift leaves sound.
+
+    Arguments as those of `integrate`.
+    """
+    q = integrate(x, dt, frequency, times)
+    check = integrate(x, dt, frequency, times, _CHECK)
+    cycle = max(round(1 / (frequency * dt)), 1)
+    amplitude = np.sqrt(2 * uniform_filter1d(q**2, cycle))
+    spoilt = np.abs(q - check) > _SPOILT * amplitude
+    longest = round(_LONGEST * cycle)
+    first = np.flatnonzero(spoilt[:longest])
+    last = np.flatnonzero(spoilt[::-1][:longest])
+    return q, slice(first[-1] + 1 if len(first) else 0, len(q) - (last[-1] + 1 if len(last) else 0))
+
+
+def integrate(
+    x: Array, dt: float, frequency: float, times: int = 1, cycles: float = MIDLINE
+) -> Array:
+    """Integrate one channel (n,) of a free decay over time and remove the drift.
+
+    The integration constant, an offset and slow noise of the sensor leave a wandering midline. It
+    is the slow part of a sum of harmonics whose amplitudes drift (`HarmonicSpline`), fitted to the
+    integral and subtracted: at the ends this is far better than a high-pass filter. The cost: the
+    mean of an asymmetric vibration, which a velocity cannot show, is set to zero too.
+
+    ``dt`` in s; ``frequency`` of the slowest vibration, Hz; ``times`` is 1 for a velocity, 2 for an
+    acceleration; so many ``cycles`` lie between the knots of the midline.
+
+    Raises
+    ------
+    ValueError
+        If the record holds fewer than three cycles.
+    """
+    t = dt * np.arange(len(x))
+    cycle = max(round(1 / (frequency * dt)), 2)
+    for _ in range(times):
+        x = make_interp_spline(t, x - x.mean(), k=5).antiderivative()(t)
+        slow = lowpass(x, dt, 3 * frequency)
+        for _ in range(2):
+            slow = slow - uniform_filter1d(slow, cycle, mode="mirror")
+        x = x - HarmonicSpline.fit(t, x, cycles, slow).midline(t)
+    return x
+
+
+Derivatives = tuple[Array, Array, Array]
+
+
+class Filter(Protocol):
+    """Anything that smooths one channel and differentiates it twice."""
+
+    def __call__(self, q: Array, dt: float) -> Derivatives:
+        """Return smoothed q, q_dot, q_ddot, each (n,), from q (n,) sampled every dt seconds."""
+        ...
+
+
+@dataclass(frozen=True)
+class Butterworth:
+    """Zero-phase Butterworth low-pass, forward and backward, then a quintic spline.
+
+    Parameters
+    ----------
+    cutoff : float, optional
+        Hz; ten times the fundamental by default. At or above 0.45 of the sampling rate nothing
+        is filtered.
+    order : int
+        Order of one pass, 4 in the method's paper.
+
+    Raises
+    ------
+    ValueError
+        If the cut-off or the order is not positive.
+    """
+
+    cutoff: float | None = None
+    order: int = 4
+
+    def __post_init__(self) -> None:
+        if self.cutoff is not None and not self.cutoff > 0:
+            raise ValueError(f"cutoff = {self.cutoff!r} must be a positive frequency in Hz")
+        if self.order < 1:
+            raise ValueError(f"order = {self.order!r} must be at least 1")
+
+    def __call__(self, q: Array, dt: float) -> Derivatives:
+        cutoff = self.cutoff or 10 * fundamental_frequency(q, dt)
+        smooth = lowpass(q, dt, cutoff, self.order)
+        t = dt * np.arange(len(q))
+        spline = make_interp_spline(t, smooth, k=5)
+        return smooth, spline(t, 1), spline(t, 2)
+
+
+@dataclass(frozen=True)
+class SavitzkyGolay:
+    """Local polynomials over a window of samples.
+
+    Parameters
+    ----------
+    window : int
+        Number of samples, odd.
+    order : int
+        Degree of the polynomials, below the window.
+    """
+
+    window: int = 31
+    order: int = 5
+
+    def __call__(self, q: Array, dt: float) -> Derivatives:
+        if self.window > len(q):
+            raise ValueError(
+                f"window = {self.window} is longer than the record of {len(q)} samples"
+            )
+        q0, q1, q2 = (
+            savgol_filter(q, self.window, self.order, deriv=d, delta=dt) for d in range(3)
+        )
+        return q0, q1, q2

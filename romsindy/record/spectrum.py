@@ -1,21 +1,112 @@
-"""Spectrum of the noise of a record, read between the harmonics of its vibration.
+"""Noise of a record by its spectrum: of one channel, whatever vibrates, and between harmonics.
+
+`noise_std` is for white noise beside a decay; `NoiseLevel` for noise of any colour; `quiet_std`
+for a driven record, in which a broad band may fill most of the spectrum. Where the motion is known,
+`romsindy.record.noise.Noise` tells more. Arrays are one channel (n,) with a uniform rate.
 
 A smooth motion (`romsindy.record.smoothing`) takes all that lies near its harmonics with it. What
 it leaves half-way between them is noise alone, and lines (mains hum, a second mode). Medians do not
 see lines; a smooth curve through their logarithms is as rough as the record asks for, so that the
 edge of a filter is resolved where there is one.
+
+The vibration went through such a filter, too, which delays its harmonics differently, the more so
+the nearer they are to the edge. How much follows from the noise, if it was white before and the
+filter is one of minimum phase (Butterworth, Bessel, Chebyshev): its phase is the Hilbert transform
+of the logarithm of its gain (A. Oppenheim, R. Schafer, Discrete-Time Signal Processing, 3rd ed.,
+2010, ch. 12).
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import find_peaks
-from scipy.stats import chi2
+from scipy.signal import find_peaks, periodogram, welch
+from scipy.stats import chi2, theilslopes
 
 from romsindy.typing import Array, Indices
+
+# Bands of a spectrum for its slope, from this line on: what is slower may be drift.
+_BANDS, _FIRST = 30, 4
+_QUIET_PART = 20  # of the spectrum: its quietest such part is taken for noise
+
+
+def noise_std(x: Array) -> float:
+    """Standard deviation of white noise in one channel, from the median of its spectrum.
+
+    Vibration fills few lines of the spectrum, white noise all of them; the median sees the noise.
+    Coloured or low-passed noise is underestimated.
+    """
+    pieces = max(len(x) // 1024, 1)
+    # Half overlapping, these are an odd number of segments. The median of a line over them is
+    # distributed about ln 2 of its mean, but was divided by its expectation there, an alternating
+    # harmonic sum (Allen et al., FINDCHIRP, Phys. Rev. D 85 (2012), appendix B).
+    _, power = welch(x, 1.0, nperseg=len(x) // pieces, average="median")
+    expected = 1 + sum(1 / (k + 1) - 1 / k for k in range(2, 2 * pieces - 1, 2))
+    return float(np.sqrt(np.median(power) * expected / np.log(2) / 2))
+
+
+def quiet_power(power: Array) -> float:
+    """Mean power of a line in the quietest part of a spectrum, (n,)."""
+    return float(min(np.mean(band) for band in np.array_split(power[1:], _QUIET_PART)))
+
+
+def quiet_std(y: Array) -> float:
+    """Standard deviation of white noise as strong as the quietest part of a signal's spectrum."""
+    n = len(y)
+    window = np.hanning(n)
+    power = np.abs(np.fft.rfft((y - y.mean()) * window)) ** 2
+    return float(np.sqrt(quiet_power(power) / np.sum(window**2)))
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Noise of one channel in two numbers, whatever vibrates in it.
+
+    Attributes
+    ----------
+    rms : float
+        Without the vibration and lines, unit of the channel.
+    slope : float
+        Power of the frequency that the spectrum of the noise follows: 0 white, -1 pink.
+    slope_std : float
+        Its standard error.
+    ratio : float
+        Signal-to-noise ratio at the loudest, dB.
+    """
+
+    rms: float
+    slope: float
+    slope_std: float
+    ratio: float
+
+    @property
+    def coloured(self) -> bool:
+        """Whether slow noise is clearly the stronger."""
+        return self.slope + 2 * self.slope_std < -0.5
+
+    @classmethod
+    def of(cls, x: Array, dt: float) -> NoiseLevel:
+        """From medians of the spectrum of the later, quieter half of a channel (n,).
+
+        Vibrations and lines fill few lines of the spectrum, and the slope that suits most pairs of
+        medians (Theil and Sen) does not see those that they do fill.
+        """
+        frequency, power = periodogram(x[len(x) // 2 :], 1 / dt, window="hann")
+        edges = np.geomspace(_FIRST * frequency[1], 0.5 / dt, _BANDS + 1)
+        places = np.searchsorted(frequency, edges)
+        bands = [slice(a, b) for a, b in itertools.pairwise(places) if b - a >= 3]
+        middle = np.array([np.sqrt(frequency[b.start] * frequency[b.stop - 1]) for b in bands])
+        density = np.array([np.median(power[b]) for b in bands]) / np.log(2)
+        density = np.maximum(density, np.finfo(float).tiny)
+        slope, _, low, high = theilslopes(np.log(density), np.log(middle), 0.95)
+        width = frequency[1] * np.array([b.stop - b.start for b in bands])
+        rms = float(np.sqrt(np.sum(median_filter(density, 3) * width)))
+        ratio = 20 * np.log10(np.abs(x).max() / np.sqrt(2) / max(rms, np.finfo(float).tiny))
+        return cls(rms, float(slope), float(high - low) / 4, float(ratio))
+
 
 HARMONICS = 6  # of the smooth motion
 # Scatter of the logarithm of the median of n lines of a windowed spectrum: 1.8 / sqrt(n). Noise
@@ -179,3 +270,57 @@ def strong_lines(order: Array, power: Array, n: int, cycle: float) -> tuple[Line
         energy = np.sum(np.maximum(power[around] - floor[around] / np.log(2), 0.0))
         found.append(Line(float(order[peak] / cycle), float(np.sqrt(2 * energy / n))))
     return tuple(sorted(found, key=lambda line: -line.rms))
+
+
+# Power of the quietest part over that of the loudest where there is a filter, and what is lost in
+# an octave: more than red noise loses, which falls with the square of the frequency.
+_EDGE, _OCTAVE = 1e-3, 8.0
+_LINES = 4096
+# The noise says little of how deep a stop band is, and of noise that was not white nothing.
+_DOUBT = 3.0
+_RINGS = 0.01  # of its largest response
+
+
+def distortion(noise: Spectrum, dt: float, frequency: float, harmonics: int) -> Array:
+    """Relative change of harmonics 2, 3 ... of a vibration [Hz] that a filter may have made.
+
+    Relative to a delay of them all; zero where the noise shows no filter.
+    """
+    response = _response(noise, dt)
+    if response is None:
+        return np.zeros(harmonics - 1)
+    number = np.arange(1, harmonics + 1)
+    at = _frequencies(dt)
+    gain, phase = (np.interp(number * frequency, at, x) for x in (response.real, response.imag))
+    change = np.exp(gain - gain[0] + 1j * (phase - number * phase[0])) - 1
+    return _DOUBT * np.abs(change[1:])
+
+
+def settling(noise: Spectrum, dt: float) -> float:
+    """How long the filter that the noise shows rings after a sudden change, s; 0 without one.
+
+    It is held, with the structure, before a release.
+    """
+    response = _response(noise, dt)
+    if response is None:
+        return 0.0
+    rings = np.abs(np.fft.irfft(np.exp(response)))[:_LINES]
+    return dt * float(np.flatnonzero(rings > _RINGS * rings.max())[-1] + 1)
+
+
+def _frequencies(dt: float) -> Array:
+    return np.linspace(0, 0.5 / dt, _LINES + 1)
+
+
+def _response(noise: Spectrum, dt: float) -> np.ndarray | None:
+    """Logarithm of the response of the filter, (m,) complex; None where there is none."""
+    at = _frequencies(dt)
+    power = noise(at)
+    beyond = power[int(np.argmax(power)) :].min()
+    steepest = np.max(power / noise(np.minimum(2 * at, at[-1])))
+    if beyond > _EDGE * power.max() or steepest < _OCTAVE:
+        return None
+    cepstrum = np.fft.irfft(0.5 * np.log(power))
+    cepstrum[1:_LINES] *= 2
+    cepstrum[_LINES + 1 :] = 0
+    return np.fft.rfft(cepstrum)

@@ -202,21 +202,11 @@ class Trend:
         roughness: Array,
         cycles: int | None = None,
     ) -> Trend:
-        """Follow values, one of either side in turn.
+        """Follow values ``y`` (n,) of standard errors ``std``, one of either side in turn.
 
-        Parameters
-        ----------
-        number : (n,) array
-            Where, in cycles.
-        y, std : (n,) arrays
-            Values and their standard errors.
-        alike : (k,) array
-            Correlations of the errors with those 0, 1, 2, ... values later.
-        curves : Curves
-        roughness : (g,) array
-            What is tried.
-        cycles : int, optional
-            Behind each value, instead of what the data ask for.
+        ``number`` (n,) says where, in cycles; ``alike`` (k,) are correlations of the errors with
+        those 0, 1, 2, ... values later; each ``roughness`` (g,) is tried. ``cycles`` behind each
+        value take the place of what the data ask for.
         """
         roughness = roughness if cycles is None else _EVERY
         fixed, rough = curves.rows(number, 0, np.resize([1.0, -1.0], len(number)))

@@ -226,23 +226,11 @@ class Resonance:
 def find_vibrations(
     x: Array, dt: float, derivative: int = 0, progress: Callable[[str], None] | None = None
 ) -> tuple[Vibration, ...]:
-    """The vibrations of one free decay, by frequency.
+    """The vibrations of one free decay, by frequency; none where nothing stands out for long.
 
-    Parameters
-    ----------
-    x : (n,) array
-        One channel from the release on, free of offset and drift.
-    dt : float
-        Sampling interval, s.
-    derivative : int
-        0, 1, 2 for a displacement, velocity or acceleration.
-    progress : callable, optional
-        Called with a line of text for every tone that was followed.
-
-    Returns
-    -------
-    tuple of Vibration
-        Empty where nothing stands out of the noise for long enough.
+    ``x`` (n,) is one channel from the release on, free of offset and drift, every ``dt`` s;
+    ``derivative`` is 0, 1, 2 for a displacement, velocity or acceleration. ``progress`` is called
+    with a line of text for every tone that was followed.
     """
     factor = decimation(x, dt)
     x, dt = downsample(np.asarray(x, float), factor), dt * factor

@@ -103,23 +103,8 @@ def regress(
 ) -> Candidate:
     """Identify one model by regression and hold its backbone against the extracted one.
 
-    Parameters
-    ----------
-    name : str
-    library : feature library
-        Terms of the model.
-    decay : Decay or sequence of Decay
-        With derivatives.
-    backbone : Backbone
-    recipe : HarmonicSINDy
-        How to regress; it is not changed.
-    fixed : mapping, optional
-        Known coefficients.
-
-    Raises
-    ------
-    ValueError
-        As `HarmonicSINDy.fit`.
+    Decays have derivatives; the ``recipe`` says how to regress, and is not changed; coefficients
+    that are ``fixed`` are known. Errors are those of `HarmonicSINDy.fit`.
     """
     estimator = clone(recipe).set_params(library=library, fixed=dict(fixed or {})).fit(decay)
     model = estimator.model_
@@ -136,26 +121,11 @@ def compare_models(
 ) -> Iterator[Candidate]:
     """Identify a stiffness polynomial and an IC-ROM, linear frequency estimated and fixed.
 
-    Parameters
-    ----------
-    decay : Decay or sequence of Decay
-        With derivatives, so that all models see the same signals.
-    backbone : Backbone
-        Read off the same decays.
-    order : int
-        Highest order of stiffness and inertia, at least 3.
-    damping : sequence of str
-        Kinds of damping in all models.
-    fixed : mapping, optional
-        Known coefficients. The fixed linear frequency is its "omega^2", or else the one that
-        the backbone tends to at small amplitude.
-    recipe : HarmonicSINDy
-        How to regress: `PAPER` or `WEIGHTED`, with other harmonics or amplitudes where asked for.
-
-    Yields
-    ------
-    Candidate
-        "stiffness", "stiffness, omega fixed", "IC-ROM", "IC-ROM, omega fixed".
+    The decays have derivatives, so that all models see the same signals, and the backbone was read
+    off them. Stiffness and inertia go to the ``order``, at least 3; all models have these kinds of
+    ``damping``. A fixed linear frequency is the "omega^2" of ``fixed``, or else the one that the
+    backbone tends to at small amplitude. The ``recipe`` is `PAPER` or `WEIGHTED`, with other
+    harmonics or amplitudes where asked for.
 
     Raises
     ------

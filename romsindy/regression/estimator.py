@@ -18,25 +18,20 @@ from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
-from romsindy.record.filters import Filter
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.sampling import as_floats, as_seconds
-from romsindy.regression.coupled_library import is_coupled
-from romsindy.regression.coupled_motion import WindowRows
-from romsindy.regression.coupled_projection import (
+from romsindy.record.smoothing import Filter
+from romsindy.regression.library import ROMLibrary, is_coupled, library_terms
+from romsindy.regression.projection import HarmonicProjection, HarmonicRows
+from romsindy.regression.scaled_optimizer import ScaledOptimizer, fixed_columns, refuse_absurd
+from romsindy.regression.window_motion import WindowRows
+from romsindy.regression.windows import (
     WindowProjection,
     regressed,
-    rows_of,
-)
-from romsindy.regression.forced_projection import (
-    as_forced,
     regressed_forced,
+    rows_of,
     rows_of_forced,
 )
-from romsindy.regression.known_coefficients import fixed_columns, refuse_absurd
-from romsindy.regression.library import ROMLibrary, library_terms
-from romsindy.regression.projection import HarmonicProjection, Rows
-from romsindy.regression.scaled_optimizer import ScaledOptimizer
 from romsindy.typing import Array
 
 
@@ -77,7 +72,7 @@ class HarmonicSINDy(BaseEstimator):
     model_, coef_ : ReducedModel, (n_terms,) array
         The identified equation; its coefficients in the order of the library, then gains of
         inputs.
-    rows_, optimizer_ : Rows, ScaledOptimizer
+    rows_, optimizer_ : HarmonicRows, ScaledOptimizer
         The regression behind it.
 
     Examples
@@ -126,10 +121,9 @@ class HarmonicSINDy(BaseEstimator):
         if not terms:
             raise ValueError("the library has no terms: ask for at least one stiffness term")
         forced = as_forced(x, t, u)
-        if is_coupled(terms):
-            return self._fit_several(terms, x)
-        if forced:
-            return self._fit_forced(terms, forced, t is not None or forced[0].unit is not None)
+        if is_coupled(terms) or forced:
+            unit_known = t is not None or any(v.unit is not None for v in forced[:1])
+            return self._fit_windows(terms, x, forced, unit_known)
         decays = as_decays(x, t)
         unit = _common_unit(decays)
         fixed = fixed_columns(self.fixed or {}, terms, unit is not None or t is not None)
@@ -150,31 +144,25 @@ class HarmonicSINDy(BaseEstimator):
         self.model_: Any = ReducedModel(terms, tuple(self.coef_), unit, valid)
         return self
 
-    def _fit_several(self, terms: Sequence[Term], x: Any) -> HarmonicSINDy:
-        decays = _whole_decays(x)
-        known = dict(self.fixed or {})
-        fixed = fixed_columns(known, terms, decays[0].unit is not None)
-
-        def solve(rows: WindowRows) -> ScaledOptimizer:
-            return ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
-
-        found = regressed(terms, decays, self._windows(), solve, known, self.weighted)
-        self.optimizer_, self.coef_ = found.optimizer, found.optimizer.coef_[0]
-        self.model_, self.rows_ = found.model, found.rows
-        self.mode_shapes_ = found.mode_shapes
-        return self
-
-    def _fit_forced(
-        self, terms: Sequence[Term], forced: Sequence[ForcedVibration], unit_known: bool
+    def _fit_windows(
+        self, terms: Sequence[Term], x: Any, forced: Sequence[ForcedVibration], unit_known: bool
     ) -> HarmonicSINDy:
+        """Of several coordinates, or under inputs."""
         known = dict(self.fixed or {})
 
         def solve(every: Sequence[Term], rows: WindowRows) -> ScaledOptimizer:
             fixed = fixed_columns(known, every, unit_known)
             return ScaledOptimizer(self.optimizer, fixed).fit(rows.theta, rows.target)
 
-        found = regressed_forced(terms, forced, self._windows(), solve, self.weighted)
-        refuse_absurd(found.optimizer.fixed, found.terms, found.rows)
+        if is_coupled(terms):
+            decays = _whole_decays(x)
+            unit_known = decays[0].unit is not None
+            fixed_columns(known, terms, unit_known)  # refuses before any work
+            found = regressed(terms, decays, self._windows(), solve, known, self.weighted)
+            self.mode_shapes_ = found.mode_shapes
+        else:
+            found = regressed_forced(terms, forced, self._windows(), solve, self.weighted)
+            refuse_absurd(found.optimizer.fixed, found.terms, found.rows)
         self.optimizer_, self.coef_ = found.optimizer, found.optimizer.coef_[0]
         self.model_, self.rows_ = found.model, found.rows
         return self
@@ -189,7 +177,7 @@ class HarmonicSINDy(BaseEstimator):
             )
         return self.projection
 
-    def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> Rows:
+    def _rows(self, terms: Sequence[Term], decays: Sequence[Decay]) -> HarmonicRows:
         projection = self.projection if self.projection is not None else HarmonicProjection()
         if not isinstance(projection, HarmonicProjection):
             raise ValueError(
@@ -197,7 +185,7 @@ class HarmonicSINDy(BaseEstimator):
                 " of one give HarmonicProjection()"
             )
         conditioned = [d.single().conditioned(self.differentiation) for d in decays]
-        return Rows.stacked([projection.rows(terms, d) for d in conditioned])
+        return HarmonicRows.stacked([projection.rows(terms, d) for d in conditioned])
 
     def predict(self, x: Any, t: Any = None) -> Any:
         """Acceleration of the identified model at measured displacement and velocity.
@@ -268,7 +256,7 @@ class HarmonicSINDy(BaseEstimator):
         print(*self.equations(precision), sep="\n")
 
 
-def row_weights(rows: Rows) -> Array:
+def row_weights(rows: HarmonicRows) -> Array:
     """One over the variance that is expected of a row's error.
 
     Noise is the same at every amplitude, and differentiating it favours high harmonics; what a
@@ -279,6 +267,53 @@ def row_weights(rows: Rows) -> Array:
     return weights / weights.mean()
 
 
+def as_forced(x: Any, t: Any = None, u: Any = None) -> list[ForcedVibration]:
+    """Forced vibrations from what `HarmonicSINDy.fit` takes; none where nothing is forced.
+
+    Raises
+    ------
+    ValueError
+        If inputs are given beside decays, or shapes do not fit.
+    """
+    several = list(x) if isinstance(x, (list, tuple)) else [x]
+    forced = [v for v in several if getattr(v, "inputs", ())]
+    if u is None:
+        if forced and len(forced) < len(several):
+            raise ValueError(
+                "x holds forced vibrations and others: regress one kind; refine() takes decays"
+                " and forced vibrations together"
+            )
+        return forced
+    if forced:
+        raise ValueError("u is given, and x is a ForcedVibration, which has inputs: leave out u")
+    if any(_is_decay(d) for d in several):
+        raise ValueError(
+            "u is given, and x is a Decay, which nothing drives: leave out u, or give arrays x, t"
+            " and u, or a ForcedVibration"
+        )
+    if not (isinstance(x, (list, tuple)) and len(x) and np.ndim(x[0])):
+        return [_forced(x, t, u)]
+    if not isinstance(u, (list, tuple)) or not isinstance(t, (list, tuple)):
+        raise ValueError(f"x holds {len(x)} records: give lists t and u as well")
+    if not len(x) == len(t) == len(u):
+        raise ValueError(f"x holds {len(x)} records, but t {len(t)} and u {len(u)}")
+    return [_forced(*one) for one in zip(x, t, u, strict=True)]
+
+
+def _forced(x: Any, t: Any, u: Any) -> ForcedVibration:
+    if t is None:
+        raise ValueError("t is missing: give the times in s that go with the arrays x and u")
+    x = np.asarray(x, float)
+    columns = 1 if np.ndim(u) < 2 else np.shape(u)[1]
+    names = ["force", *(f"force {i}" for i in range(2, columns + 1))]
+    return ForcedVibration(t, x if x.ndim == 1 else x[:, 0], u, inputs=names)
+
+
+def _is_decay(x: Any) -> bool:
+    """Whether it is a record that nothing drives."""
+    return getattr(x, "inputs", None) == ()
+
+
 def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     """Decays from what `HarmonicSINDy.fit` takes: decays, arrays with times, or lists of either.
 
@@ -287,10 +322,10 @@ def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     ValueError
         If times are missing, or shapes do not fit.
     """
-    if isinstance(x, Decay):
+    if _is_decay(x):
         return [x]
     several = isinstance(x, (list, tuple)) and len(x)
-    if several and isinstance(x[0], (Decay, np.ndarray, list, tuple)):
+    if several and (_is_decay(x[0]) or isinstance(x[0], (np.ndarray, list, tuple))):
         clocks = [None] * len(x) if t is None else list(t)
         if len(clocks) != len(x):
             raise ValueError(f"x holds {len(x)} records, but t holds {len(clocks)}")

@@ -17,9 +17,9 @@ from scipy.special import bernoulli
 from sklearn.base import BaseEstimator
 
 from romsindy.physics.term import Term, WeakForm
-from romsindy.record.cycles import crossings
 from romsindy.record.decay import Decay
 from romsindy.record.recording import Quantity
+from romsindy.record.signals import crossings
 from romsindy.typing import Array, Indices
 
 # From the sensor's signal to the acceleration.
@@ -27,7 +27,7 @@ _DIFFERENTIATIONS: dict[Quantity, int] = {"displacement": 2, "velocity": 1, "acc
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class HarmonicRows:
     """Rows of the regression theta c = target, each one part of one harmonic of one cycle.
 
     Attributes
@@ -51,12 +51,14 @@ class Rows:
     noise: Array
 
     @staticmethod
-    def stacked(parts: Sequence[Rows]) -> Rows:
+    def stacked(parts: Sequence[HarmonicRows]) -> HarmonicRows:
         """Rows of several records, cycles numbered through."""
         starts = np.cumsum([0] + [len(p.amplitude) for p in parts[:-1]])
         numbered = [replace(p, cycle=p.cycle + s) for p, s in zip(parts, starts, strict=True)]
-        names = [field.name for field in fields(Rows)]
-        return Rows(*(np.concatenate([getattr(p, name) for p in numbered]) for name in names))
+        names = [field.name for field in fields(HarmonicRows)]
+        return HarmonicRows(
+            *(np.concatenate([getattr(p, name) for p in numbered]) for name in names)
+        )
 
 
 @dataclass(eq=False, repr=False)
@@ -89,7 +91,7 @@ class HarmonicProjection(BaseEstimator):
     form: Literal["weak", "strong"] = "weak"
     amplitude: tuple[float, float] | None = None
 
-    def rows(self, terms: Sequence[Term], decay: Decay) -> Rows:
+    def rows(self, terms: Sequence[Term], decay: Decay) -> HarmonicRows:
         """Rows of all cycles of one decay with derivatives.
 
         Raises
@@ -114,7 +116,7 @@ class HarmonicProjection(BaseEstimator):
         forms = [*(term.weak(decay.q, decay.q_dot) for term in terms), target]
         return self._project_weak(forms, decay)
 
-    def project(self, columns: Array, q: Array, differentiations: int = 0) -> Rows:
+    def project(self, columns: Array, q: Array, differentiations: int = 0) -> HarmonicRows:
         """Strong form of any columns (n, n_terms + 1), the last one the target; cycles from q."""
         self._check()
         values, amplitudes = [], []
@@ -125,7 +127,7 @@ class HarmonicProjection(BaseEstimator):
             amplitudes.append(amplitude)
         return self._stack(values, amplitudes, differentiations)
 
-    def _project_weak(self, forms: Sequence[WeakForm], decay: Decay) -> Rows:
+    def _project_weak(self, forms: Sequence[WeakForm], decay: Decay) -> HarmonicRows:
         q, dt = decay.q, decay.dt
         second, second_rate, first, zeroth = (
             np.stack([np.zeros_like(q) if part is None else part for part in parts], axis=1)
@@ -174,14 +176,14 @@ class HarmonicProjection(BaseEstimator):
 
     def _stack(
         self, cycles: list[NDArray[np.complex128]], amplitudes: list[float], differentiations: int
-    ) -> Rows:
+    ) -> HarmonicRows:
         h = np.asarray(self.harmonics)
         values = np.array(cycles)
         # The mean has no imaginary part: 2 H + 1 rows a cycle.
         parts = np.concatenate([values.real, values.imag[:, h > 0]], axis=1)
         table = parts.reshape(-1, parts.shape[2])
         harmonic = np.tile(np.concatenate([h, h[h > 0]]), len(cycles))
-        return Rows(
+        return HarmonicRows(
             theta=table[:, :-1],
             target=table[:, -1],
             cycle=np.repeat(np.arange(len(cycles)), parts.shape[1]),

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from romsindy.beam.modes import ModalBasis
+from romsindy.beam.equilibrium import ModalBasis, Shape
 from romsindy.beam.motion import Motion
-from romsindy.beam.normal_modes import NormalMode
-from romsindy.beam.statics import Shape
+from romsindy.beam.transient import NormalMode
 from romsindy.show.axes import given_or_new, look, with_unit
 from romsindy.typing import Array
 
@@ -52,9 +51,7 @@ def plot_modal_responses(
     With ``scale`` each is divided by its largest value, as in `plot_coupling`.
     """
     ax = given_or_new(ax)
-    motion.basis.index(count)
-    for column in range(count):
-        q, label = _scaled(motion, column, scale)
+    for column, q, label in _scaled(motion, range(count), scale):
         ax.plot(motion.t, q, **look(column), label=label)
     ylabel = "$q_n$ / max" if scale else with_unit("q", _MODAL)
     ax.set(xlabel="time (s)", ylabel=ylabel)
@@ -79,9 +76,7 @@ def plot_coupling(
         Whether each curve is divided by its largest value, which the legend then names.
     """
     ax = given_or_new(ax)
-    motion.basis.index(count)
-    for column in range(1, count):
-        q, label = _scaled(motion, column, scale)
+    for column, q, label in _scaled(motion, range(1, count), scale):
         ax.plot(motion.coordinates.displacement[:, 0], q, color=f"C{column}", lw=0.8, label=label)
     ylabel = "$q_n$ / max" if scale else with_unit("$q_n$", _MODAL)
     ax.set(xlabel=with_unit("$q_1$", _MODAL), ylabel=ylabel)
@@ -89,12 +84,14 @@ def plot_coupling(
     return ax
 
 
-def _scaled(motion: Motion, column: int, scale: bool) -> tuple[Array, str]:
-    """A modal coordinate, over its largest value if asked, and its label."""
-    q = motion.coordinates.displacement[:, column]
-    largest = float(np.max(np.abs(q)))
-    label = with_unit(f"$q_{{{column + 1}}}$, max {largest:.2g}", _MODAL)
-    return (q / largest if scale and largest > 0.0 else q), label
+def _scaled(motion: Motion, columns: range, scale: bool) -> Iterator[tuple[int, Array, str]]:
+    """Modal coordinates by their columns, over their largest values if asked, and labels."""
+    motion.basis.index(columns.stop)
+    for column in columns:
+        q = motion.coordinates.displacement[:, column]
+        largest = float(np.max(np.abs(q)))
+        label = with_unit(f"$q_{{{column + 1}}}$, max {largest:.2g}", _MODAL)
+        yield column, (q / largest if scale and largest > 0.0 else q), label
 
 
 def plot_normal_mode(

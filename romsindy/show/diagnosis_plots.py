@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.signal import welch
 
 from romsindy.record.backbone import Backbone
+from romsindy.record.noise import Noise
 from romsindy.show.axes import log_ratio, with_unit
+from romsindy.show.compared import COLORS, Compared, draw_over_time, draw_spectra, spectrum_of
 from romsindy.show.cycles import of_cycles
 from romsindy.show.facts import Fact, tell
 from romsindy.typing import Array
 
-BEFORE, AFTER = "C3", "C0"
+BEFORE, AFTER = COLORS
 _LOOKS: dict[str, dict[str, Any]] = {
     "measured": {"color": "0.4", "ls": "", "marker": "o", "ms": 3},
     "before": {"color": BEFORE, "lw": 2.4},  # seen where both agree
@@ -36,20 +37,8 @@ def draw_errors_in_time(
 
     nan where nothing is compared. The simulated motions show where one can zoom.
     """
-    above, *below = figure.subplots(3, 1, sharex=True)
-    above.plot(t, measured, color="0.5", lw=0.8, label="measured")
-    above.set_ylim(above.get_ylim())  # as the record has it, whatever is hidden
-    top = 1.1 * float(np.nanmax(np.abs([before, after])))
-    for ax, error, name, color, dash in zip(
-        below, (before, after), ("before", "after"), (BEFORE, AFTER), "-:", strict=True
-    ):
-        ax.plot(t, error, color=color, lw=0.7, label=f"error {name}")
-        ax.set_ylim(-top, top)
-        above.plot(t, measured - error, dash, color=color, lw=1.5, label=name, visible=False)
-    for ax in (above, *below):
-        ax.legend(handles=ax.lines[:1], frameon=False, loc="upper right", fontsize="small")
-    below[1].set_xlabel("time (s)")
-    figure.supylabel(with_unit(quantity, unit), fontsize="medium")
+    missed = {"before": before, "after": after}
+    draw_over_time(Compared(t, measured, missed, quantity, unit), figure)
 
 
 def draw_backbones(
@@ -148,13 +137,6 @@ def draw_error_spectra(
     figure: Figure,
 ) -> None:
     """Spectra of a record and of what is missed of it, (n,), beside white noise of this rms."""
-    ax = figure.subplots()
-    looks = {"measured": "0.6", "error before": BEFORE, "error after": AFTER}
-    pieces = max(len(measured) // 8, 8)
-    for (name, color), x in zip(looks.items(), (measured, before, after), strict=True):
-        frequency, power = welch(x, 1 / dt, nperseg=pieces)
-        ax.loglog(frequency[1:], np.sqrt(power[1:]), color=color, lw=1.2, label=name)
-    level = noise * np.sqrt(2 * dt)
-    ax.axhline(level, color="k", lw=0.8, ls=":", label="noise")
-    ax.set(xlabel="frequency (Hz)", ylabel=f"{quantity} ({unit}/sqrt(Hz))")
-    ax.legend(frameon=False, fontsize="small")
+    t, missed = dt * np.arange(len(measured)), {"before": before, "after": after}
+    channel = Compared(t, measured, missed, quantity, unit, Noise.white(noise, dt))
+    draw_spectra({"": spectrum_of(channel)}, figure)

@@ -1,4 +1,4 @@
-"""Figures of identified functions with their 95 % bands, and of their motion, as in `plots`."""
+"""Figures of identified functions with their 95 % bands, as in `plots`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.functions.identification import Identification
 from romsindy.physics.model import ReducedModel
-from romsindy.record.recording import unit_of
 from romsindy.show.axes import given_or_new, look, with_unit
 from romsindy.typing import Array
 
@@ -59,18 +57,7 @@ def plot_stiffness(
     label: str = "identified",
     ax: Axes | None = None,
 ) -> Axes:
-    """K(q)/q over the range of the data, with its 95 % band; that of other models beside it.
-
-    Parameters
-    ----------
-    found : Identification, Fit or Estimate
-    models : mapping of str to ReducedModel, optional
-        Curves by label, of one coordinate.
-    coordinate : int
-        Of several, from 1.
-    color, label : str
-        Of the identified function.
-    """
+    """K(q)/q over the range of the data, with its 95 % band; arguments as of `plot_inertia`."""
     ax = given_or_new(ax)
     q = _range(found, coordinate)
     q = q[q != 0]  # K(0)/0 is no number; its neighbours show where it tends to
@@ -104,26 +91,6 @@ def plot_parts(found: Identification, *, ax: Axes | None = None) -> Axes:
     label = with_unit("amplitude", found.model.unit)
     ax.set(xlabel=label, yscale="log", ylim=(1e-5, 3))
     return ax
-
-
-def draw_motion(found: Identification, index: int, figure: Figure) -> None:
-    """One record, and what one simulation of the equation leaves of it.
-
-    The simulated motion shows where one can zoom.
-    """
-    record, residual = found.records[index], found.residuals[index]
-    t = record.decay.t
-    above, below = figure.subplots(2, 1, sharex=True)
-    above.plot(t, record.signal, color="0.5", lw=0.8, label="measured")
-    above.set_ylim(above.get_ylim())  # as the record has it, whatever is hidden
-    simulated = record.signal - residual
-    above.plot(t, simulated, ":", color="C0", lw=1.5, label="simulated", visible=False)
-    below.plot(t, residual, color="C0", lw=0.7, label="measured - simulated")
-    for ax in (above, below):
-        ax.legend(handles=ax.lines[:1], frameon=False, loc="upper right", fontsize="small")
-    below.set_xlabel("time (s)")
-    quantity = record.decay.measured
-    figure.supylabel(with_unit(quantity, unit_of(quantity, record.decay.unit)), fontsize="medium")
 
 
 def _range(found: Estimate, coordinate: int) -> Array:

@@ -1,9 +1,15 @@
-"""Panels that pages share: each asks the result whether it has something to show."""
+"""The page of what was identified: a list of panels, each of which asks the result what it has.
+
+A panel is a function of the result that gives its pictures, none where it does not apply. A new one
+is such a function and a line in `PANELS`: pages of all kinds of results then have it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,15 +18,122 @@ from matplotlib.figure import Figure
 from romsindy.fit.curve import Curve
 from romsindy.fit.estimate import Estimate
 from romsindy.physics.model import ReducedModel
-from romsindy.show.function_plots import plot_inertia, plot_stiffness
-from romsindy.show.page import Picture
+from romsindy.record.recording import unit_of
+from romsindy.show import orbit_plots, plots
+from romsindy.show.axes import with_unit
+from romsindy.show.beside import Beside
+from romsindy.show.compared import (
+    Compared,
+    Density,
+    draw_over_time,
+    draw_spectra,
+    held_out_of,
+    spectrum_of,
+)
+from romsindy.show.function_plots import plot_inertia, plot_parts, plot_stiffness
+from romsindy.show.identified import Identified
+from romsindy.show.page import Picture, write_page
+from romsindy.show.tables import tables
 
 _INCHES = 3.4  # height of one coordinate of several
+_ROW = 1.5  # the same of a row over time
 _LOOK = 21  # values of q by which a function is known to change
 _CHANGES = 1e-9  # more than rounding
+_CURVE, _SHARES = 60, 150  # points of a band against amplitude, and of shares of terms
 
-Models = Mapping[str, ReducedModel]
+Panel = Callable[[Identified], Iterable[Picture]]
 
+
+def _picture(name: str, title: str, caption: str, plot: Callable[..., object]) -> Picture:
+    return Picture(name, title, caption, lambda figure: plot(ax=figure.subplots()))
+
+
+# -- what was measured beside the models -----------------------------------------------------------
+
+
+def decays(result: Identified) -> Iterator[Picture]:
+    """Decays with the peaks of their cycles."""
+    if result.beside is not None:
+        caption = "The free decay that was analysed, with the peaks of its cycles."
+        yield _picture("decay", "Decay", caption, partial(_plot_decays, result.beside))
+
+
+def _plot_decays(beside: Beside, ax: Axes) -> None:
+    for decay, backbone in zip(beside.decays, beside.backbones, strict=True):
+        plots.plot_decay(decay, backbone, ax=ax)
+        # One legend for all of them.
+        handles, labels = ax.get_legend_handles_labels()
+        ax.legend(handles[:2], labels[:2], loc="upper right", frameon=False)
+
+
+def cycles(result: Identified) -> Iterator[Picture]:
+    """Frequency and damping of every cycle, with the models over them."""
+    beside = result.beside
+    if beside is None:
+        return
+    b = beside.backbone
+    models: dict[str, Any] = {c.name: c.model for c in beside.shown}
+    if result.found is not None:
+        amplitudes = np.linspace(b.amplitude.min(), b.amplitude.max(), _CURVE)
+        models[beside.main.name] = result.found.band(amplitudes)
+    yield _picture(
+        "backbone",
+        "Backbone",
+        "Each circle is a cycle with its standard error; curves are the undamped models, the"
+        " identified one with its 95 % band.",
+        partial(plots.plot_backbone, beside.backbones, models),
+    )
+    yield _picture(
+        "damping",
+        "Damping",
+        "Damping ratio of each cycle, and what the models dissipate.",
+        partial(plots.plot_damping, beside.backbones, models),
+    )
+
+
+def modes(result: Identified) -> Iterator[Picture]:
+    """The backbone of each mode of several coordinates."""
+    if not result.modes:
+        return
+    told = [
+        f"Mode {number}: {b if isinstance(b, str) else b.stop_reason}."
+        for number, b in result.backbones.items()
+    ]
+    caption = (
+        "Undamped periodic motion of each mode, as the equations have it; a line for each"
+        " coordinate."
+    )
+    if result.fit is not None and result.fit.decays:
+        caption += " Dots: the vibration in the decays, which the other coordinates move, too."
+    size = (6.4, _INCHES * len(result.modes))
+    draw = partial(orbit_plots.draw_modes, result.modes, result.backbones, result.model.unit)
+    yield Picture("backbone", "Backbones", " ".join([caption, *told]), draw, size)
+
+
+def band(result: Identified) -> Iterator[Picture]:
+    """Backbone and damping of the equation alone, where no cycles show them."""
+    if result.band is None:
+        return
+    caption = "Undamped motion and damping ratio of the equation without inputs, with 95 % bands."
+    if not np.isfinite(result.band.frequency).all():
+        caption += " They end where the equation has no periodic motion."
+    draw = partial(orbit_plots.draw_band, result.band)
+    yield Picture("backbone", "Backbone and damping", caption, draw, (6.4, 6.0))
+
+
+def response(result: Identified) -> Iterator[Picture]:
+    """Steady states with the response to every level of force."""
+    if result.steady is not None:
+        yield Picture(
+            "response",
+            "Response",
+            "Dots are the steady states that were measured, lines the equation at each level of"
+            " force, with the 95 % band of a further point; dashed where unstable.",
+            partial(orbit_plots.draw_levels, result.steady, result.levels, result.force_unit),
+        )
+
+
+# -- the equation ----------------------------------------------------------------------------------
 
 # Name, how it is drawn, and what it is.
 _FUNCTIONS: tuple[tuple[str, Callable[..., Axes], str], ...] = (
@@ -34,27 +147,22 @@ _FUNCTIONS: tuple[tuple[str, Callable[..., Axes], str], ...] = (
 )
 
 
-def functions(found: Estimate, beside: Models | None = None) -> list[Picture]:
-    """Inertia and stiffness along every coordinate, where the equation has them change with it.
-
-    Parameters
-    ----------
-    found : Estimate
-    beside : mapping of str to ReducedModel, optional
-        Other models of one coordinate, by label.
-    """
+def functions(result: Identified) -> Iterator[Picture]:
+    """Inertia and stiffness along every coordinate, where the equation has them change with it."""
+    found, beside = result.found, result.beside
+    if found is None:
+        return
+    others = {c.name: c.model for c in beside.shown if c is not beside.main} if beside else {}
     coordinates = range(1, found.model.n_coordinates + 1)
-    panels = []
     for name, plot, caption in _FUNCTIONS:
         changing = [k for k in coordinates if _changes(found, name, k)]
-        draw = partial(_draw, found, plot, changing, beside)
+        draw = partial(_draw_function, found, plot, changing, others)
         if changing == [1] == [*coordinates]:
-            panels.append(Picture(name, name.capitalize(), caption, draw))
+            yield Picture(name, name.capitalize(), caption, draw)
         elif changing:
             caption += " Along each coordinate, with the others at rest."
             size = (6.4, _INCHES * len(changing))
-            panels.append(Picture(name, name.capitalize(), caption, draw, size))
-    return panels
+            yield Picture(name, name.capitalize(), caption, draw, size)
 
 
 def _changes(found: Estimate, name: str, coordinate: int) -> bool:
@@ -67,13 +175,204 @@ def _changes(found: Estimate, name: str, coordinate: int) -> bool:
     return bool(np.ptp(values, axis=1).max() > _CHANGES * np.abs(values).max())
 
 
-def _draw(
+def _draw_function(
     found: Estimate,
     plot: Callable[..., Axes],
     coordinates: Sequence[int],
-    beside: Models | None,
+    beside: Mapping[str, ReducedModel],
     figure: Figure,
 ) -> None:
     axes = figure.subplots(len(coordinates), squeeze=False)[:, 0]
     for ax, k in zip(axes, coordinates, strict=True):
         plot(found, beside, coordinate=k, ax=ax)
+
+
+def parts(result: Identified) -> Iterator[Picture]:
+    """Which parts of the equation matter: of functions with bands, or of the terms of a model."""
+    title = "Relative magnitude of the terms"
+    if result.series is not None:
+        yield _picture(
+            "parts",
+            title,
+            "Inertia beyond 1, stiffness beyond omega^2 and damping over a cycle, with 95 % bands:"
+            " which of them matter.",
+            partial(plot_parts, result.series),
+        )
+    elif result.beside is not None:
+        b, main = result.beside.backbone, result.beside.main
+        amplitudes = np.linspace(b.amplitude.min(), b.amplitude.max(), _SHARES)
+        yield _picture(
+            "relative_magnitude",
+            title,
+            f"Terms of the {main.name} over a cycle: which of them matter.",
+            partial(plots.plot_relative_magnitude, main.model, amplitudes),
+        )
+
+
+# -- what is left ----------------------------------------------------------------------------------
+
+
+def harmonics(result: Identified) -> Iterator[Picture]:
+    """What is left at the harmonics of the motion, where that was looked at."""
+    if result.series is not None:
+        yield _picture(
+            "misfit",
+            "What the equation leaves",
+            "Residual at the harmonics of the motion over the noise, in windows of eight cycles:"
+            " near 1 nothing is missing; single points scatter by chance.",
+            partial(plots.plot_misfit, result.series),
+        )
+    elif result.beside is not None:
+        estimators = {
+            c.name: c.estimator for c in result.beside.regressions if c in result.beside.shown
+        }
+        yield _picture(
+            "residual",
+            "Residual by harmonic",
+            "What the regression leaves. Noise grows with the harmonic squared; what stands out"
+            " from that is a missing term.",
+            partial(plots.plot_residual, estimators),
+        )
+
+
+def force_left(result: Identified) -> Iterator[Picture]:
+    """What is left of the force at steady states."""
+    if result.steady is not None:
+        yield Picture(
+            "misfit",
+            "Force left over",
+            "What the equation leaves of the force at every point, as a part of it: points that"
+            " stand off their neighbours had not settled.",
+            partial(orbit_plots.draw_force_left, result.steady),
+        )
+
+
+def over_time(result: Identified) -> Iterator[Picture]:
+    """Every channel, measured and simulated, and what a simulation leaves of it."""
+    held = result.held_out
+    rest = [] if held is None else held_out_of(held.vibration, held.missed)
+    for i, (name, channel) in enumerate(_named(result).items(), 1):
+        caption = (
+            f"{'Input, response, and' if channel.inputs else 'Measured, and'}"
+            f" {result.what_is_left()}; dotted: one standard deviation of the noise. Below: some"
+            " cycles round the largest, measured and simulated."
+            f"{' Orange: what was held out, and predicted.' if held else ''}"
+        )
+        yield Picture(
+            f"channel_{i}" if name else "motion",
+            f"Over time: {name}" if name else "Over time",
+            caption,
+            partial(draw_over_time, channel, held_out=rest[i - 1] if rest else None),
+            (6.4, 0.6 + _ROW * channel.rows),
+        )
+
+
+def spectrum(result: Identified) -> Iterator[Picture]:
+    """What is left beside the noise, at every frequency."""
+    spectra = {name: spectrum_of(channel) for name, channel in _named(result).items()}
+    caption = (
+        "Of what was measured and of what is left of it, beside the noise. What the equation lacks"
+        " stands out of it, and so does what a force that was not measured moves."
+    )
+    if result.steady is not None:
+        spectra = {"": _of_points(result)}
+        caption += " Large near folds, where a small force moves the response far."
+    if spectra:
+        size = (6.4, 1.0 + _INCHES * len(spectra))
+        yield Picture(
+            "spectrum",
+            "Spectrum of what is left",
+            caption,
+            partial(draw_spectra, spectra),
+            size,
+        )
+
+
+def _named(result: Identified) -> dict[str, Compared]:
+    """Channels by name; one alone needs none."""
+    if len(result.followed) == 1:
+        return {"": result.followed[0]}
+    numbered = [f"channel {i + 1}" for i in range(len(result.followed))]
+    return dict(zip(result.channels or numbered, result.followed, strict=True))
+
+
+def _of_points(result: Identified) -> Density:
+    """Of steady states, their response and what is left of it at their frequencies."""
+    assert result.steady is not None
+    fit, points = result.steady, result.steady.points
+    order = np.argsort(points.frequency)
+    rate = points.frequency**points.rate
+    # Of a complex number, whose real and imaginary part have this noise each.
+    noise = np.sqrt(1.0 + points.phased) * points.std[:, 0] * rate
+    return Density(
+        points.frequency[order] / (2 * np.pi),
+        (points.amplitude * rate)[order],
+        {"simulated": np.abs(fit.residuals)[order]},
+        noise[order],
+        with_unit(points.measured, unit_of(points.measured, fit.model.unit)),
+        {"ls": "", "marker": "o", "ms": 3},
+    )
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+PANELS: tuple[Panel, ...] = (
+    decays,
+    cycles,
+    modes,
+    band,
+    response,
+    functions,
+    parts,
+    harmonics,
+    force_left,
+    over_time,
+    spectrum,
+)
+
+
+def pictures(result: Identified) -> list[Picture]:
+    """The figures of a result."""
+    return [picture for panel in PANELS for picture in panel(result)]
+
+
+def write_result(
+    result: Identified,
+    path: str | Path,
+    figures: Iterable[Picture],
+    *,
+    interactive: bool = False,
+    command: str = "identify",
+) -> None:
+    """Write the page with figures, those of `pictures` and others; a ``command`` makes it."""
+    several = result.model.numbered
+    write_page(
+        path,
+        "report",
+        command,
+        title=result.title,
+        sentence="\n".join([*result.findings(), *(() if result.series else result.remarks())]),
+        equation_title=f"The equation{'s' if several else ''} of motion",
+        **_equation(result),
+        tables=tables(result),
+        pictures=figures,
+        interactive=interactive,
+        notes=[*([result.picked] if result.picked else []), *result.notes()],
+    )
+
+
+def _equation(result: Identified) -> dict[str, Any]:
+    """The equation in letters and as a formula, and the verdict on it."""
+    found, beside = result.found, result.beside
+    if found is None:
+        main = beside and beside.main.model
+        return {"equation": str(main), "formula": main.latex_terms() if main else ()}
+    words: dict[str, Any] = {"equation": "\n".join(result.equations())}
+    if not result.model.numbered:
+        words["formula"] = found.single_model.latex_terms()
+    if result.series is not None:
+        s = result.series
+        words["formula"] = s.short.model.latex_terms()
+        words["equation"] = "\n".join(s.opening()[:2])  # the short one is the formula
+        words["equation_note"] = " ".join([f"Of the short equation: {s.off()}.", *result.remarks()])
+    return words | {"verdict": "explained" if found.verdict.explained else "not explained"}

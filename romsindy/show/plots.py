@@ -17,7 +17,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
-from romsindy.regression.projection import Rows
+from romsindy.regression.projection import HarmonicRows
 from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
 from romsindy.show.cycles import (
     Curve,
@@ -110,19 +110,7 @@ def plot_backbone(
         Of models of several coordinates, by frequency, from 1.
     """
     ax = given_or_new(ax)
-    points = points_of(measured, mode)
-    backbones, models = backbones_of(measured, models, mode)
-    curves = list(_curves(models, span_of(backbones), "frequency", 2 * np.pi, mode))
-    for number, backbone in numbered(backbones):
-        hz, hz_std = (x / (2 * np.pi) for x in (backbone.frequency, backbone.frequency_std))
-        cycles = ax.errorbar(
-            hz, backbone.amplitude, xerr=hz_std, yerr=backbone.amplitude_std, **points
-        )
-        tell(cycles.lines[0], *of_cycles(backbone, number), *misses(backbone.amplitude, hz, curves))
-    for amplitudes, middle, band, style in curves:
-        if band:
-            ax.fill_betweenx(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
-        ax.plot(middle, amplitudes, **style)
+    backbones = _draw_cycles(ax, measured, models, "frequency", 2 * np.pi, mode, upright=True)
     label = with_unit("amplitude", backbones[0].unit)
     ax.set(xlabel="frequency (Hz)", ylabel=label, ylim=(0, None))
     # Single uncertain cycles must not squeeze the picture.
@@ -132,6 +120,33 @@ def plot_backbone(
         ax.set_xlim(sure.min() - margin, sure.max() + margin)
     _legend(ax)
     return ax
+
+
+def _draw_cycles(
+    ax: Axes,
+    measured: Backbone | Sequence[Backbone] | Fit,
+    models: Models | None,
+    quantity: str,
+    unit: float,
+    mode: int,
+    upright: bool = False,
+) -> Sequence[Backbone]:
+    """Every cycle with its errors, and the curves of models; ``upright``, amplitude goes up."""
+    points = points_of(measured, mode)
+    backbones, models = backbones_of(measured, models, mode)
+    curves = list(_curves(models, span_of(backbones), quantity, unit, mode))
+    for number, b in numbered(backbones):
+        read, std = (getattr(b, quantity + end) / unit for end in ("", "_std"))
+        x, y = (read, b.amplitude) if upright else (b.amplitude, read)
+        errors = (b.amplitude_std, std) if upright else (std, None)
+        cycles = ax.errorbar(x, y, *errors, **points)
+        tell(cycles.lines[0], *of_cycles(b, number), *misses(b.amplitude, read, curves))
+    fill = ax.fill_betweenx if upright else ax.fill_between
+    for amplitudes, middle, band, style in curves:
+        if band:
+            fill(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
+        ax.plot(*((middle, amplitudes) if upright else (amplitudes, middle)), **style)
+    return backbones
 
 
 def _legend(ax: Axes) -> None:
@@ -149,23 +164,7 @@ def plot_damping(
 ) -> Axes:
     """Damping ratio against amplitude, with the curves of models over it (see `plot_backbone`)."""
     ax = given_or_new(ax)
-    points = points_of(measured, mode)
-    backbones, models = backbones_of(measured, models, mode)
-    curves = list(_curves(models, span_of(backbones), "damping_ratio", 0.01, mode))
-    for number, backbone in numbered(backbones):
-        ratio = 100 * backbone.damping_ratio
-        cycles = ax.errorbar(
-            backbone.amplitude, ratio, yerr=100 * backbone.damping_ratio_std, **points
-        )
-        tell(
-            cycles.lines[0],
-            *of_cycles(backbone, number),
-            *misses(backbone.amplitude, ratio, curves),
-        )
-    for amplitudes, middle, band, style in curves:
-        if band:
-            ax.fill_between(amplitudes, *band, color=style["color"], alpha=0.25, lw=0)
-        ax.plot(amplitudes, middle, **style)
+    backbones = _draw_cycles(ax, measured, models, "damping_ratio", 0.01, mode)
     ax.locator_params(axis="x", nbins=6)  # amplitudes such as 0.0025 are wide
     ratios = np.concatenate([b.damping_ratio for b in backbones])
     spread = np.quantile(ratios, [0.05, 0.95]) * 100
@@ -232,7 +231,7 @@ def plot_residual(estimators: Mapping[str, HarmonicSINDy], *, ax: Axes | None = 
     ValueError
         For a regression of several coordinates, whose rows are windows without harmonics.
     """
-    several = [label for label, e in estimators.items() if not isinstance(e.rows_, Rows)]
+    several = [label for label, e in estimators.items() if not isinstance(e.rows_, HarmonicRows)]
     if several:
         raise ValueError(
             f"estimators has {several} of several coordinates, whose rows have no harmonics: see"

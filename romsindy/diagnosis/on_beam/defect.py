@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.beam import Beam, NoEquilibriumError
-from romsindy.diagnosis.on_beam.doubts import Doubt, changes_of
 from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
-from romsindy.diagnosis.on_beam.release import Release, read_release
+from romsindy.diagnosis.on_beam.release import ReleaseLoad, read_release
+from romsindy.diagnosis.on_beam.within_tolerances import ParameterDirection, changes_of
 from romsindy.fit.collocation import integrate
 from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.gauss_newton import fit
@@ -42,7 +42,7 @@ class Corrected(NamedTuple):
     decay: Decay
     readings: Array  # (n, n_sensors), in what was measured
     start: tuple[float, float]  # coordinate and its rate
-    release: Release
+    release: ReleaseLoad
 
 
 def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
@@ -53,7 +53,7 @@ def on_the_beam(parts: Sequence[Part]) -> tuple[Part, ...]:
 def effects_of(parts: Sequence[Part]) -> list[Any]:
     """What `Beam.with_effect` takes, of some parts."""
     there = on_the_beam(parts)
-    own = [p for p in there if not isinstance(p.effect, Doubt)]
+    own = [p for p in there if not isinstance(p.effect, ParameterDirection)]
     return changes_of(there) + [p.effect.on_beam(float(p.strengths[0, 0])) for p in own]
 
 
@@ -77,7 +77,7 @@ def corrected(
     parts: Sequence[Part],
     record: Record,
     decay: Decay,
-    release: Release | None = None,
+    release: ReleaseLoad | None = None,
     smooth: Record | None = None,
 ) -> Corrected:
     """Simulate the beam and its reduced model, both with the effects that a beam can have.
@@ -122,7 +122,7 @@ def simulated(
     record: Record,
     decay: Decay,
     start: tuple[float, float],
-    release: Release,
+    release: ReleaseLoad,
 ) -> list[Array]:
     """What the sensors read of a beam: displacements, velocities, accelerations.
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from romsindy.beam import StaticCurve
-from romsindy.beam.spring import springs_of
+from romsindy.beam.structure import springs_of
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
 from romsindy.effects.mounting import AlongBeam, AtPoint, Mounting, Point, TowardsAnchor

@@ -13,14 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.beam import FREE, Beam, StaticCurve, changes
-from romsindy.beam.spring import springs_of
+from romsindy.beam.structure import springs_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect
 from romsindy.effects.base import TermEffect
-from romsindy.effects.load import PointMass
-from romsindy.effects.mounting import AtPoint, Mounting
-from romsindy.physics.combination import Combination
-from romsindy.physics.serial import term_from_key
+from romsindy.effects.mounting import AtPoint, Mounting, PointMass
+from romsindy.physics.term import Combination
+from romsindy.physics.term_sum import term_from_key
 
 _ORDER = 7
 _LEAST = 1e-12  # an effect that must be positive, and is zero

@@ -22,8 +22,7 @@ from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.mounted import MountedEffect
 from romsindy.diagnosis.on_beam.parameters import ParameterEffect, points
 from romsindy.effects.base import State
-from romsindy.effects.load import PointMass
-from romsindy.effects.mounting import AtPoint
+from romsindy.effects.mounting import AtPoint, PointMass
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
@@ -37,7 +36,7 @@ _DAMPING = 0.2  # the same of its damping
 
 
 @dataclass(frozen=True, eq=False)
-class Slack:
+class Latitude:
     """What the sensors and the higher modes may do beside what is simulated: standard deviations.
 
     Attributes
@@ -61,8 +60,8 @@ class Slack:
         return np.concatenate([self.gains, pairs])
 
     @classmethod
-    def of(cls, seen: InstrumentedBeam, doubtful: Sequence[Beam], gains: Array) -> Slack:
-        """Slack of a beam, given what it would be if each doubtful parameter were another."""
+    def of(cls, seen: InstrumentedBeam, doubtful: Sequence[Beam], gains: Array) -> Latitude:
+        """Latitude of a beam, given what it would be if each doubtful parameter were another."""
         count = seen.shapes.shape[1]
         omega = seen.basis.omega[:count]
         shifts = [b.modes(count=count).omega / omega - 1 for b in doubtful]
@@ -72,7 +71,7 @@ class Slack:
 
 
 @dataclass(frozen=True)
-class Place:
+class PlaceOnBeam:
     """Where an effect acts, m.
 
     Attributes
@@ -95,7 +94,7 @@ class Place:
         """Whether the data can tell where."""
         return self.high - self.low < PLACE * self.length
 
-    def untold(self) -> Place:
+    def untold(self) -> PlaceOnBeam:
         """The same, where nothing else supports it."""
         return replace(self, low=0.0, high=self.length)
 
@@ -151,8 +150,8 @@ def find_place(
     records: Sequence[Record],
     measured: Sequence[Array],
     simulated: Sequence[Sequence[Array]],
-    slack: Slack,
-) -> Place:
+    slack: Latitude,
+) -> PlaceOnBeam:
     """Where an effect acts.
 
     Parameters
@@ -164,7 +163,7 @@ def find_place(
         What the sensors read in each.
     simulated : sequence of sequences of (n, n_sensors) arrays
         The same for the effect at each of the `points`.
-    slack : Slack
+    slack : Latitude
     """
     at = np.array(points(seen.beam))
     m, spreads = 1 + len(at), slack.spreads
@@ -182,7 +181,7 @@ def find_place(
     noise = max(float(chi_squared.min()) / samples, 1.0)
     inside = fine[chi_squared < chi_squared.min() + PLACE_RISE * noise]
     best = float(fine[np.argmin(chi_squared)])
-    return Place(best, float(inside.min()), float(inside.max()), seen.beam.length)
+    return PlaceOnBeam(best, float(inside.min()), float(inside.max()), seen.beam.length)
 
 
 def _table(

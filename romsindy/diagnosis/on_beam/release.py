@@ -14,7 +14,7 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.fit.verdict import MOVING
-from romsindy.record.noise_level import noise_std
+from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 _HIGHER = 4  # modes beside the first whose part in the release is looked for
@@ -24,7 +24,7 @@ _STEP = 0.02  # amplitude of a higher mode, relative to the first, for differenc
 _ROUNDS = 2  # the motion is nearly linear in the higher modes
 
 
-class Release(NamedTuple):
+class ReleaseLoad(NamedTuple):
     """Nodal loads, (n_nodes, 3) and of any size, that held a beam and that pushed it.
 
     None stands for the modal force of its first mode.
@@ -41,7 +41,7 @@ def read_release(
     measured: Array,
     dt: float,
     derivative: int = 0,
-) -> Release:
+) -> ReleaseLoad:
     """Find the loads that held a beam until it was let go, and that pushed it.
 
     Each is a sum of modal forces. Beside their ratios an error of the amplitude, one of the
@@ -87,7 +87,7 @@ def read_release(
         matrix /= (scale := np.linalg.norm(matrix, axis=0))
         found, *_ = np.linalg.lstsq(matrix, ((measured[:n] - here) / noise).ravel(), rcond=None)
         ratios[unknown] += (found / scale)[: len(steps)]
-    return Release(*_loads(forces, ratios))
+    return ReleaseLoad(*_loads(forces, ratios))
 
 
 def _loads(forces: Array, ratios: Array) -> Iterator[Array]:

@@ -13,16 +13,16 @@ import numpy as np
 from romsindy.beam import Beam
 from romsindy.diagnosis import words
 from romsindy.diagnosis.experiment import Advice
+from romsindy.diagnosis.explained import Written
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.on_beam.defect import beam_with, effects_of
-from romsindy.diagnosis.on_beam.doubts import Adjusted, adjusted, in_words
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
-from romsindy.diagnosis.on_beam.place import Place
+from romsindy.diagnosis.on_beam.place import PlaceOnBeam
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault
+from romsindy.diagnosis.on_beam.within_tolerances import Adjusted, adjusted, in_words
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.verdict import Verdict
-from romsindy.diagnosis.written import Written
 from romsindy.fit.part import Part
 from romsindy.text import TextTable
 
@@ -60,7 +60,7 @@ class BeamReport(Written):
         On the record that was held out, or the last: the beam before and after.
     trouble : str
         Why the beam could not be simulated with what was found; empty where it could.
-    place : Place or None
+    place : PlaceOnBeam or None
         Where the effect acts, if it is one that can be anywhere.
     """
 
@@ -70,7 +70,7 @@ class BeamReport(Written):
     parts: tuple[Part, ...]
     sensor_errors: tuple[SensorError, ...]
     trouble: str = ""
-    place: Place | None = None
+    place: PlaceOnBeam | None = None
 
     @property
     def verdict(self) -> Verdict:

@@ -11,7 +11,6 @@ from joblib import Parallel, delayed
 
 from romsindy.beam import NoEquilibriumError, StepTooLongError
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.on_beam.defect import (
     Corrected,
     beam_with,
@@ -24,16 +23,17 @@ from romsindy.diagnosis.on_beam.defect import (
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.diagnosis.on_beam.parameters import points
 from romsindy.diagnosis.on_beam.place import (
-    Place,
-    Slack,
+    Latitude,
+    PlaceOnBeam,
     can_be_anywhere,
     find_place,
     moved_to,
     place_now,
 )
-from romsindy.diagnosis.on_beam.release import Release
+from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects.base import Effect
 from romsindy.fit.collocation import TrajectoryError
@@ -62,7 +62,7 @@ class Outcome(NamedTuple):
 
 
 @dataclass(eq=False)
-class Rounds:
+class BeamRounds:
     """A beam and its reduced model beside records.
 
     Attributes
@@ -78,7 +78,7 @@ class Rounds:
     unsure, general : sequences of Effect
         What follows the data; what is looked for beside effects that a beam can have.
     options : Options
-    releases : list of Release or None
+    releases : list of ReleaseLoad or None
         How each record started; None is read from the sensors, once.
     form : FormError
         Of the beam, as its reference records show it.
@@ -92,7 +92,7 @@ class Rounds:
     unsure: Sequence[Effect]
     general: Sequence[Effect]
     options: Options
-    releases: list[Release | None]
+    releases: list[ReleaseLoad | None]
     form: FormError = NO_FORM_ERROR
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
@@ -177,8 +177,8 @@ class Rounds:
         self,
         found: Outcome,
         effects_at: Callable[[float], Sequence[Effect]],
-        slack: Slack,
-    ) -> tuple[Outcome, Place | None]:
+        slack: Latitude,
+    ) -> tuple[Outcome, PlaceOnBeam | None]:
         """Where the effect that was found acts, and what is found with it there.
 
         Nothing is told where the same effect is not found there again.
@@ -200,7 +200,7 @@ class Rounds:
             return found, place.untold()
         return there, place
 
-    def place_of(self, part: Part, outcome: Outcome, slack: Slack) -> Place:
+    def place_of(self, part: Part, outcome: Outcome, slack: Latitude) -> PlaceOnBeam:
         """Where one of the effects that were found acts; see `find_place`."""
         others = [p for p in outcome.parts if p.effect.name != part.effect.name]
         beams = [

@@ -14,36 +14,40 @@ from romsindy.beam import (
     Shape,
     StaticCurve,
 )
-from romsindy.diagnosis.form import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.on_beam.checks import checked_readings
 from romsindy.diagnosis.on_beam.defect import Corrected, corrected
-from romsindy.diagnosis.on_beam.doubts import doubts, position_doubt, position_gains
-from romsindy.diagnosis.on_beam.instrumented import UNIT, InstrumentedBeam, coarse, signals_of
+from romsindy.diagnosis.on_beam.instrumented import (
+    UNIT,
+    InstrumentedBeam,
+    checked_readings,
+    coarse,
+    signals_of,
+)
 from romsindy.diagnosis.on_beam.mounted import BeamEffect, DampingEffect, mounted_effects
 from romsindy.diagnosis.on_beam.parameters import (
     damping_effects,
     parameter_effects,
     standard_deviations,
 )
-from romsindy.diagnosis.on_beam.place import Slack
-from romsindy.diagnosis.on_beam.release import Release
+from romsindy.diagnosis.on_beam.place import Latitude
+from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
-from romsindy.diagnosis.on_beam.rounds import FAILURES, Rounds
+from romsindy.diagnosis.on_beam.rounds import FAILURES, BeamRounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
+from romsindy.diagnosis.on_beam.within_tolerances import directions, position_error, position_gains
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.tolerance_sources import of_references
+from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
+from romsindy.effects.choices import looked_for
 from romsindy.fit.record import Record
 from romsindy.fit.refine import refine
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
-from romsindy.record.noise_level import noise_std
+from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 _ORDER = 7
-# What a beam explains by its own parameters, and a sensor by comparison with the others.
-_GENERIC = ("linear_frequency", "gain", "saturation", "bias", "sensor_nonlinearity")
 # Parameters of a beam that stand for the coefficients of a reduced model.
 _FREE = {"omega^2": "bending_stiffness", "c_linear": "mass_damping"}
 
@@ -87,16 +91,16 @@ def diagnose_beam(
     curve, shift = seen.curve(float(np.abs(own.q).max())), _frequency_shift(model, training)
     effects_at = partial(_effects, seen, curve, shift, options.catalogue)
     effects = effects_at()
-    unneeded = {*_GENERIC, *(e.name for e in effects)}
-    general = [e for e in options.catalogue if e.name not in unneeded]
+    mounted = {e.name for e in effects}
+    general = [e for e in looked_for(options.catalogue, "beam") if e.name not in mounted]
     records = [Record.loud(d, options.floor) for d in coordinates]
     unsure: list[Effect] = [e for e in effects if e.name in free_names and e.name not in near]
     unsure += _within_tolerances(seen, model, records[: len(measured)], effects, near)
-    start = None if load is None else Release(load)
+    start = None if load is None else ReleaseLoad(load)
     try:
         options, form = _known_errors(seen, model, known, start, options)
-        starts: list[Release | None] = [start] * len(records)
-        rounds = Rounds(
+        starts: list[ReleaseLoad | None] = [start] * len(records)
+        rounds = BeamRounds(
             seen, model, records, raw, held_out is not None, unsure, general, options, starts, form
         )
         before = rounds.begin()
@@ -109,7 +113,7 @@ def diagnose_beam(
         seen.beam.with_effect(p.on_beam(near[p.name]))
         for p in (parameter_effects(seen, curve.reach, names=near) if near else ())
     ]
-    slack = Slack.of(seen, doubtful, position_gains(seen, off or 0.0))
+    slack = Latitude.of(seen, doubtful, position_gains(seen, off or 0.0))
     found, place = rounds.placed(rounds.run(effects, before), effects_at, slack)
     errors = _sensor_errors(
         seen, decays[-1].between(rounds.calm[-1]), (before[-1], found.corrected[-1])
@@ -122,7 +126,7 @@ def _known_errors(
     seen: InstrumentedBeam,
     model: ReducedModel,
     references: Sequence[Decay],
-    release: Release | None,
+    release: ReleaseLoad | None,
     options: Options,
 ) -> tuple[Options, FormError]:
     """What the beam leaves on the records that it was updated to: a tolerance, an error of form."""
@@ -192,9 +196,9 @@ def _within_tolerances(
     apart = [*(p for p in known if p.sign), *(e for e in effects if isinstance(e, DampingEffect))]
     found: list[Effect] = [replace(e, tolerance=near[e.name]) for e in apart if e.name in near]  # type: ignore[type-var]
     if "sensor_positions" in near:
-        found.append(position_doubt(seen, near["sensor_positions"]))
+        found.append(position_error(seen, near["sensor_positions"]))
     deviations = np.array([near[p.name] for p in alike])
-    return found + list(doubts(model, records, alike, deviations) if alike else ())
+    return found + list(directions(model, records, alike, deviations) if alike else ())
 
 
 def _sensor_errors(

@@ -1,4 +1,4 @@
-"""Does a model explain a forced vibration? What it leaves is noise where its past tells nothing."""
+"""Does a model explain a driven record, and is what it leaves small?"""
 
 from __future__ import annotations
 
@@ -10,10 +10,20 @@ from scipy.special import fdtrc
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.record import Prepared
-from romsindy.fit.verdict import FALSE_ALARM
-from romsindy.record.autoregression import innovation
-from romsindy.text import quantity
+from romsindy.fit.verdict import (
+    BARELY,
+    COLOURED,
+    FALSE_ALARM,
+    SAME_SIGNAL,
+    SMALLER,
+    STRUCTURE,
+    WIDEST_SIGNAL,
+)
+from romsindy.record.prediction import innovation
+from romsindy.text import percent, quantity
 from romsindy.typing import Array
+
+_NUMBERS = ("left", "part", "piece", "whole", "missing", "sensor", "force", "colour")
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +32,12 @@ class ForcedAdequacy(Adequacy):
 
     Attributes
     ----------
-    ratio : float
-        Rms of the residual over the noise where the spectrum of the response is quietest.
-    structure : float
-        Power of the residual over that part of it that its own past does not predict: 1 of white
-        noise.
+    ratio, structure : float
+        Rms and power of what is left over those without what goes with motion or input: 1 where
+        it is noise.
     p_value : float
-        Probability that white noise is predicted as well (F test).
+        Probability that noise goes with motion or input as much (F test); nan where it was not
+        tried, see `romsindy.fit.forced.independence`.
     left : float
         Rms of the residual, in the unit of the measured quantity.
     part : float
@@ -41,6 +50,14 @@ class ForcedAdequacy(Adequacy):
         these are the values above. 0 where it was followed from end to end.
     whole : float
         What one simulation of the whole record leaves then, as `part`; nan where it has no motion.
+    missing : float
+        What goes with motion or input, as a part of the rms of the response.
+    like : str
+        The force that alone tells most of that.
+    sensor, force : float
+        Noise of the sensor, and what forces that are noise move, as parts of the response.
+    colour : float
+        Correlation of the noise of the sensor from sample to sample.
     """
 
     left: float = 0.0
@@ -49,21 +66,50 @@ class ForcedAdequacy(Adequacy):
     undetermined: str = ""
     piece: float = 0.0
     whole: float = 0.0
+    missing: float = 0.0
+    like: str = ""
+    sensor: float = 0.0
+    force: float = 0.0
+    colour: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("left", "part", "piece", "whole"):  # a file may say "NaN"
+        for name in (
+            "left",
+            "part",
+            "piece",
+            "whole",
+            "missing",
+            "sensor",
+            "force",
+            "colour",
+        ):  # a file may say "NaN"
             object.__setattr__(self, name, float(getattr(self, name)))
 
     @property
+    def structured(self) -> bool:
+        """Whether more than noise goes with motion or input, and it matters."""
+        return self.p_value < self.false_alarm and self.missing > BARELY
+
+    @property
     def explained(self) -> bool:
-        """Whether the residual is white, or as good, and the model determined."""
-        return bool(np.isfinite(self.ratio)) and not self.structured and not self.undetermined
+        """Whether what is left goes with neither motion nor input, and the model is determined.
+
+        Forces that were not measured must not move so much that it would be another motion.
+        """
+        noise = bool(np.isfinite(self.ratio)) and not self.structured
+        return noise and self.force <= WIDEST_SIGNAL and not self.undetermined
+
+    @property
+    def good(self) -> bool:
+        """Whether one simulation leaves as little as tests of good repeatability differ by."""
+        whole = self.whole if self.piece else self.part
+        return whole <= SAME_SIGNAL and not self.undetermined
 
     def __str__(self) -> str:
         if not np.isfinite(self.ratio):
             return "The model does not explain the record: it has no motion that follows it."
-        size = f"{quantity(self.left, self.measured_unit)} rms, {100 * self.part:.2g} %"
+        size = f"{quantity(self.left, self.measured_unit)} rms, {percent(self.part)}"
         if self.undetermined:
             rest = self._of_the_whole() if self.piece else f"It leaves {size} of the response"
             return f"The record does not determine the model: {self.undetermined}. {rest}."
@@ -71,16 +117,32 @@ class ForcedAdequacy(Adequacy):
             done = "explains" if self.explained else "follows"
             return (
                 f"The model {done} pieces of {self.piece:.0f} cycles, each from a state of its own,"
-                f" but for {size} of the response. {self._of_the_whole()}."
+                f" but for {size} of the response{self._kind()}. {self._of_the_whole()}."
             )
-        if self.explained:
-            return f"The model explains the record: it leaves {size} of the response, as noise."
-        share = 100 * (1 - 1 / self.structure)
-        return (
-            f"The model does not explain the record to its noise: it leaves {size} of the response"
-            f" ({self.ratio:.3g} times the noise where that is quietest); {share:.0f} % of the"
-            " power of it is no noise, for its past predicts it."
-        )
+        found = "explains the record" if self.explained else "does not explain the record"
+        if self.good and not self.explained:
+            found = "is good for practice, and something small is missing"
+        return f"The model {found}: it leaves {size} of the response{self._kind()}."
+
+    def _kind(self) -> str:
+        """What is left, in words."""
+        if np.isnan(self.p_value):
+            return ""
+        if self.structured:
+            return (
+                f", and {percent(self.missing)} of the response goes with the motion or the input,"
+                f" most like {self.like} (p = {self.p_value:.1g})"
+            )
+        return f", as noise: {self._noise()}"
+
+    def _noise(self) -> str:
+        """Where it comes from."""
+        coloured = ", coloured" if self.colour > COLOURED else ""
+        sensor = f"{percent(self.sensor)} of the sensor{coloured}"
+        if self.force < SMALLER * self.sensor:
+            return sensor
+        most = ", too much to tell them from what is missing" if self.force > WIDEST_SIGNAL else ""
+        return f"{sensor}, {percent(self.force)} by forces that were not measured{most}"
 
     def _of_the_whole(self) -> str:
         what = "One simulation of the whole record"
@@ -111,6 +173,8 @@ def examine_forced(
             driven += float(np.mean(own**2)) * len(e)
             order += more
     structure = power / driven if driven > 0 else np.inf
+    part = float(np.sqrt(power / heard))
+    told = structure > STRUCTURE  # its past tells more of it than does not matter
     freedom = max(n - order, 1)
     p = float(fdtrc(order, freedom, (structure - 1) * freedom / order)) if order else 1.0
     return ForcedAdequacy(
@@ -124,6 +188,7 @@ def examine_forced(
         unit=unit,
         false_alarm=false_alarm,
         left=float(np.sqrt(power / n)),
-        part=float(np.sqrt(power / heard)),
+        part=part,
         measured_unit=records[0].decay.signal_unit,
+        missing=part if told else 0.0,
     )

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from romsindy.fit.verdict import EQUIVALENT, FORM
-from romsindy.record.autoregression import innovation
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import INTERPOLATIONS, Interpolation
+from romsindy.record.prediction import innovation
 from romsindy.text import listed
 from romsindy.typing import Array
 

@@ -12,8 +12,7 @@ from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.forcing import input_in
-from romsindy.physics.input import Input
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation

@@ -11,6 +11,7 @@ from romsindy.fit.coupled_terms import candidates as coupled_candidates
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import inputs_in
+from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.modes import modes_of
 from romsindy.fit.forced.refine import Look, decided
 from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
@@ -23,7 +24,7 @@ from romsindy.fit.measured import (
 )
 from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
-from romsindy.physics.driven import inputs_of, without_inputs
+from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -95,15 +96,16 @@ def identify_forced(
     require_known(known, [t.key for t in (*linear, *kinds[-1])])
     look = Look.of(several, modes)
     for laws in kinds:
-        best, search = _of_kind(_Search(laws, linear, known, look, say), driven)
+        search = _Search(laws, linear, known, look, say)
+        best = examined(_best(search, driven))
         if best.verdict.explained:
             break
     best = with_choice_error(best, search.every_choice(best))
     return replace(best, notes=(*best.notes, *stand_ins(best)))
 
 
-def _of_kind(search: _Search, driven: Sequence[ForcedVibration]) -> tuple[Fit, _Search]:
-    """The best of some laws, whatever the inputs do between their samples."""
+def _best(search: _Search, driven: Sequence[ForcedVibration]) -> Fit:
+    """With the terms that are needed, whatever the inputs do between their samples."""
     hypotheses = [inputs_in(driven, way) for way in ways(driven)]
     best = search.decided(search.needed(hypotheses[0]), hypotheses)
     inputs = inputs_of(best.model)
@@ -111,7 +113,7 @@ def _of_kind(search: _Search, driven: Sequence[ForcedVibration]) -> tuple[Fit, _
         # Terms that were chosen with another input may stand for what was wrong with it.
         own = inputs_in(driven, inputs[0].interpolation)
         best = search.decided(search.needed(own), hypotheses)
-    return best, search
+    return best
 
 
 @dataclass(frozen=True)

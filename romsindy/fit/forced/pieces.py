@@ -24,7 +24,7 @@ from romsindy.fit.mode_shape import Offset
 from romsindy.fit.part import Part, in_orders
 from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.driven import without_inputs
+from romsindy.physics.equations import without_inputs
 
 _CYCLES = 20.0  # in the shortest pieces
 _MOST = 40  # pieces

@@ -18,7 +18,7 @@ from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.record import Prepared
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
-from romsindy.record.noise_level import quiet_power, quiet_std
+from romsindy.record.spectrum import quiet_power, quiet_std
 from romsindy.typing import Array
 
 # Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies
@@ -83,11 +83,6 @@ class ForcedRecord(Prepared):
     def peak(self) -> float:
         """The same: one channel was measured."""
         return self.amplitude
-
-    @property
-    def count(self) -> float:
-        """Samples."""
-        return float(len(self.signal))
 
     def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
         """What the sensor shows of a motion x, (n, 1), with the parts of a hypothesis."""

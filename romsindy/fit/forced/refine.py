@@ -13,6 +13,7 @@ from romsindy.fit.coupled_terms import linear_model
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
+from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.modes import Modes, modes_near
 from romsindy.fit.forced.pieces import Driven
 from romsindy.fit.measured import (
@@ -26,9 +27,8 @@ from romsindy.fit.measured import (
 from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel, CoupledModel
-from romsindy.physics.driven import inputs_of, with_inputs, without_inputs
-from romsindy.physics.forcing import input_in
-from romsindy.physics.input import Input
+from romsindy.physics.equations import inputs_of, with_inputs, without_inputs
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
@@ -60,13 +60,13 @@ def refined_forced(
     names = free_names(free_model, fixed)
     look = Look.near(free_model, several)
     if own:
-        return look.fit(names, model, loss, progress)
+        return examined(look.fit(names, model, loss, progress))
     fits: list[Fit] = []
     for way in ways(look.measured):
         inputs = inputs_in(look.measured, way)
         driven = with_inputs(free_model, inputs, look.gains(free_model.terms, inputs))
         fits.append(look.fit(names, driven, loss, progress))
-    return decided(fits)
+    return examined(decided(fits))
 
 
 class Look(NamedTuple):

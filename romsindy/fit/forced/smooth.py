@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.record.noise_level import quiet_power
+from romsindy.record.spectrum import quiet_power
 from romsindy.typing import Array
 
 _LINES = 9  # of the spectrum over which its power is averaged

@@ -21,11 +21,11 @@ from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.selection import Gram, Linearised, Trials
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.damping import PowerDamping
-from romsindy.physics.driven import without_inputs
+from romsindy.physics.equations import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
-from romsindy.record.autoregression import innovation
+from romsindy.record.prediction import innovation
 from romsindy.typing import Array
 
 LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))

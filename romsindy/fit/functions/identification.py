@@ -25,10 +25,10 @@ from romsindy.fit.functions.structures import Structure
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import NEAR_ZERO
 from romsindy.orbits.curves import require_mode
-from romsindy.physics.entries import array, finite, several, whole
 from romsindy.physics.model import ReducedModel
-from romsindy.physics.serial import content_of, json_text, term_of
 from romsindy.physics.term import Term
+from romsindy.physics.term_sum import content_of, json_text, term_of
+from romsindy.physics.validation import array, finite, several, whole
 from romsindy.text import TextTable, as_text, percent, with_band, with_error
 from romsindy.typing import Array
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from romsindy.fit.functions.series import Series, Sizes
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.physics.entries import made, several, whole
+from romsindy.physics.validation import made, several, whole
 
 # So many polynomials resolve features down to a tenth of the range; the prior decides how many
 # count. The inertia is smoother than the stiffness, of which it is a sum of squared slopes.

@@ -1,8 +1,15 @@
-"""Named arrays: NPY and NPZ files, and what MATLAB and HDF5 files share with them."""
+"""Named arrays: files of NumPy, of MATLAB (5 and 7.3) and HDF5.
+
+SciPy, which reads MATLAB 5, crashes on some broken files: those are found first.
+
+Source: MathWorks, "MAT-File Format", level 5.
+"""
 
 from __future__ import annotations
 
+import math
 import re
+import struct
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +17,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.io import loadmat
 
-from romsindy.record.files.columns import Column, Table, named, refused
+from romsindy.record.files.columns import Column, Table, library, named, refused
 from romsindy.record.units import RATES, UNITS, spelled
 
 _RATE_NAMES = {"fs", "sr", "rate", "samplerate", "samplingrate", "samplingfrequency"}
@@ -67,13 +75,8 @@ def table_of(
 ) -> Table:
     """The columns of named arrays; single numbers and texts among them say rate and unit.
 
-    Parameters
-    ----------
-    content : iterator of (str, array)
-        Names and arrays; of a matrix the longer axis is time, unless a vector is as long as the
-        shorter one.
-    units : mapping, optional
-        Units by name, where the kind of file has them.
+    Of a matrix the longer axis is time, unless a vector is as long as the shorter one. Some kinds
+    of file have ``units`` by name.
     """
     arrays = {name: np.asanyarray(x) for name, x in content}
     rates = {rate for name, x in arrays.items() if (rate := _rate(name, x))}
@@ -123,3 +126,122 @@ def _with_unit(column: Column, unit: str | None) -> Column:
     rate = column.quantity or "displacement"
     suffix = RATES[rate] if UNITS[known].quantity == "displacement" else ""
     return replace(column, unit=known + suffix)
+
+
+# Types of data elements, and classes of arrays.
+_NUMBERS = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13}
+_MATRIX, _COMPRESSED, _TEXTS = 14, 15, {16, 17, 18}
+_CONTAINERS, _SPARSE, _NUMERIC, _LAST = range(1, 4), 5, range(5, 16), 18
+_COMPLEX = 0x800
+
+
+def read_matlab(path: Path) -> Table:
+    """The columns of a MATLAB v5 file; those in structs and cells are named by their path."""
+    with refused(path, "MATLAB v5"):
+        content = path.read_bytes()
+        if 0 not in content[:4]:  # else it is level 4
+            order = "<" if content[126:128] == b"IM" else ">"
+            for kind, start, size in _elements(content, order, 128, len(content)):
+                if kind == _MATRIX:
+                    _check_array(content, order, start, start + size)
+                elif kind != _COMPRESSED:  # those have a check sum
+                    raise ValueError(f"an element of type {kind} at byte {start}")
+        variables = loadmat(path, squeeze_me=True, struct_as_record=False)
+        return table_of(leaves("", variables))
+
+
+def _elements(content: bytes, order: str, start: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Type, start and size of the data elements between two bytes."""
+    while start + 8 <= end:
+        kind, size = struct.unpack_from(order + "II", content, start)
+        data = start + 8
+        if kind >> 16:  # a small element: its size and data are in the tag
+            kind, size, data = kind & 0xFFFF, kind >> 16, start + 4
+        if kind not in _NUMBERS | _TEXTS | {_MATRIX, _COMPRESSED} or data + size > end:
+            raise ValueError(f"an element of type {kind} and {size} bytes at byte {start}")
+        yield kind, data, size
+        start = data + size + (0 if kind == _COMPRESSED else -(data + size) % 8)
+
+
+def _check_array(content: bytes, order: str, start: int, end: int) -> None:
+    """Refuse flags, dimensions and parts of an array that do not belong together."""
+    parts = list(_elements(content, order, start, end))
+    if not parts:  # an empty cell
+        return
+    if len(parts) < 3 or parts[0][2] != 8:
+        raise ValueError(f"an array without flags, dimensions or name at byte {start}")
+    flags = struct.unpack_from(order + "I", content, parts[0][1])[0]
+    shape = struct.unpack_from(order + f"{parts[1][2] // 4}i", content, parts[1][1])
+    kind, kinds = flags & 0xFF, {kind for kind, *_ in parts}
+    needed = 4 + 2 * (kind == _SPARSE) + bool(flags & _COMPLEX)
+    is_numeric = kind in _NUMERIC
+    if (
+        not 0 < kind <= _LAST
+        or (is_numeric and (len(parts) < needed or not kinds <= _NUMBERS))
+        or (kind in _CONTAINERS and not 0 <= 8 * math.prod(shape) <= end - start)
+    ):
+        raise ValueError(
+            f"an array of class {kind}, shape {shape}, {len(parts)} parts at byte {start}"
+        )
+    for inner, data, size in parts:
+        if inner == _MATRIX:
+            _check_array(content, order, data, data + size)
+
+
+# Times the size of the file: a data set that claims more is damaged, no measurement packs so well.
+_LARGEST = 1000
+_DEEPEST = 20  # levels of groups; references of a damaged file may go round in circles
+_UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")
+
+
+def read_hdf(path: Path) -> Table:
+    """The columns of an HDF5 file, named by their path; attributes may say units and rates.
+
+    Raises
+    ------
+    ValueError
+        If it is broken, or h5py is not installed.
+    """
+    h5py = library("h5py", path)
+    with refused(path, "HDF5"), h5py.File(path, "r") as file:
+        found = list(_items("", file, h5py))
+        units = {n: _text(x.attrs[k]) for n, x in found for k in _UNIT_ATTRIBUTES if k in x.attrs}
+        return table_of(_arrays(found, _LARGEST * path.stat().st_size), units)
+
+
+def _items(name: str, item: Any, h5py: Any) -> Iterator[tuple[str, Any]]:
+    """Groups and data sets; references, MATLAB's cells, are followed."""
+    if name.count(".") + name.count("[") > _DEEPEST:
+        raise ValueError(f"groups in groups, {_DEEPEST} deep")
+    if isinstance(item, h5py.Group):
+        yield name, item
+        for key, inner in item.items():
+            if not key.startswith("#"):  # where MATLAB keeps what its references point to
+                yield from _items(f"{name}.{key}" if name else key, inner, h5py)
+    elif item.dtype == h5py.ref_dtype:
+        for i, reference in enumerate(item[()].ravel()):
+            yield from _items(f"{name}[{i}]", item.file[reference], h5py)
+    else:
+        yield name, item
+
+
+def _arrays(items: list[tuple[str, Any]], largest: int) -> Iterator[tuple[str, NDArray]]:
+    for name, item in items:
+        for key, value in item.attrs.items():
+            if np.size(value) == 1:  # a sampling rate, perhaps
+                yield f"{name}.{key}" if name else key, np.squeeze(value)
+        if not hasattr(item, "dtype"):
+            continue
+        if item.nbytes > largest:
+            raise ValueError(f"{name} claims {item.nbytes} bytes")
+        if item.attrs.get("MATLAB_class") == b"char":
+            yield name, np.asarray("".join(map(chr, item[()].ravel())))
+        elif item.dtype.kind == "O":
+            yield name, np.asarray(_text(item[()]))
+        else:
+            yield from leaves(name, item[()])
+
+
+def _text(value: Any) -> str:
+    value = value.flat[0] if isinstance(value, np.ndarray) and value.size else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from romsindy.record.files import abaqus, arrays, hdf, lvm, matlab, tdms, text, universal, wav, xlsx
+from romsindy.record.files import arrays, channels, tables, text
 from romsindy.record.files.columns import Table, refused
 
 Reader = Callable[[Path], Table]
@@ -14,31 +14,31 @@ Reader = Callable[[Path], Table]
 _TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn", ".lvm")
 _READERS: dict[str, Reader] = {
     **dict.fromkeys(_TEXT, text.read),
-    **dict.fromkeys((".uff", ".unv", ".uf", ".58"), universal.read),
-    **dict.fromkeys((".h5", ".hdf5", ".hdf"), hdf.read),
-    **dict.fromkeys((".xlsx", ".xlsm"), xlsx.read),
+    **dict.fromkeys((".uff", ".unv", ".uf", ".58"), channels.read_universal),
+    **dict.fromkeys((".h5", ".hdf5", ".hdf"), arrays.read_hdf),
+    **dict.fromkeys((".xlsx", ".xlsm"), tables.read_xlsx),
     ".npy": arrays.read_npy,
     ".npz": arrays.read_npz,
-    ".mat": matlab.read,
-    ".wav": wav.read,
-    ".rpt": abaqus.read,
-    ".tdms": tdms.read,
+    ".mat": arrays.read_matlab,
+    ".wav": channels.read_wav,
+    ".rpt": tables.read_abaqus,
+    ".tdms": channels.read_tdms,
 }
 # How a file of a kind starts. A name may lie, its content does not.
 _STARTS: tuple[tuple[bytes, Reader], ...] = (
     (b"\x93NUMPY", arrays.read_npy),
-    (b"MATLAB 5.0", matlab.read),
-    (b"MATLAB 7.3", hdf.read),
-    (b"\x89HDF\r\n\x1a\n", hdf.read),
-    (b"RIFF", wav.read),
-    (b"RIFX", wav.read),
-    (b"RF64", wav.read),
-    (b"TDSm", tdms.read),
-    (b"LabVIEW Measurement", lvm.read),
-    (b"\xef\xbb\xbfLabVIEW Measurement", lvm.read),
-    (b"    -1\r", universal.read),
-    (b"    -1\n", universal.read),
-    (b"    -1  ", universal.read),
+    (b"MATLAB 5.0", arrays.read_matlab),
+    (b"MATLAB 7.3", arrays.read_hdf),
+    (b"\x89HDF\r\n\x1a\n", arrays.read_hdf),
+    (b"RIFF", channels.read_wav),
+    (b"RIFX", channels.read_wav),
+    (b"RF64", channels.read_wav),
+    (b"TDSm", channels.read_tdms),
+    (b"LabVIEW Measurement", tables.read_lvm),
+    (b"\xef\xbb\xbfLabVIEW Measurement", tables.read_lvm),
+    (b"    -1\r", channels.read_universal),
+    (b"    -1\n", channels.read_universal),
+    (b"    -1  ", channels.read_universal),
 )
 _FOREIGN = {
     b"\x89PNG": "a PNG image",
@@ -87,7 +87,7 @@ def _of_archive(path: Path) -> Reader:
     with refused(path, "ZIP archive (so are .npz and .xlsx)"), zipfile.ZipFile(path) as archive:
         names = archive.namelist()
     if any(name.startswith("xl/") for name in names):
-        return xlsx.read
+        return tables.read_xlsx
     if names and all(name.endswith(".npy") for name in names):
         return arrays.read_npz
     raise ValueError(f"{path}: the content is a ZIP archive with {names[:3]}: unpack it")

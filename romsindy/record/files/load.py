@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from romsindy.record.decay import Decay
-from romsindy.record.drive import Drive
-from romsindy.record.files import choose, sep005
+from romsindy.record.files import choose
+from romsindy.record.files.channels import read_sep005
+from romsindy.record.files.choose import input_columns, inputs_among, samples_of
 from romsindy.record.files.columns import Column, Table
-from romsindy.record.files.inputs import input_columns, inputs_among, samples_of
 from romsindy.record.files.kinds import reader_of
 from romsindy.record.files.save import saved
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
-from romsindy.record.recording import QUANTITIES, Quantity, Recording
+from romsindy.record.recording import QUANTITIES, Quantity, RecordedInput, Recording
 from romsindy.record.sampling import part_between
 from romsindy.record.units import parse_unit
 from romsindy.text import counted
@@ -77,9 +77,10 @@ def load_recording(
         If the file cannot be understood; the message names the line or the column, and the remedy.
     """
     _refuse_no_numbers(rate=rate, start=start, end=end)
-    source, table = _table(path, (unit, quantity, column, time, rate))
-    if isinstance(table, Decay):
-        return _of_decay(table, source).between(start, end)
+    decay = _saved(path, (unit, quantity, column, time, rate))
+    if decay is not None:
+        return decay.as_recording("saved by romsindy", str(path)).between(start, end)
+    source, table = _columns(path)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         part = _recording(choice, source, unit, quantity).between(start, end)
@@ -110,9 +111,10 @@ def load_decay(
         missing, or as by `Decay`; the message names the line or the column, and the remedy.
     """
     _refuse_no_numbers(rate=rate, start=start, end=end)
-    source, table = _table(path, (unit, quantity, column, time, rate))
-    if isinstance(table, Decay):
-        return table.between(start, end)
+    decay = _saved(path, (unit, quantity, column, time, rate))
+    if decay is not None:
+        return decay.between(start, end)
+    source, table = _columns(path)
     with named(source):
         choice = _choice(table, unit, quantity, column, time, rate)
         if _names(column) is None:
@@ -187,14 +189,14 @@ def load_forced(
         )
 
 
-def _told(choice: _Choice, names: Sequence[str], driving: Sequence[Column]) -> str:
+def _told(choice: _Measured, names: Sequence[str], driving: Sequence[Column]) -> str:
     """Which column is what."""
     what = (choice.quantity,) * len(choice.columns)
     pairs = zip((*what, *names), (*choice.columns, *driving), strict=True)
     return "columns: " + ", ".join(f"{what} {column.name!r}" for what, column in pairs)
 
 
-def _require_one(choice: _Choice) -> None:
+def _require_one(choice: _Measured) -> None:
     names = [c.name for c in choice.columns]
     if len(names) > 1:
         raise ValueError(
@@ -202,19 +204,18 @@ def _require_one(choice: _Choice) -> None:
         )
 
 
-def _table(path: Source, settings: tuple[Any, ...]) -> tuple[str, Table | Decay]:
-    """Name of the source and its columns; or the decay that `save_decay` wrote there."""
-    if all(s is None for s in settings) and isinstance(path, str | PathLike):
-        decay = saved(Path(path)) if Path(path).is_file() else None
-        if decay is not None:
-            return str(path), decay
-    return _columns(path)
+def _saved(path: Source, settings: tuple[Any, ...]) -> Decay | None:
+    """The decay that `save_decay` wrote there, where nothing says how else to read it."""
+    told = any(setting is not None for setting in settings)
+    if told or not isinstance(path, str | PathLike) or not Path(path).is_file():
+        return None
+    return saved(Path(path))
 
 
 def _columns(path: Source) -> tuple[str, Table]:
     """Name of the source and its columns."""
     if isinstance(path, Mapping | Sequence) and not isinstance(path, str | bytes):
-        return "SEP005", sep005.read(path)
+        return "SEP005", read_sep005(path)
     if not isinstance(path, str | PathLike):
         raise ValueError(f"path = {path!r} must be the name of a file, or SEP005 dictionaries")
     path = Path(path)
@@ -225,7 +226,7 @@ def _columns(path: Source) -> tuple[str, Table]:
     return str(path), reader_of(path)(path)
 
 
-class _Choice(NamedTuple):
+class _Measured(NamedTuple):
     """Times in s, and the columns that were measured at them."""
 
     t: Array
@@ -244,7 +245,7 @@ def _choice(
     time: str | None,
     rate: float | None,
     beside: Sequence[Column] = (),
-) -> _Choice:
+) -> _Measured:
     """What was measured, beside columns that are something else."""
     if quantity not in (None, *QUANTITIES):
         raise ValueError(f"quantity = {quantity!r} must be displacement, velocity or acceleration")
@@ -267,7 +268,7 @@ def _choice(
     notes = (*table.notes, *(c.damage for c in chosen), note, told)
     wanted = wanted or chosen[0].quantity or "displacement"
     inputs = [(kind, c) for kind, c in inputs if len(c.values) == len(t)]
-    return _Choice(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs)
+    return _Measured(t, chosen, wanted, tuple(filter(None, notes)), table.doubt, inputs)
 
 
 def _names(column: str | Sequence[str] | None) -> list[str] | None:
@@ -281,7 +282,7 @@ def _refuse_no_numbers(**settings: Any) -> None:
 
 
 def _recording(
-    choice: _Choice, source: str, unit: str | None, quantity: Quantity | None
+    choice: _Measured, source: str, unit: str | None, quantity: Quantity | None
 ) -> Recording:
     columns = choice.columns
     names = [c.name for c in columns]
@@ -303,10 +304,10 @@ def _recording(
     return Recording(choice.t, x, names, choice.quantity, base, basis, source, choice.notes)
 
 
-def _drives(choice: _Choice, start: float | None, end: float | None) -> tuple[Drive, ...]:
+def _drives(choice: _Measured, start: float | None, end: float | None) -> tuple[RecordedInput, ...]:
     """What the inputs beside a recording do within it."""
     part, dt = part_between(choice.t, start, end), float(np.median(np.diff(choice.t)))
-    return tuple(Drive.of(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
+    return tuple(RecordedInput.of(c.values[part], dt, c.name, kind) for kind, c in choice.inputs)
 
 
 def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
@@ -314,13 +315,6 @@ def _basis(column: Column, unit: str | None, quantity: Quantity | None) -> str:
         return f"unit={unit}" + (f" in place of {column.basis}" if column.unit else "")
     strange = "" if column.is_motion else ", a unit that is not known: numbers as in the file"
     return (f"quantity={quantity}" if quantity else column.basis) + strange
-
-
-def _of_decay(decay: Decay, source: str) -> Recording:
-    basis = "saved by romsindy"
-    return Recording(
-        decay.t, decay.signal, (), decay.measured, decay.unit, basis, source, decay.notes
-    )
 
 
 def _derivatives(

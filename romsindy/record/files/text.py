@@ -14,9 +14,16 @@ from typing import TextIO
 import numpy as np
 
 from romsindy.record.files.columns import Column, Table
-from romsindy.record.files.digits import FEW, pattern_of
-from romsindy.record.files.header import COMMENTS, columns_of, rate_in, split
-from romsindy.record.files.stamps import is_stamp, reader
+from romsindy.record.files.header import (
+    COMMENTS,
+    FEW,
+    columns_of,
+    is_stamp,
+    pattern_of,
+    rate_in,
+    reader,
+    split,
+)
 from romsindy.typing import Array
 
 _HEAD = 500  # lines that are looked at to find the layout
@@ -104,8 +111,8 @@ def parse(source: Path, stream: TextIO) -> Table:
     layouts = [found for dialect in _DIALECTS if (found := _layout(head, *dialect))]
     if not layouts:
         raise ValueError(
-            f"{source}: no line starts with a number: a table is needed, with the time and what was"
-            " measured in every line"
+            f"{source}: no line starts with a number: a table is needed, with a time or frequency"
+            " and what was measured in every line"
         )
     most = max(layout.rows for layout in layouts)
     layouts = [layout for layout in layouts if layout.rows == most]
@@ -194,7 +201,7 @@ def _are_halves(rows: Collection[list[str]]) -> bool:
 # -- numbers ------------------------------------------------------------------------------------
 
 
-class _Rows:
+class _DataRows:
     """Rows of numbers of a stream, which remember where they are."""
 
     def __init__(self, stream: TextIO, layout: Layout) -> None:
@@ -254,11 +261,13 @@ def _table(layout: Layout, above: list[str], stream: TextIO) -> Table:
     return Table(others, rate_in(above), tuple(notes), _doubt(rows))
 
 
-def _rows_and_values(layout: Layout, columns: list[Column], stream: TextIO) -> tuple[_Rows, Array]:
+def _rows_and_values(
+    layout: Layout, columns: list[Column], stream: TextIO
+) -> tuple[_DataRows, Array]:
     """All rows; where cells are empty nan, once it is clear that some are: that is slower."""
     for empty in (layout.empty, range(len(columns))):
         stream.seek(0)
-        rows = _Rows(stream, layout)
+        rows = _DataRows(stream, layout)
         try:
             return rows, _values(rows, empty)
         except ValueError as error:
@@ -268,10 +277,10 @@ def _rows_and_values(layout: Layout, columns: list[Column], stream: TextIO) -> t
     raise AssertionError
 
 
-def _values(rows: _Rows, empty: Collection[int]) -> Array:
+def _values(rows: _DataRows, empty: Collection[int]) -> Array:
     layout = rows.layout
     converters: dict[int | str, Callable[[str], float]] = {}
-    converters |= dict.fromkeys(empty, _number_or_nothing)
+    converters |= dict.fromkeys(empty, number_or_nothing)
     converters |= {i: reader(layout.example[i]) for i in layout.stamps}
     return np.loadtxt(
         iter(rows),
@@ -283,7 +292,7 @@ def _values(rows: _Rows, empty: Collection[int]) -> Array:
     )
 
 
-def _doubt(rows: _Rows) -> str:
+def _doubt(rows: _DataRows) -> str:
     """What is odd about a row that has other digits than nearly all."""
     if not 0 < len(rows.odd) <= FEW:  # none, or the format changes with the numbers
         return ""
@@ -294,7 +303,8 @@ def _doubt(rows: _Rows) -> str:
     )
 
 
-def _number_or_nothing(cell: str) -> float:
+def number_or_nothing(cell: str) -> float:
+    """What a cell holds; nan where it is empty."""
     return float(cell) if cell.strip() else np.nan
 
 
@@ -308,7 +318,7 @@ def _empty(column: Column, line: int) -> str:
     )
 
 
-def _refusal(rows: _Rows, columns: list[Column], found: ValueError) -> ValueError:
+def _refusal(rows: _DataRows, columns: list[Column], found: ValueError) -> ValueError:
     """What is wrong with the line at which reading stopped."""
     layout, line = rows.layout, f"line {rows.number}"
     try:

@@ -1,1 +1,0 @@
-"""What a simulation lacks, from vibrations that measured inputs drive."""

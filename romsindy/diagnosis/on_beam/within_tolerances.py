@@ -1,0 +1,223 @@
+"""What a beam is known to within tolerances, in as few directions as the data can tell apart.
+
+Many parameters of a beam do the same to one mode: a stiffer material, less density, less length.
+Their changes x, over their standard deviations, have the prior N(0, 1) and move the readings, over
+the noise, by J x. The singular vectors of J are the combinations that the data see; those that move
+nothing stay at zero. A fit knows one strength z for each vector v that is kept, and x = V z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
+from romsindy.diagnosis.on_beam.mounted import BeamEffect
+from romsindy.diagnosis.on_beam.parameters import ParameterEffect
+from romsindy.diagnosis.screening import screen
+from romsindy.effects import Gain
+from romsindy.effects.base import TermEffect
+from romsindy.effects.mounting import Mounting
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record, scales
+from romsindy.fit.verdict import EQUIVALENT
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Combination
+from romsindy.typing import Array
+
+_FELT = 0.3  # a combination that moves the readings by less, in standard deviations, is left out
+_SHIFT = 1e-4  # of a sensor, for a difference, as a part of the length
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterDirection(TermEffect, BeamEffect):
+    """A combination of parameters; its strength is in standard deviations.
+
+    ``vector`` are the changes of its parameters for a unit of strength, over ``deviations``; it
+    moves the readings by ``felt`` standard deviations of their noise.
+    """
+
+    of: tuple[ParameterEffect, ...]
+    deviations: Array
+    vector: Array
+    felt: float
+    name: str  # type: ignore[misc]
+
+    label = "parameters within their tolerances"
+    family = "beam"
+    tolerance = 1.0
+    fixed_unit = "standard deviations"
+    advice = "a second mode, or the deflection under a known weight"
+
+    @cached_property
+    def direction(self) -> Combination:
+        """What a unit of strength does to the coefficients."""
+        directions = [p.direction for p in self.of]
+        weights = self.vector * self.deviations @ np.array([d.weights for d in directions])
+        return Combination(self.name, directions[0].terms, tuple(weights.tolist()))
+
+    def term(self) -> Combination:
+        return self.direction
+
+    def on_beam(self, strength: float, mounting: Mounting | None = None) -> Any:
+        """One change of the beam for every parameter: see `changes_of`."""
+        return _changes(self, strength * self.vector)
+
+
+@dataclass(frozen=True)
+class PositionError(Gain):
+    """Sensors that are a little off their places read another size of the one coordinate."""
+
+    tolerance: float = 0.0  # type: ignore[misc]
+
+    name = "sensor_positions"
+    label = "sensors off their places"
+    advice = "measure where the sensors are"
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """A parameter that followed the data within its tolerance.
+
+    Attributes
+    ----------
+    name, unit : str
+    tolerance : float
+        The standard deviation that was given.
+    change, std : float
+        What became of it, beside all others.
+    alone : float
+        What it would have to be, were it the only one that is wrong.
+    left : float
+        By how much chi-square would rise then.
+    """
+
+    name: str
+    unit: str
+    tolerance: float
+    change: float
+    std: float
+    alone: float
+    left: float
+
+    def __str__(self) -> str:
+        way = "up" if self.alone > 0 else "down"
+        relative = self.unit.startswith("of ")
+        size = (
+            f"{100 * abs(self.alone):.2g} %" if relative else f"{abs(self.alone):.2g} {self.unit}"
+        )
+        return f"{self.name.replace('_', ' ')} {way} {size}"
+
+
+def position_error(seen: InstrumentedBeam, deviation: float) -> PositionError:
+    """Sensors that are each off by a standard deviation, m."""
+    of_each = np.linalg.pinv(seen.shapes)[0] * seen.shapes[:, 0] * position_gains(seen, deviation)
+    return PositionError(float(np.linalg.norm(of_each)))
+
+
+def position_gains(seen: InstrumentedBeam, deviation: float) -> Array:
+    """Errors of the gains of sensors that are each off by a standard deviation, m, (n_sensors,)."""
+    modes = seen.shapes.shape[1]
+    step = _SHIFT * seen.beam.length
+    inwards = [
+        replace(s, at=s.at + (step if s.at + step < seen.beam.length else -step))
+        for s in seen.sensors.sensors
+    ]
+    there = seen.beam.sensors(inwards).mode_shapes(seen.basis, modes)
+    slope = np.abs(there[:, 0] - seen.shapes[:, 0]) / step
+    return np.asarray(deviation * slope / np.abs(seen.shapes[:, 0]))
+
+
+def directions(
+    model: ReducedModel,
+    records: Sequence[Record],
+    parameters: Sequence[ParameterEffect],
+    deviations: Array,
+) -> tuple[ParameterDirection, ...]:
+    """The combinations of parameters that the records see, the best seen first.
+
+    ``deviations`` (n_parameters,) are their standard deviations.
+    """
+    seen = _information(model, records, parameters) * np.multiply.outer(deviations, deviations)
+    squares, vectors = np.linalg.eigh(seen)
+    order = [i for i in np.argsort(-squares) if squares[i] > _FELT**2]
+    known = tuple(parameters)
+    return tuple(
+        ParameterDirection(
+            known, deviations, vectors[:, i], float(np.sqrt(squares[i])), f"tolerances_{n}"
+        )
+        for n, i in enumerate(order, 1)
+    )
+
+
+def _information(
+    model: ReducedModel, records: Sequence[Record], parameters: Sequence[ParameterEffect]
+) -> Array:
+    """J'J of the whitened readings by the parameters, initial states marginalised."""
+    system = screen(model, (), parameters, records, scales(records)).system
+    n = system.size - len(parameters)
+    states, cross = system.matrix[:n, :n], system.matrix[:n, n:]
+    left = system.matrix[n:, n:] - cross.T @ np.linalg.pinv(states, hermitian=True) @ cross
+    return np.asarray((left + left.T) / 2)
+
+
+def changes_of(parts: Sequence[Part]) -> list[Any]:
+    """What `Beam.with_effect` takes, of all directions: one change for every parameter."""
+    found = [p for p in parts if isinstance(p.effect, ParameterDirection)]
+    if not found:
+        return []
+    effects = [cast(ParameterDirection, p.effect) for p in found]
+    together = sum(float(p.strengths[0, 0]) * e.vector for p, e in zip(found, effects, strict=True))
+    return list(_changes(effects[0], np.asarray(together)))
+
+
+def _changes(one: ParameterDirection, x: Array) -> tuple[Any, ...]:
+    pairs = zip(one.of, (x * one.deviations).tolist(), strict=True)
+    return tuple(p.on_beam(change) for p, change in pairs)
+
+
+def adjusted(found: Hypothesis) -> tuple[Adjusted, ...]:
+    """What the parameters within tolerances became: x = V z, and its covariance.
+
+    Empty where the data did not move them.
+    """
+    chosen = [i for i, p in enumerate(found.parts) if isinstance(p.effect, ParameterDirection)]
+    at = [found.solution.slices()[i].start for i in chosen]
+    z = np.array([found.parts[i].strengths[0, 0] for i in chosen])
+    effects = [cast(ParameterDirection, found.parts[i].effect) for i in chosen]
+    felt = np.array([e.felt for e in effects])
+    if not np.sum((felt * z) ** 2) > EQUIVALENT:
+        return ()
+    of, deviations = effects[0].of, effects[0].deviations
+    vectors = np.array([e.vector for e in effects]).T
+    learned = vectors @ (np.eye(len(z)) - found.covariance[np.ix_(at, at)]) @ vectors.T
+    std = np.sqrt(np.clip(1.0 - np.diag(learned), 0.0, 1.0))
+    shown, own = vectors @ (felt**2 * z), vectors**2 @ felt**2
+    alone = shown / np.maximum(own, 1e-300)
+    left = np.sum((felt * z) ** 2) - shown * alone
+    columns = np.stack([vectors @ z, std, alone]) * deviations
+    rows = zip(of, deviations, *columns, left, strict=True)
+    return tuple(Adjusted(p.name, p.fixed_unit, *map(float, values)) for p, *values in rows)
+
+
+def in_words(found: Sequence[Adjusted]) -> str:
+    """One finding for what the data do not tell apart; empty where nothing moved."""
+    if not found:
+        return ""
+    either = [a for a in found if a.left < EQUIVALENT]
+    either.sort(key=lambda a: abs(a.alone / a.tolerance))
+    if len(either) == 1:
+        return f"Within the tolerances the data ask for {either[0]}."
+    if either:
+        return (
+            f"Within the tolerances the data ask for {' or '.join(map(str, either))}, and show but"
+            f" one combination of them. To separate them: {ParameterDirection.advice}."
+        )
+    most = sorted(found, key=lambda a: -abs(a.change / a.tolerance))[:3]
+    moved = [str(replace(a, alone=a.change)) for a in most]
+    return f"Within the tolerances several moved together: {', '.join(moved)}, most of all."

@@ -1,0 +1,210 @@
+"""The search for what is missing by what is left: of driven records, and of several coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from romsindy.diagnosis.colour import ColourOfBest, driven_instead
+from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.screening import Screened, Screening, part_of, screened, strongest_tones
+from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of, with_textbook_exponent
+from romsindy.effects import look_alikes
+from romsindy.effects.base import Effect, ReadingEffect, Scales
+from romsindy.effects.drive import Drive
+from romsindy.effects.memory import MemoryEffect
+from romsindy.fit.part import Part
+from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED
+from romsindy.physics.coupled import AnyModel
+
+_SURVIVORS = 6  # of each screening are simulated
+_SENSOR = 2  # of what may be wrong in the sensor
+_FURTHER = 3  # of the best go on where they have not come to their end
+_APART = 0.15  # of the frequency of the vibration: so far lines lie from each other
+
+
+@dataclass(eq=False)
+class ResidualSearch(Search):
+    """Looks for effects that a model lacks in records with inputs, those of the model known.
+
+    Attributes
+    ----------
+    scales : Scales
+    chain : tuple of Part
+        What may stand instead of the inputs of the model.
+    """
+
+    model: AnyModel
+    noise: ColourOfBest
+    scales: Scales = field(kw_only=True)
+    chain: tuple[Part, ...] = field(kw_only=True)
+
+    def unsure_as(self, hypothesis: Hypothesis) -> ResidualSearch:
+        """The same, with the unsure values of a hypothesis free, from where they are."""
+        return replace(self, free=self._unsure(hypothesis))
+
+    def run(self) -> Finding:
+        """Look for the best hypothesis; an interrupt keeps what was compared.
+
+        Raises
+        ------
+        ValueError
+            If the model has no motion near the measured one.
+        """
+        exact = self.with_free(()).hypothesis([])
+        if self.free:
+            self.hypothesis([])
+        best = self._best(0) or self._now(exact)
+        if not best.solution.finite:
+            raise ValueError(
+                "the model has no motion near that of the records: check the signs and the units of"
+                " its coefficients, and the gain of its input"
+            )
+        interrupted = False
+        try:
+            best = self._now(self.grown(best)[0])
+            best = self._now(self.pruned(self._instead(best))[0])
+            plain = self._now(exact)
+            best = self._settled(best if self.worth(plain, best) else plain)
+        except KeyboardInterrupt:
+            best, interrupted = self._weighed()[0], True
+        best = self._now(best)
+        others = [h for h in self._weighed() if h.solution is not best.solution]
+        compared = [best, *others]
+        found = rivals_of(best, compared, AS_ONE)
+        return Finding(found, compared, self._now(exact), interrupted)
+
+    def enough(self, best: Hypothesis) -> bool:
+        """Whether it has effects, and leaves noise."""
+        return bool(best.effects) and self.remainder(best).explained
+
+    def one_more(self, best: Hypothesis) -> list[Hypothesis]:
+        """What the screening leaves beside a hypothesis: unsure values as said, and free."""
+        effects = best.effects
+        for unsure in ((), self.free) if self.free else ((),):
+            search = replace(self, free=unsure)
+            chosen = search._screened(search._start(effects))
+            if not unsure:
+                chosen += [part for part in self.chain if not _instead_of(part.effect, effects)]
+            search.fitted([(*effects, part) for part in chosen])
+        found = self._best(len(effects) + 1)
+        return [found] if found is not None else []
+
+    def _weighed(self) -> list[Hypothesis]:
+        """All that were fitted so far, the best first."""
+        known = self.ranked(self.compared)
+        by_fit = {id(h.solution): h for h in known}
+        self.compared[:] = [by_fit[id(h.solution)] for h in self.compared]
+        return known
+
+    def _now(self, hypothesis: Hypothesis) -> Hypothesis:
+        """By the noise as it is known now."""
+        return next(h for h in self._weighed() if h.solution is hypothesis.solution)
+
+    def _unsure(self, hypothesis: Hypothesis) -> tuple[Part, ...]:
+        return hypothesis.parts[: hypothesis.n_free - len(self.beside)]
+
+    def _best(self, n_effects: int) -> Hypothesis | None:
+        """The best with so many effects, the first few fitted to their end; None of none."""
+        alike = [h for h in self.compared if len(h.solution.parts) - h.n_free == n_effects]
+        nearest = sorted(alike, key=lambda h: h.solution.chi_squared)[:_FURTHER]
+        again = self.further(nearest)
+        pairs = zip(again, nearest, strict=True)
+        self.compared.extend(h for h, before in pairs if h.solution is not before.solution)
+        return next((h for h in self._weighed() if len(h.effects) == n_effects), None)
+
+    def _instead(self, best: Hypothesis) -> Hypothesis:
+        """What says no more and fits better; distinctly better, instead of values that moved."""
+        margin = 0.0 if best.forced else EQUIVALENT
+        other = next(h for h in self._weighed() if _n_said(h) <= _n_said(best))
+        return other if other.score + margin < best.score else best
+
+    def _start(self, effects: Sequence[Part]) -> Hypothesis:
+        """The fit of what was accepted, with the unsure values free."""
+        names, n = _named(effects), len(self.free) + len(self.beside)
+        for known in reversed(self.compared):
+            own = _named(known.solution.parts[known.n_free :])
+            if own == names and known.n_free == n and known.solution.finite:
+                return known
+        return self.hypothesis(effects)
+
+    def _screened(self, start: Hypothesis) -> list[Part]:
+        """The best of all candidates beside a fit, and what resembles the first of them."""
+        parts = start.solution.parts
+        effects = parts[start.n_free :]
+        used = {p.effect.name for p in effects}
+        left = [
+            e for e in self.options.catalogue if e.name not in used and not _instead_of(e, effects)
+        ]
+        scales = self.scales._replace(tones=self._tones(start))
+        model = driven_instead(self.model, parts)
+        # About the measured motion, where all forces have left their mark; what is wrong in the
+        # sensor left it in the measurement, and shows about the motion of the model.
+        sensor = [e for e in left if isinstance(e, ReadingEffect)]
+        measured = [r.motion for r in self.records]
+        chosen = []
+        for candidates, motions, most in (
+            (left, measured, _SURVIVORS),
+            (sensor, start.solution.motions, _SENSOR),
+        ):
+            found = screened(model, parts, candidates, self.records, scales, motions)
+            chosen += self._survivors(found, most)
+        return [part_of(s, scales, len(self.records)) for s in chosen]
+
+    def _survivors(self, found: Screening, most: int) -> list[Screened]:
+        """The best of every effect, and what resembles the first; none that gains nothing."""
+        needed = chi2.isf(self.options.false_alarm / max(len(self.options.catalogue), 1), 1)
+        # How loud the noise is, is not known before something fits: what is left stands for it.
+        loud = max(found.base / sum(len(r.signal) for r in self.records), 1.0)
+        most_left = found.base - 0.5 * needed * loud
+        singles = [s for s in found.singles() if s.chi_squared < most_left]
+        if not singles:
+            return []
+        alike = look_alikes(singles[0].effect.name, self.options.catalogue)
+        # What a joint remembers of the start is forgotten once it has slipped: one is enough.
+        remember = [s for s in singles if isinstance(s.effect, MemoryEffect)]
+        worse = {id(s) for s in remember} - {id(s) for s in leaders(remember)}
+        best = leaders([s for s in singles if id(s) not in worse], by_variant=True)
+        return [s for i, s in enumerate(best) if i < most or s.effect.name in alike]
+
+    def _tones(self, start: Hypothesis) -> tuple[float, ...]:
+        """The strongest lines of what a fit leaves, rad/s."""
+        if not start.solution.finite:
+            return ()
+        longest = int(np.argmax([r.t[-1] for r in self.records]))
+        record, left = self.records[longest], start.solution.residuals[longest]
+        apart = _APART * self.scales.omega
+        return tuple(strongest_tones(record.t, left * np.hanning(len(left)), 2, apart))
+
+    def _settled(self, best: Hypothesis) -> Hypothesis:
+        """The finding with the values free that moved, and textbook exponents if they fit."""
+        unsure = self._unsure(best)
+        kept = tuple(p for p in unsure if p.tolerance is not None or p.effect.name in best.moved)
+        plain = tuple(with_textbook_exponent(p) for p in best.effects)
+        for effects, rise in ((plain, ROUNDED), (best.effects, EQUIVALENT)):
+            same = all(p is q for p, q in zip(effects, best.effects, strict=True))
+            if len(kept) == len(unsure) and same:
+                return best
+            again = self._now(self.with_free(kept).hypothesis(effects))
+            if again.misfit < self._now(best).misfit + rise:
+                return again
+        return best
+
+
+def _n_said(hypothesis: Hypothesis) -> int:
+    """How many effects, and values that moved, it takes."""
+    return len(hypothesis.effects) + len(hypothesis.moved)
+
+
+def _named(effects: Sequence[Part]) -> list[tuple[str, str]]:
+    return [(p.effect.name, p.effect.variant) for p in effects]
+
+
+def _instead_of(effect: Effect, effects: Sequence[Part]) -> bool:
+    """Whether an input is changed already."""
+    return isinstance(effect, Drive) and any(
+        isinstance(p.effect, Drive) and p.effect.of.key == effect.of.key for p in effects
+    )

@@ -1,0 +1,233 @@
+"""Does what a model leaves of a driven record go with the motion, or with its inputs?
+
+Noise need not be white: that of a sensor has a colour, and a force that nobody measured moves a
+structure as a missing effect does. But noise knows neither the motion nor the input. Forces that
+are functions of both, none of them in the model, are tried together on what is left, weighed by the
+noises found in it (`romsindy.fit.noises`): an F test of generalised least squares, in the spirit of
+[1]. Of several coordinates each has such forces, and what may couple them is tried as well.
+
+[1] S. Billings, W. Voon, Int. J. Control 44 (1986) 803: correlation tests of nonlinear models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.special import fdtrc
+
+from romsindy.effects.drive import Drive
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.coupled_terms import couplings
+from romsindy.fit.equation import equation_of
+from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.gauss_newton import Solution, linear_table
+from romsindy.fit.linear_response import nodes, respond, sampled
+from romsindy.fit.noises import Noises, TwoNoises, found_noises
+from romsindy.fit.part import Part, columns_of, in_orders
+from romsindy.fit.record import Prepared
+from romsindy.physics.coupled import AnyModel
+from romsindy.typing import Array, Indices
+
+if TYPE_CHECKING:
+    from romsindy.fit.fitted import Fit
+
+# Powers of a coordinate and of its velocity that are tried: all of second and third order, and
+# those of fifth order that differ from them in their harmonics.
+_POWERS = [(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (5, 0), (4, 1), (0, 5)]
+_SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
+_LATE = (-0.25, 0.25)  # cycles by which an input may act later
+_RANK = 1e-7  # of scaled products: forces below it are told by others
+
+
+@dataclass(frozen=True)
+class Independence:
+    """What goes with motion or input in that which a fit leaves, and what is noise.
+
+    Attributes
+    ----------
+    p_value : float
+        Probability that noise alone goes with them as much: F tests of all forces together, and of
+        the one that tells most, by Bonferroni's inequality.
+    missing : float
+        Rms of what goes with them, measured unit.
+    like : str
+        The force that alone tells most of it.
+    noises : tuple of Noises
+        Of each record.
+    excess : float
+        Chi-square of what is left over its freedom, where it would be 1 without what goes with
+        motion or input.
+    """
+
+    p_value: float
+    missing: float
+    like: str
+    noises: tuple[Noises, ...]
+    excess: float
+
+
+def examined(fit: Fit) -> Fit:
+    """The same with its verdict by what is left of its driven records."""
+    pairs = [(i, r) for i, r in enumerate(fit.records) if r.driven]
+    verdict = fit.verdict
+    if not (isinstance(verdict, ForcedAdequacy) and 0 < verdict.part < np.inf):
+        return fit  # there is no motion, or nothing is left
+    found = examine_independence(fit.start, fit.solution, pairs)
+    heard = verdict.left / verdict.part  # rms of the response
+    counts = [len(r.signal) for _, r in pairs]
+    shown = [np.mean(n.shown**2) for n in found.noises]
+    sensor = float(np.sqrt(np.average(shown, weights=counts)))
+    new = replace(
+        verdict,
+        ratio=np.sqrt(found.excess),
+        structure=found.excess,
+        p_value=found.p_value,
+        missing=found.missing / heard,
+        like=found.like,
+        sensor=sensor / heard,
+        force=np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard,
+        colour=np.average([np.mean(n.colour) for n in found.noises], weights=counts),
+    )
+    return replace(fit, verdict=new)
+
+
+def examine_independence(
+    model: AnyModel, solution: Solution, records: Sequence[tuple[int, Prepared]]
+) -> Independence:
+    """Of a fit to driven records, given with their numbers among all of it."""
+    tables = [_Tried.of(model, solution, i, record) for i, record in records]
+    system = np.sum([table.products for table in tables], axis=0)
+    n_values = sum(part.size for part in solution.parts)
+    n = sum(table.freedom for table in tables)
+    fitted, tried = np.arange(n_values), np.arange(n_values, len(system) - 1)
+    alone, rank = _explained(system, fitted)
+    both, full = _explained(system, np.concatenate([fitted, tried]))
+    new, freedom = full - rank, n - full
+    left = system[-1, -1] - both
+    gain = (both - alone) / new / (left / freedom) if left > 0 else 0.0
+    singles = [_explained(system, np.append(fitted, k))[0] - alone for k in tried]
+    rest = max(system[-1, -1] - alone - max(singles), 0.0) / (n - rank - 1)
+    best = fdtrc(1, n - rank - 1, max(singles) / rest) if rest > 0 else 1.0
+    values = _values(system, np.concatenate([fitted, tried]))
+    power = sum(float(np.sum((table.columns @ values) ** 2)) for table in tables)
+    samples = sum(len(table.columns) for table in tables)
+    return Independence(
+        p_value=min(2 * float(min(fdtrc(new, freedom, gain), len(tried) * best)), 1.0),
+        missing=float(np.sqrt(power / samples)),
+        like=tables[0].names[int(np.argmax(singles))],
+        noises=tuple(table.noises for table in tables),
+        excess=float((system[-1, -1] - alone) / (n - rank) / (left / freedom)) if left > 0 else 1.0,
+    )
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Of one record: weighed products of what was fitted, of forces, and of what is left."""
+
+    names: tuple[str, ...]
+    columns: Array  # (n, m), derivatives of the samples by all fitted values and forces
+    products: Array  # (m + 1, m + 1)
+    noises: Noises
+    freedom: int
+
+    @classmethod
+    def of(cls, model: AnyModel, solution: Solution, i: int, record: Prepared) -> _Tried:
+        parts, motion, left = solution.parts, solution.motions[i], solution.residuals[i]
+        equation = equation_of(model, parts, i, record)
+        states = 2 * motion.q.shape[1]
+        std = np.repeat([noise.std for noise in record.noises], len(record.t))
+        fitted = linear_table(model, parts, i, record, motion)[1][:, : -states - 1]
+        fitted = fitted * std[:, None]  # they come over white noise
+        two = TwoNoises.along(equation, parts, i, record, motion)
+        noises = found_noises(two, left)
+        forces = list(_forces(model, parts, record, motion))
+        response = respond(equation, motion, np.array([f.values for f in forces]))
+        orders = record.orders(parts)
+        x = in_orders(orders, response.samples)[..., 1:-states]
+        reading = record.read(parts, i, in_orders(orders, partial(sampled, motion)))
+        tried = reading.by_motion(x)
+        wide = np.zeros((len(left), sum(p.size for p in parts)))
+        wide[:, columns_of(parts, i)] = fitted
+        columns = np.column_stack([wide, tried])
+        products = two.table(np.column_stack([columns, left])).weighed(noises).products
+        names = tuple(f.name for f in forces)
+        return cls(names, columns, products, noises, len(left) - states)
+
+
+class _Force(NamedTuple):
+    name: str
+    values: Array  # at the Gauss points, in every equation: (3 n_steps, R)
+
+
+def _forces(
+    model: AnyModel, parts: Sequence[Part], record: Prepared, motion: Trajectory
+) -> Iterator[_Force]:
+    """Functions of the motion and of the inputs, of about unit size."""
+    t, *states = nodes(motion)
+    unit = np.eye(model.n_coordinates)
+    for i, name in enumerate(model.coordinates):
+        q, v = states[0][:, i], states[1][:, i]
+        alone = _alone(name, q / np.abs(motion.q[:, i]).max(), v / np.abs(motion.q_dot[:, i]).max())
+        on = f" on {name}" if model.numbered else ""
+        late = _late(parts, record, t, 1 / float(record.frequencies[i]))
+        for what, values in (*alone, *((what + on, values) for what, values in late)):
+            yield _Force(what, values[:, None] * unit[i])
+    if model.numbered:
+        for law in couplings(model.n_coordinates):
+            values = law.strong(*states)
+            yield _Force(law.key, values / max(float(np.abs(values).max()), 1e-300))
+
+
+def _alone(name: str, q: Array, v: Array) -> Iterator[tuple[str, Array]]:
+    """Functions of one coordinate."""
+    for i, j in _POWERS:
+        powers = [(name, i), (f"{name}_dot", j)]
+        yield " ".join(f"{x}^{k}" if k > 1 else x for x, k in powers if k), q**i * v**j
+    yield f"the sign of {name}_dot", np.tanh(v / _SLIDES)
+    yield f"|{name}_dot| {name}_dot", np.abs(v) * v
+    yield f"|{name}| {name}", np.abs(q) * q
+
+
+# Powers of an input are not tried: the largest values of a sine that is measured with noise are
+# those that noise made larger, and a cube goes with that.
+def _late(
+    parts: Sequence[Part], record: Prepared, t: Array, cycle: float
+) -> Iterator[tuple[str, Array]]:
+    """Inputs that act a quarter of a cycle, in s, sooner or later."""
+    for part in parts:
+        if isinstance(part.effect, Drive):
+            term = part.effect.term()
+            for cycles in _LATE:
+                other = replace(term, delay=term.delay + cycles * cycle)
+                late = "later" if cycles > 0 else "sooner"
+                name = f"{term.signal} a quarter of a cycle {late}"
+                values = np.zeros_like(t)
+                if term.source in record.inputs:
+                    values = record.inputs[term.source].at(t, other)
+                yield name, values / max(float(np.abs(values).max()), 1e-300)
+
+
+def _explained(system: Array, some: Indices) -> tuple[float, int]:
+    """How much of the last column some others tell, and how many of them differ."""
+    vectors, sizes = _directions(system, some)
+    told = vectors.T @ system[some, -1]
+    return float(np.sum(told**2 / sizes)), len(sizes)
+
+
+def _values(system: Array, some: Indices) -> Array:
+    vectors, sizes = _directions(system, some)
+    return vectors @ (vectors.T @ system[some, -1] / sizes)
+
+
+def _directions(system: Array, some: Indices) -> tuple[Array, Array]:
+    """Directions that are told apart, among columns of unit size, and their powers."""
+    own = system[np.ix_(some, some)]
+    power = np.diag(own)
+    scale = np.where(power > 0, 1 / np.sqrt(np.where(power > 0, power, 1.0)), 0.0)
+    sizes, vectors = np.linalg.eigh(own * scale * scale[:, None])
+    told = sizes > _RANK * sizes[-1]
+    return scale[:, None] * vectors[:, told], sizes[told]
