@@ -40,7 +40,7 @@ def page(catalogue: Iterable[Effect] = (*CATALOGUE, *BEAM_CATALOGUE)) -> str:
 def formula(effect: Effect) -> str:
     """What it adds for a strength of 1, in the names of its fields."""
     if isinstance(effect, MemoryEffect):
-        return effect.law.expression()
+        return effect.law.rule()
     named = {f.name for f in fields(effect)} & _STANDING.keys()  # type: ignore[arg-type]
     law = effect.shaped({name: _STANDING[name] for name in named}).term()
     text = effect.formula if law is None else law.expression()

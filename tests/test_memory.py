@@ -18,10 +18,17 @@ from romsindy.effects import (
 )
 from romsindy.effects.base import Scales, State
 from romsindy.fit.collocation import Grid, integrate
-from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.linear_response import nodes
+from romsindy.fit.equation import ExtendedEquation, equation_of
+from romsindy.fit.friction import free_parts
+from romsindy.fit.gauss_newton import moved_parts
+from romsindy.fit.linear_response import nodes, sensitivity
+from romsindy.fit.measured import prepared
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import PREDICTED
+from romsindy.physics.damping import Friction, PowerDamping
+from romsindy.physics.input import Input
+from romsindy.physics.memory import MaxwellElement, SlippingJoint, TunedMass
+from romsindy.physics.stiffness import Stiffness
 
 OMEGA = 30.0
 T = np.arange(0, 8, 0.005)
@@ -321,3 +328,184 @@ def test_tuned_mass_is_named_where_records_begin_after_the_release():
     (found,) = report.effects
     truth = {"strength": 2e-3, "frequency": W, "damping_ratio": ZETA}
     assert found.values == pytest.approx(truth, rel=0.1)
+
+
+# -- laws that remember, in models and in their fits ---------------------------------------------
+
+
+def model_with(name, strength=None):
+    effect, *_, own = CASES[name]
+    values = (*MODEL.values, own if strength is None else strength)
+    return rs.ReducedModel((*MODEL.terms, effect.remembering), values, "mm")
+
+
+@pytest.mark.parametrize("name", [n for n in CASES if n != "iwan"])  # sixteen sliders are slow
+def test_a_model_is_simulated_with_what_it_remembers(name):
+    _, rates, force, _, strength = CASES[name]
+    truth = integrated(rates, force, strength, 0.8, held(name, 0.8))
+    t = T[:240]
+    found = model_with(name).simulate(0.8, 0.0, t, rtol=1e-8)
+    np.testing.assert_allclose(found.q, truth[: len(t)], atol=1e-5)
+
+
+def test_a_model_that_remembers_is_saved_and_refuses_what_it_cannot_say():
+    model = model_with("tuned_mass")
+    assert rs.ReducedModel.from_json(model.to_json()) == model
+    assert "tuned_mass(q; frequency = 28.8, damping_ratio = 0.02)" in model.equation()
+    assert r"\text{tuned\_mass}" in model.latex()
+    for ask in (
+        lambda: model.backbone(0.5),
+        lambda: rs.forced_response(model, 1.0, (25.0, 35.0)),
+        lambda: model.to_c(),
+        lambda: rs.fit_steady(model, [29, 30, 31, 32], [1] * 4, [1j] * 4),
+        lambda: model.terms[-1].weak(0.1, 0.0),
+    ):
+        with pytest.raises(ValueError, match="tuned_mass remembers the motion"):
+            ask()
+    rubbing = rs.ReducedModel((*model.terms, Friction()), (*model.values, 1.0), "mm")
+    with pytest.raises(ValueError, match="c_coulomb jumps: give model"):
+        rubbing.simulate(1.0, 0.0, T)
+    with pytest.raises(ValueError, match="'tuned_mass' is not known"):
+        rs.ReducedModel.from_coefficients({"tuned_mass": 0.1})
+
+
+def fitted_parts(model, decay):
+    records = prepared([decay], "mm")
+    start, parts = free_parts(model, list(model.coefficients), records)
+    return records[0], start, parts
+
+
+@pytest.mark.parametrize("name", ["jenkins", "tuned_mass"])
+def test_derivatives_of_a_motion_that_remembers(name):
+    model = model_with(name)
+    t = T[:600]
+    decay = rs.Decay(t, motion(name, 0.8)[: len(t)], unit="mm")
+    record, start, parts = fitted_parts(model, decay)
+    state, grid = record.motion.start, record.motion.grid
+
+    def simulated(parts, state, guess=None):
+        equation = equation_of(start, parts, 0, record)
+        found = integrate(equation, state, grid, guess)
+        return equation, found, found.samples(equation)[:, 0]
+
+    equation, path, q = simulated(parts, state)
+    exact = sensitivity(equation, path)[:, 0].T
+    n = len(exact) - 2
+    for i, slope in enumerate(exact):
+        step = 1e-4 / np.abs(slope).max()
+        change = step * np.eye(n + 2)[i]
+        near = simulated(moved_parts(parts, change[:n]), state + change[n:], path)[2]
+        off = (near - q) / step - slope
+        assert np.linalg.norm(off) < 2e-3 * np.linalg.norm(slope)
+
+
+def absorber_decay(seed):
+    """An oscillator with a second mass on it, of 1 % of its own; noise of 1e-3."""
+    mu, w, zeta = 0.01, 0.97 * OMEGA, 0.03
+
+    def rates(_, y):
+        q, v, x, u = y
+        f = w * w * (x - q) + 2 * zeta * w * (u - v)
+        return [v, mu * f - OMEGA**2 * q - 90 * q**3 - 0.24 * v, u, -f]
+
+    t = np.arange(0, 5, 0.005)
+    q = solve_ivp(rates, (0, 5), [1.0, 0, 1.0, 0], t_eval=t, rtol=1e-10, atol=1e-12).y[0]
+    decay = rs.Decay(t, q + 1e-3 * np.random.default_rng(seed).standard_normal(len(t)), unit="mm")
+    truth = {"tuned_mass": mu, "tuned_mass frequency": w, "tuned_mass damping_ratio": zeta}
+    return decay, truth | {"omega^2": OMEGA**2, "gamma_3": 90.0, "c_linear": 0.24}
+
+
+def held_truth(fit, truth):
+    pairs = ((fit.interval(name), value) for name, value in truth.items())
+    return [low <= value <= high for (low, high), value in pairs]
+
+
+@pytest.mark.slow
+def test_a_second_mass_is_fitted_with_what_shapes_it():
+    held_by = []
+    for seed in range(4):
+        decay, truth = absorber_decay(seed)
+        fit = rs.identify(decay, terms=[Stiffness(3), TunedMass(0.99 * OMEGA, 0.02)])
+        held_by += held_truth(fit, truth)
+        assert fit.verdict.explained and fit.solution.converged
+    assert np.mean(held_by) >= 0.8  # 24 intervals of six values that err together
+    left = fit.predict(decay, 200) - decay.signal
+    assert np.std(left) < 0.02 * np.std(decay.signal)
+    assert "Shapes: tuned_mass frequency" in str(fit)
+    again = rs.Estimate.from_json(fit.to_json())
+    assert again.model == fit.model
+    np.testing.assert_allclose(again.predict(decay, 200), fit.predict(decay, 200), atol=1e-9)
+
+
+def joint_decay(seed):
+    """A Jenkins element beside a Duffing oscillator, let go at rest after a slow pull."""
+    k, slip = 25.0, 0.3
+
+    def rates(_, y):
+        q, v, z = y
+        return [v, -(OMEGA**2) * q - 90 * q**3 - 0.12 * v - k * z, slider(z, v, slip)]
+
+    t = np.arange(0, 8, 0.005)
+    q = solve_ivp(rates, (0, 8), [1.0, 0, slip], t_eval=t, rtol=1e-8, atol=1e-10, max_step=4e-3)
+    noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(t))
+    truth = {"slipping_joint": k, "slipping_joint slip": slip, "omega^2": OMEGA**2}
+    return rs.Decay(t, q.y[0] + noise, unit="mm"), truth | {"gamma_3": 90.0, "c_linear": 0.12}
+
+
+@pytest.mark.slow
+def test_a_slipping_joint_is_fitted():
+    held_by = []
+    for seed in range(4):
+        decay, truth = joint_decay(seed)
+        terms = (Stiffness(1), Stiffness(3), PowerDamping(1), SlippingJoint(0.4))
+        fit = rs.refine(rs.ReducedModel(terms, (OMEGA**2, 80.0, 0.2, 20.0), "mm"), decay)
+        held_by += held_truth(fit, truth)
+        assert fit.verdict.explained
+    assert np.mean(held_by) >= 0.8
+
+
+@pytest.mark.slow
+def test_a_viscoelastic_part_under_an_input():
+    k, relaxation = 20.0, 0.04
+    w, phase = np.linspace(20, 42, 23), np.random.default_rng(5).uniform(0, 2 * np.pi, 23)
+
+    def push(t):
+        return 5.2 * np.sum(np.cos(np.multiply.outer(t, w) + phase), axis=-1)
+
+    def rates(t, y):
+        q, v, z = y
+        pull = OMEGA**2 * q + 90 * q**3 + 0.24 * v + k * z
+        return [v, push(t) - pull, v - z / relaxation]
+
+    t = np.arange(0, 6, 0.005)
+    q = solve_ivp(rates, (0, 6), [0, 0, 0], t_eval=t, rtol=1e-9, atol=1e-11).y[0]
+    truth = {"omega^2": OMEGA**2, "gamma_3": 90.0, "c_linear": 0.24, "maxwell": k}
+    terms = (
+        Stiffness(1),
+        Stiffness(3),
+        PowerDamping(1),
+        MaxwellElement(relaxation),
+        Input("force"),
+    )
+    model = rs.ReducedModel(terms, (*truth.values(), 1.0), "mm")
+    np.testing.assert_allclose(model.simulate(0, 0, t, rtol=1e-8, u=push).signal, q, atol=1e-6)
+    truth |= {"maxwell relaxation": relaxation, "gain [force]": 1.0}
+    held_by = []
+    for seed in range(2):
+        noisy = q + 1e-4 * np.random.default_rng(seed).standard_normal(len(t))
+        record = rs.ForcedVibration(
+            t, noisy, push(t), unit="mm", inputs="force", interpolation="band-limited"
+        )
+        fit = rs.identify(record, terms=[Stiffness(3), MaxwellElement(0.03)])
+        held_by += held_truth(fit, truth)
+        assert fit.verdict.explained
+    assert np.mean(held_by) >= 0.8
+    assert np.std(fit.predict(record, 100) - noisy) < 0.01 * np.std(noisy)
+    with pytest.raises(ValueError, match=r"fixed names \['maxwell'\]: a force that remembers"):
+        rs.refine(fit.model, record, fixed=["maxwell"])
+
+
+def test_a_shape_that_no_record_shows_is_no_start():
+    decay, _ = absorber_decay(0)
+    with pytest.raises(ValueError, match=r"slip = 50, .* finds values from 0\.00\d+ to [12]\."):
+        rs.identify(decay, terms=[SlippingJoint(50.0)])

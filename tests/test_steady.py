@@ -231,6 +231,25 @@ def test_terms_are_chosen_by_levels_that_take_no_part(duffing):
     assert fit.model.unit == "m" and fit.verdict.explained
 
 
+@pytest.mark.slow
+def test_errors_count_terms_that_the_points_hardly_tell():
+    """A weak drag and a weak spring beside noise: other powers do nearly the same."""
+    truth = {"omega^2": 1.0, "gamma_3": 0.006, "c_linear": 0.02, "c_quadratic": 0.006, "gain": 2.0}
+    own = dict(c=0.02, k=1.0, g=0.006, d=0.006)
+    sizes = [(f, np.linspace(0.2, 0.8, 12) * f / 0.02) for f in (0.006, 0.013, 0.02)]
+    points = [(f, *oracle.curve(a, f, **own, within=(0.9, 1.1))[:2]) for f, a in sizes]
+    w, f, q = map(np.concatenate, zip(*((w, 0 * w + f, q) for f, w, q in points), strict=True))
+    held, told = [], []
+    for seed in range(24):
+        fit = rs.fit_steady(None, w, f / 2, q + noise_of(5e-3, len(w), seed), std=5e-3)
+        values = fit.model.coefficients | vars(fit.chain)
+        errors = fit.standard_errors | fit.chain_errors
+        held += [abs(values[n] - truth.get(n, 0.0)) < 1.96 * e for n, e in errors.items()]
+        told += [any("the data hardly tell" in note for note in fit.notes)]
+    assert 0.9 <= np.mean(held) <= 0.99
+    assert np.mean(told) > 0.5
+
+
 def test_a_model_that_lacks_a_term_says_so_and_widens_its_errors(duffing):
     w, f, q, _ = duffing
     model = rs.ReducedModel.from_coefficients({"omega^2": 1.0, "gamma_5": 0.1, "c_linear": 0.04})

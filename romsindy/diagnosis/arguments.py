@@ -173,6 +173,7 @@ def reduced(model: AnyModel | Beam) -> ReducedModel:
         For a Beam, and for several coordinates.
     """
     if not isinstance(model, Beam) and model.n_coordinates == 1:
+        model.refuse_memory("what is compared here")
         return cast(ReducedModel, model)
     beam = isinstance(model, Beam)
     remedy = "reduce it first, beam.reduce(...)" if beam else "give that of one coordinate"

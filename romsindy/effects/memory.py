@@ -38,18 +38,43 @@ class MemoryEffect(Effect):
     law: ClassVar[MemoryLaw]  # the fields of the effect are put in for its own
     sign = 1
 
-    def _along(self, state: State, size: float = 1.0) -> tuple[Array, Memory]:
+    @property
+    def remembering(self) -> MemoryLaw:
+        """The law, with the fields of the effect."""
         shared = {f.name for f in fields(self.law)} & vars(self).keys()  # type: ignore[arg-type]
         law: MemoryLaw = replace(self.law, **{n: getattr(self, n) for n in shared})  # type: ignore[type-var]
+        return law
+
+    @classmethod
+    def of_law(cls, law: MemoryLaw) -> MemoryEffect:
+        """The effect that has this law.
+
+        Raises
+        ------
+        ValueError
+            If none of those that are defined has.
+        """
+        known = [kind for base in cls.__subclasses__() for kind in (base, *base.__subclasses__())]
+        kind = next((k for k in known if isinstance(getattr(k, "law", None), type(law))), None)
+        if kind is None:
+            raise ValueError(
+                f"{law.key} is the law of no effect, which says what a fit may change: derive one"
+                " from romsindy.effects.memory.MemoryEffect"
+            )
+        return kind(**vars(law))
+
+    def along(self, state: State, size: float = 1.0) -> tuple[Array, Memory]:
+        """The law along a motion of this size, (n,), and what is remembered at its end."""
+        law = self.remembering
         return law.along(state.t, size * state.q, size * state.q_dot, state.rate, state.memory)
 
     def forces(self, state: State) -> Array:
         """The law along the motion."""
-        return self._along(state)[0][None]
+        return self.along(state)[0][None]
 
     def remembered(self, state: State) -> Memory:
         """What is remembered at the end of a state."""
-        return self._along(state)[1]
+        return self.along(state)[1]
 
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """How the force follows slow changes of the amplitude and phase of a vibration.
@@ -59,7 +84,7 @@ class MemoryEffect(Effect):
         """
         if len(state.t) < 2:
             return 0.0, 0.0, 0.0
-        force, larger = self._along(state)[0], self._along(state, 1 + _SMALL)[0]
+        force, larger = self.along(state)[0], self.along(state, 1 + _SMALL)[0]
         by_size = (larger - force) / _SMALL
         # Where it stayed after the last slip is a matter of the amplitude then, not of that now.
         by_size -= _mean_of_cycle(state.t, by_size, 2 * np.pi / state.rate)
@@ -72,7 +97,7 @@ class MemoryEffect(Effect):
         return strengths[0] * by_q, strengths[0] * by_q_dot, 0.0
 
     def strength_unit(self, unit: str | None) -> str:
-        return self.law.unit
+        return self.law.unit(unit)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
+from romsindy.fit.remembering import with_memories
 from romsindy.fit.shooting import shoot
 from romsindy.typing import Array
 
@@ -111,5 +112,5 @@ def _repeat(fit: Fit, seed: np.random.SeedSequence) -> Array | None:
             again = shoot(fit.start, parts, records, motions)[0]
     except TrajectoryError:
         return None
-    values = extended(fit.start, again.parts).coefficients
+    values = with_memories(extended(fit.start, again.parts), again.parts).coefficients
     return np.array([values[name] for name in fit.free])

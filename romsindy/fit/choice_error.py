@@ -43,13 +43,22 @@ def with_choice_error(fit: Fit, every: Linearised) -> Fit:
 
     ``every`` has one part: all data.
     """
-    found = alternatives(every.trials, every.present)
-    at = {i: p for i, name in enumerate(fit.free) if (p := every.place(name)) is not None}
-    here, places = np.ix_([*at], [*at]), [*at.values()]
-    notes = [s for a in found if (s := _sentence(a, every, at, fit))]
-    covariance = fit.covariance.copy()
-    covariance[here] = mixed(covariance[here], found, places)
+    covariance, notes = counting_choice(fit.free, fit.covariance, every)
     return replace(fit, covariance=covariance, notes=(*fit.notes, *notes))
+
+
+def counting_choice(
+    free: Sequence[str], covariance: Array, every: Linearised
+) -> tuple[Array, list[str]]:
+    """The same for the covariance of some values by name, and what is to be said of it."""
+    found = alternatives(every.trials, every.present)
+    at = {i: p for i, name in enumerate(free) if (p := every.place(name)) is not None}
+    here, places = np.ix_([*at], [*at]), [*at.values()]
+    errors = {free[i]: float(np.sqrt(covariance[i, i])) for i in at}
+    notes = [s for a in found if (s := _sentence(a, every, places, errors))]
+    mixture = covariance.copy()
+    mixture[here] = mixed(covariance[here], found, places)
+    return mixture, notes
 
 
 def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
@@ -88,11 +97,12 @@ def _changes(kept: Sequence[int], n: int) -> list[tuple[int | None, int | None]]
     return [(a, b) for a in (None, *kept) for b in added if (a, b) != (None, None)]
 
 
-def _sentence(a: Alternative, every: Linearised, at: Mapping[int, int], fit: Fit) -> str:
+def _sentence(
+    a: Alternative, every: Linearised, places: Sequence[int], errors: Mapping[str, float]
+) -> str:
     """Which choices are hardly told apart, where an error grows by half by that; else none."""
-    added = np.sqrt(np.maximum(a.weight * np.diag(a.squares)[[*at.values()]], 0.0))
-    errors = fit.standard_errors
-    names = [fit.free[i] for i, by in zip(at, added, strict=True) if by > errors[fit.free[i]]]
+    added = np.sqrt(np.maximum(a.weight * np.diag(a.squares)[places], 0.0))
+    names = [n for (n, error), by in zip(errors.items(), added, strict=True) if by > error]
     if not names:
         return ""
     told = " or ".join(every.name(g) for g in (a.gone, a.added) if g is not None)

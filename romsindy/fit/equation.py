@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State
+from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.coefficient import OnCoordinate, extended
 from romsindy.fit.linear_steps import Linearisation
 from romsindy.fit.part import Part
@@ -17,6 +18,8 @@ from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.memory import Memory
 from romsindy.typing import Array
+
+_SMALL = 1e-6  # of the motion: a change by which derivatives are taken
 
 
 def equation_of(
@@ -104,6 +107,26 @@ class ExtendedEquation:
         pulling = self._pulling(t, q, q_dot, q_ddot).values()
         memories = tuple(part.effect.remembered(state) for part, state in pulling)
         return replace(self, memories=memories) if memories else self
+
+    @property
+    def remembers(self) -> bool:
+        """Whether forces of the model depend on the motion so far; derivatives are exact then."""
+        return bool(self.model.memories)
+
+    def beyond_slopes(self, motion: tuple[Array, ...], q: Array, q_dot: Array) -> Array:
+        """What small changes (n, 1, m) do to forces that remember, less what slopes say of it."""
+        found = np.zeros((q.shape[2], *q.shape[:2]))
+        for part, state in self._pulling(*motion).values():
+            if not isinstance(part.effect, MemoryEffect):
+                continue
+            own = part.own(self.record)
+            force, slopes = part.effect.along(state)[0], part.effect.slopes(state, own)
+            for row, d, v in zip(found[..., 0], q[:, 0].T, q_dot[:, 0].T, strict=True):
+                small = _SMALL * np.abs(state.q).max() / max(float(np.abs(d).max()), 1e-300)
+                near = state._replace(q=state.q + small * d, q_dot=state.q_dot + small * v)
+                row += own[0] * (part.effect.along(near)[0] - force) / small
+                row -= slopes[0] * d + slopes[1] * v
+        return found
 
     def linearise(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Linearisation:
         """Residual (n, R) and its derivatives (n, R, R)."""

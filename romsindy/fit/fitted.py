@@ -29,15 +29,18 @@ from romsindy.fit.part import Part
 from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.predict import Sensors
 from romsindy.fit.record import Prepared
+from romsindy.fit.remembering import laws_in, with_memories
 from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import TOLERANCE, shoot
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import input_in
+from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
 from romsindy.record.vibrations import Resonance
+from romsindy.text import with_error
 from romsindy.typing import Array
 
 # Change of chi-square at which a fit of several coordinates ends where the form of the equation
@@ -144,9 +147,37 @@ class Fit(Estimate):
         }
 
     @property
+    def shapes(self) -> dict[str, tuple[float, float]]:
+        """What shapes the forces that remember, such as "tuned_mass frequency": value and error.
+
+        In the unit of q and seconds; the other values of a law are those of `model`.
+        """
+        std = np.sqrt(np.diag(self.solution.covariance))
+        found: dict[str, tuple[float, float]] = {}
+        for part, at in zip(self.solution.parts, self.solution.slices(), strict=True):
+            for law in laws_in(part.effect):
+                if isinstance(law, MemoryLaw):
+                    error = std[at][part.strengths.size :]
+                    own = zip(part.parameters, part.shape, error, strict=True)
+                    found |= {f"{law.key} {p.name}": (float(v), float(e)) for p, v, e in own}
+        return found
+
+    @property
     def noise(self) -> tuple[Noise | tuple[Noise, ...], ...]:
         """Noise of each decay, found without the model; a tuple of the channels of several."""
         return tuple(record.noise for record in self.records)
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """As that of an `Estimate`, and of one of the `shapes`."""
+        if name not in self.shapes:
+            return super().interval(name)
+        value, error = self.shapes[name]
+        return value - 1.96 * error, value + 1.96 * error
+
+    def remarks(self) -> list[str]:
+        """The notes, as sentences, after what shapes the forces that remember."""
+        shapes = [" ".join([n, "{} +- {}".format(*with_error(*x))]) for n, x in self.shapes.items()]
+        return [*([f"Shapes: {', '.join(shapes)}."] if shapes else []), *super().remarks()]
 
     def __repr__(self) -> str:
         size = f"{len(self.free)} coefficients, {len(self.records)} records"
@@ -180,9 +211,10 @@ def refined(
             ) from error
     peak = max(record.peak for record in records)
     new = extended(replace(model, values=start.values), solution.parts)
+    new = with_memories(new, solution.parts)
     solution = replace(solution, covariance=covariance)  # that of the residuals as they are
     pairs = zip(solution.parts, solution.slices(), strict=True)
-    laws = [(law, at.start + k) for p, at in pairs for k, law in enumerate(p.effect.laws())]
+    laws = [(law, at.start + k) for p, at in pairs for k, law in enumerate(laws_in(p.effect))]
     named = {law.key: place for law, place in laws}
     free, places = tuple(named), list(named.values())
     covariance = covariance[np.ix_(places, places)]
@@ -286,7 +318,7 @@ def _followed(
         rough = near.chi_squared > EXPLAINED**2 * sum(len(r.signal) for r in records)
         tolerance = _ROUGH if rough else TOLERANCE
         return shot(near.parts, records, near.motions, tolerance=tolerance)
-    if near.converged:
+    if near.converged or model.memories:
         return shot(near.parts, records, near.motions)
     found, motions = fit_growing(model, parts, records)
     return shot(found, records, motions)

@@ -1,4 +1,4 @@
-"""Forces that jump, made smooth at the speeds of the records that they are fitted to."""
+"""A model to be fitted, and its free terms as parts; forces that jump are made smooth there."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from romsindy.fit.coefficient import SMOOTHING, free_coefficients
 from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
+from romsindy.fit.remembering import memory_parts
 from romsindy.physics.coupling import Along
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
@@ -26,18 +27,23 @@ def free_parts(
 
     The jump of a free force is averaged over each step in time, which no velocity scale blurs: all
     of it is in its part, and none in the model. Other jumps are smoothed, and those of several
-    coordinates: one of them may stop while others go on.
+    coordinates: one of them may stop while others go on. Forces that remember are in parts, too.
     """
+    memories = memory_parts(model, records)
+    remembering = {law.key for law in model.memories}
+    names = [name for name in names if name not in remembering]
     alone = {t.key for t in model.terms if not (t.smooth or isinstance(t, Along))}
     apart = alone & {*names}
     values = model.coefficients
-    inside = tuple(0.0 if name in apart else value for name, value in values.items())
+    outside = apart | remembering
+    inside = tuple(0.0 if name in outside else value for name, value in values.items())
     left = smoothed(replace(model, values=inside), records, apart)
     parts = free_coefficients(left, names)
-    return left, tuple(
+    free = (
         replace(p, strengths=np.full((1, 1), values[name])) if name in apart else p
         for name, p in zip(names, parts, strict=True)
     )
+    return left, (*free, *memories)
 
 
 def smoothed(model: Model, records: Sequence[Prepared], but: Collection[str] = ()) -> Model:

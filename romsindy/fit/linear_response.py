@@ -15,8 +15,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.fit.collocation import Grid, Trajectory, end_states, interpolated
-from romsindy.fit.linear_steps import Equation, LinearSteps, at_nodes, gains, inverse, quadrature
+from romsindy.fit.linear_steps import (
+    Equation,
+    LinearSteps,
+    RememberingEquation,
+    at_nodes,
+    gains,
+    inverse,
+    quadrature,
+)
 from romsindy.typing import Array, Indices
+
+# Of what forces that remember do beside their slopes: how often, and to which part of a change.
+_CORRECTIONS, _SAME = 30, 1e-4
 
 
 def nodes(motion: Trajectory) -> tuple[Array, Array, Array, Array]:
@@ -80,7 +91,7 @@ def respond(equation: Equation, motion: Trajectory, forces: Array) -> Response:
     rise, gain = gains(h, motion.q_ddot)
     jump[:, 0, :, 0] = motion.q[:-1] + h * motion.q_dot[:-1] + rise - motion.q[1:]
     jump[:, 1, :, 0] = motion.q_dot[:-1] + gain - motion.q_dot[1:]
-    return Response(motion, *system.solve(force, start, jump))
+    return Response(motion, *_solved(equation, motion, system, force, start, jump))
 
 
 def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> Array:
@@ -103,9 +114,36 @@ def sensitivity(equation: Equation, motion: Trajectory, derivative: int = 0) -> 
     t = grid.node_times(0, grid.n_steps)
     system = LinearSteps.at(equation, h, t, motion.q, motion.q_dot, motion.q_ddot)
     force = equation.by_parameter(*nodes(motion))
-    q, q_dot, _ = system.solve(*_columns(motion, -force))
+    q, q_dot, _ = _solved(equation, motion, system, *_columns(motion, -force))
     q_ddot = _end_acceleration(equation, motion, q, q_dot)
     return interpolated(grid, derivative, q, q_dot, q_ddot)
+
+
+def _solved(
+    equation: Equation,
+    motion: Trajectory,
+    system: LinearSteps,
+    columns: Array,
+    start: Array,
+    jump: Array | None = None,
+) -> tuple[Array, Array, Array]:
+    """What `LinearSteps.solve` gives, and what forces that remember add to it.
+
+    Their slopes are those of slow changes. What these miss is computed from the changes, and
+    brought in as a force, until nothing more changes.
+    """
+    q, q_dot, q_ddot = system.solve(columns, start, jump)
+    if not (isinstance(equation, RememberingEquation) and equation.remembers):
+        return q, q_dot, q_ddot
+    at, (n, _, r, m) = nodes(motion), columns.shape
+    for _ in range(_CORRECTIONS):
+        flat = at_nodes(system.h, *(x.reshape(*x.shape[:-2], -1) for x in (q, q_dot, q_ddot)))
+        missed = equation.beyond_slopes(at, *(x.reshape(-1, r, m) for x in flat))
+        before, beside = q, missed.transpose(1, 2, 0).reshape(n, 3, r, m)
+        q, q_dot, q_ddot = system.solve(columns - beside, start, jump)
+        if np.all(np.abs(q - before).max(axis=(0, 1)) <= _SAME * np.abs(q).max(axis=(0, 1))):
+            break
+    return q, q_dot, q_ddot
 
 
 def states_shown(grid: Grid, system: LinearSteps, derivative: int = 0) -> tuple[Indices, Array]:
@@ -127,6 +165,8 @@ def _end_acceleration(equation: Equation, motion: Trajectory, q: Array, q_dot: A
     force = at.by_q @ q + at.by_q_dot @ q_dot
     slopes = equation.by_parameter(*state)
     force[..., : len(slopes)] += slopes.transpose(1, 2, 0)
+    if isinstance(equation, RememberingEquation) and equation.remembers:
+        force += equation.beyond_slopes(state, q, q_dot).transpose(1, 2, 0)
     return -inverse(at.by_q_ddot)[0] @ force
 
 

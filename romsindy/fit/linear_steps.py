@@ -49,7 +49,17 @@ class Equation(Protocol):
 
 @runtime_checkable
 class RememberingEquation(Protocol):
-    """An equation whose forces depend on the motion so far, from its first time on."""
+    """An equation whose forces may depend on the motion so far, from its first time on."""
+
+    @property
+    def remembers(self) -> bool:
+        """Whether they do, and `beyond_slopes` is to be asked."""
+
+    def beyond_slopes(self, motion: tuple[Array, ...], q: Array, q_dot: Array) -> Array:
+        """What small changes (n, R, m) of q and q_dot do beside the slopes of `linearise`.
+
+        ``motion`` are times (n,), q, q_dot and q_ddot (n, R); the result is (m, n, R).
+        """
 
     def after(self, t: Array, q: Array, q_dot: Array, q_ddot: Array) -> Equation:
         """The equation of the motion that goes on from the end of this one, (n, R) states."""

@@ -151,6 +151,12 @@ def free_names(model: AnyModel, fixed: Collection[str]) -> tuple[str, ...]:
     unknown = sorted(set(fixed) - set(model.coefficients))
     if unknown:
         raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    held = sorted({*fixed} & {law.key for law in model.memories})
+    if held:
+        raise ValueError(
+            f"fixed names {held}: a force that remembers is fitted with what shapes it; leave them"
+            " out"
+        )
     free = tuple(name for name in model.coefficients if name not in fixed)
     if not free:
         raise ValueError("fixed names every coefficient of the model: leave one to fit")

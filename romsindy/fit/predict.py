@@ -21,6 +21,7 @@ from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.measured import NUMERICS, ready_along, require_unit
 from romsindy.fit.part import Part, in_orders
 from romsindy.fit.record import Prepared, Record
+from romsindy.fit.remembering import memory_parts
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.equations import inputs_of, without_inputs
@@ -94,14 +95,14 @@ def _of_one(
     else:
         seen = Record.of(record.single(), NUMERICS)
     bias = (Part(Bias(), (), np.full((1, 1), offset)),) if offset else ()
-    smooth = smoothed(model, [seen])
-    start = fit(smooth, bias, [seen.beginning(samples)], fixed=True).motions[0].start
-    return _shown(smooth, bias, seen, start)
+    smooth, parts = smoothed(model, [seen]), (*bias, *memory_parts(model, [seen]))
+    known = fit(smooth, parts, [seen.beginning(samples)], fixed=True)
+    return _shown(smooth, known.parts, seen, known.motions[0].start)
 
 
 def _shown(model: AnyModel, parts: Sequence[Part], record: Prepared, start: Array) -> Array:
     """What the channels show of the motion from a state, (c n,)."""
-    equation = equation_of(model, (), 0, record)
+    equation = equation_of(model, parts, 0, record)
     motion = integrate(equation, start, record.motion.grid, record.motion)
     x = in_orders(record.orders(parts), partial(motion.samples, equation))
     return record.read(parts, 0, x).shown

@@ -240,25 +240,32 @@ class Trials:
 class Linearised(NamedTuple):
     """All that may take part in a fit, linearised about motions.
 
-    ``sensors`` come first among the places of ``trials``, then ``terms``, those that are free;
-    ``present`` are the numbers of the groups that take part so far.
+    ``sensors`` come first among the places of ``trials``, then ``terms``, those that are free, and
+    what is fitted of a ``chain`` from excitation to force; ``present`` are the numbers of the
+    groups that take part so far.
     """
 
     trials: Trials
     sensors: tuple[Part, ...]
     terms: tuple[Term, ...]
     present: list[int]
+    chain: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the values behind those of the sensors."""
+        return (*(t.key for t in self.terms), *self.chain)
 
     def place(self, name: str) -> int | None:
         """Of a coefficient among all values; None where it is no candidate."""
-        names = [t.key for t in self.terms]
+        names = self.names
         return len(self.sensors) + names.index(name) if name in names else None
 
     def name(self, group: int) -> str:
         """Of a term, or of what sensors show."""
         place = self.trials.groups[group][0]
         if place >= len(self.sensors):
-            return self.terms[place - len(self.sensors)].key
+            return self.names[place - len(self.sensors)]
         effect = self.sensors[place].effect
         return effect.sentence if isinstance(effect, CurvedShape) else effect.variant
 

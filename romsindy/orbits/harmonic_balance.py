@@ -89,6 +89,7 @@ class HarmonicBalance:
     """
 
     def __init__(self, model: Equations, n_harmonics: int) -> None:
+        model.refuse_memory("a response of harmonics")
         self.model = model
         self.n_harmonics = n_harmonics
         self.basis = uniform_basis(n_harmonics)

@@ -19,7 +19,11 @@ from scipy.linalg import eigh
 from romsindy.physics import export
 from romsindy.physics.coupling import Along, CoupledTerm, Names
 from romsindy.physics.input import Excitation, Forcing, Input, input_in
-from romsindy.physics.integration import integrate_smooth, integrate_steps
+from romsindy.physics.integration import (
+    integrate_remembering,
+    integrate_smooth,
+    integrate_steps,
+)
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum, signed_text
 from romsindy.record.decay import Decay
@@ -115,6 +119,7 @@ class Equations(TermSum, ABC):
         ValueError
             If q = 0 is not a stable position of rest.
         """
+        self.refuse_memory("a small vibration")
         rest = np.zeros(self.n_coordinates)
         if self.objection(rest[None]):
             self._refuse(rest[None])
@@ -215,14 +220,17 @@ class Equations(TermSum, ABC):
         state, t = self._state(q0, q_dot0), checked_time(t)
         frequency = self._frequency_at_rest
         scale = max(np.abs(state[0]).max(), np.abs(state[1]).max() / frequency, 1e-300)
-        if u is not None:
-            forcing = self._forcing(u, t)
+        forcing = None if u is None else self._forcing(u, t)
+        if forcing is not None:
             scale = max(scale, float(np.abs(forcing(t)).max()) / frequency**2)
+        if not all(term.smooth for term in self.terms):
+            return self._by_strokes(state, t, rtol, scale)
+        if self.memories:
+            return self._remembering(state, t, rtol, scale, forcing, measured)
+        if forcing is not None:
             own = self._quick_acceleration()
             q, q_dot = integrate_steps(own, state, t, forcing.steps(), rtol, scale)
             return self._shown(forcing, q, q_dot, measured)
-        if not all(term.smooth for term in self.terms):
-            return self._by_strokes(state, t, rtol, scale)
         q, q_dot = integrate_smooth(self._quick_acceleration(), state, t, rtol, scale)
         return Decay(t, q, q_dot, self.acceleration(q, q_dot), unit=self.unit)
 
@@ -233,6 +241,25 @@ class Equations(TermSum, ABC):
         with np.errstate(all="ignore"):
             slopes = np.abs(np.diag(self.residual_and_slopes(rest, rest, rest)[1]))
         return float(np.sqrt(np.max(slopes, where=np.isfinite(slopes), initial=0.0))) or 1.0
+
+    def _remembering(
+        self,
+        state: Array,
+        t: Array,
+        rtol: float,
+        scale: float,
+        forcing: Forcing | None,
+        measured: Quantity,
+    ) -> Decay | ForcedVibration:
+        """The motion where forces remember: as from rest, or from a vibration that has lasted."""
+        steps = forcing.steps() if forcing else ((end, lambda _: 0.0) for end in t[1:])
+        own, rate = self._quick_acceleration(), self._frequency_at_rest
+        q, q_dot, pull = integrate_remembering(
+            own, self.memories, state, t, steps, rtol, scale, rate
+        )
+        if forcing:
+            return self._shown(forcing, q, q_dot, measured, pull)
+        return Decay(t, q, q_dot, self.acceleration(q, q_dot, -pull), unit=self.unit)
 
     def _by_strokes(self, state: Array, t: Array, rtol: float, scale: float) -> Decay:
         jumps = [term.key for term in self.terms if not term.smooth]
@@ -251,9 +278,14 @@ class Equations(TermSum, ABC):
         return Forcing(self.pushes, u, t)
 
     def _shown(
-        self, forcing: Forcing, q: Array, q_dot: Array, measured: Quantity
+        self,
+        forcing: Forcing,
+        q: Array,
+        q_dot: Array,
+        measured: Quantity,
+        pull: Array | float = 0.0,
     ) -> ForcedVibration:
-        q_ddot = self.acceleration(q, q_dot, forcing(forcing.t))
+        q_ddot = self.acceleration(q, q_dot, forcing(forcing.t) - pull)
         return ForcedVibration(
             forcing.t,
             {"displacement": q, "velocity": q_dot, "acceleration": q_ddot}.get(measured, q),

@@ -20,6 +20,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from romsindy.physics.coupling import Along, PolynomialTerm
 from romsindy.physics.input import Input, input_in
+from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.term import Term
 from romsindy.physics.term import exact as exact_text
 from romsindy.record.interpolation import Interpolation
@@ -178,6 +179,11 @@ def inertia_and_force(
     sympy, r = sympy_module(), len(coordinates)
     inertia, force = sympy.eye(r), sympy.zeros(r, 1)
     for term, value in pairs:
+        if isinstance(term, MemoryLaw):
+            raise ValueError(
+                f"{term.key} remembers the motion, and an equation of q and q_dot cannot say so:"
+                " save the model as JSON, or export its other terms alone"
+            )
         if isinstance(term, PolynomialTerm):
             added, push = _polynomial(term, coordinates)
         else:

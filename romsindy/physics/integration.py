@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import ODEintWarning, ode, odeint, solve_ivp
 
+from romsindy.physics.memory import MemoryLaw
 from romsindy.typing import Array
 
 # Of q and q_dot, floats or (R,) arrays; under inputs of their force, too.
@@ -119,9 +120,58 @@ def integrate_steps(
         return np.concatenate([q_dot, followed(now, q, q_dot, force(now))])
 
     own = rates if state.ndim == 1 else several
-    solver = ode(own).set_integrator("dop853", rtol=rtol, atol=rtol * scale, nsteps=followed.left)
-    solver.set_initial_value(state.ravel(), t[0])
-    ends, states = [t[0]], [state.ravel()]
+    y = _through(own, state.ravel(), t, steps, followed, rtol, rtol * scale)
+    q, q_dot = np.moveaxis(y.reshape(len(t), *state.shape), 1, 0)
+    return q, q_dot
+
+
+def integrate_remembering(
+    acceleration: Acceleration,
+    memories: Mapping[MemoryLaw, float],
+    state: Array,
+    t: Array,
+    steps: Iterable[tuple[float, Callable[[float], Any]]],
+    rtol: float,
+    scale: float,
+    rate: float,
+) -> tuple[Array, Array, Array]:
+    """As `integrate_steps` of one coordinate, where forces remember; their sum comes third.
+
+    Their inner states go along. What they are at first follows from the start and ``rate``, rad/s:
+    see `MemoryLaw.begun`.
+    """
+    followed = _Course(acceleration, state, t)
+    q0, q_dot0 = state.tolist()
+    begun = [law.begun(q0, q_dot0, rate) for law in memories]
+    ends = np.cumsum([len(inner) for inner in begun])[:-1]
+
+    def pull(y: Array) -> float:
+        pairs = zip(memories.items(), np.split(y[2:], ends), strict=True)
+        return float(sum(value * law.force(y[0], y[1], z) for (law, value), z in pairs))
+
+    def rates(now: float, y: Array, force: Callable[[float], float]) -> Array:
+        q, q_dot = y[:2].tolist()
+        pairs = zip(memories, np.split(y[2:], ends), strict=True)
+        inner = [law.rates(q, q_dot, z) for law, z in pairs]
+        return np.concatenate([[q_dot, followed(now, q, q_dot, force(now) - pull(y))], *inner])
+
+    y = _through(rates, np.concatenate([state, *begun]), t, steps, followed, rtol, rtol * scale)
+    return y[:, 0], y[:, 1], np.array([pull(row) for row in y])
+
+
+def _through(
+    rates: Callable[..., Any],
+    start: Array,
+    t: Array,
+    steps: Iterable[tuple[float, Callable[[float], Any]]],
+    followed: _Course,
+    rtol: float,
+    atol: float,
+) -> Array:
+    """States (n, m) at the times t, by DOP853 from step to step."""
+    solver = ode(rates).set_integrator("dop853", rtol=rtol, atol=atol, nsteps=followed.left)
+    solver.set_initial_value(start, t[0])
+    ends, states = [t[0]], [start]
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.simplefilter("ignore", UserWarning)  # of steps that become too small: see below
         for end, force in steps:
@@ -130,9 +180,7 @@ def integrate_steps(
             ends.append(end)
             if not solver.successful():
                 raise followed.escaped("goes to infinity")
-    wanted = np.searchsorted(ends, t - (t[1] - t[0]) / 1e6)
-    q, q_dot = np.moveaxis(np.array(states)[wanted].reshape(len(t), *state.shape), 1, 0)
-    return q, q_dot
+    return np.array(states)[np.searchsorted(ends, t - (t[1] - t[0]) / 1e6)]
 
 
 def integrate_strokes(

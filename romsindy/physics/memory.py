@@ -14,15 +14,16 @@ form.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import ztbtrs
 
+from romsindy.physics.term import Scalars, Term, WeakForm
 from romsindy.typing import Array
 
 _SLIDERS = 16  # of a joint; their slips are told apart to 1/16 of the number of them
@@ -40,17 +41,53 @@ class Memory(NamedTuple):
     inner: Array
 
 
-class MemoryLaw(ABC):
+class MemoryLaw(Term):
     """A force with an inner state z.
 
-    A subclass is a frozen dataclass. All take arrays over the samples (n,), times in s.
+    A subclass is a frozen dataclass. All take arrays over the samples (n,), times in s. Of a model
+    it is a term that adds nothing where the state alone decides: its force is counted apart.
     """
 
-    unit: str  # of its coefficient
+    name: ClassVar[str]  # of its coefficient, whatever its shape
+    dimension = (1.0, 0.0)
+
+    @property
+    def key(self) -> str:
+        return self.name
+
+    @classmethod
+    def from_key(cls, key: str) -> None:
+        """None: a name says nothing of the shape."""
 
     @abstractmethod
-    def expression(self) -> str:
-        """Text of the force without its coefficient."""
+    def rule(self) -> str:
+        """Text of the force without its coefficient, and how z moves."""
+
+    def expression(self, q: str = "q", q_dot: str = "q_dot", q_ddot: str = "q_ddot") -> str:
+        """The name, with the shape values."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]
+        shape = [f"{n} = {v:.4g}" for n, v in values.items() if n != "relaxed"]
+        words = [self.name, *shape, *(["relaxed"] if values.get("relaxed") else [])]
+        if "\\" in q_dot:
+            words = [rf"\text{{{w}}}".replace("_", r"\_") for w in words]
+        return f"{words[0]}({q}; {', '.join(words[1:])})"
+
+    def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
+        """None.
+
+        Raises
+        ------
+        ValueError
+            Always: the force is no function of the state.
+        """
+        raise ValueError(
+            f"{self.key} remembers the motion, and is no column of a regression: give it to"
+            " refine() or identify() among the terms"
+        )
+
+    @abstractmethod
+    def rates(self, q: float, q_dot: float, inner: Array) -> Array:
+        """Rates of the inner state (m,) at one moment."""
 
     @abstractmethod
     def begun(self, q: float, q_dot: float, rate: float) -> Array:
@@ -113,8 +150,6 @@ class SlidingLaw(MemoryLaw):
 
     relaxed: bool = field(default=False, kw_only=True)
 
-    unit = "1/s^2"
-
     @abstractmethod
     def moved(self, z: Array, way: Array | float) -> Array:
         """z after q has gone one way, up or down, by ``way``; both (m, n)."""
@@ -149,8 +184,27 @@ class SlidingLaw(MemoryLaw):
         return self.moved(z[:, stroke], q - start[stroke])
 
 
+class SliderLaw(SlidingLaw):
+    """Springs that q stretches, z, each in series with a slider."""
+
+    @property
+    @abstractmethod
+    def slips(self) -> Array:
+        """Most that each is stretched, (m, 1)."""
+
+    def _still(self) -> Array:
+        return np.zeros(len(self.slips))
+
+    def moved(self, z: Array, way: Array | float) -> Array:
+        return np.minimum(np.maximum(z + way, -self.slips), self.slips)
+
+    def rates(self, q: float, q_dot: float, inner: Array) -> Array:
+        dragged = np.abs(inner) * np.sign(inner * q_dot) >= self.slips[:, 0]
+        return np.where(dragged, 0.0, q_dot)
+
+
 @dataclass(frozen=True)
-class SlippingJoint(SlidingLaw):
+class SlippingJoint(SliderLaw):
     """Springs in parallel, each in series with a slider (Iwan [2]); one is a Jenkins element.
 
     Springs of equal stiffness, of 1 together, slip at distances up to ``slip``: (i / n)^scatter of
@@ -163,21 +217,17 @@ class SlippingJoint(SlidingLaw):
     slip: float = 1.0
     scatter: float = 0.0
 
-    def expression(self) -> str:
+    name = "slipping_joint"
+
+    def rule(self) -> str:
         return "mean of z_i; z_i' = q_dot, |z_i| <= slip_i"
 
     @cached_property
-    def _slips(self) -> Array:
+    def slips(self) -> Array:
         middle = (np.arange(_SLIDERS) + 0.5) / _SLIDERS
         return (
             self.slip * middle[:, None] ** self.scatter if self.scatter else np.array([[self.slip]])
         )
-
-    def _still(self) -> Array:
-        return np.zeros(len(self._slips))
-
-    def moved(self, z: Array, way: Array | float) -> Array:
-        return np.minimum(np.maximum(z + way, -self._slips), self._slips)
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return np.mean(inner, axis=0)
@@ -196,7 +246,9 @@ class BoucWen(SlidingLaw):
     sharpness: float = 1.0
     loss: float = 0.5
 
-    def expression(self) -> str:
+    name = "bouc_wen"
+
+    def rule(self) -> str:
         return "z; z' = q_dot (1 - |z/slip|^n (1 - loss + loss sign(q_dot z)))"
 
     def _still(self) -> Array:
@@ -228,12 +280,16 @@ class BoucWen(SlidingLaw):
             now.append(up * _between(_between(now[-1] / up, xs, ys) + way / up, ys, xs))
         return np.array([now])
 
+    def rates(self, q: float, q_dot: float, inner: Array) -> Array:
+        turned = (1 - self.loss) + self.loss * np.sign(q_dot * inner)
+        return q_dot * (1 - np.abs(inner / self.slip) ** self.sharpness * turned)
+
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return inner[0]
 
 
 @dataclass(frozen=True)
-class Play(SlidingLaw):
+class Play(SliderLaw):
     """A joint with play: friction in series with a spring that is met beyond ``half`` the play.
 
     z is the way since the last slip; a Jenkins element where there is no play.
@@ -242,15 +298,14 @@ class Play(SlidingLaw):
     half: float = 1.0
     slip: float = 1.0
 
-    def expression(self) -> str:
+    name = "play"
+
+    def rule(self) -> str:
         return "sign(z) max(|z| - half, 0); z' = q_dot, |z| <= half + slip"
 
-    def _still(self) -> Array:
-        return np.zeros(1)
-
-    def moved(self, z: Array, way: Array | float) -> Array:
-        most = self.half + self.slip
-        return np.minimum(np.maximum(z + way, -most), most)
+    @cached_property
+    def slips(self) -> Array:
+        return np.array([[self.half + self.slip]])
 
     def force(self, q: Array, q_dot: Array, inner: Array) -> Array:
         return inner[0] - np.clip(inner[0], -self.half, self.half)
@@ -286,6 +341,11 @@ class FadingLaw(MemoryLaw):
             z = (f / (1j * rate - self.pole) + np.conj(f) / (-1j * rate - self.pole)) / 2
         return np.array([z.real, z.imag])
 
+    def rates(self, q: float, q_dot: float, inner: Array) -> Array:
+        by_q, by_q_dot = self.gains
+        z = self.pole * complex(*inner) + by_q * q + by_q_dot * q_dot
+        return np.array([z.real, z.imag])
+
     def carried(self, t: Array, q: Array, q_dot: Array, inner: Array) -> Array:
         by_q, by_q_dot = self.gains
         d = np.diff(t)
@@ -308,10 +368,10 @@ class MaxwellElement(FadingLaw):
 
     relaxation: float = 1.0
 
-    unit = "1/s^2"
+    name = "maxwell"
     gains = (0.0, 1.0)
 
-    def expression(self) -> str:
+    def rule(self) -> str:
         return "z; z' = q_dot - z/relaxation"
 
     @property
@@ -335,9 +395,10 @@ class TunedMass(FadingLaw):
     frequency: float = 1.0  # w, rad/s
     damping_ratio: float = 0.02  # zeta
 
-    unit = "1"
+    name = "tuned_mass"
+    dimension = (1.0, -2.0)
 
-    def expression(self) -> str:
+    def rule(self) -> str:
         return "z''; z'' + 2 zeta w (z' - q_dot) + w^2 (z - q) = 0"
 
     @property

@@ -213,6 +213,8 @@ class ReducedModel(Equations):
         return np.array([q0, q_dot0], float)
 
     def _by_strokes(self, state: Array, t: Array, rtol: float, scale: float) -> Decay:
+        if self.memories:
+            return super()._by_strokes(state, t, rtol, scale)
         q, q_dot, rests = integrate_strokes(self._quick_acceleration(), state, t, rtol, scale)
         q_ddot = np.where(rests, 0.0, self.acceleration(q, q_dot))
         return Decay(t, q, q_dot, q_ddot, unit=self.unit)
@@ -266,6 +268,7 @@ class ReducedModel(Equations):
 
     def _energies(self, reach: float) -> tuple[Callable, Callable]:
         """Integrating factor mu(q) and potential U(q) on |q| <= reach."""
+        self.refuse_memory("an energy or a backbone")
         if all(term.conservative_inertia for term in self.terms):
             return self.inertia, lambda q: self._total("potential", q)
         # d(q_dot^2)/dq + 2 N/M q_dot^2 = -2 K/M  has the factor  mu = exp(int 2 N/M dq).

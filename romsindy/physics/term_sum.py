@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from romsindy.physics import coupling, inertia, input, memory, stiffness  # noqa: F401
+from romsindy.physics import coupling, inertia, input, stiffness  # noqa: F401
 from romsindy.physics.damping import DAMPING
+from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.term import (
     MOST_COORDINATES,
     MOST_ORDER,
@@ -250,6 +251,19 @@ class TermSum:
     @cached_property
     def _pairs(self) -> list[tuple[Term, float]]:
         return list(zip(self.terms, self.values, strict=True))
+
+    @property
+    def memories(self) -> dict[MemoryLaw, float]:
+        """Forces among the terms that depend on the motion so far, with their coefficients."""
+        return {term: value for term, value in self._pairs if isinstance(term, MemoryLaw)}
+
+    def refuse_memory(self, what: str) -> None:
+        """Refuse what is asked of the state alone, where a force remembers the motion."""
+        if self.memories:
+            raise ValueError(
+                f"{next(iter(self.memories)).key} remembers the motion, and {what} follows from the"
+                " state alone: simulate the model, or take its other terms alone"
+            )
 
     def undamped(self) -> Self:
         """Model without its damping terms."""

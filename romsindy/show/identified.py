@@ -122,7 +122,9 @@ class Identified:
     @cached_property
     def band(self) -> Band | None:
         """Backbone and damping ratio up to the largest displacement, where no cycles show them."""
-        if self.fit is None or self.beside is not None or self.model.numbered:
+        if self.fit is None or self.beside is not None:
+            return None
+        if self.model.numbered or self.model.memories:
             return None
         peak = max(record.peak for record in self.fit.records)
         return self.fit.band(np.linspace(_LOW * peak, peak, _CURVE))

@@ -62,7 +62,7 @@ class Driven:
             return whole
         longest = max(r.turns for r in self.records if r.driven)
         count = min(round(longest / _CYCLES), _MOST)
-        if count < 2:
+        if count < 2 or model.memories:  # what is remembered goes from piece to piece
             return _or_raised(whole, failure)
         try:
             short = self._fit(model, beside, _cut(self.records, count))

@@ -25,20 +25,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from romsindy.fit.choice_error import counting_choice
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain
-from romsindy.fit.steady.choice import choose
+from romsindy.fit.steady.choice import choose, every_choice
 from romsindy.fit.steady.points import SteadyPoints
-from romsindy.fit.steady.solve import Solution, solve
+from romsindy.fit.steady.solve import Solution, correlation, solve
 from romsindy.fit.steady.told import notes_on, verdict_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
 from romsindy.typing import Array
 
-# Correlation of neighbours that is chance in this many standard errors of it.
-_CHANCE = 2.0
 _ONE_LAG = 0.1  # rad: phases that differ by less
 _SURE = 3.0  # standard errors of the gain, at least
 
@@ -178,8 +177,8 @@ def fit_steady(
     ----------
     model : ReducedModel or None
         Terms to fit; the values of free ones do not matter. None chooses them: of omega^2 and
-        powers 2, 3, 5 of q and 1, 2, 3 of q_dot those that best predict a level of force that is
-        left out (`romsindy.fit.steady.choice`).
+        powers 2, 3, 5 of q and 1, 2, 3 of q_dot those that gain on levels of force that are left
+        out (`romsindy.fit.steady.choice`); then errors and notes count the choice.
     frequency : (n,) array
         Angular frequency, rad/s, as in `forced_response`. In any order, but neighbours in one
         sweep should stand together: their misfits are compared.
@@ -231,6 +230,7 @@ def fit_steady(
             raise ValueError(f"{name} = {value!r} must be finite, or None to be fitted")
     if slope is None:
         _require_levels(points)
+    chosen, some_slope = model is None, slope is None
     if model is None:
         if fixed:
             raise ValueError(f"fixed = {sorted(fixed)} needs a model: give one")
@@ -239,17 +239,23 @@ def fit_steady(
     if gain is None:
         _require_lags(points)
     solution = solve(points, model, free, gain, slope, phase)
-    joint, together = _covariance(points, solution)
+    together = correlation(points, solution)
+    joint = _covariance(points, solution, together)
     _require_gain(solution, joint)
     _require_sense(points, solution)
     peak = float(points.amplitude.max())
     n, verdict = len(free), verdict_of(points, solution)
+    notes = notes_on(points, solution, verdict, together)
+    if chosen:
+        every = every_choice(points, solution, some_slope, joint)
+        joint, doubts = counting_choice(solution.free, joint, every)
+        notes += doubts
     return SteadyFit(
         model=replace(solution.model, amplitude_range=(float(points.amplitude.min()), peak)),
         free=free,
         covariance=joint[:n, :n],
         verdict=verdict,
-        notes=tuple(notes_on(points, solution, verdict, together)),
+        notes=tuple(notes),
         points=points,
         solution=solution,
         joint=joint,
@@ -272,6 +278,7 @@ def _free(model: ReducedModel, fixed: Collection[str]) -> tuple[str, ...]:
     unknown = sorted(set(fixed) - set(model.coefficients))
     if unknown:
         raise ValueError(f"fixed names {unknown}, but the model has {list(model.coefficients)}")
+    model.refuse_memory("a balance of harmonics")
     jumps = [term.key for term in model.terms if not term.smooth]
     if jumps:
         raise ValueError(
@@ -332,20 +339,17 @@ def _require_gain(solution: Solution, joint: Array) -> None:
         )
 
 
-def _covariance(points: SteadyPoints, solution: Solution) -> tuple[Array, float]:
-    """Covariance of least squares whose misfits go together, and their correlation.
+def _covariance(points: SteadyPoints, solution: Solution, together: float) -> Array:
+    """Covariance of least squares whose misfits go together, as those of neighbours in a level do.
 
-    That of neighbours in a level is found from the residuals; it falls with every further point.
+    The correlation falls with every further point.
     """
-    plain, white, level = solution.covariance, solution.white, points.level
-    same = level[1:] == level[:-1]
-    products = np.sum(white[1:] * white[:-1], axis=1)[same]
-    together = float(np.mean(products) / np.mean(np.sum(white**2, axis=1)))
-    if not solution.unexplained or together < _CHANCE / np.sqrt(max(np.sum(same), 1)):
-        return plain, 0.0
-    together = min(together, 1.0)
+    plain, level = solution.covariance, points.level
+    if not together:
+        return plain
     number = np.arange(len(level))
     alike = np.where(level[:, None] == level, together ** np.abs(number[:, None] - number), 0.0)
-    a = solution.rows.whitened(solution.floor)[0].reshape(*white.shape, -1)
+    shape = solution.rows.misfit.shape
+    a = solution.rows.whitened(solution.floor)[0].reshape(*shape, -1)
     scores = np.einsum("nkp,nm,mkq->pq", a, alike, a, optimize=True)
-    return plain @ scores @ plain, together
+    return plain @ scores @ plain

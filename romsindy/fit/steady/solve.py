@@ -21,6 +21,8 @@ _HARMONICS = (3, 5, 9, 15)
 _RESOLVED = 1e-6
 # Part of the force that is never explained: what is left of the equations by rounding.
 _ROUNDING = 1e-9
+# Correlation of neighbours that is chance in this many standard errors of it.
+_CHANCE = 2.0
 _CONDITION = 1e8  # of the columns, each of unit length: beyond, two of them are one
 
 
@@ -124,6 +126,17 @@ def solve(
         if balance.leftover(c[largest][:, None], points.frequency[largest]) < _RESOLVED:
             break
     return found
+
+
+def correlation(points: SteadyPoints, solution: Solution) -> float:
+    """Of the misfits of neighbours in a level; 0 where it is chance, or the noise explains them."""
+    white, level = solution.white, points.level
+    same = level[1:] == level[:-1]
+    products = np.sum(white[1:] * white[:-1], axis=1)[same]
+    together = float(np.mean(products) / np.mean(np.sum(white**2, axis=1)))
+    if not solution.unexplained or together < _CHANCE / np.sqrt(max(np.sum(same), 1)):
+        return 0.0
+    return min(together, 1.0)
 
 
 def _settle(
