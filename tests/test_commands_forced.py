@@ -211,7 +211,7 @@ def test_several_files_and_one_that_is_refused(run, folder):
     [
         ("shaker.csv", ["--mode", "1"], "--mode is for free decays: leave it out beside --input"),
         ("shaker.csv", ["--band", "5", "9"], "--band is for free decays"),
-        ("shaker.csv", ["--coordinates", "2"], "shaker.csv: coordinates = 2 must be 1 where"),
+        ("shaker.csv", ["--coordinates", "2"], "coordinates = 2, but what the inputs move"),
         ("shaker.csv", ["--release", "1"], "--release is for free decays"),
         ("shaker.csv", ["--fix", "omega3=9"], "shaker.csv: fixed names ['omega3'], but"),
         ("shaker.csv", ["--curvature", "0.1"], "--curvature is for free decays"),
@@ -225,7 +225,7 @@ def test_several_files_and_one_that_is_refused(run, folder):
         ("plain.csv", [], "is not clear among ['x', 'y']: choose with --input-column"),
         ("two.csv", [], "not clear among ['q', 'force_left', 'force_right', 'base']"),
         ("two.csv", ["--input-column", "force_left", "--column", "q", "--column", "base"],
-         "2 columns could be the measured one, ['q', 'base']: choose with --column"),
+         "two.csv: unit 'g' is one of acceleration, but"),
         ("shaker.csv", ["--unit-input", "N", "--unit-input", "V"], "must be one unit, or one for"),
         ("shaker.csv", ["--order", "0"], "shaker.csv: order = 0 must be a whole number, 1 or more"),
         (

@@ -254,7 +254,7 @@ def test_what_cannot_be_identified(identified):
         identify(decay, coordinates="two")
     with pytest.raises(ValueError, match="samples = 3 must be a whole number from 8"):
         fit.predict(decay, samples=3)
-    with pytest.raises(ValueError, match="the decay has 1 channels, the fit 2"):
+    with pytest.raises(ValueError, match="the record has 1 channels, the fit 2"):
         fit.predict(decay.channel(0), samples=100)
 
 

@@ -230,9 +230,6 @@ def test_what_cannot_be_a_record_is_refused(smooth):
         ForcedVibration(T, q, u, inputs=("force", "base"))
     with pytest.raises(ValueError, match="interpolation = 'cubic'"):
         ForcedVibration(T, q, u, interpolation="cubic")
-    with pytest.raises(ValueError, match="has 2 coordinates"):
-        coupled = {"omega^2 [q1]": 900.0, "omega^2 [q2]": 4000.0}
-        refine(rs.CoupledModel.from_coefficients(coupled, "m"), ForcedVibration(T, q, u, "m"))
     with pytest.raises(ValueError, match="gains of inputs are always fitted"):
         own = rs.ReducedModel.from_coefficients({"omega^2": 900.0, "gain [force]": 3.0}, "m")
         refine(own, ForcedVibration(T, q, u, "m"), fixed=["gain [force]"])

@@ -145,7 +145,11 @@ def test_terms_of_several_coordinates_may_be_given():
 def test_what_a_way_cannot_have_is_refused_with_a_remedy():
     several, driven = decay(7, channels=2), shaken(8)
     for records, asked, message in (
-        (driven, {"coordinates": 2}, "coordinates = 2 must be 1 where inputs drive the motion"),
+        (
+            driven,
+            {"coordinates": 2},
+            "coordinates = 2, but what the inputs move in the record is 3.",
+        ),
         (driven, {"curvature": 0.01}, "curvature = 0.01 must be left out where inputs drive"),
         (driven, {"fixed": {"gamma_9": 1.0}}, "fixed names ['gamma_9'], but there are omega^2,"),
         (several, {"fixed": {"omega^2": 1.0}}, "fixed names ['omega^2'], but there are omega^2 [q"),

@@ -3,20 +3,24 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm, toeplitz
+from scipy.linalg import block_diag, expm, toeplitz
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 import romsindy as rs
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.coupled_terms import linear_model
 from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.noises import TwoNoises, found_noises
+from romsindy.fit.forced.modes import Modes
+from romsindy.fit.forced.record import ForcedRecord, driven_record
+from romsindy.fit.noises import Noises, TwoNoises, found_noises
 
 OMEGA, ZETA, PER_CYCLE = 2 * np.pi * 3.0, 0.02, 16
 DT = 2 * np.pi / OMEGA / PER_CYCLE
 LINEAR = rs.ReducedModel.from_coefficients(
     {"omega^2": OMEGA**2, "c_linear": 2 * ZETA * OMEGA}, unit="m"
 )
+TWO, SHAPES = np.array([OMEGA, 1.7 * OMEGA]), np.array([[1.0, 0.7], [0.5, -1.0]])
 DUFFING = {"omega^2": OMEGA**2, "c_linear": 2 * ZETA * OMEGA, "gamma_3": 0.1 * OMEGA**2}
 
 
@@ -27,23 +31,27 @@ def multisine(n, rng):
     return lambda t: np.cos(np.multiply.outer(t, frequency) + phase) @ np.full(60, np.sqrt(2 / 60))
 
 
-def resting(n):
-    """The covariance of a linear oscillator about rest, n samples."""
+def resting(n, r=1):
+    """The covariance of a linear oscillator about rest, n samples; or of two in two channels."""
     t = DT * np.arange(n)
     rng = np.random.default_rng(0)
     push = multisine(n, rng)(t)
-    record = ForcedRecord.of(rs.ForcedVibration(t, push, push, unit="m"), 1e-9)
+    model, record = LINEAR, ForcedRecord.of(rs.ForcedVibration(t, push, push, unit="m"), 1e-9)
+    if r == 2:
+        modes = Modes(TWO, np.full(2, ZETA), SHAPES, {"force": np.ones(2)}, np.zeros((0, 2)))
+        both = rs.ForcedVibration(t, np.outer(push, [1.0, 0.5]), push, unit="m")
+        model, record = linear_model(TWO, modes.ratios, "m"), driven_record(both, modes, 1e-9, n)
     grid: Grid = record.motion.grid
     still = Trajectory(
-        grid, *(np.zeros((grid.n_steps + 1, 1)) for _ in "qv"), np.zeros((grid.n_steps, 3, 1))
+        grid, *(np.zeros((grid.n_steps + 1, r)) for _ in "qv"), np.zeros((grid.n_steps, 3, r))
     )
-    equation = ExtendedEquation(LINEAR, (), 0, grid.step, 0.0)
+    equation = ExtendedEquation(model, (), 0, grid.step, 0.0)
     return TwoNoises.along(equation, (), 0, record, still)
 
 
-def wandering(n, intensity, rng):
+def wandering(n, intensity, rng, omega=OMEGA):
     """Displacement under a white force: exact steps of the linear oscillator (C. Van Loan)."""
-    a = np.array([[0.0, 1.0], [-(OMEGA**2), -2 * ZETA * OMEGA]])
+    a = np.array([[0.0, 1.0], [-(omega**2), -2 * ZETA * omega]])
     block = np.zeros((4, 4))
     block[:2, :2], block[2:, 2:], block[1, 2 + 1] = -a, a.T, intensity
     both = expm(block * DT)
@@ -76,21 +84,36 @@ def test_a_coloured_sensor_is_no_force():
     assert found.force < 0.01 * 4 * ZETA * OMEGA**3  # what would move as much
 
 
-def test_weighed_products_are_those_of_the_whole_covariance():
-    """Formed in full: responses to the moves of every step, and an autoregression."""
-    n, force, colour = 60, 3.0 * OMEGA**3, 0.6
-    two = resting(n)
-    moves, shown = two.moves.toarray(), two.shown.toarray()
+def test_coordinates_and_channels_have_noises_of_their_own():
+    rng, n = np.random.default_rng(5), 3000
+    intensity = np.array([1.0, 0.1]) * 4 * ZETA * TWO**3
+    q = np.stack([wandering(n, s, rng, w) for s, w in zip(intensity, TWO, strict=True)])
+    coloured = lfilter([np.sqrt(1 - 0.8**2)], [1, -0.8], rng.standard_normal(n + 200))[200:]
+    left = SHAPES @ q + np.stack([0.1 * rng.standard_normal(n), 0.4 * coloured])
+    found = found_noises(resting(n, 2), left.ravel())
+    np.testing.assert_allclose(found.force, intensity, rtol=0.3)
+    np.testing.assert_allclose(found.shown, [0.1, 0.4], rtol=0.1)
+    np.testing.assert_allclose(found.colour, [0.0, 0.8], atol=0.1)
+
+
+@pytest.mark.parametrize("r", [1, 2])
+def test_weighed_products_are_those_of_the_whole_covariance(r):
+    """Formed in full: responses to the moves of every step, and autoregressions."""
+    n, two = 60, resting(60, r)
+    noises = Noises(*np.array([[3.0 * OMEGA**3, 0.4 * OMEGA**3], [1.0, 2.0], [0.6, -0.3]])[:, :r])
+    moves, shown = (np.vstack([x.toarray() for x in several]) for several in (two.moves, two.shown))
     moved = np.linalg.pinv(moves)  # of least norm: what is left free is the first state
     free = np.linalg.svd(moves)[2][len(moves) :].T
-    covariance = force * shown @ moved @ moved.T @ shown.T
-    covariance += toeplitz(colour ** np.arange(n)) / (1 - colour**2)
-    columns = np.random.default_rng(3).standard_normal((n, 3))
+    force = np.repeat(noises.force, len(moves) // r)
+    covariance = shown @ moved * force @ moved.T @ shown.T
+    sizes = zip(noises.shown, noises.colour, strict=True)
+    covariance += block_diag(*(std**2 * toeplitz(a ** np.arange(n)) for std, a in sizes))
+    columns = np.random.default_rng(3).standard_normal((r * n, 3))
     weight = np.linalg.inv(covariance)
     start = shown @ free  # fitted, whatever it is
     own = np.linalg.solve(start.T @ weight @ start, start.T @ weight @ columns)
     expected = columns.T @ weight @ (columns - start @ own)
-    found = two.table(columns).weighed(force, colour).products
+    found = two.table(columns).weighed(noises).products
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
@@ -99,7 +122,7 @@ def driven(seed, noise, extra=lambda q, v: 0.0, n=3000):
     rng = np.random.default_rng(seed)
     t, push = DT * np.arange(n), multisine(n, rng)
     size = 6 * ZETA * OMEGA**2
-    unknown = size * 0.1 * rng.standard_normal(n) if noise == "force" else np.zeros(n)
+    unknown = size * 0.05 * rng.standard_normal(n) if noise == "force" else np.zeros(n)
 
     def rate(at, x):
         q, v = x
@@ -116,8 +139,12 @@ def driven(seed, noise, extra=lambda q, v: 0.0, n=3000):
     return rs.ForcedVibration(t, y, u, unit="m", interpolation="band-limited")
 
 
+def fitted(record):
+    return rs.refine(rs.ReducedModel.from_coefficients(DUFFING, unit="m"), record)
+
+
 def verdict_on(record):
-    return rs.refine(rs.ReducedModel.from_coefficients(DUFFING, unit="m"), record).verdict
+    return fitted(record).verdict
 
 
 def test_the_right_model_is_explained_where_a_force_was_not_measured():
@@ -131,6 +158,28 @@ def test_friction_that_is_missing_is_noticed_beside_a_force_that_was_not_measure
     verdict = verdict_on(driven(12, "force", lambda q, v: rubbing * np.tanh(300 * v / OMEGA)))
     assert not verdict.explained and verdict.like == "the sign of q_dot"
     assert "does not explain" in str(verdict) and "most like the sign of q_dot" in str(verdict)
+
+
+def test_errors_hold_where_a_force_was_not_measured():
+    """Sum of squares of 12 errors over their standard errors: chi-square, once in 1000 beyond."""
+    fits = [fitted(driven(seed, "force", n=1000)) for seed in range(30, 34)]
+    off = [
+        (fit.model.coefficients[name] - value) / fit.standard_errors[name]
+        for fit in fits
+        for name, value in DUFFING.items()
+    ]
+    assert chi2.ppf(0.0005, 12) < np.sum(np.square(off)) < chi2.ppf(0.9995, 12)
+
+
+def test_the_gain_counts_that_the_sensor_of_the_input_is_noisy():
+    """It loses the part of the power that is noise, 1 of 401 here: `W. Fuller`, section 1.1."""
+    fit = fitted(driven(40, "input"))
+    (name,) = [n for n in fit.free if "gain" in n]
+    lost = 0.05**2 / (1 + 0.05**2)
+    assert fit.standard_errors[name] > lost / np.sqrt(2) * 0.9
+    assert fit.model.coefficients[name] == pytest.approx(
+        1 - lost / 2, abs=2 * fit.standard_errors[name]
+    )
 
 
 @pytest.mark.slow

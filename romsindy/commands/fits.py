@@ -158,7 +158,7 @@ def of_inputs(
         If what is held out is too short, or the model has no motion near the record.
     """
     with of_file(file):
-        terms, order = driven.terms, driven.order
+        terms, order = driven.terms if coordinates == 1 else None, driven.order
         vibration, rest = driven.parts(file, reading)
         with bar(None, "identifying") as steps:
             try:
@@ -171,6 +171,7 @@ def of_inputs(
         f"Forced vibration {file.name}",
         [vibration],
         fit,
+        channels=[f"channel {i + 1}" for i in range(vibration.n_channels)],
         held_out=held_out,
         interrupted=fit.solution.interrupted,
     )

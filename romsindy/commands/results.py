@@ -234,7 +234,7 @@ class Result:
         if r.series is not None:
             return str(r.series.structure)
         words = {f"{len(r.modes)} coordinates": r.modes, "driven": r.inputs(), "steady": r.steady}
-        return next((word for word, there in words.items() if there), "-")
+        return ", ".join(word for word, there in words.items() if there) or "-"
 
     def rows(self) -> list[list[str]]:
         """Its rows in the table."""

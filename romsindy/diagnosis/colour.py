@@ -21,11 +21,11 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.weighing import Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.forced.adequacy import examine_forced
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
+from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import Input
 from romsindy.record.prediction import autoregression
@@ -73,7 +73,7 @@ class Coloured:
     rows: tuple[Array, ...]
 
     @classmethod
-    def of(cls, model: AnyModel, solution: Solution, records: Sequence[AnyRecord]) -> Coloured:
+    def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Coloured:
         """Linearise a fit about its motion."""
         n_values = sum(p.size for p in solution.parts)
         parts, rows, places = solution.parts, [], []
@@ -128,7 +128,7 @@ class ColourOfBest:
     def fitted(
         self,
         model: AnyModel,
-        records: Sequence[AnyRecord],
+        records: Sequence[Prepared],
         parts: Sequence[Part],
         n_unsure: int,
         n_free: int,
@@ -146,7 +146,7 @@ class ColourOfBest:
             return self._weighed(given, records, empty)
 
     def further(
-        self, model: AnyModel, records: Sequence[AnyRecord], hypothesis: Hypothesis
+        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
         """Go on with a fit that has not come to its end."""
         s = hypothesis.solution
@@ -182,7 +182,7 @@ class ColourOfBest:
         return self.examine(records, residuals, n_values, false_alarm)
 
     def _weighed(
-        self, model: AnyModel, records: Sequence[AnyRecord], hypothesis: Hypothesis
+        self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
         """The same with what its fit says; nothing where no motion satisfies its equation."""
         s = hypothesis.solution

@@ -19,8 +19,8 @@ from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, titles
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared
 from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.term_sum import json_text
@@ -260,7 +260,7 @@ class Explained(Written):
         }
 
 
-def notes_of(records: Sequence[AnyRecord]) -> list[str]:
+def notes_of(records: Sequence[Prepared]) -> list[str]:
     """What each record is, and what was done to it."""
     found = []
     for record in records:

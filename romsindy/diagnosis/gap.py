@@ -10,8 +10,7 @@ import numpy as np
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.fit.any_record import AnyRecord
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay, Stage
 from romsindy.record.recording import unit_of
@@ -202,7 +201,7 @@ def _percent(difference: Difference, kind: str) -> str:
     return f"{value:.3g} +- {error:.1g}{what}"
 
 
-def noise_std(record: AnyRecord) -> float:
+def noise_std(record: Prepared) -> float:
     """Rms of the noise of a record, over all its channels, unit of the measured quantity."""
     channels = record.noise if isinstance(record.noise, tuple) else (record.noise,)
     return float(np.sqrt(np.mean([noise.std**2 for noise in channels])))
@@ -214,7 +213,7 @@ class ResidualGap:
 
     Attributes
     ----------
-    records : tuple of AnyRecord
+    records : tuple of Prepared
         On which it was measured.
     residuals_before, residuals_after : tuple of (n,) arrays
         Measured minus simulated, of each record.
@@ -230,7 +229,7 @@ class ResidualGap:
         What it was measured on, in words.
     """
 
-    records: tuple[AnyRecord, ...]
+    records: tuple[Prepared, ...]
     residuals_before: tuple[Array, ...]
     residuals_after: tuple[Array, ...]
     rms_before: float
@@ -244,7 +243,7 @@ class ResidualGap:
     @classmethod
     def of(
         cls,
-        records: Sequence[AnyRecord],
+        records: Sequence[Prepared],
         before: Sequence[Array],
         after: Sequence[Array],
         where: str = "the records themselves",
@@ -285,7 +284,7 @@ class ResidualGap:
         return [[first, "before", "after"], *rows]
 
 
-def beyond_noise(records: Sequence[AnyRecord], residuals: Sequence[Array]) -> float:
+def beyond_noise(records: Sequence[Prepared], residuals: Sequence[Array]) -> float:
     """The most that is left of a record: rms without noise, over its largest value."""
     sizes = []
     for record, e in zip(records, residuals, strict=True):

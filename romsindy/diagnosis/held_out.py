@@ -22,10 +22,9 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.prediction import misfit_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, rivals_of
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.fit.verdict import AS_GOOD, AS_ONE, EQUIVALENT, GAINED, MATERIAL, PREDICTED, UNJUDGED
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
@@ -150,13 +149,13 @@ class Validation:
         return replace(hypothesis, tested=max(beyond, 0.0))
 
 
-def left_of(model: AnyModel, parts: Sequence[Part], record: AnyRecord) -> Array:
+def left_of(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Array:
     """Measured minus simulated (n,), of a model with parts; infinite where it has no motion."""
     own = [p.elsewhere(record.t) for p in parts]
     return fit(driven_instead(model, own), own, [record], fixed=True).residuals[0]
 
 
-def tested(search: ResidualSearch, found: Finding, record: AnyRecord) -> Finding:
+def tested(search: ResidualSearch, found: Finding, record: Prepared) -> Finding:
     """The same finding, by what its hypotheses say of a record that took no part.
 
     Those that the fits do not tell apart are ranked with their predictions, and effects of the best

@@ -21,8 +21,8 @@ from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
+from romsindy.fit.record import Prepared
 from romsindy.fit.verdict import CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.model import ReducedModel
@@ -259,7 +259,7 @@ Kind = TypeVar("Kind", bound=ResidualReport)
 def report_of(
     search: ResidualSearch,
     found: Finding,
-    test: AnyRecord | None,
+    test: Prepared | None,
     notes: Sequence[str],
     kind: type[Kind],
 ) -> Kind:
@@ -293,7 +293,7 @@ def report_of(
     )
 
 
-def _gap(search: ResidualSearch, found: Finding, test: AnyRecord | None) -> ResidualGap:
+def _gap(search: ResidualSearch, found: Finding, test: Prepared | None) -> ResidualGap:
     """Before and after, on what took no part, or else on what was fitted."""
     best, base = found.rivals[0], found.base
     if test is None:

@@ -17,13 +17,12 @@ from scipy.fft import next_fast_len
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.outside import HIGHEST
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.equation import ExtendedEquation, equation_of
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, in_orders, read
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
 from romsindy.record.signals import vertex
@@ -213,7 +212,7 @@ def screened(
     model: AnyModel,
     parts: Sequence[Part],
     effects: Sequence[Effect],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     scales: Scales,
     motions: Sequence[Trajectory],
 ) -> Screening:
@@ -245,7 +244,7 @@ def _rows(
     parts: tuple[Part, ...],
     trials: Sequence[Part],
     candidates: Sequence[tuple],
-    record: AnyRecord,
+    record: Prepared,
     i: int,
     motion: Trajectory,
 ) -> tuple[list[Indices], Array]:

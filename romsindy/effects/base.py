@@ -168,6 +168,11 @@ class Effect(ABC):
         """The law that it adds to a `ReducedModel`, where it can be one."""
         return None
 
+    def laws(self) -> tuple[Term, ...]:
+        """The terms that it adds to a model, one for each strength; none where it can be none."""
+        law = self.term()
+        return () if law is None else (law,)
+
     def strength_unit(self, unit: str | None) -> str:
         """Unit of the strength for a coordinate in ``unit``."""
         law = self.term()

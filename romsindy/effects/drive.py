@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from romsindy.effects.base import Effect, Parameter, Scales, State
+from romsindy.physics.coupling import Along
 from romsindy.physics.input import Input
 from romsindy.typing import Array
 
@@ -22,6 +23,7 @@ class Drive(Effect):
 
     name, family = "input", "outside"
     label = "a measured input"
+    directions = ((1.0,),)  # weights of all coordinates
 
     @property
     def variant(self) -> str:
@@ -48,6 +50,32 @@ class Drive(Effect):
     def slopes(self, state: State, strengths: Array) -> tuple[Any, Any, Any]:
         """It does not depend on the motion."""
         return 0.0, 0.0, 0.0
+
+
+@dataclass(frozen=True)
+class DriveAlong(Drive):
+    """An input that acts along directions of several coordinates: a strength for each, one delay.
+
+    ``directions`` have the weights of all coordinates, (k, R).
+    """
+
+    directions: tuple[tuple[float, ...], ...] = Drive.directions  # type: ignore[assignment]
+
+    @property
+    def n_strengths(self) -> int:  # type: ignore[override]
+        """One for each direction."""
+        return len(self.directions)
+
+    def laws(self) -> tuple[Along, ...]:
+        """The input along each direction."""
+        return tuple(Along(self.term(), weights) for weights in self.directions)
+
+    def forces(self, state: State) -> Array | None:
+        """As those of a `Drive`, in every equation: (k, n, R)."""
+        alone = super().forces(state)
+        if alone is None:
+            return None
+        return np.multiply.outer(np.array(self.directions), alone[0]).swapaxes(1, 2)
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.special import fdtrc
 
-from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.fit.verdict import EXPLAINED, FALSE_ALARM, STRUCTURE
 from romsindy.typing import Array
 
@@ -137,7 +136,7 @@ class Adequacy:
 
 
 def examine(
-    records: Sequence[Record | CoupledRecord],
+    records: Sequence[Prepared],
     residuals: Sequence[Array],
     n_values: int,
     false_alarm: float = FALSE_ALARM,

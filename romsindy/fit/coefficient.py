@@ -148,8 +148,7 @@ def extended(model: Model, parts: Sequence[Part]) -> Model:
     terms = {t.key: t for t in model.terms}
     values = model.coefficients
     for part in parts:
-        term = part.effect.term()
-        if term is not None:
+        for term, strength in zip(part.effect.laws(), part.strengths[0].tolist(), strict=False):
             terms[term.key] = terms.get(term.key, term)
-            values[term.key] = values.get(term.key, 0.0) + float(part.strengths[0, 0])
+            values[term.key] = values.get(term.key, 0.0) + strength
     return replace(model, terms=tuple(terms.values()), values=tuple(values[k] for k in terms))

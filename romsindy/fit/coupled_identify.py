@@ -19,11 +19,13 @@ from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage, every_choice
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
-from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
+from romsindy.fit.coupled_terms import KINDS, candidates, linear_model, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.followed_back import followed_back
+from romsindy.fit.forced.modes import modes_of
 from romsindy.fit.measured import (
     NUMERICS,
+    driven_among,
     require_known,
     require_unit,
     several_decays,
@@ -36,10 +38,10 @@ from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
-from romsindy.typing import Array
 
 # Of decays in which vibrations beat, so much is left out at their start.
 _LOUD = (0.25, 0.4)
@@ -132,12 +134,12 @@ def identify_coupled(
 
 
 def model_with_terms(
-    decays: Sequence[Decay],
+    records: Sequence[Decay | ForcedVibration],
     coordinates: int | str,
     terms: Sequence[Term],
     fixed: Mapping[str, float],
 ) -> CoupledModel:
-    """The small vibrations that ring, with terms beside them: 0, or what is known.
+    """The small vibrations that ring, or are driven, with terms beside them: 0, or what is known.
 
     Raises
     ------
@@ -153,10 +155,15 @@ def model_with_terms(
             f"terms hold {wrong}, and there are {coordinates} coordinates: say which coordinate"
             " each is of, as Along.coordinate(Stiffness(3), 1) of romsindy.physics.coupling"
         )
-    ringing = _ringing([d.free() for d in decays], coordinates)[0]
+    unit = records[0].unit
+    if driven := driven_among(records):
+        modes = modes_of(driven, coordinates)
+        linear = linear_model(modes.omega, modes.ratios, unit)
+    else:
+        decays = [d.free() for d in several_decays(records)]
+        linear = _small(_ringing(decays, coordinates)[0], unit)
     by_name = {t.key: t for t in (*linear_terms(coordinates), *terms)}
     require_known(fixed, [*by_name])
-    linear = _small(ringing, decays[0].unit)
     values = dict.fromkeys(by_name, 0.0) | linear.coefficients | dict(fixed)
     return replace(linear, terms=tuple(by_name.values()), values=tuple(values.values()))
 
@@ -258,14 +265,7 @@ def _small(several: Sequence[Vibration], unit: str | None) -> CoupledModel:
     """Small vibrations by frequency, as the quietest third of each shows them."""
     ringing = sorted(several, key=lambda v: v.small_frequency)
     omega = 2 * np.pi * np.array([v.small_frequency for v in ringing])
-    return _linear(omega, np.nan_to_num([v.small_damping_ratio for v in ringing]), unit)
-
-
-def _linear(omega: Array, zeta: Array, unit: str | None) -> CoupledModel:
-    """Small vibrations, which do not grow."""
-    pairs = zip(omega, zeta, strict=True)
-    values = [float(v) for w, z in pairs for v in (w**2, 2 * max(z, 0.0) * w)]
-    return CoupledModel(linear_terms(len(omega)), tuple(values), unit)
+    return linear_model(omega, np.nan_to_num([v.small_damping_ratio for v in ringing]), unit)
 
 
 def _laws(count: int) -> dict[str, CoupledTerm]:
@@ -307,7 +307,7 @@ def _in_order(found: Fitted, fixed: Mapping[str, float], progress: Progress) -> 
         return found
     progress.say("coordinates by frequency")
     records = tuple(record.with_coordinates(order) for record in found.records)
-    linear = _linear(model.linear_modes[0], model.linear_damping_ratios, model.unit)
+    linear = linear_model(model.linear_modes[0], model.linear_damping_ratios, model.unit)
     start = _start(linear, records, fixed)
     again = of_plainest_kind(start, records, KINDS, progress)
     return again if again and again.explained else found

@@ -7,17 +7,20 @@ they are the motion from which a fit starts; what they leave of a channel is noi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
 
+from romsindy.effects.base import SampledInput
 from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.fit.mode_shape import CurvedShape, ModeShape
+from romsindy.fit.mode_shape import CurvedShape, ModeShape, Offset
 from romsindy.fit.part import Part, Reading
-from romsindy.fit.record import OfDecay, Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
 from romsindy.record.ridges import Ridge
 from romsindy.record.ringing import NEAR, tones_of
@@ -51,12 +54,12 @@ class CoupledReading(Reading):
 
 
 @dataclass(frozen=True)
-class CoupledRecord(OfDecay):
-    """One decay of several coordinates: what was measured, its noise, and the motion behind it.
+class CoupledRecord(Prepared):
+    """A record of several coordinates: what was measured, its noise, and the motion behind it.
 
     Attributes
     ----------
-    decay : Decay
+    decay : Decay or ForcedVibration
         Of one channel or several.
     signal : (c n,) array
         The measured channels, one after the other.
@@ -67,18 +70,21 @@ class CoupledRecord(OfDecay):
     motion : Trajectory
         Smooth displacement of the R coordinates; times from the start of the record.
     tones : tuple of Ridge
-        The fundamentals of the coordinates, as followed in their main channels.
+        The fundamentals of the coordinates, as followed in their main channels; of those that ring.
     since : float
         Where it starts in the record that it is a piece of, s: tones have the times of that.
+    sampled : mapping
+        The measured inputs by name, where any drive it.
     """
 
-    decay: Decay
+    decay: Decay | ForcedVibration
     signal: Array
     noise: tuple[Noise, ...]
     shapes: Array
     motion: Trajectory
-    tones: tuple[Ridge, ...]
+    tones: tuple[Ridge, ...] = ()
     since: float = 0.0
+    sampled: Mapping[str, SampledInput] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -119,19 +125,31 @@ class CoupledRecord(OfDecay):
         )
 
     @property
+    def inputs(self) -> Mapping[str, SampledInput]:
+        """What drives it, by name."""
+        return self.sampled
+
+    @property
     def amplitude(self) -> float:
         """Largest displacement of a coordinate."""
         return float(np.abs(self.motion.q).max())
 
     @property
-    def count(self) -> float:
-        """Samples of all channels."""
-        return float(len(self.signal))
+    def peak(self) -> float:
+        """Largest displacement in any channel; of what inputs drive, of a coordinate."""
+        return self.amplitude if self.driven else super().peak
+
+    @cached_property
+    def frequencies(self) -> Array:
+        """Of the coordinates, Hz, (R,): of their tones, or rms velocity over rms displacement."""
+        if not self.driven:
+            return np.array([np.median(tone.frequency) for tone in self.tones])
+        return self.motion.q_dot.std(axis=0) / self.motion.q.std(axis=0) / (2 * np.pi)
 
     @property
-    def cycles(self) -> float:
-        """Of the slowest coordinate, in all."""
-        return float(self.t[-1]) * min(float(np.median(tone.frequency)) for tone in self.tones)
+    def rate(self) -> float:
+        """Angular frequency of the slowest coordinate, rad/s."""
+        return float(2 * np.pi * self.frequencies.min())
 
     @property
     def main(self) -> list[int]:
@@ -153,28 +171,27 @@ class CoupledRecord(OfDecay):
 
     def read(self, parts: Sequence[Part], number: int, x: Array) -> CoupledReading:
         """What the channels show of a motion in its `orders`, (n, k R)."""
-        shapes, rows, curved = self.mode_shapes(parts), [], []
+        shapes, curved = self.mode_shapes(parts), []
         last = x[:, -shapes.shape[1] :]
+        shown, rows = shapes @ last.T, [np.zeros((0, shapes.shape[0], len(x)))]
         for part in parts:
-            effect, row = part.effect, np.zeros((len(self.noise), len(x)))
-            silent = np.zeros((len(part.columns(number)) - 1, row.size))  # values of a force
+            effect, row = part.effect, np.zeros((len(part.columns(number)), *shown.shape))
             if isinstance(effect, ModeShape):
-                row[effect.channel] = effect.readings(self.t, last)[0]
-            elif isinstance(effect, CurvedShape):
-                row[effect.channel] = effect.readings(self.t, x)[0]
-                curved.append((part.own(number)[0], effect, row))
-            rows += [row.ravel()[None], silent]
-        by_value = np.concatenate([np.zeros((0, len(shapes) * len(x))), *rows])
-        shown = last @ shapes.T
-        if not curved:
-            return CoupledReading(shown.T.ravel(), shapes, by_value)
-        slope = np.zeros((len(shapes), *x.shape))
-        slope[..., -shapes.shape[1] :] = shapes[:, None]
-        for value, effect, row in curved:
-            if value:
-                shown[:, effect.channel] += value * row[effect.channel]
-                slope[effect.channel] += value * effect.shown_slopes(x)
-        return CoupledReading(shown.T.ravel(), slope, by_value)
+                row[0, effect.channel] = effect.readings(self.t, last)[0]
+            elif isinstance(effect, CurvedShape | Offset):
+                own, row[0, effect.channel] = part.own(number)[0], effect.readings(self.t, x)[0]
+                shown[effect.channel] += own * row[0, effect.channel]
+                if own and isinstance(effect, CurvedShape):
+                    curved.append((own, effect))
+            rows.append(row)
+        by_value = np.concatenate(rows).reshape(-1, shown.size)
+        slope = shapes
+        if curved:
+            slope = np.zeros((len(shapes), *x.shape))
+            slope[..., -shapes.shape[1] :] = shapes[:, None]
+            for own, effect in curved:
+                slope[effect.channel] += own * effect.shown_slopes(x)
+        return CoupledReading(shown.ravel(), slope, by_value)
 
     def with_coordinates(self, order: Indices) -> CoupledRecord:
         """The same with its coordinates in another order."""
@@ -183,17 +200,17 @@ class CoupledRecord(OfDecay):
         tones = tuple(self.tones[i] for i in order)
         return replace(self, shapes=self.shapes[:, order], motion=motion, tones=tones)
 
-    def until(self, n: int) -> CoupledRecord:
-        """The first n samples of every channel, with the noise of all of it."""
-        return self._between(0, self.motion.grid.until(float(self.t[n - 1])).n_steps)
+    def until(self, end: float) -> CoupledRecord:
+        """The first seconds of every channel, with the noise of all of it."""
+        return self._between(0, self.motion.grid.until(end).n_steps)
 
     def since_step(self, first: int) -> CoupledRecord:
         """The samples from a step on, with the noise of all of it."""
         return self._between(first, self.motion.grid.n_steps)
 
-    def pieces(self, n: int) -> list[CoupledRecord]:
-        """The record in n parts, each with its own initial state."""
-        ends = np.linspace(0, self.motion.grid.n_steps, n + 1).round().astype(int)
+    def pieces(self, count: int) -> list[CoupledRecord]:
+        """The record in so many parts, each with its own initial state."""
+        ends = np.linspace(0, self.motion.grid.n_steps, count + 1).round().astype(int)
         return [self._between(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
     def _between(self, first: int, last: int) -> CoupledRecord:
@@ -225,10 +242,6 @@ class CoupledRecord(OfDecay):
         if not any(b.std < _QUIETER * a.std for a, b in pairs):
             return self
         return replace(self, noise=tuple(min(pair, key=lambda noise: noise.std) for pair in pairs))
-
-    def with_signal(self, signal: Array) -> CoupledRecord:
-        """The same with another measurement, such as a simulated one."""
-        return replace(self, signal=signal)
 
     def drawn(self, rng: np.random.Generator) -> Array:
         """Noise like that of the channels, (c n,)."""

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from romsindy.effects.choices import sought
+from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import (
     Along,
     CoupledTerm,
@@ -25,6 +26,13 @@ def linear_terms(n_coordinates: int) -> tuple[Along, ...]:
     """Stiffness and damping of every coordinate by itself."""
     laws = (Stiffness(1), PowerDamping(1))
     return tuple(Along.coordinate(law, i + 1) for i in range(n_coordinates) for law in laws)
+
+
+def linear_model(omega: Array, ratios: Array, unit: str | None) -> CoupledModel:
+    """Small vibrations by angular frequencies and damping ratios, which do not grow."""
+    pairs = zip(omega, ratios, strict=True)
+    values = [float(v) for w, z in pairs for v in (w**2, 2 * max(z, 0.0) * w)]
+    return CoupledModel(linear_terms(len(omega)), tuple(values), unit)
 
 
 class Kind(NamedTuple):
@@ -72,6 +80,12 @@ def candidates(n_coordinates: int, kind: Kind) -> tuple[CoupledTerm, ...]:
     for a, b, c in itertools.combinations(unit, 3):
         found.append(MixedStiffness(tuple((a + b + c).tolist())))
     return tuple(found)
+
+
+def couplings(n_coordinates: int) -> tuple[CoupledTerm, ...]:
+    """Those of several coordinates together, and the masses that a coordinate drags along."""
+    every = candidates(n_coordinates, KINDS[0])
+    return tuple(term for term in every if not isinstance(term, Along))
 
 
 def _slaved(first: Array, second: Array) -> SlavedInertia:

@@ -10,10 +10,10 @@ import numpy as np
 
 from romsindy.effects.base import Effect, ReadingEffect, SampledInput, State
 from romsindy.effects.memory import MemoryEffect
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import OnCoordinate, extended
 from romsindy.fit.linear_steps import Linearisation
 from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.memory import Memory
@@ -23,7 +23,7 @@ _SMALL = 1e-6  # of the motion: a change by which derivatives are taken
 
 
 def equation_of(
-    model: AnyModel, parts: Sequence[Part], number: int, record: AnyRecord
+    model: AnyModel, parts: Sequence[Part], number: int, record: Prepared
 ) -> ExtendedEquation:
     """The equation of a model with its parts in a record, which has this number."""
     step = record.motion.grid.step
@@ -35,7 +35,8 @@ class ExtendedEquation:
     """The model with its parts, in one record: R equations of R coordinates.
 
     Inputs among the terms of the model drive it where they were measured. Effects pull beside the
-    model, each at one coordinate; laws of several are within it, where one table serves all terms.
+    model, each at one coordinate, inputs at all of them; laws of several are within it, where one
+    table serves all terms.
     """
 
     model: AnyModel
@@ -81,7 +82,11 @@ class ExtendedEquation:
         if (law := _inner(effect)) is not None:
             return law.strong(*motion[1:])[None]
         forces = effect.forces(self.state(*motion, coordinate=effect.acts_on))
-        return None if forces is None else forces[..., None] * self._unit(effect)
+        return None if forces is None else self._everywhere(effect, forces)
+
+    def _everywhere(self, effect: Effect, forces: Array) -> Array:
+        """Forces (k, n) on its coordinate, or (k, n, R), in every equation: (k, n, R)."""
+        return forces if forces.ndim == 3 else forces[..., None] * self._unit(effect)
 
     def _unit(self, effect: Effect) -> Array:
         """1 in the equation of the coordinate that an effect acts on, (R,)."""
@@ -131,8 +136,9 @@ class ExtendedEquation:
             own = part.own(self.record)
             forces = part.effect.forces(state) if np.any(own) else None
             if forces is not None:
+                everywhere = self._everywhere(part.effect, forces)
+                residual = residual + np.tensordot(own, everywhere, 1)
                 unit = self._unit(part.effect)
-                residual = residual + (own @ forces)[:, None] * unit
                 both = np.outer(unit, unit)
                 added = (np.reshape(b, (-1, 1, 1)) * both for b in part.effect.slopes(state, own))
                 slopes = [a + b for a, b in zip(slopes, added, strict=True)]
@@ -157,7 +163,7 @@ class ExtendedEquation:
                 rows.append(np.zeros((len(part.columns(self.record)), *q.shape)))
             else:
                 by_value = part.by_value("forces", (state,), self.record)
-                rows.append(by_value[..., None] * self._unit(part.effect))
+                rows.append(self._everywhere(part.effect, by_value))
         return np.concatenate(rows)
 
 

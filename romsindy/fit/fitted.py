@@ -14,15 +14,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.drive import Drive
+from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.adequacy import Adequacy, examine
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.curve import checked_coordinate
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.forced.adequacy import examine_forced
-from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import Solution, coloured_covariance, fit
 from romsindy.fit.horizon import fit_growing
@@ -31,14 +29,13 @@ from romsindy.fit.mode_shape import CurvedShape
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.predict import Sensors
-from romsindy.fit.record import Record
-from romsindy.fit.remembering import law_in, with_memories
+from romsindy.fit.record import Prepared
+from romsindy.fit.remembering import laws_in, with_memories
 from romsindy.fit.resonance import resonance_notes, resonances_in
 from romsindy.fit.shooting import TOLERANCE, shoot
 from romsindy.fit.verdict import EXPLAINED
-from romsindy.physics.coupled import AnyModel, CoupledModel
-from romsindy.physics.equations import inputs_of
-from romsindy.physics.memory import MemoryLaw
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.input import input_in
 from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
@@ -70,7 +67,7 @@ class Fit(Estimate):
     """
 
     start: AnyModel
-    records: tuple[AnyRecord, ...]
+    records: tuple[Prepared, ...]
     solution: Solution
 
     @property
@@ -90,27 +87,25 @@ class Fit(Estimate):
 
     @property
     def offsets(self) -> Array:
-        """Offset of the sensor in each decay, unit of the measured quantity; 0 if not fitted."""
-        for part in self.solution.parts:
-            if isinstance(part.effect, Offset):
-                return part.strengths[:, 0]
-        return np.zeros(len(self.records))
+        """Offset of the sensor in each record, unit of the measured quantity; 0 if not fitted.
+
+        Of several channels (n_records, n_channels).
+        """
+        found = [p.strengths for p in self.solution.parts if isinstance(p.effect, Offset)]
+        table = np.hstack(found) if found else np.zeros((len(self.records), 1))
+        return table[:, 0] if table.shape[1] == 1 else table
 
     @property
     def mode_shapes(self) -> Array:
         """What each channel shows of each coordinate, (n_channels, R); 1 in its main channel."""
-        record = self.records[0]
-        if not isinstance(record, CoupledRecord):
-            return np.ones((1, 1))
-        return record.mode_shapes(self.solution.parts)
+        return self.records[0].mode_shapes(self.solution.parts)
 
     @property
     def sensors(self) -> Sensors:
         """What is known of the sensors: the mean of their offsets, and the mode shapes."""
         curved = tuple(p for p in self.solution.parts if isinstance(p.effect, CurvedShape))
-        several = isinstance(self.model, CoupledModel)
-        shapes = self.mode_shapes if several else None
-        return Sensors(float(np.mean(self.offsets)), shapes, curved)
+        shapes = self.mode_shapes if self.model.numbered else None
+        return Sensors(self.offsets.mean(axis=0), shapes, curved)
 
     def reach_of(self, coordinate: int = 1) -> tuple[float, float]:
         """Least and largest value of a coordinate in the records, unit of q."""
@@ -136,7 +131,7 @@ class Fit(Estimate):
     @property
     def decays(self) -> tuple[Decay, ...]:
         """What was fitted: the free parts, or pieces of them where notes say so."""
-        return tuple(r.decay for r in self.records if not isinstance(r, ForcedRecord))
+        return tuple(r.decay for r in self.records if not r.driven)
 
     @property
     def delays(self) -> dict[str, tuple[float, float]]:
@@ -160,9 +155,12 @@ class Fit(Estimate):
         std = np.sqrt(np.diag(self.solution.covariance))
         found: dict[str, tuple[float, float]] = {}
         for part, at in zip(self.solution.parts, self.solution.slices(), strict=True):
-            if isinstance(law := law_in(part.effect), MemoryLaw):
+            if isinstance(part.effect, MemoryEffect):
                 own = zip(part.parameters, part.shape, std[at][part.strengths.size :], strict=True)
-                found |= {f"{law.key} {p.name}": (float(v), float(e)) for p, v, e in own}
+                found |= {
+                    f"{part.effect.remembering.key} {p.name}": (float(v), float(e))
+                    for p, v, e in own
+                }
         return found
 
     @property
@@ -190,7 +188,7 @@ class Fit(Estimate):
 def refined(
     model: AnyModel,
     free: tuple[str, ...],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     more: tuple[Part, ...] = (),
     *,
     settled: bool = False,
@@ -212,14 +210,22 @@ def refined(
                 f"the model with {len(free)} free coefficients has no motion near the measured one"
                 f" ({error}): use fewer terms, or start from other values"
             ) from error
+    solution = replace(solution, covariance=covariance)  # that of the residuals as they are
+    return concluded(model, start, records, solution)
+
+
+def concluded(
+    model: AnyModel, start: AnyModel, records: Sequence[Prepared], solution: Solution
+) -> Fit:
+    """What a solution says of a model that was followed from ``start``."""
     peak = max(record.peak for record in records)
     new = extended(replace(model, values=start.values), solution.parts)
     new = with_memories(new, solution.parts)
-    solution = replace(solution, covariance=covariance)  # that of the residuals as they are
-    laws = [(law_in(p.effect), at) for p, at in zip(solution.parts, solution.slices(), strict=True)]
-    named = {law.key: at.start for law, at in laws if law is not None}
+    pairs = zip(solution.parts, solution.slices(), strict=True)
+    laws = [(law, at.start + k) for p, at in pairs for k, law in enumerate(laws_in(p.effect))]
+    named = {law.key: place for law, place in laws}
     free, places = tuple(named), list(named.values())
-    covariance = covariance[np.ix_(places, places)]
+    covariance = solution.covariance[np.ix_(places, places)]
     grows = _growing(new, free, covariance)
     return Fit(
         model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),
@@ -234,32 +240,32 @@ def refined(
 
 
 def _undetermined(model: AnyModel, free: Sequence[str], covariance: Array) -> str:
-    """The linear stiffness and gains of inputs as far as they are not told from 0."""
-    gains = {term.key for term in inputs_of(model)}
+    """Linear stiffness that is not told from 0, and inputs that move no coordinate for certain."""
+    errors = dict(zip(free, np.sqrt(np.diag(covariance)).tolist(), strict=True))
     values = model.coefficients
+    lost = {n for n, std in errors.items() if abs(values[n]) < _TOLD * std}
+    acting = [(t.key, i.signal) for t in model.terms if (i := input_in(t)) is not None]
+    told = {signal for key, signal in acting if key not in lost}
+    wrong = {key for key, signal in acting if signal not in told}
+    wrong |= {t.key for t in model.terms if getattr(t, "law", t) == Stiffness(1)}
     return ", ".join(
-        f"{name} is {values[name]:.3g} +- {std:.2g}"
-        for name, std in zip(free, np.sqrt(np.diag(covariance)), strict=True)
-        if (name in gains or name == Stiffness(1).key) and abs(values[name]) < _TOLD * std
+        f"{n} is {values[n]:.3g} +- {std:.2g}" for n, std in errors.items() if n in wrong & lost
     )
 
 
-def _verdict(records: Sequence[AnyRecord], solution: Solution, undetermined: str) -> Adequacy:
-    """Of the forced records, where there are any: what decays say beside them is a note."""
-    pairs = list(zip(records, solution.residuals, strict=True))
-    forced = [(r, e) for r, e in pairs if isinstance(r, ForcedRecord)]
-    if forced:
-        driven, residuals = zip(*forced, strict=True)
-        verdict = examine_forced(driven, residuals, solution.n_values)
+def _verdict(records: Sequence[Prepared], solution: Solution, undetermined: str) -> Adequacy:
+    """Of the driven records, where there are any: what decays say beside them is a note."""
+    pairs = zip(records, solution.residuals, strict=True)
+    driven = [(r, e) for r, e in pairs if r.driven]
+    if driven:
+        alone, left = zip(*driven, strict=True)
+        verdict = examine_forced(alone, left, solution.n_values)
         return replace(verdict, undetermined=undetermined)
-    free = [r for r in records if not isinstance(r, ForcedRecord)]
-    return examine(free, solution.residuals, solution.n_values)
+    return examine(records, solution.residuals, solution.n_values)
 
 
 def _growing(model: AnyModel, free: Sequence[str], covariance: Array) -> list[str]:
     """A sentence for each coordinate of several whose small vibrations would grow, for certain."""
-    if not isinstance(model, CoupledModel):
-        return []
     std = np.sqrt(np.diag(covariance))
     surely = {n for n, s in zip(free, std, strict=True) if model.coefficients[n] < -1.96 * s}
     return [
@@ -270,7 +276,7 @@ def _growing(model: AnyModel, free: Sequence[str], covariance: Array) -> list[st
     ]
 
 
-def _notes(records: Sequence[AnyRecord], solution: Solution) -> tuple[str, ...]:
+def _notes(records: Sequence[Prepared], solution: Solution) -> tuple[str, ...]:
     """What the reader must know of the records and of the fit."""
     notes = []
     if solution.interrupted:
@@ -280,16 +286,15 @@ def _notes(records: Sequence[AnyRecord], solution: Solution) -> tuple[str, ...]:
     return (*notes, *record_notes(records))
 
 
-def record_notes(records: Sequence[AnyRecord]) -> list[str]:
+def record_notes(records: Sequence[Prepared]) -> list[str]:
     """What the reader must know of the records."""
-    alone = [(i, record) for i, record in enumerate(records) if isinstance(record, Record)]
-    return [f"decay {i}: {text}" for i, record in alone for text in record.remarks]
+    return [f"decay {i}: {text}" for i, record in enumerate(records) for text in record.remarks]
 
 
 def _followed(
     model: AnyModel,
     parts: tuple[Part, ...],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     settled: bool,
     loss: str,
     progress: Callable[[str], None] | None,
@@ -305,29 +310,29 @@ def _followed(
             if not near.converged:
                 raise
             return near, coloured_covariance(model, near, records)
-    if any(isinstance(r, ForcedRecord) for r in records):  # inputs keep the phase: no need to shoot
+    if any(r.driven for r in records):  # inputs keep the phase: no need to shoot
         near = fit(model, parts, records, iterations=_DRIVEN)
         if not near.finite:
             raise TrajectoryError("it leads far away")
-        return near, coloured_covariance(model, near, records)
+        with np.errstate(all="ignore"):
+            covariance = coloured_covariance(model, near, records)
+        if not np.all(np.isfinite(covariance)):
+            raise TrajectoryError("it leads far away")
+        return near, covariance
     near = fit(model, parts, records)
-    if isinstance(model, CoupledModel):
-        coupled = [r for r in records if isinstance(r, CoupledRecord)]
+    if model.numbered:
         if not near.converged:
-            near = _in_pieces(model, parts, coupled)
+            near = _in_pieces(model, parts, records)
         rough = near.chi_squared > EXPLAINED**2 * sum(len(r.signal) for r in records)
         tolerance = _ROUGH if rough else TOLERANCE
         return shot(near.parts, records, near.motions, tolerance=tolerance)
-    alone = [r for r in records if isinstance(r, Record)]
-    if near.converged or not alone or model.memories:
+    if near.converged or model.memories:
         return shot(near.parts, records, near.motions)
-    found, motions = fit_growing(model, parts, alone)
+    found, motions = fit_growing(model, parts, records)
     return shot(found, records, motions)
 
 
-def _in_pieces(
-    model: CoupledModel, parts: tuple[Part, ...], records: Sequence[CoupledRecord]
-) -> Solution:
+def _in_pieces(model: AnyModel, parts: Sequence[Part], records: Sequence[Prepared]) -> Solution:
     """Where a fit of whole records does not settle: to the longest pieces that the model follows.
 
     Raises

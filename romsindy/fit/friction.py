@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coefficient import SMOOTHING, free_coefficients
 from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared
 from romsindy.fit.remembering import memory_parts
 from romsindy.physics.coupling import Along
 from romsindy.physics.term import Term
@@ -21,7 +21,7 @@ Model = TypeVar("Model", bound=TermSum)
 
 
 def free_parts(
-    model: Model, names: Sequence[str], records: Sequence[AnyRecord]
+    model: Model, names: Sequence[str], records: Sequence[Prepared]
 ) -> tuple[Model, tuple[Part, ...]]:
     """A model to fit, and its free coefficients as parts.
 
@@ -46,7 +46,7 @@ def free_parts(
     return left, (*free, *memories)
 
 
-def smoothed(model: Model, records: Sequence[AnyRecord], but: Collection[str] = ()) -> Model:
+def smoothed(model: Model, records: Sequence[Prepared], but: Collection[str] = ()) -> Model:
     """Model whose dry friction is smooth at the speeds of the records, each in its direction.
 
     Coefficients with names that stand in ``but`` keep their jump.

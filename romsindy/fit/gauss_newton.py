@@ -15,12 +15,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.equation import equation_of
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
+from romsindy.fit.record import Prepared
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
@@ -79,7 +79,7 @@ class Solution:
 def fit(
     model: AnyModel,
     parts: Sequence[Part],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     motions: Sequence[Trajectory] | None = None,
     *,
     fixed: bool = False,
@@ -192,7 +192,7 @@ class _Stage:
 def _linearised(
     model: AnyModel,
     parts: tuple[Part, ...],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     motions: Sequence[Trajectory],
 ) -> tuple[NormalEquations, list[Response]]:
     """Normal equations about the present motions, and the responses that they combine."""
@@ -208,7 +208,7 @@ def _linearised(
     return system, responses
 
 
-def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[AnyRecord]) -> Array:
+def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Array:
     """Covariance of the values of a fit that converged, for the colour of what it leaves."""
     parts, n_values = solution.parts, sum(p.size for p in solution.parts)
     system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
@@ -225,7 +225,7 @@ def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[A
 
 
 def linear_table(
-    model: AnyModel, parts: tuple[Part, ...], i: int, record: AnyRecord, motion: Trajectory
+    model: AnyModel, parts: tuple[Part, ...], i: int, record: Prepared, motion: Trajectory
 ) -> tuple[Response, Array]:
     """Response of a motion to all values, and `table` of where it leads, in record i."""
     equation = equation_of(model, parts, i, record)
@@ -236,7 +236,7 @@ def linear_table(
     return response, table(parts, i, record, x, change[..., 1:])
 
 
-def table(parts: Sequence[Part], i: int, record: AnyRecord, x: Array, by_value: Array) -> Array:
+def table(parts: Sequence[Part], i: int, record: Prepared, x: Array, by_value: Array) -> Array:
     """Derivatives of the reading of a motion x in record i, and its misfit, whitened: (n, m + 1).
 
     ``by_value`` (n, k R, m) are those of the motion (n, k R), both in the `orders` of the record,

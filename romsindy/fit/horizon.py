@@ -17,9 +17,9 @@ from romsindy.fit.collocation import Trajectory
 from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared
 from romsindy.fit.shooting import shoot, simulated_misfit
-from romsindy.physics.model import ReducedModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
 # In cycles: a wrong frequency shows as a phase that drifts, and must not drift far before it is
@@ -32,13 +32,13 @@ _ROUGH = 1e-2  # tolerance of chi-square: shorter horizons only lead on
 
 
 def fit_growing(
-    model: ReducedModel, parts: Sequence[Part], records: Sequence[Record]
+    model: AnyModel, parts: Sequence[Part], records: Sequence[Prepared]
 ) -> tuple[tuple[Part, ...], tuple[Trajectory, ...]]:
     """Values, and motions over most of the records, from which a fit over all of them may start.
 
     Parameters
     ----------
-    model : ReducedModel
+    model : AnyModel
     parts : sequence of Part
         Without values for their shapes.
     records : sequence of Record
@@ -58,9 +58,9 @@ def fit_growing(
 
 
 def _step(
-    model: ReducedModel,
+    model: AnyModel,
     parts: tuple[Part, ...],
-    records: Sequence[Record],
+    records: Sequence[Prepared],
     motions: tuple[Trajectory, ...],
 ) -> tuple[tuple[Part, ...], tuple[Trajectory, ...]]:
     """Fit the first part of the records; coefficients are held near their present values."""
@@ -85,7 +85,7 @@ def _is_law(part: Part) -> bool:
     return part.effect.term() is not None
 
 
-def _leashes(model: ReducedModel, parts: tuple[Part, ...], record: Record) -> Array:
+def _leashes(model: AnyModel, parts: tuple[Part, ...], record: Prepared) -> Array:
     """Strength of each part that changes the acceleration by one part in a hundred."""
     motion = record.motion
     equation = ExtendedEquation(model, parts, 0, motion.grid.step, record.clock)

@@ -15,7 +15,7 @@ from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.identify import identify_forced
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.identify import identify_decays
-from romsindy.fit.measured import listed_records
+from romsindy.fit.measured import driven_among, listed_records, several_decays
 from romsindy.fit.refine import refine, refine_terms
 from romsindy.fit.verdict import CURVATURE
 from romsindy.physics.term import Term
@@ -44,7 +44,7 @@ def identify(
         Free decays, of which the free part is used; vibrations with measured inputs; or both
         together. In one unit, in the quantity that was measured.
     coordinates : int or "auto"
-        How many vibrations are modelled: the strongest, or as many as the data need. Decays of
+        How many vibrations are modelled: the strongest, or as many as the data need. Records of
         several channels, and more than one coordinate, take the way of several.
     terms : sequence of Term, optional
         What the model has beside linear stiffness and viscous damping; then nothing is chosen. Of
@@ -53,7 +53,7 @@ def identify(
         Known coefficients, such as ``{"omega^2": 1482.0}``, or ``{"omega^2 [q1]": 1482.0}`` of
         several coordinates, by frequency; in the unit of the records and seconds.
     order : int
-        Highest order of stiffness and inertia that are looked for under inputs.
+        Highest order of stiffness and inertia that are looked for under inputs, of one coordinate.
     curvature : float, optional
         How far the sensor of a decay may be off a straight line at the largest amplitude, as a part
         of that: one standard deviation; 1 % by default, 0 where it is straight.
@@ -76,28 +76,24 @@ def identify(
         If no motion of the equation follows the measured one.
     """
     several = listed_records(records, "records")
-    decays = [r for r in several if isinstance(r, Decay)]
+    driven = driven_among(several)
     one = coordinates == 1 and not isinstance(coordinates, bool)
-    if len(decays) < len(several):
-        _require(one, "coordinates", coordinates, "1 where inputs drive the motion")
     if terms is not None:
         _require(curvature is None, "curvature", curvature, "left out where terms are given")
     if terms is not None and one:
         return refine_terms(several, terms, fixed or {}, progress)
-    if len(decays) < len(several):
-        _require(
-            curvature is None, "curvature", curvature, "left out where inputs drive the motion"
-        )
-        return identify_forced(several, order, fixed=fixed, progress=progress)
-    if one and all(d.n_channels == 1 for d in decays):
+    if one and not driven and all(r.n_channels == 1 for r in several):
         known = CURVATURE if curvature is None else curvature
+        decays = several_decays(several)
         return identify_decays(decays, fixed=fixed, curvature=known, seed=seed, progress=progress)
-    remedy = "left out for several channels or coordinates"
-    _require(curvature is None, "curvature", curvature, remedy)
+    where = "where inputs drive the motion" if driven else "for several channels or coordinates"
+    _require(curvature is None, "curvature", curvature, f"left out {where}")
     if terms is not None:
-        start = model_with_terms(decays, coordinates, terms, fixed or {})
-        return refine(start, decays, fixed=tuple(fixed or ()), progress=progress)
-    return identify_coupled(decays, coordinates, fixed=fixed, progress=progress)
+        start = model_with_terms(several, coordinates, terms, fixed or {})
+        return refine(start, several, fixed=tuple(fixed or ()), progress=progress)
+    if driven:
+        return identify_forced(several, order, coordinates, fixed=fixed, progress=progress)
+    return identify_coupled(several_decays(several), coordinates, fixed=fixed, progress=progress)
 
 
 def _require(fits: bool, name: str, value: object, remedy: str) -> None:

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from romsindy.effects import Bias
-from romsindy.fit.any_record import AnyRecord
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.forced.modes import Modes
+from romsindy.fit.forced.record import ForcedRecord, driven_record
+from romsindy.fit.mode_shape import Offset
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record, sharing_drift
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.fit.record import Prepared, Record, sharing_drift
+from romsindy.physics.coupled import AnyModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.typing import Array
 
 # Errors of the integration, as a part of the largest amplitude.
 NUMERICS = 1e-6
-
-
-@dataclass(frozen=True)
-class Offset(Bias):
-    """A zero of the sensor that differs from record to record."""
-
-    per_record = True
 
 
 def listed_records(
@@ -60,13 +54,17 @@ def several_decays(decays: Decay | Sequence[Decay | ForcedVibration]) -> list[De
         For none, or anything else.
     """
     several = listed_records(decays)
-    decays_alone = [d for d in several if isinstance(d, Decay)]
-    if len(decays_alone) < len(several):
+    if driven_among(several):
         raise ValueError(
             "decays hold a ForcedVibration, and free decays are needed here: refine() and"
             " identify() take inputs"
         )
-    return decays_alone
+    return several  # type: ignore[return-value]
+
+
+def driven_among(several: Sequence[Decay | ForcedVibration]) -> list[ForcedVibration]:
+    """Those with inputs."""
+    return [v for v in several if isinstance(v, ForcedVibration)]
 
 
 def prepared(
@@ -85,7 +83,7 @@ def prepared(
     return tuple(record.without_faults(coloured=coloured) for record in records)
 
 
-def ready(several: Sequence[Decay | ForcedVibration]) -> tuple[Record | ForcedRecord, ...]:
+def ready(several: Sequence[Decay | ForcedVibration]) -> tuple[Prepared, ...]:
     """Free decays and forced vibrations of one channel, ready to be fitted together."""
     free = [Record.of(d.single().free(), NUMERICS) for d in several if isinstance(d, Decay)]
     decays = iter(sharing_drift(free))
@@ -97,9 +95,22 @@ def ready(several: Sequence[Decay | ForcedVibration]) -> tuple[Record | ForcedRe
     )
 
 
-def free_offsets(records: Sequence[AnyRecord]) -> Part:
-    """An offset of the sensor in each record, 0 at first."""
-    return Part(Offset(), (), np.zeros((len(records), 1)))
+def ready_along(
+    several: Sequence[Decay | ForcedVibration], modes: Modes
+) -> tuple[CoupledRecord, ...]:
+    """The same of several coordinates, whose linear modes are known from the driven ones."""
+    hertz = modes.omega / (2 * np.pi)
+    return tuple(
+        driven_record(measured, modes, NUMERICS)
+        if isinstance(measured, ForcedVibration)
+        else replace(CoupledRecord.of(measured, hertz, NUMERICS, modes.main), shapes=modes.shapes)
+        for measured in several
+    )
+
+
+def free_offsets(records: Sequence[Prepared], channel: int = 0) -> Part:
+    """An offset of the sensor of a channel in each record, 0 at first."""
+    return Part(Offset(channel), (), np.zeros((len(records), 1)))
 
 
 def require_unit(several: Sequence[Decay | ForcedVibration], unit: str | None) -> None:
@@ -110,7 +121,7 @@ def require_unit(several: Sequence[Decay | ForcedVibration], unit: str | None) -
                 f"decay {i} is in {decay.unit or 'an unknown unit'}, the model in"
                 f" {unit or 'an unknown unit'}: load the decay with unit={unit!r}"
             )
-        if any(np.array_equal(decay.signal, other.signal) for other in several[:i]):
+        if any(decay.same_record(other) for other in several[:i]):
             raise ValueError(
                 f"decay {i} is the same record as an earlier one: counted twice, it would make"
                 " every error bar too small; give it once"
@@ -132,7 +143,7 @@ def require_known(fixed: Mapping[str, float], names: Sequence[str]) -> None:
             raise ValueError(f"fixed {name} = {value:g} must not be negative")
 
 
-def small_frequencies(model: CoupledModel) -> Array:
+def small_frequencies(model: AnyModel) -> Array:
     """Of small vibrations, Hz, in the order of the coordinates that move most in them."""
     omega, modes = model.linear_modes
     return omega[np.argsort(np.argmax(np.abs(modes), axis=0))] / (2 * np.pi)

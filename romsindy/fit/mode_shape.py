@@ -1,4 +1,4 @@
-"""What sensors show of several coordinates: mode shapes, straight and curved.
+"""What channels show: mode shapes of several coordinates, straight and curved, and offsets.
 
 Modes that follow show as well: y = Phi q + sum of C_p q^p, with products q^p of two coordinates or
 more (slaved modes, and the arc on which a sensor moves).
@@ -12,6 +12,7 @@ from math import factorial
 import numpy as np
 
 from romsindy.effects.base import ReadingEffect
+from romsindy.effects.outside import Bias
 from romsindy.typing import Array
 
 
@@ -32,6 +33,15 @@ class ModeShape(ReadingEffect):
     def readings(self, t: Array, q: Array) -> Array:
         """Of its channel, (1, n), by a motion (n, R) in the measured quantity."""
         return q[:, self.coordinate][None]
+
+
+@dataclass(frozen=True)
+class Offset(Bias):
+    """A zero of the sensor of one channel that differs from record to record."""
+
+    channel: int = 0
+
+    per_record = True
 
 
 @dataclass(frozen=True)

@@ -1,61 +1,71 @@
 """Two noises of one record: a force that nobody measured, and that of the sensor, with a colour.
 
-    model(q, q_dot, q_ddot) = inputs + w(t)        w: white, of some intensity
+    model(q, q_dot, q_ddot) = inputs + w(t)        w: white, of some intensity on each coordinate
     y = reading(q) + n                             n: each sample keeps a part of the one before it
 
 A force that is not known moves the state a little at every step, and the linearised equation
 carries that on. What is left of a record is then the smallest sum of such moves that the noise of
 the sensor allows: weak-constraint variational assimilation [1], a banded system. The covariance of
-the residual is never formed; both sizes and the colour are those of the largest likelihood.
+the residual is never formed; all sizes and colours are those of the largest likelihood.
 
 [1] Y. Tremolet, Q. J. R. Meteorol. Soc. 132 (2006) 2483.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 from scipy.sparse import bsr_matrix, csr_matrix, spmatrix
 
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import sampled, states_shown
 from romsindy.fit.linear_steps import Equation, LinearSteps
 from romsindy.fit.part import Part, in_orders
+from romsindy.fit.record import Prepared
 from romsindy.typing import Array
 
 # Where the search for the noises starts: colours, and intensities of the force, as powers of e on
 # the one whose response has the power of the sensor's noise.
-_COLOURS, _FORCES = (0.0, 0.9), (-16.0, -8.0, -3.0, 1.0, 5.0, 10.0)
+_COLOURS, _FORCES = (0.0, 0.9), (-12.0, -7.0, -3.0, 1.0, 5.0, 10.0)
+# The least of these moves a structure by 1/400 of the noise, and rounding would tell no less.
+_LEAST = _FORCES[0]
 _WIDEST, _WHITEST = 22.0, 3.0  # powers of e, and of the inverse hyperbolic tangent of the colour
-# Samples that tell the noises, and windows of a longer record in which they are.
+# Samples that tell the noises of one coordinate, fewer of several, and windows of a longer record.
 _ENOUGH, _WINDOWS = 8000, 4
+_NEVER = 1e100  # of less than any likelihood
+# Slopes of the likelihood by several sizes are taken over so much; steps down them, at most.
+_SLOPES = {"eps": 1e-3, "maxiter": 12}
 # The covariance of q and h q_dot at the end of a step of length 1 by a white force in it, inverted
 # and as a square.
 _MOVED = np.linalg.cholesky(np.linalg.inv([[1 / 3, 1 / 2], [1 / 2, 1.0]])).T
 
 
 class Noises(NamedTuple):
-    """Sizes of both noises.
+    """Sizes of all noises.
 
-    ``force`` is the intensity of the force, (unit of q / s^2)^2 s, ``sensor`` the standard
-    deviation of what a sample adds, measured unit, ``colour`` the correlation with the one before.
+    ``force`` (R,) is the intensity of the force on each coordinate, (unit of q / s^2)^2 s,
+    ``sensor`` (c,) the standard deviation of what a sample of each channel adds, measured unit,
+    ``colour`` (c,) the correlation with the one before.
     """
 
-    force: float
-    sensor: float
-    colour: float
+    force: Array
+    sensor: Array
+    colour: Array
 
     @property
-    def shown(self) -> float:
-        """Standard deviation of the sensor's noise, measured unit."""
-        return self.sensor / float(np.sqrt(1 - self.colour**2))
+    def shown(self) -> Array:
+        """Standard deviation of the noise of each sensor, measured unit, (c,)."""
+        return self.sensor / np.sqrt(1 - self.colour**2)
+
+    def louder(self, by: float) -> Noises:
+        """All of them so many times as large."""
+        return self._replace(force=self.force * by**2, sensor=self.sensor * by)
 
 
 class Weighed(NamedTuple):
@@ -72,8 +82,19 @@ class _OneLag(NamedTuple):
     lagged: Array
     inner: Array
 
+    @classmethod
+    def of(cls, a: Any, b: Any) -> _OneLag:
+        """Products of the columns of two tables, (n, ...) each, dense or sparse."""
+        return cls(a.T @ b, a[1:].T @ b[:-1] + a[:-1].T @ b[1:], a[1:-1].T @ b[1:-1])
+
     def at(self, colour: float) -> Array:
         return self.same - colour * self.lagged + colour**2 * self.inner
+
+
+def _over(channels: Iterable[_OneLag], noises: Noises) -> Array:
+    """The sum over channels, each by the noise of its sensor."""
+    own = zip(channels, noises.sensor, noises.colour, strict=True)
+    return np.asarray(sum(sums.at(colour) / size**2 for sums, size, colour in own))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,17 +103,21 @@ class TwoNoises:
 
     Parameters
     ----------
-    shown : (n, n_unknowns) sparse array
-        What samples show of the states at the steps.
-    moves : (n_unknowns - 2 R, n_unknowns) sparse array
-        Moves of the states from step to step, over their size by a force of intensity 1.
-    usual : float
-        Intensity of the force whose response has the power of a sensor's noise of 1.
+    shown : tuple of c (n, n_unknowns) sparse arrays
+        What samples of each channel show of the states at the steps.
+    moves : tuple of R (2 n_steps, n_unknowns) sparse arrays
+        Moves of the states from step to step by a force on each coordinate, over their size where
+        it has intensity 1.
+    inside : (n_steps, 3 R, 2 R) array
+        What a state at the start of a step does to the accelerations in it.
+    heard : (R, c) array
+        Power of what each force moves in each channel, at intensity 1.
     """
 
-    shown: spmatrix
-    moves: spmatrix
-    usual: float
+    shown: tuple[spmatrix, ...]
+    moves: tuple[spmatrix, ...]
+    inside: Array
+    heard: Array
 
     @classmethod
     def along(
@@ -100,7 +125,7 @@ class TwoNoises:
         equation: Equation,
         parts: Sequence[Part],
         number: int,
-        record: AnyRecord,
+        record: Prepared,
         motion: Trajectory,
     ) -> TwoNoises:
         """About a motion of a hypothesis in the record that has this number."""
@@ -112,125 +137,232 @@ class TwoNoises:
         at, _ = states_shown(grid, system, orders[0])
         change = in_orders(orders, lambda order: states_shown(grid, system, order)[1]) / unit
         x = in_orders(orders, partial(sampled, motion))
-        seen = record.read(parts, number, x).by_motion(change)
+        seen = record.by_channel(record.read(parts, number, x).by_motion(change))  # (c, n, 2 R)
         places = at[:, None] * 2 * r + np.arange(2 * r)
-        ends = np.arange(0, seen.size + 1, 2 * r)
-        shape = (len(seen), 2 * r * (grid.n_steps + 1))
-        shown = csr_matrix((seen.ravel(), places.ravel(), ends), shape=shape)
+        ends = np.arange(0, places.size + 1, 2 * r)
+        shape = (len(places), 2 * r * (grid.n_steps + 1))
+        shown = tuple(csr_matrix((x.ravel(), places.ravel(), ends), shape=shape) for x in seen)
         transition = unit[:, None] * system.transition / unit
         mass = system.mass.reshape(-1, 3, r, r)[:, 1]
-        size = np.einsum("ij,nab->niajb", _MOVED, mass).reshape(-1, 2 * r, 2 * r)
+        size = np.einsum("ij,nab->naijb", _MOVED, mass).reshape(-1, r, 2, 2 * r)
         size /= grid.step**1.5
-        blocks = np.stack([-size @ transition, size], axis=1).reshape(-1, 2 * r, 2 * r)
-        columns = np.arange(grid.n_steps)[:, None] + np.arange(2)
-        rows = 2 * np.arange(grid.n_steps + 1)
-        moves = bsr_matrix((blocks, columns.ravel(), rows)).tocsr()
-        return cls(shown, moves, _usual(transition, seen, grid.step))
+        moves = tuple(_moves(own, transition) for own in size.swapaxes(0, 1))
+        return cls(shown, moves, system.by_start / unit, _heard(transition, seen, grid.step))
+
+    @property
+    def n_states(self) -> int:
+        """Unknowns that no move tells: those of the start."""
+        return int(self.moves[0].shape[1] - sum(moves.shape[0] for moves in self.moves))
 
     def between(self, first: int, last: int) -> TwoNoises:
         """Samples first to last - 1, from a state of their own on."""
-        places = self.shown[first:last].indices
-        wide = self.moves.shape[1] - self.moves.shape[0]  # of a state
+        places = np.concatenate([shown[first:last].indices for shown in self.shown])
+        wide = self.n_states
         low, high = places.min() // wide * wide, (places.max() // wide + 1) * wide
-        shown = self.shown[first:last, low:high]
-        return replace(self, shown=shown, moves=self.moves[low : high - wide, low:high])
+        ends = slice(2 * (low // wide), 2 * (high // wide - 1))
+        shown = tuple(shown[first:last, low:high] for shown in self.shown)
+        moves = tuple(m[ends, low:high] for m in self.moves)
+        inside = self.inside[low // wide : high // wide - 1]
+        return replace(self, shown=shown, moves=moves, inside=inside)
 
     @cached_property
-    def _bands(self) -> tuple[_OneLag, Array]:
-        h = self.shown
-        lagged = h[1:].T @ h[:-1]
-        sums = [h.T @ h, lagged + lagged.T, h[1:-1].T @ h[1:-1], self.moves.T @ self.moves]
-        wide = max(int(_offsets(s).max(initial=0)) for s in sums)
-        *own, moved = (_band(s, wide) for s in sums)
-        return _OneLag(*own), moved
+    def _bands(self) -> tuple[list[_OneLag], list[Array]]:
+        sums = [_OneLag.of(h, h) for h in self.shown]
+        return [_OneLag(*map(_band, own)) for own in sums], [_band(m.T @ m) for m in self.moves]
+
+    def information(self, noises: Noises) -> Array:
+        """The inverse covariance of the states, in bands as LAPACK takes them."""
+        shown, moved = self._bands
+        pairs = list(zip(1 / noises.force, moved, strict=True))
+        for own, size, colour in zip(shown, noises.sensor, noises.colour, strict=True):
+            weights = np.array([1.0, -colour, colour**2]) / size**2
+            pairs += zip(weights, own, strict=True)
+        found = np.zeros((max(len(band) for _, band in pairs), pairs[0][1].shape[1]))
+        for weight, band in pairs:  # most of them are narrow
+            found[: len(band)] += weight * band
+        return found
+
+    def moved(self, motion: Trajectory, states: Array) -> Trajectory:
+        """A motion with these states (n_unknowns,) added, from step to step."""
+        states = states.reshape(len(motion.q), -1)
+        q, late = np.split(states, 2, axis=1)  # q and h q_dot
+        q_ddot = motion.q_ddot + np.reshape(
+            np.einsum("nij,nj->ni", self.inside, states[:-1]), motion.q_ddot.shape
+        )
+        q_dot = motion.q_dot + late / motion.grid.step
+        return replace(motion, q=motion.q + q, q_dot=q_dot, q_ddot=q_ddot)
 
     def table(self, columns: Array) -> Table:
-        """Columns (n, m) that are weighed, for some noises or others."""
-        h, y = self.shown, columns
-        lagged = y[1:].T @ y[:-1]
-        own = _OneLag(y.T @ y, lagged + lagged.T, y[1:-1].T @ y[1:-1])
-        crossed = h[1:].T @ y[:-1] + h[:-1].T @ y[1:]
-        return Table(self, own, _OneLag(h.T @ y, crossed, h[1:-1].T @ y[1:-1]))
+        """Columns (c n, m) that are weighed by some noises or others."""
+        return Table(self, np.split(columns, len(self.shown)))
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Columns of one record, of which the last is what is left of it."""
+    """Columns of one record, channel by channel, and what they say of the states."""
 
     noises: TwoNoises
-    own: _OneLag
-    crossed: _OneLag
+    channels: Sequence[Array]
 
-    def products(self, noises: Noises) -> Array:
-        """Of all columns, over these noises."""
-        relative = noises.force / noises.sensor**2
-        return self.weighed(relative, noises.colour).products / noises.sensor**2
+    @cached_property
+    def _crossed(self) -> list[_OneLag]:
+        return [_OneLag.of(h, y) for h, y in zip(self.noises.shown, self.channels, strict=True)]
 
-    def weighed(self, force: float, colour: float) -> Weighed:
-        """By the inverse of the covariance; the sensor adds 1 at each sample, ``force`` > 0."""
-        bands, moved = self.noises._bands
-        factor = cholesky_banded(bands.at(colour) + moved / force, lower=True)
-        crossed = self.crossed.at(colour)
-        products = self.own.at(colour) - crossed.T @ cho_solve_banded((factor, True), crossed)
-        moves = self.noises.moves.shape[0]
-        spread = 2 * np.sum(np.log(factor[0])) + moves * np.log(force) - np.log(1 - colour**2)
+    def weighed(self, noises: Noises) -> Weighed:
+        """By the inverse of the covariance; all sizes are above 0."""
+        two = self.noises
+        factor, states = self._states(noises)
+        # What the best states leave, not the difference of two large numbers.
+        left = (y - h @ states for h, y in zip(two.shown, self.channels, strict=True))
+        products = _over((_OneLag.of(e, e) for e in left), noises)
+        for moves, f in zip(two.moves, noises.force, strict=True):
+            pushed = moves @ states
+            products = products + pushed.T @ pushed / f
+        spread = 2 * np.sum(np.log(factor[0])) - np.sum(np.log(1 - noises.colour**2))
+        spread += two.moves[0].shape[0] * np.sum(np.log(noises.force))
+        spread += 2 * two.shown[0].shape[0] * np.sum(np.log(noises.sensor))
         return Weighed(products, float(spread))
+
+    def states(self, noises: Noises) -> Array:
+        """The most likely states behind each column, (n_unknowns, m)."""
+        return self._states(noises)[1]
+
+    def _states(self, noises: Noises) -> tuple[Array, Array]:
+        """The factor of their information before them."""
+        factor = cholesky_banded(self.noises.information(noises), lower=True)
+        return factor, cho_solve_banded((factor, True), _over(self._crossed, noises))
 
 
 def found_noises(noises: TwoNoises, left: Array) -> Noises:
-    """Noises of the largest likelihood in what a fit leaves of a record, (n,), measured unit."""
-    some = [slice(0, len(left))] if len(left) <= _ENOUGH else _windows(len(left))
-    tables = [noises.between(w.start, w.stop).table(left[w, None]) for w in some]
-    states = noises.shown.shape[1] - noises.moves.shape[0]
-    freedom = sum(len(left[w]) - states for w in some)
-    usual = np.log(noises.usual)
+    """Noises of the largest likelihood in what a fit leaves of a record, (c n,), measured unit."""
+    search = _Search.of(noises, left)
+    starts = [search.alike(f, np.arctanh(c)) for f in _FORCES for c in _COLOURS]
+    best = min(starts, key=search.cost)
+    both = np.stack([search.alike(1.0, 0.0), search.alike(0.0, 1.0)], axis=1)
 
-    def weighed(force: float, colour: float) -> tuple[float, float]:
-        both = [t.weighed(np.exp(force + usual), np.tanh(colour)) for t in tables]
-        return sum(float(w.products[0, 0]) for w in both), sum(w.log_determinant for w in both)
+    def cost(x: Array) -> float:
+        return search.cost(best + both @ x)
 
-    def cost(at: Sequence[float] | Array) -> float:
-        force, colour = at
-        if abs(force) > _WIDEST or abs(colour) > _WHITEST:
-            return np.inf
-        try:
-            chi_squared, spread = weighed(force, colour)
-        except LinAlgError:
-            return np.inf
-        return freedom * float(np.log(chi_squared)) + spread if chi_squared > 0 else np.inf
-
-    best = min(((f, np.arctanh(c)) for f in _FORCES for c in _COLOURS), key=cost)
-    simplex = np.add(best, [[0.0, 0.0], [1.5, 0.0], [0.0, 0.3]])
+    simplex = np.array([[0.0, 0.0], [1.5, 0.0], [0.0, 0.3]])
     options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.05, "maxiter": 60}
-    force, colour = minimize(cost, best, method="Nelder-Mead", options=options).x
-    sensor = np.sqrt(weighed(force, colour)[0] / freedom)
-    return Noises(float(np.exp(force + usual) * sensor**2), float(sensor), float(np.tanh(colour)))
+    best = best + both @ minimize(cost, np.zeros(2), method="Nelder-Mead", options=options).x
+    if search.n_forces + search.n_channels > 2:
+        low = search.alike(_LEAST, -_WHITEST) + search.louder(-_WIDEST)
+        high = search.alike(_WIDEST, _WHITEST) + search.louder(_WIDEST)
+        within = [*zip(low, high, strict=True)]
+        start, how = np.clip(best, low, high), {"method": "L-BFGS-B", "options": _SLOPES}
+        best = minimize(search.cost, start, bounds=within, **how).x
+    return search.sized(best)
 
 
-def _windows(n: int) -> list[slice]:
+@dataclass(frozen=True)
+class _Search:
+    """For noises, by powers of e on the usual force, arctanh of colours, powers of e on sensors.
+
+    ``usual`` (R,) is the force that moves as much as the sensors add where these add ``sensor``
+    (c,), which is what is left of each channel.
+    """
+
+    tables: tuple[Table, ...]
+    usual: Array
+    sensor: Array
+    freedom: int
+
+    @classmethod
+    def of(cls, noises: TwoNoises, left: Array) -> _Search:
+        channels = left.reshape(len(noises.shown), -1)
+        n = channels.shape[1]
+        enough = _ENOUGH // len(noises.moves)
+        some = [slice(0, n)] if n <= enough else _windows(n, enough // _WINDOWS)
+        tables = tuple(
+            noises.between(w.start, w.stop).table(channels[:, w].reshape(-1, 1)) for w in some
+        )
+        sensor = np.sqrt(np.mean(channels**2, axis=1))
+        sensor = np.maximum(sensor, 1e-9 * sensor.max())
+        usual = 1 / np.maximum(np.mean(noises.heard / sensor**2, axis=1), 1e-300)
+        freedom = sum(channels[:, w].size - noises.n_states for w in some)
+        return cls(tables, usual, sensor, freedom)
+
+    @property
+    def n_forces(self) -> int:
+        return len(self.usual)
+
+    @property
+    def n_channels(self) -> int:
+        return len(self.sensor)
+
+    def alike(self, force: float, colour: float) -> Array:
+        """The same for all coordinates and channels."""
+        return np.repeat([force, colour, 0.0], [self.n_forces, self.n_channels, self.n_channels])
+
+    def louder(self, sensors: float) -> Array:
+        """Sensors by so many powers of e."""
+        return np.repeat([0.0, sensors], [self.n_forces + self.n_channels, self.n_channels])
+
+    def noises(self, x: Array) -> Noises:
+        force, colour, sensor = np.split(x, np.cumsum([self.n_forces, self.n_channels]))
+        return Noises(np.exp(force) * self.usual, np.exp(sensor) * self.sensor, np.tanh(colour))
+
+    def weighed(self, noises: Noises) -> tuple[float, float]:
+        """Chi-square of what is left, and the log-determinant."""
+        found = [table.weighed(noises) for table in self.tables]
+        return (
+            sum(float(w.products[0, 0]) for w in found),
+            sum(w.log_determinant for w in found),
+        )
+
+    def cost(self, x: Array) -> float:
+        """-2 log likelihood, whatever the size of all noises together."""
+        if min(x[: self.n_forces]) < _LEAST or max(abs(x)) > _WIDEST:
+            return _NEVER
+        if max(abs(x[self.n_forces :][: self.n_channels])) > _WHITEST:
+            return _NEVER
+        try:
+            chi_squared, spread = self.weighed(self.noises(x))
+        except LinAlgError:
+            return _NEVER
+        return self.freedom * float(np.log(chi_squared)) + spread if chi_squared > 0 else _NEVER
+
+    def sized(self, x: Array) -> Noises:
+        """With the size that leaves a chi-square of its freedom."""
+        noises = self.noises(x)
+        return noises.louder(float(np.sqrt(self.weighed(noises)[0] / self.freedom)))
+
+
+def _windows(n: int, length: int) -> list[slice]:
     """Spread over n samples."""
-    length = _ENOUGH // _WINDOWS
     starts = np.linspace(0, n - length, _WINDOWS).round().astype(int)
     return [slice(int(a), int(a) + length) for a in starts]
 
 
-def _usual(transition: Array, seen: Array, step: float) -> float:
-    """By the response of an oscillator, of variance S / (4 zeta omega^3) in q."""
-    decay = -float(np.mean(np.linalg.slogdet(transition)[1])) / (len(transition[0]) * step)
-    turn = np.abs(np.angle(np.linalg.eigvals(transition).astype(complex)))
-    omega = max(float(np.mean(turn)) / step, 1e-12)
-    q = np.sqrt(np.mean(np.sum(seen**2, axis=-1)))  # a sample for a state of 1
-    return 4 * max(decay, 1e-3 * omega) * omega**2 / max(float(q) ** 2, 1e-300)
+def _moves(size: Array, transition: Array) -> spmatrix:
+    """Those of one coordinate, (2 n_steps, n_unknowns), by sizes (n_steps, 2, 2 R)."""
+    n, wide = len(size), size.shape[2]
+    blocks = np.stack([-size @ transition, size], axis=1).reshape(-1, 2, wide)
+    columns = np.arange(n)[:, None] + np.arange(2)
+    shape = (2 * n, wide * (n + 1))
+    return bsr_matrix((blocks, columns.ravel(), 2 * np.arange(n + 1)), shape=shape).tocsr()
 
 
-def _offsets(a: spmatrix) -> Array:
+def _heard(transition: Array, seen: Array, step: float) -> Array:
+    """By the responses of single oscillators, of variance S / (4 zeta omega^3) in q, (R, c)."""
+    r = transition.shape[1] // 2
+    found = np.empty((r, len(seen)))
+    for i in range(r):
+        own = transition[:, i::r, i::r]
+        decay = -float(np.mean(np.linalg.slogdet(own)[1])) / (2 * step)
+        turn = np.abs(np.angle(np.linalg.eigvals(own).astype(complex)))
+        omega = max(float(np.mean(turn)) / step, 1e-12)
+        q = np.mean(np.sum(seen[:, :, i::r] ** 2, axis=2), axis=1)  # a sample for a state of 1
+        found[i] = q / (4 * max(decay, 1e-3 * omega) * omega**2)
+    return found
+
+
+def _band(a: spmatrix) -> Array:
+    """Lower diagonals of a symmetric matrix, (wide + 1, n)."""
     entries = a.tocoo()
-    return np.abs(entries.row - entries.col)
-
-
-def _band(a: spmatrix, wide: int) -> Array:
-    """Lower diagonals of a symmetric matrix, (wide + 1, n), as LAPACK takes them."""
-    entries, band = a.tocoo(), np.zeros((wide + 1, a.shape[0]))
+    wide = int(np.abs(entries.row - entries.col).max(initial=0))
+    band = np.zeros((wide + 1, a.shape[0]))
     low = entries.row >= entries.col
     rows, columns = entries.row[low], entries.col[low]
     band[rows - columns, columns] = entries.data[low]

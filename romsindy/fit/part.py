@@ -108,7 +108,7 @@ class Part:
         return low, high
 
     def by_value(self, of: str, arguments: tuple, record: int) -> Array:
-        """Derivatives of force or reading with respect to the values in `columns`, (m, n)."""
+        """Derivatives of force or reading by the values in `columns`, (m, n) or (m, n, R)."""
         unit = getattr(self.effect, of)(*arguments)
         own, shape = self.own(record), self.shape
         rows: list[Array] = [unit]
@@ -117,7 +117,7 @@ class Part:
             step = 1e-6 * max(abs(p.high - p.low), abs(p.high))
             there[i] += step if shape[i] + step <= p.high else -step
             change = getattr(self.shaped(there).effect, of)(*arguments) - unit
-            rows.append((own @ change / (there[i] - shape[i]))[None])
+            rows.append((np.tensordot(own, change, 1) / (there[i] - shape[i]))[None])
         return np.concatenate(rows)
 
 

@@ -11,16 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from romsindy.fit.collocation import Trajectory, TrajectoryError
-from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared
 from romsindy.fit.shooting import simulated
-from romsindy.physics.coupled import CoupledModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
+
+R = TypeVar("R", bound=Prepared)
 
 # Cycles of the slowest coordinate in the first pieces, and at least so many beats of the two that
 # are nearest; by about how much they grow.
@@ -28,16 +31,15 @@ _CYCLES, _BEATS, _GROWTH = 10.0, 2.0, 2.0
 _ROUGH = 1e-3  # change of chi-square, of what is left beyond the noise, at which a fit ends
 
 
-def cut(record: CoupledRecord, cycles: float) -> list[CoupledRecord]:
+def cut(record: R, cycles: float) -> list[R]:
     """A record in pieces about so many cycles of its slowest coordinate long."""
-    return record.pieces(max(1, round(record.cycles / cycles)))
+    return record.pieces(max(1, round(record.turns / cycles)))
 
 
-def lengths(records: Sequence[CoupledRecord]) -> list[float]:
+def lengths(records: Sequence[Prepared]) -> list[float]:
     """Of pieces, in cycles, until no record is cut; infinite at the end."""
-    several = [np.array([np.median(tone.frequency) for tone in r.tones]) for r in records]
-    first = shortest(*several)
-    longest = max(record.cycles for record in records)
+    first = shortest(*(r.frequencies for r in records))
+    longest = max(record.turns for record in records)
     more = max(longest / first, 1.0)
     count = round(np.log(more) / np.log(_GROWTH))
     return [*(first * more ** (k / count) for k in range(count)), np.inf]
@@ -50,7 +52,7 @@ def shortest(*several: Array) -> float:
 
 
 def fit_pieces(
-    model: CoupledModel, parts: Sequence[Part], records: Sequence[CoupledRecord], cycles: float
+    model: AnyModel, parts: Sequence[Part], records: Sequence[Prepared], cycles: float
 ) -> Solution | None:
     """The model fitted to pieces so many cycles long, from the motions of the records.
 
@@ -71,14 +73,13 @@ def fit_pieces(
     for record, own in zip(records, several, strict=True):
         here = slice(first, first + len(own))
         whole.append(Trajectory.joined(record.motion.grid, motions[here]))
-        channels = [x.reshape(len(record.noise), -1) for x in residuals[here]]
+        pieces = zip(own, residuals[here], strict=True)
+        channels = [piece.by_channel(x) for piece, x in pieces]
         left.append(np.concatenate(channels, axis=1).ravel())
         first += len(own)
     return replace(solution, motions=tuple(whole), residuals=tuple(left))
 
 
-def moved(
-    records: Sequence[CoupledRecord], motions: Sequence[Trajectory]
-) -> tuple[CoupledRecord, ...]:
+def moved(records: Sequence[R], motions: Sequence[Trajectory]) -> tuple[R, ...]:
     """Records with other motions behind them."""
-    return tuple(replace(r, motion=m) for r, m in zip(records, motions, strict=True))
+    return tuple(r.with_motion(m) for r, m in zip(records, motions, strict=True))

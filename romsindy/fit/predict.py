@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -14,12 +14,13 @@ from romsindy.effects.outside import Bias
 from romsindy.fit.collocation import TrajectoryError, integrate
 from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.equation import equation_of
+from romsindy.fit.forced.modes import modes_in
 from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.friction import smoothed
 from romsindy.fit.gauss_newton import Solution, fit
-from romsindy.fit.measured import NUMERICS, require_unit, small_frequencies
+from romsindy.fit.measured import NUMERICS, ready_along, require_unit
 from romsindy.fit.part import Part, in_orders
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.fit.remembering import memory_parts
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import AnyModel, CoupledModel
@@ -38,15 +39,15 @@ class Sensors(NamedTuple):
 
     Attributes
     ----------
-    offset : float
-        Of the sensor of one coordinate, unit of the measured quantity.
+    offset : float or (n_channels,) array
+        Of the sensors, unit of the measured quantity.
     shapes : (n_channels, R) array, optional
         What each channel shows of each of several coordinates.
     curved : tuple of Part
         What channels show of products of coordinates.
     """
 
-    offset: float = 0.0
+    offset: Array | float = 0.0
     shapes: Array | None = None
     curved: tuple[Part, ...] = ()
 
@@ -66,33 +67,45 @@ def predicted(
         raise ValueError(
             f"samples = {samples!r} must be a whole number from {least} to the {n} of the record"
         )
-    if isinstance(model, CoupledModel):
-        return _of_several(model, sensors, record, samples)
-    return _of_one(model, sensors.offset, record, samples)
+    of = _of_several if model.numbered else _of_one
+    return of(_acting(model, record), sensors, record, samples)
+
+
+def _acting(model: AnyModel, record: Decay | ForcedVibration) -> Any:
+    """The model as it moves in a record: without its inputs in a decay."""
+    if isinstance(record, Decay):
+        return without_inputs(model)
+    names = dict.fromkeys(term.source for term in inputs_of(model))
+    missing = [name for name in names if name not in record.names]
+    if missing:
+        raise ValueError(
+            f"the model is driven by {missing}, and the record has {list(record.names)}: give all"
+            " inputs under the names of the fit"
+        )
+    return model
 
 
 def _of_one(
-    model: ReducedModel, offset: float, record: Decay | ForcedVibration, samples: int
+    model: ReducedModel, sensors: Sensors, record: Decay | ForcedVibration, samples: int
 ) -> Array:
-    names = record.names if isinstance(record, ForcedVibration) else ()
-    missing = [t.source for t in inputs_of(model) if t.source not in names]
-    if missing and names:
-        raise ValueError(
-            f"the model is driven by {missing}, and the record has {list(names)}: give all inputs"
-            " under the names of the fit"
-        )
-    seen: Record | ForcedRecord
+    offset = float(sensors.offset)
+    seen: Prepared
     if isinstance(record, ForcedVibration):
         seen = _from_zero(ForcedRecord.of(record, NUMERICS), offset)
     else:
-        model, seen = without_inputs(model), Record.of(record.single(), NUMERICS)
+        seen = Record.of(record.single(), NUMERICS)
     bias = (Part(Bias(), (), np.full((1, 1), offset)),) if offset else ()
     smooth, parts = smoothed(model, [seen]), (*bias, *memory_parts(model, [seen]))
-    first = seen.until(float(seen.t[samples - 1]))
-    known = fit(smooth, parts, [first], fixed=True)
-    equation = equation_of(smooth, known.parts, 0, seen)
-    motion = integrate(equation, known.motions[0].start, seen.motion.grid, seen.motion)
-    return seen.read(bias, 0, motion.samples(equation, seen.derivative)).shown
+    known = fit(smooth, parts, [seen.beginning(samples)], fixed=True)
+    return _shown(smooth, known.parts, seen, known.motions[0].start)
+
+
+def _shown(model: AnyModel, parts: Sequence[Part], record: Prepared, start: Array) -> Array:
+    """What the channels show of the motion from a state, (c n,)."""
+    equation = equation_of(model, parts, 0, record)
+    motion = integrate(equation, start, record.motion.grid, record.motion)
+    x = in_orders(record.orders(parts), partial(motion.samples, equation))
+    return record.read(parts, 0, x).shown
 
 
 def _from_zero(record: ForcedRecord, offset: float) -> ForcedRecord:
@@ -104,7 +117,7 @@ def _from_zero(record: ForcedRecord, offset: float) -> ForcedRecord:
 
 
 def _of_several(
-    model: CoupledModel, sensors: Sensors, decay: Decay | ForcedVibration, samples: int
+    model: CoupledModel, sensors: Sensors, measured: Decay | ForcedVibration, samples: int
 ) -> Array:
     shapes, curved = sensors.shapes, sensors.curved
     if shapes is None:
@@ -112,23 +125,23 @@ def _of_several(
             "what the channels show of several coordinates is not known: predict with the fit"
             " itself, not with what was saved of it"
         )
-    if isinstance(decay, ForcedVibration):
-        raise ValueError("the model has several coordinates, and no inputs: give a decay")
-    if decay.n_channels != len(shapes):
+    if measured.n_channels != len(shapes):
         raise ValueError(
-            f"the decay has {decay.n_channels} channels, the fit {len(shapes)}: give the same"
+            f"the record has {measured.n_channels} channels, the fit {len(shapes)}: give the same"
             " sensors in the same order"
         )
-    main = [int(i) for i in np.argmax(shapes == 1.0, axis=0)]
-    found = CoupledRecord.of(decay, small_frequencies(model), NUMERICS, main)
-    record = replace(found, shapes=shapes)
+    offset = np.repeat(np.broadcast_to(sensors.offset, len(shapes)), len(measured.t))
+    record = ready_along([measured], modes_in(model, shapes))[0]
+    record = record.with_signal(record.signal - offset)
     model = smoothed(model, [record])
-    start = _start(model, curved, record, samples)
-    equation = equation_of(model, (), 0, record)
-    motion = integrate(equation, start, record.motion.grid, record.motion)
-    x = in_orders(record.orders(curved), partial(motion.samples, equation))
-    shown = record.read(curved, 0, x).shown
-    return shown.reshape(decay.n_channels, -1).T.reshape(decay.signal.shape)
+    if record.driven:  # inputs keep the phase
+        first = record.beginning(samples)
+        start = fit(model, curved, [first], fixed=True).motions[0].start
+    else:
+        start = _start(model, curved, record, samples)
+    shown = _shown(model, curved, record, start) + offset
+    like = measured.y if isinstance(measured, ForcedVibration) else measured.signal
+    return record.by_channel(shown).T.reshape(like.shape)
 
 
 def _start(
@@ -139,7 +152,7 @@ def _start(
     From a state that is far off, a fit over many cycles would not find its way. Vibrations that
     beat have several states that show few cycles well: the best of some is taken.
     """
-    cycle = len(record.t) / record.cycles
+    cycle = len(record.t) / record.turns
     fewest = _SAMPLES * model.n_coordinates
     firsts = sorted({min(max(int(c * cycle), fewest), samples) for c in _CYCLES})
     found: list[Solution] = []
@@ -156,12 +169,12 @@ def _grown(
     model: CoupledModel, curved: Sequence[Part], record: CoupledRecord, first: int, samples: int
 ) -> Solution:
     """The initial state of all samples, from that of the first ones."""
-    few, equation = record.until(first), equation_of(model, (), 0, record)
+    few, equation = record.beginning(first), equation_of(model, (), 0, record)
     motions = [integrate(equation, _linear_state(model, few), few.motion.grid)]
     counts = first * _GROWTH ** np.arange(np.log(samples / first) / np.log(_GROWTH))
     for n in counts.astype(int):
-        motions = list(shoot(model, curved, [record.until(n)], motions, fixed=True)[0].motions)
-    return shoot(model, curved, [record.until(samples)], motions, fixed=True)[0]
+        motions = list(shoot(model, curved, [record.beginning(n)], motions, fixed=True)[0].motions)
+    return shoot(model, curved, [record.beginning(samples)], motions, fixed=True)[0]
 
 
 def _linear_state(model: CoupledModel, record: CoupledRecord) -> Array:

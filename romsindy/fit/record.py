@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from romsindy.fit.verdict import QUIET, RELEASED
 from romsindy.record.decay import Decay
 from romsindy.record.faults import clipped
 from romsindy.record.noise import Noise
+from romsindy.record.ridges import Ridge
 from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.spectrum import Spectrum, distortion, noise_std, settling
 from romsindy.typing import Array, Indices
@@ -31,10 +34,33 @@ _LEAST_CYCLES, _MOST_WINDOWS = 3, 40  # of a window, of a record
 _FEW = 16  # cycles: in fewer, too few lines for a median lie between two harmonics
 
 
-class OfDecay:
-    """What every record has of its decay, whatever the number of coordinates."""
+R = TypeVar("R", bound="Prepared")
 
-    decay: Decay
+
+class Prepared(ABC):
+    """A record ready to be compared with a simulation, whatever the number of its coordinates.
+
+    Attributes
+    ----------
+    decay : Decay or ForcedVibration
+        What was measured.
+    signal : (c n,) array
+        Its channels, one after the other.
+    noise : Noise, or one for each channel
+    motion : Trajectory
+        Smooth displacement of the coordinates, from which a fit starts.
+    tones : tuple of Ridge
+        The fundamentals of several coordinates that ring.
+    since : float
+        Where it starts in the record that it is a piece of, s.
+    """
+
+    decay: Any
+    signal: Array
+    noise: Any
+    motion: Trajectory
+    tones: tuple[Ridge, ...] = ()
+    since: float = 0.0
 
     @property
     def t(self) -> Array:
@@ -57,9 +83,109 @@ class OfDecay:
         return float(np.abs(self.decay.q).max())
 
     @property
+    def noises(self) -> tuple[Noise, ...]:
+        """Of every channel."""
+        return self.noise if isinstance(self.noise, tuple) else (self.noise,)
+
+    @property
+    def white(self) -> Array:
+        """Standard deviation of the noise of each sample, were it white, (c n,)."""
+        return np.repeat([noise.std for noise in self.noises], len(self.decay.t))
+
+    @property
     def inputs(self) -> Mapping[str, SampledInput]:
         """What drives it, by name: nothing drives a decay."""
         return {}
+
+    @property
+    def driven(self) -> bool:
+        """Whether inputs drive it."""
+        return bool(self.inputs)
+
+    @property
+    def n_channels(self) -> int:
+        """c."""
+        return len(self.signal) // len(self.decay.t)
+
+    @property
+    @abstractmethod
+    def amplitude(self) -> float:
+        """Largest displacement of a coordinate."""
+
+    @property
+    @abstractmethod
+    def rate(self) -> float:
+        """Mean angular frequency, of the slowest coordinate, rad/s."""
+
+    @property
+    def frequencies(self) -> Array:
+        """Of the coordinates, Hz, (R,)."""
+        return np.array([self.rate / (2 * np.pi)])
+
+    @property
+    def turns(self) -> float:
+        """Cycles of the slowest coordinate, in all."""
+        return float(self.t[-1]) * float(self.frequencies.min())
+
+    @property
+    def count(self) -> float:
+        """Samples that tell anything, of all channels."""
+        return float(len(self.signal))
+
+    @property
+    def power(self) -> float:
+        """Sum of squares of what was measured, about the mean of each channel."""
+        channels = self.by_channel(self.signal)
+        return float(np.sum((channels - channels.mean(axis=1, keepdims=True)) ** 2))
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the reader of a fit must know of it."""
+        return []
+
+    @abstractmethod
+    def until(self: R, end: float) -> R:
+        """The first seconds of the record, with the noise of all of it."""
+
+    def beginning(self: R, samples: int) -> R:
+        """So many samples, of every channel."""
+        return self.until(float(self.t[samples - 1]))
+
+    def pieces(self: R, count: int) -> list[R]:
+        """In so many stretches, each with a state of its own at its start; some stay whole."""
+        return [self]
+
+    @abstractmethod
+    def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
+        """What the sensors show of a motion in its `orders`, with the parts of a hypothesis."""
+
+    @abstractmethod
+    def whitened(self, x: Array) -> Array:
+        """Misfits or their derivatives (c n, ...) over the noise."""
+
+    def by_channel(self, x: Array) -> Array:
+        """Signals that stand one after the other, (c n, ...), apart: (c, n, ...)."""
+        return x.reshape(self.n_channels, -1, *x.shape[1:])
+
+    def mode_shapes(self, parts: Sequence[Part]) -> Array:
+        """What each channel shows of each coordinate of small motions, (c, R)."""
+        return np.ones((1, 1))
+
+    def alone(self, residual: Array) -> list[tuple[Record, Array]]:
+        """Records of single coordinates, with a residual of this one whitened."""
+        raise NotImplementedError
+
+    def with_signal(self: R, signal: Array) -> R:
+        """The same with another measurement, such as a simulated one."""
+        return replace(self, signal=signal)  # type: ignore[type-var]
+
+    def with_motion(self: R, motion: Trajectory) -> R:
+        """The same with another motion behind it."""
+        return replace(self, motion=motion)  # type: ignore[type-var]
+
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Noise like that of the record, (c n,)."""
+        return np.asarray(self.noise.draw(len(self.signal), self.decay.dt, rng))
 
     def orders(self, parts: Sequence[Part]) -> tuple[int, ...]:
         """Which derivatives of the motion its reading needs."""
@@ -67,7 +193,7 @@ class OfDecay:
 
 
 @dataclass(frozen=True)
-class Record(OfDecay):
+class Record(Prepared):
     """One decay: what was measured, its noise, and the smooth motion behind it.
 
     Attributes
@@ -245,14 +371,6 @@ class Record(OfDecay):
         """The same for a fit that may be wrong: see `romsindy.record.noise.Noise.alike`."""
         return replace(self, noise=self.noise.weighing_alike())
 
-    def with_signal(self, signal: Array) -> Record:
-        """The same with another measurement, such as a simulated one."""
-        return replace(self, signal=signal)
-
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Noise like that of the record, (n,)."""
-        return self.noise.draw(len(self.signal), self.decay.dt, rng)
-
     def over_noise(self, x: Array) -> Array:
         """Misfits or their derivatives (n, ...) over the noise, for a fit that may be wrong.
 
@@ -381,3 +499,13 @@ def sharing_drift(records: Sequence[Record]) -> list[Record]:
         r if r.noise.drift is not None else replace(r, noise=replace(r.noise, drift=usual))
         for r in records
     ]
+
+
+def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:
+    """Those of several coordinates that ring; of records in pieces the first, with all tones."""
+    return [r for r in records if r.tones and r.since == 0]
+
+
+def in_pieces(records: Sequence[Prepared]) -> bool:
+    """Whether records of several coordinates were cut, each with an initial state of its own."""
+    return any(r.since > 0 for r in records)

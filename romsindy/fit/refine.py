@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
-from romsindy.fit.forced.pieces import forced_among
 from romsindy.fit.forced.refine import refined_forced
 from romsindy.fit.forced.terms import LINEAR
 from romsindy.fit.measured import (
@@ -30,8 +28,9 @@ from romsindy.fit.measured import (
     small_frequencies,
 )
 from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared
 from romsindy.fit.shooting import LOSSES
-from romsindy.physics.coupled import AnyModel, CoupledModel
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
@@ -111,7 +110,7 @@ def refine_terms(
     laws = tuple({t.key: t for t in (*LINEAR, *terms)}.values())
     require_known(fixed, [t.key for t in laws])
     records = ready(several)
-    inputs = inputs_in([r.decay for r in forced_among(records)], "linear")
+    inputs = inputs_in([r.decay for r in records if r.driven], "linear")
     found = regressed(laws, inputs, records)[0].tolist()
     values = tuple(fixed.get(t.key, v) for t, v in zip(laws, found, strict=True))
     model = ReducedModel(laws, values, several[0].unit)
@@ -124,9 +123,9 @@ def _is_law(term: object) -> bool:
 
 def _seen(
     model: AnyModel, decays: Sequence[Decay], offset: bool
-) -> tuple[tuple[AnyRecord, ...], tuple[Part, ...]]:
+) -> tuple[tuple[Prepared, ...], tuple[Part, ...]]:
     """Records, and what of their sensors is fitted: offsets, or mode shapes."""
-    if not isinstance(model, CoupledModel):
+    if not model.numbered:
         records = prepared(decays, model.unit)
         return records, (free_offsets(records),) if offset else ()
     if offset:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar, cast
+from typing import TypeVar
 
 from romsindy.effects.base import Effect, Scales
 from romsindy.effects.memory import MemoryEffect, SmallMass
-from romsindy.fit.any_record import AnyRecord
-from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared
 from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
@@ -19,7 +17,7 @@ from romsindy.physics.term_sum import TermSum
 Model = TypeVar("Model", bound=TermSum)
 
 
-def memory_parts(model: TermSum, records: Sequence[AnyRecord]) -> tuple[Part, ...]:
+def memory_parts(model: TermSum, records: Sequence[Prepared]) -> tuple[Part, ...]:
     """The forces of a model that remember, from their values there.
 
     Raises
@@ -29,9 +27,8 @@ def memory_parts(model: TermSum, records: Sequence[AnyRecord]) -> tuple[Part, ..
     """
     if not model.memories:
         return ()
-    alone = cast("Sequence[Record | ForcedRecord]", records)  # a CoupledModel has none
-    longest = max(alone, key=lambda r: float(r.t[-1]))
-    scales = Scales(max(r.amplitude for r in alone), longest.rate, float(longest.t[-1]))
+    longest = max(records, key=lambda r: float(r.t[-1]))
+    scales = Scales(max(r.amplitude for r in records), longest.rate, float(longest.t[-1]))
     return tuple(_part(law, c, scales, len(records)) for law, c in model.memories.items())
 
 
@@ -52,9 +49,9 @@ def _part(law: MemoryLaw, strength: float, scales: Scales, n_records: int) -> Pa
     return replace(part, strengths=strengths)
 
 
-def law_in(effect: Effect) -> Term | MemoryLaw | None:
-    """The term that an effect is in a model, with a memory or without; None where it is none."""
-    return effect.remembering if isinstance(effect, MemoryEffect) else effect.term()
+def laws_in(effect: Effect) -> tuple[Term | MemoryLaw, ...]:
+    """The terms that an effect is in a model, with a memory or without, one for each strength."""
+    return (effect.remembering,) if isinstance(effect, MemoryEffect) else effect.laws()
 
 
 def with_memories(model: Model, parts: Sequence[Part]) -> Model:

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from romsindy.fit.any_record import AnyRecord, one_a_decay
+from romsindy.fit.record import Prepared, one_a_decay
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.record.vibrations import Resonance, resonances_of
 from romsindy.text import quantity
 
 
-def resonances_in(records: Sequence[AnyRecord]) -> tuple[Resonance, ...]:
+def resonances_in(records: Sequence[Prepared]) -> tuple[Resonance, ...]:
     """Pairs of modes, counted from 0 by frequency, where they come nearest to p : q in any record.
 
     Empty for records of one coordinate.
@@ -32,7 +32,7 @@ def resonances_in(records: Sequence[AnyRecord]) -> tuple[Resonance, ...]:
     return tuple(nearest[pair] for pair in sorted(nearest))
 
 
-def resonance_notes(model: AnyModel, records: Sequence[AnyRecord]) -> list[str]:
+def resonance_notes(model: AnyModel, records: Sequence[Prepared]) -> list[str]:
     """A sentence for each of them."""
     return [
         f"modes {r.lower + 1} and {r.higher + 1} ring at {r.p}:{r.q} (ratio {r.ratio:.4g} at"

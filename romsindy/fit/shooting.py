@@ -14,7 +14,6 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
-from romsindy.fit.any_record import AnyRecord
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.equation import equation_of
 from romsindy.fit.gauss_newton import Solution, held_values, limits, moved_parts, table
@@ -22,6 +21,7 @@ from romsindy.fit.linear_response import sensitivity
 from romsindy.fit.linear_steps import Equation
 from romsindy.fit.normal_equations import NormalEquations, priors
 from romsindy.fit.part import Part, columns_of, in_orders
+from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
 
@@ -40,7 +40,7 @@ class _Problem:
 
     model: AnyModel
     parts: tuple[Part, ...]
-    records: Sequence[AnyRecord]
+    records: Sequence[Prepared]
     motions: list[Trajectory]  # the last ones, from which the next are found
     say: Callable[[str], None]
 
@@ -121,7 +121,7 @@ class _Problem:
 def simulated(
     model: AnyModel,
     parts: Sequence[Part],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     motions: Sequence[Trajectory],
 ) -> tuple[list[Trajectory], list[Array]]:
     """Motions from the initial states of some, and what they leave of the records.
@@ -138,7 +138,7 @@ def simulated(
 def simulated_misfit(
     model: AnyModel,
     parts: Sequence[Part],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     motions: Sequence[Trajectory],
 ) -> Array:
     """Whitened misfit of all records, simulated from the initial states of some motions."""
@@ -152,7 +152,7 @@ def simulated_misfit(
 def shoot(
     model: AnyModel,
     parts: Sequence[Part],
-    records: Sequence[AnyRecord],
+    records: Sequence[Prepared],
     motions: Sequence[Trajectory],
     *,
     fixed: bool = False,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.fit.any_record import one_a_decay
 from romsindy.fit.fitted import Fit
+from romsindy.fit.record import one_a_decay
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.typing import Array
 
@@ -63,8 +63,14 @@ def small_vibrations(fit: Fit) -> tuple[SmallVibration, ...]:
 
 
 def _followed(fit: Fit, coordinate: int) -> tuple[Array, Array]:
-    """Amplitude of a coordinate, and its frequency in Hz, as followed in all decays."""
-    tones = [(r.tones[coordinate], r) for r in one_a_decay(fit.records)]
+    """Amplitude of a coordinate, and its frequency in Hz, as followed in all decays.
+
+    Where inputs drive it, its largest displacement; its frequency is theirs.
+    """
+    ringing = one_a_decay(fit.records)
+    if not ringing:
+        return np.array([max(map(abs, fit.reach_of(coordinate + 1)))]), np.array([np.nan])
+    tones = [(r.tones[coordinate], r) for r in ringing]
     amplitude = [t.amplitude / (2 * np.pi * t.frequency) ** r.derivative for t, r in tones]
     return np.concatenate(amplitude), np.concatenate([t.frequency for t, _ in tones])
 

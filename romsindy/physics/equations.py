@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from romsindy.physics import export
-from romsindy.physics.coupling import CoupledTerm, Names
+from romsindy.physics.coupling import Along, CoupledTerm, Names
 from romsindy.physics.input import Excitation, Forcing, Input, input_in
 from romsindy.physics.integration import (
     integrate_remembering,
@@ -411,6 +411,18 @@ def without_inputs(model: Model) -> Model:
     pairs = zip(model.terms, model.values, strict=True)
     kept = {term: value for term, value in pairs if input_in(term) is None}
     return replace(model, terms=tuple(kept), values=tuple(kept.values()))
+
+
+def with_inputs(model: Any, inputs: Sequence[Input], gains: Sequence[Any]) -> Any:
+    """A model that inputs drive, with the gains of each: a number, or one for each coordinate."""
+    several = [
+        [Along.coordinate(term, i + 1) for i in range(model.n_coordinates)]
+        if model.numbered
+        else [term]
+        for term in inputs
+    ]
+    terms = (*model.terms, *(term for own in several for term in own))
+    return replace(model, terms=terms, values=(*model.values, *np.ravel(gains).tolist()))
 
 
 def gain_of(model: Equations) -> Any:

@@ -221,9 +221,9 @@ class Decay:
             )
         return self.channel(0)
 
-    def same_record(self, other: Decay) -> bool:
+    def same_record(self, other: Any) -> bool:
         """Whether both hold the same samples of q."""
-        return np.array_equal(self.q, other.q)
+        return isinstance(other, type(self)) and np.array_equal(self.q, other.q)
 
     def __repr__(self) -> str:
         size = f"{len(self.t)} samples at {1 / self.dt:.6g} Hz, {self.t[-1] - self.t[0]:.4g} s"

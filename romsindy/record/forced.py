@@ -38,7 +38,7 @@ class ForcedVibration:
         Dates count in s from the first one.
     y : (n,) or (n, n_channels) array
         What was measured of the motion: displacement, velocity or acceleration of q. With a base
-        that moves, q counts from the base. Fits take one channel.
+        that moves, q counts from the base. Several channels show several coordinates.
     u : (n,) or (n, n_inputs) array
         Measured inputs: forces, or accelerations of the base.
     unit : str, optional
@@ -130,6 +130,11 @@ class ForcedVibration:
         return QUANTITIES.index(self.measured)
 
     @property
+    def n_channels(self) -> int:
+        """Number of channels of y."""
+        return 1 if self.y.ndim == 1 else self.y.shape[1]
+
+    @property
     def signal(self) -> Array:
         """What was measured of the motion, (n,).
 
@@ -140,7 +145,8 @@ class ForcedVibration:
         """
         if self.y.ndim == 2:
             raise ValueError(
-                f"y has {self.y.shape[1]} channels, and one is needed here: choose one, y[:, 0]"
+                f"y has {self.n_channels} channels, and one is needed here: choose one, y[:, 0], or"
+                " model several coordinates"
             )
         return self.y
 
@@ -162,7 +168,7 @@ class ForcedVibration:
 
     def same_record(self, other: Any) -> bool:
         """Whether both hold the same samples of y."""
-        return np.array_equal(self.y, getattr(other, "y", ()))
+        return isinstance(other, type(self)) and np.array_equal(self.y, other.y)
 
     def between(self, start: float | None = None, end: float | None = None) -> ForcedVibration:
         """The part with start <= t <= end, in s; None leaves an end as it is.

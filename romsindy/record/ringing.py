@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from romsindy.record.decay import Decay
+from romsindy.record.forced import ForcedVibration
 from romsindy.record.vibrations import Vibration, find_vibrations
 from romsindy.typing import Array
 
@@ -74,7 +75,7 @@ def names_of(vibrations: Sequence[Vibration]) -> str:
     return ", ".join(f"{v.small_frequency:.4g} Hz" for v in vibrations) or "nothing"
 
 
-def require_channels(decays: Sequence[Decay], count: int) -> None:
+def require_channels(decays: Sequence[Decay | ForcedVibration], count: int) -> None:
     """All decays with so many channels.
 
     Raises

@@ -92,7 +92,6 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
         np.concatenate([x.reshape(-1, len(d.t)) for x, d in zip(several, decays, strict=True)], 1)
         for several in ([r.signal for r, _ in pairs], [residual for _, residual in pairs])
     )
-    noise = first.noise if isinstance(first.noise, tuple) else (first.noise,)
     return [
         Compared(
             np.concatenate([d.t for d in decays]),
@@ -104,7 +103,7 @@ def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
             _inputs(decays) if first.inputs else {},
             min(float(_rate(record.motion)) for record, _ in pairs),
         )
-        for x, rest, own in zip(measured, left, noise, strict=True)
+        for x, rest, own in zip(measured, left, first.noises, strict=True)
     ]
 
 
@@ -115,11 +114,12 @@ def _inputs(vibrations: Sequence[Any]) -> dict[str, Array]:
     return dict(zip(labels, u.T, strict=True))
 
 
-def held_out_of(vibration: Any, missed: Array) -> Compared:
-    """What took no part in a fit, and what was missed of it, (n,)."""
-    v = vibration
-    left = {"simulated": missed}
-    return Compared(v.t, v.signal, left, v.measured, v.signal_unit, inputs=_inputs([v]))
+def held_out_of(vibration: Any, missed: Array) -> list[Compared]:
+    """Channels that took no part in a fit, and what was missed of them, (n,) or (n, c)."""
+    v, n = vibration, len(vibration.t)
+    pairs = zip(v.y.reshape(n, -1).T, missed.reshape(n, -1).T, strict=True)
+    how = {"quantity": v.measured, "unit": v.signal_unit, "inputs": _inputs([v])}
+    return [Compared(v.t, x, {"simulated": left}, **how) for x, left in pairs]
 
 
 def _rate(motion: Any) -> float:

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from romsindy.fit.any_record import one_a_decay
-from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.fitted import Fit
+from romsindy.fit.record import Prepared, one_a_decay
 from romsindy.orbits.curves import linear_mode
 from romsindy.physics.coupled import AnyModel
 from romsindy.record.backbone import Backbone, extract_backbone
@@ -76,7 +75,7 @@ def points_of(measured: Backbone | Sequence[Backbone] | Fit, mode: int) -> dict[
     return look | {"label": label, "zorder": 1}
 
 
-def _of_tone(record: CoupledRecord, coordinate: int) -> Backbone:
+def _of_tone(record: Prepared, coordinate: int) -> Backbone:
     """The tone of a coordinate at the windows where it was followed; its errors are not known."""
     tone = record.tones[coordinate]
     omega = 2 * np.pi * tone.frequency

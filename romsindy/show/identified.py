@@ -24,6 +24,7 @@ from romsindy.orbits.continuation import ContinuationError
 from romsindy.orbits.curves import BackboneCurve, backbone_curve
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.equations import inputs_of
+from romsindy.physics.input import input_in
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.beside import Beside
@@ -101,8 +102,8 @@ class Identified:
 
     @cached_property
     def modes(self) -> tuple[SmallVibration, ...]:
-        """Of several coordinates that ring."""
-        if self.fit is None or not self.model.numbered or not self.fit.decays:
+        """Of several coordinates."""
+        if self.fit is None or not self.model.numbered:
             return ()
         return small_vibrations(self.fit)
 
@@ -195,22 +196,27 @@ class Identified:
         )
 
     def inputs(self) -> dict[str, dict[str, Any]]:
-        """What each input does: how strongly, how late, and what between its samples."""
+        """What each input does: how strongly, how late, and what between its samples.
+
+        Of several coordinates by its name and the coordinate: "force [q1]".
+        """
         if self.fit is None:
             return {}
         dt, errors = self.measured[0].dt, self.fit.standard_errors
+        pairs = [(t, law) for t in self.model.terms if (law := input_in(t)) is not None]
         return {
-            term.signal: {
+            law.signal + term.key.removeprefix(law.key): {
                 "gain": self.model.coefficients[term.key],
                 "gain_std": errors[term.key],
+                "gain_unit": term.unit(self.model.unit),
                 "delay": delay,
                 "delay_std": error,
                 "delay_in_samples": delay / dt,
-                "unit": term.input_unit,
-                "interpolation": term.interpolation,
+                "unit": law.input_unit,
+                "interpolation": law.interpolation,
             }
-            for term in inputs_of(self.model)
-            for delay, error in [self.fit.delays[term.signal]]
+            for term, law in pairs
+            for delay, error in [self.fit.delays[law.signal]]
         }
 
     # -- words ------------------------------------------------------------------------------------

@@ -31,12 +31,12 @@ def draw_modes(
     rows = figure.subplots(len(modes), 1, squeeze=False)[:, 0]
     for ax, mode in zip(rows, modes, strict=True):
         ax.set_title(f"mode {mode.number}", loc="left", fontsize="medium")
-        label = f"q{mode.coordinate} in the decays"
-        ax.plot(
-            mode.measured_frequency, mode.measured_amplitude, ".", ms=3, color="0.7", label=label
-        )
+        rings = np.isfinite(mode.measured_frequency)
+        if np.any(rings):
+            seen = mode.measured_frequency[rings], mode.measured_amplitude[rings]
+            ax.plot(*seen, ".", ms=3, color="0.7", label=f"q{mode.coordinate} in the decays")
+            ax.legend(frameon=False)
         ax.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", unit))
-        ax.legend(frameon=False)
         backbone = backbones[mode.number]
         if isinstance(backbone, BackboneCurve):
             plot_branch(backbone, label="backbone", ax=ax)

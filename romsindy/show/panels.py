@@ -101,8 +101,10 @@ def modes(result: Identified) -> Iterator[Picture]:
     ]
     caption = (
         "Undamped periodic motion of each mode, as the equations have it; a line for each"
-        " coordinate. Dots: the vibration in the decays, which the other coordinates move, too."
+        " coordinate."
     )
+    if result.fit is not None and result.fit.decays:
+        caption += " Dots: the vibration in the decays, which the other coordinates move, too."
     size = (6.4, _INCHES * len(result.modes))
     draw = partial(orbit_plots.draw_modes, result.modes, result.backbones, result.model.unit)
     yield Picture("backbone", "Backbones", " ".join([caption, *told]), draw, size)
@@ -248,7 +250,7 @@ def force_left(result: Identified) -> Iterator[Picture]:
 def over_time(result: Identified) -> Iterator[Picture]:
     """Every channel, measured and simulated, and what a simulation leaves of it."""
     held = result.held_out
-    rest = None if held is None else held_out_of(held.vibration, held.missed)
+    rest = [] if held is None else held_out_of(held.vibration, held.missed)
     for i, (name, channel) in enumerate(_named(result).items(), 1):
         caption = (
             f"{'Input, response, and' if channel.inputs else 'Measured, and'}"
@@ -260,7 +262,7 @@ def over_time(result: Identified) -> Iterator[Picture]:
             f"channel_{i}" if name else "motion",
             f"Over time: {name}" if name else "Over time",
             caption,
-            partial(draw_over_time, channel, held_out=rest),
+            partial(draw_over_time, channel, held_out=rest[i - 1] if rest else None),
             (6.4, 0.6 + _ROW * channel.rows),
         )
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from romsindy.fit.small_vibrations import SmallVibration
 from romsindy.fit.steady.fit import SteadyFit
-from romsindy.physics.equations import inputs_of
 from romsindy.show.identified import Identified
 from romsindy.text import TextTable, quantity, with_error
 
@@ -53,7 +52,7 @@ def _modes(result: Identified) -> TextTable:
     header = ["mode", "frequency [Hz]", "+-", "damping ratio [%]", "+-", "moves", "amplitude"]
     note = (
         "Frequency and damping ratio are those of small vibrations, given these terms."
-        " Amplitudes are those of the coordinate that moves most, in all decays."
+        " Amplitudes are those of the coordinate that moves most, in all records."
     )
     unit = result.model.unit or "[q]"
     return TextTable("Modes", [header, *(_mode(m, unit) for m in result.modes)], note)
@@ -66,7 +65,7 @@ def _mode(mode: SmallVibration, unit: str) -> list[str]:
         *with_error(mode.frequency, mode.frequency_std),
         *with_error(100 * mode.damping_ratio, 100 * mode.damping_ratio_std),
         f"q{mode.coordinate}",
-        " to ".join(quantity(a, unit) for a in ends),
+        " to ".join(dict.fromkeys(quantity(a, unit) for a in ends)),
     ]
 
 
@@ -90,13 +89,12 @@ def _shapes(result: Identified) -> TextTable:
 
 def _inputs(result: Identified) -> TextTable:
     header = ["input", "gain", "+-", "unit", "delay [s]", "+-", "delay [samples]", "+-"]
-    units = {term.signal: term.unit(result.model.unit) for term in inputs_of(result.model)}
     dt = result.measured[0].dt
     rows = [
         [
             name,
             *with_error(of["gain"], of["gain_std"]),
-            units[name],
+            of["gain_unit"],
             *(f"{of['delay']:.4g}", f"{of['delay_std']:.2g}"),
             *(f"{of['delay_in_samples']:.4g}", f"{of['delay_std'] / dt:.2g}"),
             of["interpolation"],

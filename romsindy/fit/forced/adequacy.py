@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.record import Prepared
 from romsindy.fit.verdict import (
     BARELY,
     COLOURED,
@@ -154,20 +154,21 @@ class ForcedAdequacy(Adequacy):
 
 
 def examine_forced(
-    records: Sequence[ForcedRecord],
+    records: Sequence[Prepared],
     residuals: Sequence[Array],
     n_values: int,
     false_alarm: float = FALSE_ALARM,
 ) -> ForcedAdequacy:
-    """Whether residuals (n,) are white."""
+    """Whether residuals (c n,) are white, in every channel."""
     unit = records[0].decay.unit
     n = sum(map(len, residuals))
     power = sum(float(e @ e) for e in residuals)
     noise = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
-    heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records)
+    heard = sum(r.power for r in records)
     driven, order = 0.0, 0
     if np.isfinite(power):
-        for e in residuals:
+        pairs = zip(records, residuals, strict=True)
+        for e in (channel for r, x in pairs for channel in r.by_channel(x)):
             own, more = innovation(e)
             driven += float(np.mean(own**2)) * len(e)
             order += more

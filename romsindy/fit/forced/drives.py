@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from romsindy.effects.drive import Drive
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.effects.drive import Drive, DriveAlong
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
-from romsindy.physics.input import Input
+from romsindy.fit.record import Prepared
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.input import Input, input_in
 from romsindy.physics.term import Term
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.interpolation import Interpolation
@@ -48,8 +48,27 @@ def inputs_in(
     return tuple(found.values())
 
 
+def drives_of(model: AnyModel, records: Sequence[Prepared]) -> tuple[Part, ...]:
+    """Parts of the inputs of a model with free gains and delays, from its own on.
+
+    Of several coordinates an input has one delay, and a gain along each of its directions.
+    """
+    most = latest(records)
+    found: dict[Input, dict[tuple[float, ...], float]] = {}
+    for term, gain in zip(model.terms, model.values, strict=True):
+        if (law := input_in(term)) is not None:
+            weights = (*getattr(term, "weights", ()), *(0.0,) * model.n_coordinates)
+            found.setdefault(law, {})[weights[: model.n_coordinates]] = gain
+    parts = []
+    for law, gains in found.items():
+        given = replace(law, delay=0.0), law.delay, most
+        drive = DriveAlong(*given, directions=(*gains,)) if model.numbered else Drive(*given)
+        parts.append(Part(drive, drive.parameters(), np.array([[*gains.values()]])))
+    return tuple(parts)
+
+
 def free_drives(
-    inputs: Sequence[Input], gains: Sequence[float], records: Sequence[ForcedRecord]
+    inputs: Sequence[Input], gains: Sequence[float], records: Sequence[Prepared]
 ) -> tuple[Part, ...]:
     """Parts of inputs with free gains and delays, from these gains on."""
     most = latest(records)
@@ -62,7 +81,7 @@ def freed(drive: Drive, gain: float) -> Part:
     return Part(drive, drive.parameters(), np.array([[gain]]))
 
 
-def latest(records: Sequence[ForcedRecord]) -> float:
+def latest(records: Sequence[Prepared]) -> float:
     """By how much an input may act later, or sooner, than it was measured, s."""
     return _LATE * max(r.decay.dt for r in records)
 
@@ -70,7 +89,7 @@ def latest(records: Sequence[ForcedRecord]) -> float:
 def regressed(
     terms: Sequence[Term],
     inputs: Sequence[Input],
-    records: Sequence[Record | ForcedRecord],
+    records: Sequence[Prepared],
     fixed: Mapping[str, float] | None = None,
 ) -> tuple[Array, Array]:
     """Coefficients of terms, and gains, by least squares on the smooth motions of the records.

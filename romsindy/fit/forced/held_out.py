@@ -23,7 +23,7 @@ class HeldOut:
     Attributes
     ----------
     vibration : ForcedVibration
-    predicted : (n,) array
+    predicted : (n,) or (n, n_channels) array
         In the measured quantity; nan where the model has no motion that long.
     """
 
@@ -52,7 +52,7 @@ class HeldOut:
     @property
     def part(self) -> float:
         """The same over the standard deviation of the response there."""
-        return self.error / float(np.std(self.vibration.y[_STATE:]))
+        return self.error / float(np.sqrt(np.mean(np.var(self.vibration.y[_STATE:], axis=0))))
 
     def __str__(self) -> str:
         v = self.vibration

@@ -1,4 +1,4 @@
-"""The equation of a forced vibration from its record: the terms it needs, and their values."""
+"""The equations of forced vibrations from their records: the terms they need, and their values."""
 
 from __future__ import annotations
 
@@ -6,30 +6,29 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from romsindy.fit.choice_error import with_choice_error
+from romsindy.fit.coupled_terms import KINDS, linear_terms
+from romsindy.fit.coupled_terms import candidates as coupled_candidates
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import ways
-from romsindy.fit.forced.drives import free_drives, inputs_in, refuse_displacement, regressed
-from romsindy.fit.forced.independence import examined
-from romsindy.fit.forced.pieces import Driven, forced_among
-from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.forced.refine import decided
+from romsindy.fit.forced.drives import inputs_in
+from romsindy.fit.forced.modes import modes_of
+from romsindy.fit.forced.refine import Look, decided
 from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
 from romsindy.fit.measured import (
+    driven_among,
     free_names,
     listed_records,
-    ready,
     require_known,
     require_unit,
 )
-from romsindy.fit.record import Record
 from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
-from romsindy.physics.equations import inputs_of
+from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.physics.input import Input
-from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.ringing import require_channels
 
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
 
@@ -37,13 +36,14 @@ _ROUNDS = 5  # of choosing terms about the motions of those chosen before
 def identify_forced(
     records: ForcedVibration | Sequence[ForcedVibration | Decay],
     order: int = 5,
+    coordinates: int | str = 1,
     *,
     fixed: Mapping[str, float] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
-    """Identify the equation of motion of one coordinate from records with measured inputs.
+    """Identify the equations of motion from records with measured inputs.
 
-    Coefficients, gain and delay of each input, the offset of the sensor and the initial states are
+    Coefficients, gain and delay of each input, offsets of the sensors and initial states are
     fitted by simulation over the whole records. Terms are chosen by what each gains on stretches
     that took no part. What the input does between its samples is decided by the records, unless
     they say it.
@@ -53,7 +53,10 @@ def identify_forced(
     records : ForcedVibration or sequence of ForcedVibration and Decay
         At least one with an input; decays are fitted together with it.
     order : int
-        Highest order of the candidates for stiffness and inertia.
+        Highest order of the candidates for stiffness and inertia of one coordinate.
+    coordinates : int or "auto"
+        How many modes are modelled, or as many as the inputs move. One in one channel is a
+        `ReducedModel`.
     fixed : mapping, optional
         Known coefficients, in the unit of the records and seconds.
     progress : callable, optional
@@ -68,28 +71,48 @@ def identify_forced(
     ------
     ValueError
         For no input, units that differ, an order below 1, names or values in ``fixed`` that
-        cannot be, or an input that looks like the displacement of the base.
+        cannot be, fewer modes than coordinates, or an input that looks like the displacement of
+        the base.
     TrajectoryError
         If no motion of the model follows the measured one.
     """
-    several = listed_records(records)
-    if not any(isinstance(v, ForcedVibration) for v in several):
+    several, known = listed_records(records), dict(fixed or {})
+    driven = driven_among(several)
+    if not driven:
         raise ValueError("records hold no ForcedVibration: free decays alone are for identify()")
     require_unit(several, several[0].unit)
-    laws, known = (*LINEAR, *candidates(order)), dict(fixed or {})
-    require_known(known, [t.key for t in laws])
-    found = ready(several)
-    measured = [r.decay for r in forced_among(found)]
     say = progress or (lambda _: None)
-    hypotheses = [inputs_in(measured, way) for way in ways(measured)]
-    search = _Search(laws, known, found, say)
+    one = coordinates == 1 and all(v.n_channels == 1 for v in several)
+    alone = candidates(order)
+    require_channels(several, several[0].n_channels)
+    modes = None if one else modes_of(driven, coordinates)
+    if modes is None or (len(modes.omega) == 1 and modes.shapes.size == 1):
+        modes = None
+        kinds, linear = [alone], LINEAR
+    else:
+        r = len(modes.omega)
+        kinds, linear = [coupled_candidates(r, kind) for kind in KINDS], linear_terms(r)
+    require_known(known, [t.key for t in (*linear, *kinds[-1])])
+    look = Look.of(several, modes)
+    for laws in kinds:
+        search = _Search(laws, linear, known, look, say)
+        best = _best(search, driven)
+        if best.verdict.explained:
+            break
+    best = with_choice_error(best, search.every_choice(best))
+    return replace(best, notes=(*best.notes, *stand_ins(best)))
+
+
+def _best(search: _Search, driven: Sequence[ForcedVibration]) -> Fit:
+    """With the terms that are needed, whatever the inputs do between their samples."""
+    hypotheses = [inputs_in(driven, way) for way in ways(driven)]
     best = search.decided(search.needed(hypotheses[0]), hypotheses)
     inputs = inputs_of(best.model)
     if inputs[0].interpolation != hypotheses[0][0].interpolation:
         # Terms that were chosen with another input may stand for what was wrong with it.
-        best = search.decided(search.needed(inputs), hypotheses)
-    best = examined(with_choice_error(best, search.every_choice(best)))
-    return replace(best, notes=(*best.notes, *stand_ins(best)))
+        own = inputs_in(driven, inputs[0].interpolation)
+        best = search.decided(search.needed(own), hypotheses)
+    return best
 
 
 @dataclass(frozen=True)
@@ -97,8 +120,9 @@ class _Search:
     """For the terms that records need, among some laws; ``fixed`` coefficients are known."""
 
     laws: tuple[Term, ...]
+    linear: tuple[Term, ...]
     fixed: Mapping[str, float]
-    records: Sequence[Record | ForcedRecord]
+    look: Look
     say: Callable[[str], None]
 
     def decided(self, terms: Sequence[Term], hypotheses: Sequence[Sequence[Input]]) -> Fit:
@@ -107,12 +131,12 @@ class _Search:
         for inputs in hypotheses:
             self.say(f"{inputs[0].interpolation} input")
             fits.append(self.fitted(terms, inputs))
-        return decided(fits)
+        return decided(fits, self.look.records)
 
     @property
     def candidates(self) -> list[Term]:
         """Laws that may be left out."""
-        return [t for t in self.laws if not (t in LINEAR or t.key in self.fixed)]
+        return [t for t in self.laws if t.key not in self.fixed]
 
     def every_choice(self, fit: Fit) -> Linearised:
         """All candidates about the motions of a fit."""
@@ -133,12 +157,9 @@ class _Search:
         return kept
 
     def fitted(self, terms: Sequence[Term], inputs: Sequence[Input]) -> Fit:
-        """From values by regression on the smooth motions."""
+        """From values by regression on the smooth motions, or those of linear modes."""
         known = [t for t in self.laws if t.key in self.fixed]
-        own = tuple({t.key: t for t in (*LINEAR, *known, *terms)}.values())
-        values, gains = regressed(own, inputs, forced_among(self.records), self.fixed)
-        refuse_displacement(inputs, gains.tolist())
-        model = ReducedModel(own, tuple(values.tolist()), self.records[0].decay.unit)
-        drives = free_drives(inputs, gains.tolist(), forced_among(self.records))
-        names = free_names(model, self.fixed)
-        return Driven(names, self.records).fit(model, drives)
+        own = tuple({t.key: t for t in (*self.linear, *known, *terms)}.values())
+        model = self.look.model(own, inputs, self.fixed)
+        names = free_names(without_inputs(model), self.fixed)
+        return self.look.fit(names, model)

@@ -4,7 +4,7 @@ Noise need not be white: that of a sensor has a colour, and a force that nobody 
 structure as a missing effect does. But noise knows neither the motion nor the input. Forces that
 are functions of both, none of them in the model, are tried together on what is left, weighed by the
 noises found in it (`romsindy.fit.noises`): an F test of generalised least squares, in the spirit of
-[1].
+[1]. Of several coordinates each has such forces, and what may couple them is tried as well.
 
 [1] S. Billings, W. Voon, Int. J. Control 44 (1986) 803: correlation tests of nonlinear models.
 """
@@ -21,22 +21,23 @@ from scipy.special import fdtrc
 
 from romsindy.effects.drive import Drive
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.coupled_terms import couplings
 from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.forced.weighed import weighed
 from romsindy.fit.gauss_newton import Solution, linear_table
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.noises import Noises, TwoNoises, found_noises
 from romsindy.fit.part import Part, columns_of, in_orders
+from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.input import Input
 from romsindy.typing import Array, Indices
 
 if TYPE_CHECKING:
     from romsindy.fit.fitted import Fit
 
-# Powers of q and of q_dot of the forces that are tried: all of second and third order, and those of
-# fifth order that differ from them in their harmonics.
+# Powers of a coordinate and of its velocity that are tried: all of second and third order, and
+# those of fifth order that differ from them in their harmonics.
 _POWERS = [(2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3), (5, 0), (4, 1), (0, 5)]
 _SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
 _LATE = (-0.25, 0.25)  # cycles by which an input may act later
@@ -71,16 +72,32 @@ class Independence:
 
 
 def examined(fit: Fit) -> Fit:
-    """The same with its verdict by what is left of its driven records."""
-    pairs = [(i, r) for i, r in enumerate(fit.records) if isinstance(r, ForcedRecord)]
+    """The same with its verdict by what is left of its driven records.
+
+    Where that is noise, the values and their errors are those that it weighs.
+    """
+    pairs = [(i, r) for i, r in enumerate(fit.records) if r.driven]
     verdict = fit.verdict
     if not (isinstance(verdict, ForcedAdequacy) and 0 < verdict.part < np.inf):
         return fit  # there is no motion, or nothing is left
     found = examine_independence(fit.start, fit.solution, pairs)
+    judged = _judged(verdict, found, pairs)
+    if judged.structured:
+        return replace(fit, verdict=judged)
+    fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
+    assert isinstance(fit.verdict, ForcedAdequacy)  # as before
+    return replace(fit, verdict=_judged(fit.verdict, found, pairs))
+
+
+def _judged(
+    verdict: ForcedAdequacy, found: Independence, pairs: Sequence[tuple[int, Prepared]]
+) -> ForcedAdequacy:
+    """A verdict with what was found in that which is left."""
     heard = verdict.left / verdict.part  # rms of the response
     counts = [len(r.signal) for _, r in pairs]
-    sensor = float(np.sqrt(np.average([n.shown**2 for n in found.noises], weights=counts)))
-    new = replace(
+    shown = [np.mean(n.shown**2) for n in found.noises]
+    sensor = float(np.sqrt(np.average(shown, weights=counts)))
+    return replace(
         verdict,
         ratio=np.sqrt(found.excess),
         structure=found.excess,
@@ -89,13 +106,12 @@ def examined(fit: Fit) -> Fit:
         like=found.like,
         sensor=sensor / heard,
         force=np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard,
-        colour=np.average([n.colour for n in found.noises], weights=counts),
+        colour=np.average([np.mean(n.colour) for n in found.noises], weights=counts),
     )
-    return replace(fit, verdict=new)
 
 
 def examine_independence(
-    model: AnyModel, solution: Solution, records: Sequence[tuple[int, ForcedRecord]]
+    model: AnyModel, solution: Solution, records: Sequence[tuple[int, Prepared]]
 ) -> Independence:
     """Of a fit to driven records, given with their numbers among all of it."""
     tables = [_Tried.of(model, solution, i, record) for i, record in records]
@@ -134,17 +150,16 @@ class _Tried:
     freedom: int
 
     @classmethod
-    def of(cls, model: AnyModel, solution: Solution, i: int, record: ForcedRecord) -> _Tried:
+    def of(cls, model: AnyModel, solution: Solution, i: int, record: Prepared) -> _Tried:
         parts, motion, left = solution.parts, solution.motions[i], solution.residuals[i]
         equation = equation_of(model, parts, i, record)
         states = 2 * motion.q.shape[1]
         fitted = linear_table(model, parts, i, record, motion)[1][:, : -states - 1]
-        fitted = fitted * record.noise.std  # they come over white noise
+        fitted = fitted * record.white[:, None]  # they come over white noise
         two = TwoNoises.along(equation, parts, i, record, motion)
         noises = found_noises(two, left)
-        forces = list(_forces(parts, record, motion))
-        pushes = np.array([f.values for f in forces])[..., None]
-        response = respond(equation, motion, pushes)
+        forces = list(_forces(model, parts, record, motion))
+        response = respond(equation, motion, np.array([f.values for f in forces]))
         orders = record.orders(parts)
         x = in_orders(orders, response.samples)[..., 1:-states]
         reading = record.read(parts, i, in_orders(orders, partial(sampled, motion)))
@@ -152,47 +167,62 @@ class _Tried:
         wide = np.zeros((len(left), sum(p.size for p in parts)))
         wide[:, columns_of(parts, i)] = fitted
         columns = np.column_stack([wide, tried])
-        table = two.table(np.column_stack([columns, left]))
-        products = table.products(noises)
+        products = two.table(np.column_stack([columns, left])).weighed(noises).products
         names = tuple(f.name for f in forces)
         return cls(names, columns, products, noises, len(left) - states)
 
 
 class _Force(NamedTuple):
     name: str
-    values: Array  # at the Gauss points
+    values: Array  # at the Gauss points, in every equation: (3 n_steps, R)
+
+
+def _forces(
+    model: AnyModel, parts: Sequence[Part], record: Prepared, motion: Trajectory
+) -> Iterator[_Force]:
+    """Functions of the motion and of the inputs, of about unit size."""
+    t, *states = nodes(motion)
+    unit = np.eye(model.n_coordinates)
+    for i, name in enumerate(model.coordinates):
+        q, v = states[0][:, i], states[1][:, i]
+        alone = _alone(name, q / np.abs(motion.q[:, i]).max(), v / np.abs(motion.q_dot[:, i]).max())
+        on = f" on {name}" if model.numbered else ""
+        late = _late(parts, record, t, 1 / float(record.frequencies[i]))
+        for what, values in (*alone, *((what + on, values) for what, values in late)):
+            yield _Force(what, values[:, None] * unit[i])
+    if model.numbered:
+        for law in couplings(model.n_coordinates):
+            values = law.strong(*states)
+            yield _Force(law.key, values / max(float(np.abs(values).max()), 1e-300))
+
+
+def _alone(name: str, q: Array, v: Array) -> Iterator[tuple[str, Array]]:
+    """Functions of one coordinate."""
+    for i, j in _POWERS:
+        powers = [(name, i), (f"{name}_dot", j)]
+        yield " ".join(f"{x}^{k}" if k > 1 else x for x, k in powers if k), q**i * v**j
+    yield f"the sign of {name}_dot", np.tanh(v / _SLIDES)
+    yield f"|{name}_dot| {name}_dot", np.abs(v) * v
+    yield f"|{name}| {name}", np.abs(q) * q
 
 
 # Powers of an input are not tried: the largest values of a sine that is measured with noise are
 # those that noise made larger, and a cube goes with that.
-def _forces(parts: Sequence[Part], record: ForcedRecord, motion: Trajectory) -> Iterator[_Force]:
-    """Functions of the motion and of the inputs, of about unit size."""
-    t, q, v, _ = nodes(motion)
-    q, v = q[:, 0] / record.amplitude, v[:, 0] / np.abs(motion.q_dot).max()
-    for i, j in _POWERS:
-        yield _Force(_product(i, j), q**i * v**j)
-    yield _Force("the sign of q_dot", np.tanh(v / _SLIDES))
-    yield _Force("|q_dot| q_dot", np.abs(v) * v)
-    yield _Force("|q| q", np.abs(q) * q)
+def _late(
+    parts: Sequence[Part], record: Prepared, t: Array, cycle: float
+) -> Iterator[tuple[str, Array]]:
+    """Inputs that act a quarter of a cycle, in s, sooner or later."""
     for part in parts:
         if isinstance(part.effect, Drive):
             term = part.effect.term()
             for cycles in _LATE:
-                other = replace(term, delay=term.delay + cycles * 2 * np.pi / record.rate)
+                other = replace(term, delay=term.delay + cycles * cycle)
                 late = "later" if cycles > 0 else "sooner"
-                yield _input(f"{term.signal} a quarter of a cycle {late}", record, t, other)
-
-
-def _input(name: str, record: ForcedRecord, t: Array, term: Input) -> _Force:
-    if term.source not in record.inputs:
-        return _Force(name, np.zeros_like(t))
-    values = record.inputs[term.source].at(t, term)
-    return _Force(name, values / max(float(np.abs(values).max()), 1e-300))
-
-
-def _product(i: int, j: int) -> str:
-    powers = [("q", i), ("q_dot", j)]
-    return " ".join(f"{x}^{k}" if k > 1 else x for x, k in powers if k)
+                name = f"{term.signal} a quarter of a cycle {late}"
+                values = np.zeros_like(t)
+                if term.source in record.inputs:
+                    values = record.inputs[term.source].at(t, other)
+                yield name, values / max(float(np.abs(values).max()), 1e-300)
 
 
 def _explained(system: Array, some: Indices) -> tuple[float, int]:

@@ -10,10 +10,12 @@ from itertools import pairwise
 import numpy as np
 
 from romsindy.fit.collocation import Grid, Trajectory
+from romsindy.fit.coupled_record import CoupledRecord
+from romsindy.fit.forced.modes import Modes, motion_behind
 from romsindy.fit.forced.sampled import Sampled
 from romsindy.fit.forced.smooth import smooth_motion
 from romsindy.fit.part import Part, Reading, read
-from romsindy.fit.record import OfDecay
+from romsindy.fit.record import Prepared
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
 from romsindy.record.spectrum import quiet_power, quiet_std
@@ -27,7 +29,7 @@ _MOST_STEPS, _AFFORDABLE = 40, 40_000
 
 
 @dataclass(frozen=True, eq=False)
-class ForcedRecord(OfDecay):
+class ForcedRecord(Prepared):
     """One forced vibration: what was measured, its inputs, and the smooth motion behind it.
 
     Attributes
@@ -43,7 +45,7 @@ class ForcedRecord(OfDecay):
         The measured inputs by name.
     """
 
-    decay: ForcedVibration  # type: ignore[assignment]
+    decay: ForcedVibration
     signal: Array
     noise: Noise
     motion: Trajectory
@@ -57,17 +59,10 @@ class ForcedRecord(OfDecay):
 
         More than the least steps are taken as long as all are no more than is ``affordable``.
         """
-        t, y = vibration.t - vibration.t[0], vibration.signal
-        least = floor * float(np.abs(y - y.mean()).max())
-        noise = Noise.white(float(np.hypot(quiet_std(y), least)), vibration.dt, least)
-        mean, highest = _frequencies(y, vibration.dt, vibration.derivative)
-        cycle = min(1 / mean, _STEPS / _LEAST_STEPS / highest)
-        steps = int(np.clip(affordable * cycle / t[-1], _STEPS, _MOST_STEPS))
-        grid = Grid.over(t, cycle, steps)
+        y = vibration.signal
+        noise, grid = _noise(y, vibration, floor), _grid(vibration, affordable)
         motion = smooth_motion(y - y.mean(), vibration.dt, vibration.derivative, grid)
-        columns = zip(vibration.names, vibration.u.T, strict=True)
-        sampled = {name: Sampled(u, vibration.dt, grid) for name, u in columns}
-        return cls(vibration, y, noise, motion, sampled)
+        return cls(vibration, y, noise, motion, _sampled(vibration, grid))
 
     @property
     def inputs(self) -> dict[str, Sampled]:
@@ -88,11 +83,6 @@ class ForcedRecord(OfDecay):
     def peak(self) -> float:
         """The same: one channel was measured."""
         return self.amplitude
-
-    @property
-    def count(self) -> float:
-        """Samples."""
-        return float(len(self.signal))
 
     def read(self, parts: Sequence[Part], number: int, x: Array) -> Reading:
         """What the sensor shows of a motion x, (n, 1), with the parts of a hypothesis."""
@@ -128,13 +118,41 @@ class ForcedRecord(OfDecay):
             )
         return several
 
-    def with_signal(self, signal: Array) -> ForcedRecord:
-        """The same with another measurement, such as a simulated one."""
-        return replace(self, signal=signal)
 
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Noise like that of the record, (n,)."""
-        return self.noise.draw(len(self.signal), self.decay.dt, rng)
+def driven_record(
+    vibration: ForcedVibration, modes: Modes, floor: float, affordable: int = _AFFORDABLE
+) -> CoupledRecord:
+    """A forced vibration of several coordinates, whose linear modes are known; see `ForcedRecord`.
+
+    What a channel shows of a mode is what is read off, as far as no part changes it.
+    """
+    channels = vibration.y.reshape(len(vibration.t), -1).T
+    noise = tuple(_noise(y, vibration, floor) for y in channels)
+    grid = _grid(vibration, affordable, float(modes.omega.max()) / (2 * np.pi))
+    motion = motion_behind(vibration, modes, np.array([n.std for n in noise]), grid)
+    given = (vibration, channels.ravel(), noise, modes.shapes, motion)
+    return CoupledRecord(*given, sampled=_sampled(vibration, grid))
+
+
+def _noise(y: Array, vibration: ForcedVibration, floor: float) -> Noise:
+    """White, as strong as the quietest part of the spectrum of a channel."""
+    least = floor * float(np.abs(y - y.mean()).max())
+    return Noise.white(float(np.hypot(quiet_std(y), least)), vibration.dt, least)
+
+
+def _sampled(vibration: ForcedVibration, grid: Grid) -> dict[str, Sampled]:
+    columns = zip(vibration.names, vibration.u.T, strict=True)
+    return {name: Sampled(u, vibration.dt, grid) for name, u in columns}
+
+
+def _grid(vibration: ForcedVibration, affordable: int, fastest: float = 0.0) -> Grid:
+    """Steps short enough for all channels, and for a mode of a frequency, Hz."""
+    t, channels = vibration.t - vibration.t[0], vibration.y.reshape(len(vibration.t), -1).T
+    found = [_frequencies(y, vibration.dt, vibration.derivative) for y in channels]
+    mean, highest = (max(several) for several in zip(*found, strict=True))
+    cycle = min(1 / max(mean, fastest), _STEPS / _LEAST_STEPS / highest)
+    steps = int(np.clip(affordable * cycle / t[-1], _STEPS, _MOST_STEPS))
+    return Grid.over(t, cycle, steps)
 
 
 def _frequencies(y: Array, dt: float, derivative: int) -> tuple[float, float]:

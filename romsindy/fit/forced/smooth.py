@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import dct, idct
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import uniform_filter1d
@@ -21,30 +22,44 @@ def smooth_motion(y: Array, dt: float, derivative: int, grid: Grid) -> Trajector
     What stands out of the noise passes (N. Wiener's filter); of a velocity or an acceleration, what
     stands out of the noise integrated. Ends go on by odd reflection.
     """
-    n = len(y)
-    # One period of the reflection about both ends, on a line through them.
-    line = np.linspace(y[0], y[-1], n)
-    rest = y - line
-    wave = np.concatenate([rest, -rest[-2:0:-1]])
-    lines = np.fft.rfft(wave)
+    lines = reflected(y)
     power = np.abs(lines) ** 2
     noise = quiet_power(power)
     mean = uniform_filter1d(power, _LINES, mode="nearest")
     lines *= np.clip(1 - noise / np.maximum(mean, 1e-300), 0.0, 1.0)
-    fine: Array = np.fft.irfft(lines, _FINER * len(wave))[: _FINER * (n - 1) + 1] * _FINER
+    fine = finer(lines, y[0], y[-1])
     t = dt / _FINER * np.arange(len(fine))
-    fine += np.interp(t, dt * np.arange(n), line)
     for times in range(derivative, 0, -1):
         lowest = _lowest(y, dt, times)
         fine = _without_slow(
             make_interp_spline(t, fine - fine.mean(), k=5).antiderivative()(t), t, lowest
         )
+    return on_grid(fine[:, None], dt, grid)
+
+
+def reflected(y: Array) -> NDArray[np.complex128]:
+    """Spectrum of a signal (n, ...) that goes on by odd reflection about both ends, 2 (n - 1) long.
+
+    Without the line through the ends.
+    """
+    rest = y - np.linspace(y[0], y[-1], len(y))
+    return np.fft.rfft(np.concatenate([rest, -rest[-2:0:-1]]), axis=0)
+
+
+def finer(lines: NDArray[np.complex128], first: Array | float, last: Array | float) -> Array:
+    """The signal of such a spectrum at four times the samples, on a line through its ends."""
+    n = len(lines) - 1
+    wave = np.fft.irfft(lines, 2 * _FINER * n, axis=0)[: _FINER * n + 1] * _FINER
+    return np.asarray(wave + np.linspace(first, last, len(wave)))
+
+
+def on_grid(fine: Array, dt: float, grid: Grid) -> Trajectory:
+    """The motion through displacements (m, R), four in the place of a sample, on some steps."""
+    t = dt / _FINER * np.arange(len(fine))
     spline = make_interp_spline(t, fine, k=5)
     at = np.clip(grid.start + grid.step * np.arange(grid.n_steps + 1), 0.0, t[-1])
     inside = np.clip(grid.node_times(0, grid.n_steps), 0.0, t[-1])
-    return Trajectory(
-        grid, spline(at)[:, None], spline(at, 1)[:, None], spline(inside, 2)[..., None]
-    )
+    return Trajectory(grid, spline(at), spline(at, 1), spline(inside, 2))
 
 
 def _without_slow(x: Array, t: Array, lowest: float) -> Array:

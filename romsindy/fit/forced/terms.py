@@ -1,4 +1,4 @@
-"""Terms that a forced vibration of one coordinate needs: chosen by what each gains where left out.
+"""Terms that forced vibrations need: chosen by what each gains on stretches that are left out.
 
 One long record is cut into stretches, each of which is left out in turn (`romsindy.fit.selection`).
 """
@@ -13,11 +13,13 @@ import numpy as np
 from romsindy.effects.choices import sought
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.collocation import Trajectory
+from romsindy.fit.coupled_terms import linear_terms
 from romsindy.fit.dragged import dragged
 from romsindy.fit.fitted import Fit
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.selection import Gram, Linearised, Trials
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import without_inputs
 from romsindy.physics.inertia import Inertia
@@ -28,6 +30,11 @@ from romsindy.typing import Array
 
 LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
 _STRETCHES = 8  # in all, each left out in turn
+
+
+def linear_of(model: AnyModel) -> tuple[Term, ...]:
+    """Stiffness and damping that always take part."""
+    return linear_terms(model.n_coordinates) if model.numbered else LINEAR
 
 
 def stiffness_to(order: int) -> list[Term]:
@@ -64,30 +71,31 @@ def linearised(
 ) -> Linearised:
     """All of several terms beside the linear ones, about motions near the records of a fit.
 
-    Inputs and offsets are fitted beside any choice, as initial states are. What the fit holds fixed
-    stays. Stretches are ``left_out`` in turn, or all data are one part.
+    Inputs, mode shapes and offsets are fitted beside any choice, as initial states are. What the
+    fit holds fixed stays. Stretches are ``left_out`` in turn, or all data are one part.
     """
-    model = without_inputs(fit.single_model)
+    model = without_inputs(fit.model)
     more = [p for p in fit.solution.parts if not isinstance(p.effect, Coefficient)]
     present = model.coefficients
     others = tuple(t for t in several if t.key not in present)
     wide = replace(
         model, terms=(*model.terms, *others), values=(*model.values, *np.zeros(len(others)))
     )
-    always = [t for t in LINEAR if t.key in fit.free]
+    always = [t for t in linear_of(model) if t.key in fit.free]
     terms = tuple({t.key: t for t in (*always, *several)}.values())
     at = np.array([wide.coefficients[t.key] for t in terms])
     wide, own = free_parts(wide, [t.key for t in terms], fit.records)
     parts = (*own, *more)
     tables = [
-        linear_table(wide, parts, i, record, motion)[1]
+        record.by_channel(linear_table(wide, parts, i, record, motion)[1])
         for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True))
     ]
-    total, grams = sum(map(len, tables)), []
-    for rows in tables:
-        pieces = max(round(_STRETCHES * len(rows) / total), 2)
-        rms = float(np.sqrt(np.mean(innovation(_left(rows))[0] ** 2)))
-        grams += _stretches(rows / rms, at, pieces)
+    total, grams = sum(table.shape[1] for table in tables), []
+    for table in tables:
+        pieces = max(round(_STRETCHES * table.shape[1] / total), 2)
+        driven = np.concatenate([innovation(left)[0] for left in _left(table)])
+        rows = table.swapaxes(0, 1).reshape(-1, table.shape[2])  # all channels of a time together
+        grams += _stretches(rows / float(np.sqrt(np.mean(driven**2))), at, pieces)
     groups = dict(enumerate(terms[len(always) :]))
     least = {g: law.least for g, law in groups.items() if law.least > -np.inf}
     damping = [g for g, law in groups.items() if law.has("damping")]
@@ -102,10 +110,12 @@ def linearised(
     return Linearised(trials, (), terms, [g for g, law in groups.items() if law.key in present])
 
 
-def _left(rows: Array) -> Array:
-    """What a fit of all candidates leaves of the misfit in the last column."""
-    table = rows[:, :-1] / np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
-    return rows[:, -1] - table @ np.linalg.lstsq(table, rows[:, -1], rcond=None)[0]
+def _left(table: Array) -> Array:
+    """What a fit of all candidates leaves of the misfit in the last column, (c, n) of (c, n, m)."""
+    rows = table.reshape(-1, table.shape[2])
+    scaled = rows[:, :-1] / np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
+    left = rows[:, -1] - scaled @ np.linalg.lstsq(scaled, rows[:, -1], rcond=None)[0]
+    return left.reshape(table.shape[:2])
 
 
 def _stretches(rows: Array, at: Array, pieces: int) -> list[Gram]:

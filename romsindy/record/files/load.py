@@ -174,7 +174,8 @@ def load_forced(
         table = replace(table, columns=choose.unique(table.columns))
         driving = input_columns(table, names, _names(input_column), _names(column))
         choice = _choice(table, unit, quantity, column, time, rate, beside=driving)
-        _require_one(choice)
+        if _names(column) is None:
+            _require_one(choice)
         response = _recording(choice, source, unit, quantity)
         u, units = samples_of(driving, names, _names(input_unit), choice.columns[0], choice.t)
         pushes = Recording(choice.t, u, [c.name for c in driving])
@@ -182,7 +183,7 @@ def load_forced(
         _refuse_missing(part, response, choice.columns)
         _refuse_missing(pushed, pushes, driving)
         return ForcedVibration(
-            *(part.t, part.x[:, 0], pushed.x, part.unit, part.quantity, names, units),
+            *(part.t, part.x, pushed.x, part.unit, part.quantity, names, units),
             interpolation=interpolation,
             notes=(_told(choice, names, driving), *part.notes),
         )
@@ -190,7 +191,8 @@ def load_forced(
 
 def _told(choice: _Measured, names: Sequence[str], driving: Sequence[Column]) -> str:
     """Which column is what."""
-    pairs = zip((choice.quantity, *names), (*choice.columns, *driving), strict=True)
+    what = (choice.quantity,) * len(choice.columns)
+    pairs = zip((*what, *names), (*choice.columns, *driving), strict=True)
     return "columns: " + ", ".join(f"{what} {column.name!r}" for what, column in pairs)
 
 
