@@ -23,13 +23,14 @@ from romsindy.effects.drive import Drive
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import couplings
 from romsindy.fit.equation import equation_of
-from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.weighed import weighed
 from romsindy.fit.gauss_newton import Solution, linear_table
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.noises import Noises, TwoNoises, found_noises
 from romsindy.fit.part import Part, columns_of, in_orders
 from romsindy.fit.record import Prepared
+from romsindy.fit.verdict import FALSE_ALARM
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array, Indices
 
@@ -87,6 +88,20 @@ def examined(fit: Fit) -> Fit:
     fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
     assert isinstance(fit.verdict, ForcedAdequacy)  # as before
     return replace(fit, verdict=_judged(fit.verdict, found, pairs))
+
+
+def examine_driven(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    false_alarm: float = FALSE_ALARM,
+) -> ForcedAdequacy:
+    """What a hypothesis leaves of driven records."""
+    verdict = examine_forced(records, solution.residuals, solution.n_values, false_alarm)
+    if not 0 < verdict.part < np.inf:
+        return verdict
+    pairs = [*enumerate(records)]
+    return _judged(verdict, examine_independence(model, solution, pairs), pairs)
 
 
 def _judged(
