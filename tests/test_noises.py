@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm, toeplitz
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 import romsindy as rs
 from romsindy.fit.collocation import Grid, Trajectory
@@ -121,7 +122,7 @@ def driven(seed, noise, extra=lambda q, v: 0.0, n=3000):
     rng = np.random.default_rng(seed)
     t, push = DT * np.arange(n), multisine(n, rng)
     size = 6 * ZETA * OMEGA**2
-    unknown = size * 0.1 * rng.standard_normal(n) if noise == "force" else np.zeros(n)
+    unknown = size * 0.05 * rng.standard_normal(n) if noise == "force" else np.zeros(n)
 
     def rate(at, x):
         q, v = x
@@ -138,8 +139,12 @@ def driven(seed, noise, extra=lambda q, v: 0.0, n=3000):
     return rs.ForcedVibration(t, y, u, unit="m", interpolation="band-limited")
 
 
+def fitted(record):
+    return rs.refine(rs.ReducedModel.from_coefficients(DUFFING, unit="m"), record)
+
+
 def verdict_on(record):
-    return rs.refine(rs.ReducedModel.from_coefficients(DUFFING, unit="m"), record).verdict
+    return fitted(record).verdict
 
 
 def test_the_right_model_is_explained_where_a_force_was_not_measured():
@@ -153,6 +158,28 @@ def test_friction_that_is_missing_is_noticed_beside_a_force_that_was_not_measure
     verdict = verdict_on(driven(12, "force", lambda q, v: rubbing * np.tanh(300 * v / OMEGA)))
     assert not verdict.explained and verdict.like == "the sign of q_dot"
     assert "does not explain" in str(verdict) and "most like the sign of q_dot" in str(verdict)
+
+
+def test_errors_hold_where_a_force_was_not_measured():
+    """Sum of squares of 12 errors over their standard errors: chi-square, once in 1000 beyond."""
+    fits = [fitted(driven(seed, "force", n=1000)) for seed in range(30, 34)]
+    off = [
+        (fit.model.coefficients[name] - value) / fit.standard_errors[name]
+        for fit in fits
+        for name, value in DUFFING.items()
+    ]
+    assert chi2.ppf(0.0005, 12) < np.sum(np.square(off)) < chi2.ppf(0.9995, 12)
+
+
+def test_the_gain_counts_that_the_sensor_of_the_input_is_noisy():
+    """It loses the part of the power that is noise, 1 of 401 here: `W. Fuller`, section 1.1."""
+    fit = fitted(driven(40, "input"))
+    (name,) = [n for n in fit.free if "gain" in n]
+    lost = 0.05**2 / (1 + 0.05**2)
+    assert fit.standard_errors[name] > lost / np.sqrt(2) * 0.9
+    assert fit.model.coefficients[name] == pytest.approx(
+        1 - lost / 2, abs=2 * fit.standard_errors[name]
+    )
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ class Drive(Effect):
 
     name, family = "input", "outside"
     label = "a measured input"
+    directions = ((1.0,),)  # weights of all coordinates
 
     @property
     def variant(self) -> str:
@@ -58,7 +59,7 @@ class DriveAlong(Drive):
     ``directions`` have the weights of all coordinates, (k, R).
     """
 
-    directions: tuple[tuple[float, ...], ...] = ((1.0,),)
+    directions: tuple[tuple[float, ...], ...] = Drive.directions  # type: ignore[assignment]
 
     @property
     def n_strengths(self) -> int:  # type: ignore[override]

@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.drive import Drive
+from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.coefficient import extended
 from romsindy.fit.collocation import TrajectoryError
@@ -35,7 +36,6 @@ from romsindy.fit.shooting import TOLERANCE, shoot
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import input_in
-from romsindy.physics.memory import MemoryLaw
 from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
 from romsindy.record.noise import Noise
@@ -155,11 +155,12 @@ class Fit(Estimate):
         std = np.sqrt(np.diag(self.solution.covariance))
         found: dict[str, tuple[float, float]] = {}
         for part, at in zip(self.solution.parts, self.solution.slices(), strict=True):
-            for law in laws_in(part.effect):
-                if isinstance(law, MemoryLaw):
-                    error = std[at][part.strengths.size :]
-                    own = zip(part.parameters, part.shape, error, strict=True)
-                    found |= {f"{law.key} {p.name}": (float(v), float(e)) for p, v, e in own}
+            if isinstance(part.effect, MemoryEffect):
+                own = zip(part.parameters, part.shape, std[at][part.strengths.size :], strict=True)
+                found |= {
+                    f"{part.effect.remembering.key} {p.name}": (float(v), float(e))
+                    for p, v, e in own
+                }
         return found
 
     @property
@@ -209,15 +210,22 @@ def refined(
                 f"the model with {len(free)} free coefficients has no motion near the measured one"
                 f" ({error}): use fewer terms, or start from other values"
             ) from error
+    solution = replace(solution, covariance=covariance)  # that of the residuals as they are
+    return concluded(model, start, records, solution)
+
+
+def concluded(
+    model: AnyModel, start: AnyModel, records: Sequence[Prepared], solution: Solution
+) -> Fit:
+    """What a solution says of a model that was followed from ``start``."""
     peak = max(record.peak for record in records)
     new = extended(replace(model, values=start.values), solution.parts)
     new = with_memories(new, solution.parts)
-    solution = replace(solution, covariance=covariance)  # that of the residuals as they are
     pairs = zip(solution.parts, solution.slices(), strict=True)
     laws = [(law, at.start + k) for p, at in pairs for k, law in enumerate(laws_in(p.effect))]
     named = {law.key: place for law, place in laws}
     free, places = tuple(named), list(named.values())
-    covariance = covariance[np.ix_(places, places)]
+    covariance = solution.covariance[np.ix_(places, places)]
     grows = _growing(new, free, covariance)
     return Fit(
         model=replace(new, amplitude_range=model.amplitude_range or (0.0, peak)),

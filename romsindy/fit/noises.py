@@ -32,7 +32,9 @@ from romsindy.typing import Array
 
 # Where the search for the noises starts: colours, and intensities of the force, as powers of e on
 # the one whose response has the power of the sensor's noise.
-_COLOURS, _FORCES = (0.0, 0.9), (-16.0, -8.0, -3.0, 1.0, 5.0, 10.0)
+_COLOURS, _FORCES = (0.0, 0.9), (-12.0, -7.0, -3.0, 1.0, 5.0, 10.0)
+# The least of these moves a structure by 1/400 of the noise, and rounding would tell no less.
+_LEAST = _FORCES[0]
 _WIDEST, _WHITEST = 22.0, 3.0  # powers of e, and of the inverse hyperbolic tangent of the colour
 # Samples that tell the noises of one coordinate, fewer of several, and windows of a longer record.
 _ENOUGH, _WINDOWS = 8000, 4
@@ -106,12 +108,15 @@ class TwoNoises:
     moves : tuple of R (2 n_steps, n_unknowns) sparse arrays
         Moves of the states from step to step by a force on each coordinate, over their size where
         it has intensity 1.
+    inside : (n_steps, 3 R, 2 R) array
+        What a state at the start of a step does to the accelerations in it.
     heard : (R, c) array
         Power of what each force moves in each channel, at intensity 1.
     """
 
     shown: tuple[spmatrix, ...]
     moves: tuple[spmatrix, ...]
+    inside: Array
     heard: Array
 
     @classmethod
@@ -142,7 +147,7 @@ class TwoNoises:
         size = np.einsum("ij,nab->naijb", _MOVED, mass).reshape(-1, r, 2, 2 * r)
         size /= grid.step**1.5
         moves = tuple(_moves(own, transition) for own in size.swapaxes(0, 1))
-        return cls(shown, moves, _heard(transition, seen, grid.step))
+        return cls(shown, moves, system.by_start / unit, _heard(transition, seen, grid.step))
 
     @property
     def n_states(self) -> int:
@@ -156,7 +161,9 @@ class TwoNoises:
         low, high = places.min() // wide * wide, (places.max() // wide + 1) * wide
         ends = slice(2 * (low // wide), 2 * (high // wide - 1))
         shown = tuple(shown[first:last, low:high] for shown in self.shown)
-        return replace(self, shown=shown, moves=tuple(m[ends, low:high] for m in self.moves))
+        moves = tuple(m[ends, low:high] for m in self.moves)
+        inside = self.inside[low // wide : high // wide - 1]
+        return replace(self, shown=shown, moves=moves, inside=inside)
 
     @cached_property
     def _bands(self) -> tuple[list[_OneLag], list[Array]]:
@@ -174,6 +181,16 @@ class TwoNoises:
         for weight, band in pairs:  # most of them are narrow
             found[: len(band)] += weight * band
         return found
+
+    def moved(self, motion: Trajectory, states: Array) -> Trajectory:
+        """A motion with these states (n_unknowns,) added, from step to step."""
+        states = states.reshape(len(motion.q), -1)
+        q, late = np.split(states, 2, axis=1)  # q and h q_dot
+        q_ddot = motion.q_ddot + np.reshape(
+            np.einsum("nij,nj->ni", self.inside, states[:-1]), motion.q_ddot.shape
+        )
+        q_dot = motion.q_dot + late / motion.grid.step
+        return replace(motion, q=motion.q + q, q_dot=q_dot, q_ddot=q_ddot)
 
     def table(self, columns: Array) -> Table:
         """Columns (c n, m) that are weighed by some noises or others."""
@@ -194,8 +211,7 @@ class Table:
     def weighed(self, noises: Noises) -> Weighed:
         """By the inverse of the covariance; all sizes are above 0."""
         two = self.noises
-        factor = cholesky_banded(two.information(noises), lower=True)
-        states = cho_solve_banded((factor, True), _over(self._crossed, noises))
+        factor, states = self._states(noises)
         # What the best states leave, not the difference of two large numbers.
         left = (y - h @ states for h, y in zip(two.shown, self.channels, strict=True))
         products = _over((_OneLag.of(e, e) for e in left), noises)
@@ -206,6 +222,15 @@ class Table:
         spread += two.moves[0].shape[0] * np.sum(np.log(noises.force))
         spread += 2 * two.shown[0].shape[0] * np.sum(np.log(noises.sensor))
         return Weighed(products, float(spread))
+
+    def states(self, noises: Noises) -> Array:
+        """The most likely states behind each column, (n_unknowns, m)."""
+        return self._states(noises)[1]
+
+    def _states(self, noises: Noises) -> tuple[Array, Array]:
+        """The factor of their information before them."""
+        factor = cholesky_banded(self.noises.information(noises), lower=True)
+        return factor, cho_solve_banded((factor, True), _over(self._crossed, noises))
 
 
 def found_noises(noises: TwoNoises, left: Array) -> Noises:
@@ -222,7 +247,7 @@ def found_noises(noises: TwoNoises, left: Array) -> Noises:
     options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.05, "maxiter": 60}
     best = best + both @ minimize(cost, np.zeros(2), method="Nelder-Mead", options=options).x
     if search.n_forces + search.n_channels > 2:
-        low = search.alike(_FORCES[0], -_WHITEST) + search.louder(-_WIDEST)
+        low = search.alike(_LEAST, -_WHITEST) + search.louder(-_WIDEST)
         high = search.alike(_WIDEST, _WHITEST) + search.louder(_WIDEST)
         within = [*zip(low, high, strict=True)]
         start, how = np.clip(best, low, high), {"method": "L-BFGS-B", "options": _SLOPES}
@@ -288,7 +313,9 @@ class _Search:
 
     def cost(self, x: Array) -> float:
         """-2 log likelihood, whatever the size of all noises together."""
-        if max(abs(x)) > _WIDEST or max(abs(x[self.n_forces :][: self.n_channels])) > _WHITEST:
+        if min(x[: self.n_forces]) < _LEAST or max(abs(x)) > _WIDEST:
+            return _NEVER
+        if max(abs(x[self.n_forces :][: self.n_channels])) > _WHITEST:
             return _NEVER
         try:
             chi_squared, spread = self.weighed(self.noises(x))

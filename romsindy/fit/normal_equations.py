@@ -40,7 +40,10 @@ class NormalEquations:
 
     def add(self, where: Indices, rows: Array) -> None:
         """Rows of one record: derivatives by the values at these places, then the misfit."""
-        gram = rows.T @ rows
+        self.add_products(where, rows.T @ rows)
+
+    def add_products(self, where: Indices, gram: Array) -> None:
+        """Products of such rows, weighed by any covariance."""
         self.power += gram[-1, -1]
         self.right[where] += gram[-1, :-1]
         self.matrix[np.ix_(where, where)] += gram[:-1, :-1]

@@ -86,6 +86,11 @@ class Prepared(ABC):
         return self.noise if isinstance(self.noise, tuple) else (self.noise,)
 
     @property
+    def white(self) -> Array:
+        """Standard deviation of the noise of each sample, were it white, (c n,)."""
+        return np.repeat([noise.std for noise in self.noises], len(self.decay.t))
+
+    @property
     def inputs(self) -> Mapping[str, SampledInput]:
         """What drives it, by name: nothing drives a decay."""
         return {}

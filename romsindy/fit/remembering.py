@@ -50,7 +50,7 @@ def _part(law: MemoryLaw, strength: float, scales: Scales, n_records: int) -> Pa
 
 
 def laws_in(effect: Effect) -> tuple[Term | MemoryLaw, ...]:
-    """The terms that an effect is in a model, with a memory or without."""
+    """The terms that an effect is in a model, with a memory or without, one for each strength."""
     return (effect.remembering,) if isinstance(effect, MemoryEffect) else effect.laws()
 
 

@@ -15,7 +15,6 @@ from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import inputs_in
-from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.modes import modes_of
 from romsindy.fit.forced.refine import Look, decided
 from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
@@ -102,7 +101,7 @@ def identify_forced(
     look = Look.of(several, modes)
     for laws in kinds:
         search = _Search(laws, linear, known, look, say)
-        best = examined(_best(search, driven))
+        best = _best(search, driven)
         if best.verdict.explained:
             break
     best = with_choice_error(best, search.every_choice(best))
@@ -154,7 +153,7 @@ class _Search:
         for inputs in hypotheses:
             self.say(f"{inputs[0].interpolation} input")
             fits.append(self.fitted(terms, inputs))
-        return decided(fits)
+        return decided(fits, self.look.records)
 
     @property
     def candidates(self) -> list[Term]:

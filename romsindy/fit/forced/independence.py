@@ -24,6 +24,7 @@ from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import couplings
 from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced.weighed import weighed
 from romsindy.fit.gauss_newton import Solution, linear_table
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.noises import Noises, TwoNoises, found_noises
@@ -71,17 +72,32 @@ class Independence:
 
 
 def examined(fit: Fit) -> Fit:
-    """The same with its verdict by what is left of its driven records."""
+    """The same with its verdict by what is left of its driven records.
+
+    Where that is noise, the values and their errors are those that it weighs.
+    """
     pairs = [(i, r) for i, r in enumerate(fit.records) if r.driven]
     verdict = fit.verdict
     if not (isinstance(verdict, ForcedAdequacy) and 0 < verdict.part < np.inf):
         return fit  # there is no motion, or nothing is left
     found = examine_independence(fit.start, fit.solution, pairs)
+    judged = _judged(verdict, found, pairs)
+    if judged.structured:
+        return replace(fit, verdict=judged)
+    fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
+    assert isinstance(fit.verdict, ForcedAdequacy)  # as before
+    return replace(fit, verdict=_judged(fit.verdict, found, pairs))
+
+
+def _judged(
+    verdict: ForcedAdequacy, found: Independence, pairs: Sequence[tuple[int, Prepared]]
+) -> ForcedAdequacy:
+    """A verdict with what was found in that which is left."""
     heard = verdict.left / verdict.part  # rms of the response
     counts = [len(r.signal) for _, r in pairs]
     shown = [np.mean(n.shown**2) for n in found.noises]
     sensor = float(np.sqrt(np.average(shown, weights=counts)))
-    new = replace(
+    return replace(
         verdict,
         ratio=np.sqrt(found.excess),
         structure=found.excess,
@@ -92,7 +108,6 @@ def examined(fit: Fit) -> Fit:
         force=np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard,
         colour=np.average([np.mean(n.colour) for n in found.noises], weights=counts),
     )
-    return replace(fit, verdict=new)
 
 
 def examine_independence(
@@ -139,9 +154,8 @@ class _Tried:
         parts, motion, left = solution.parts, solution.motions[i], solution.residuals[i]
         equation = equation_of(model, parts, i, record)
         states = 2 * motion.q.shape[1]
-        std = np.repeat([noise.std for noise in record.noises], len(record.t))
         fitted = linear_table(model, parts, i, record, motion)[1][:, : -states - 1]
-        fitted = fitted * std[:, None]  # they come over white noise
+        fitted = fitted * record.white[:, None]  # they come over white noise
         two = TwoNoises.along(equation, parts, i, record, motion)
         noises = found_noises(two, left)
         forces = list(_forces(model, parts, record, motion))

@@ -60,8 +60,7 @@ class Driven:
             failure = error
         if whole is not None and (whole.solution.interrupted or not _astray(whole)):
             return whole
-        longest = max(r.turns for r in self.records if r.driven)
-        count = min(round(longest / _CYCLES), _MOST)
+        count = min(round(_turns(self.records) / _CYCLES), _MOST)
         if count < 2 or model.memories:  # what is remembered goes from piece to piece
             return _or_raised(whole, failure)
         try:
@@ -71,9 +70,9 @@ class Driven:
         stays = whole is not None and whole.solution.converged and _felt(whole) <= 1
         if whole is not None and stays and _power(short) > _ASTRAY * _power(whole):
             return whole
-        return self._longer(short, count, longest)
+        return self._longer(short, count)
 
-    def _longer(self, short: Fit, count: int, longest: float) -> Fit:
+    def _longer(self, short: Fit, count: int) -> Fit:
         """In the longest pieces over which the model follows as well as over short ones."""
         best = short
         while count > 1:
@@ -92,18 +91,7 @@ class Driven:
             if _power(fit) > (1 + chance) * _power(short):
                 break
             best, count = fit, count // 2
-        if count == 1:
-            return best
-        note = (
-            f"the model follows the motion over pieces of {longest / count:.0f} cycles, each with"
-            " an initial state of its own; in longer ones small errors grow, as they do in chaos or"
-            " where the equation is of another form"
-        )
-        verdict = best.verdict
-        assert isinstance(verdict, ForcedAdequacy)  # inputs drive some of the records
-        left = _left_by_one(best, self.records, count)
-        verdict = replace(verdict, piece=longest / count, whole=left)
-        return replace(best, verdict=verdict, notes=(*best.notes, note))
+        return best
 
     def _fit(self, model: AnyModel, beside: Sequence[Part], records: Sequence[Prepared]) -> Fit:
         offsets = (free_offsets(records, c) for c in range(records[0].n_channels))
@@ -126,6 +114,27 @@ def _cut(records: Sequence[Prepared], count: int) -> list[Prepared]:
     """Driven records in so many pieces; decays are whole."""
     cut = (r.pieces(count) if r.driven and count > 1 else [r] for r in records)
     return [piece for several in cut for piece in several]
+
+
+def beside_the_whole(fit: Fit, records: Sequence[Prepared]) -> Fit:
+    """The same with what one simulation of each record leaves, where it was followed in pieces."""
+    verdict, more = fit.verdict, len(fit.records) - len(records)
+    if not (isinstance(verdict, ForcedAdequacy) and more):
+        return fit
+    count = 1 + more // sum(r.driven for r in records)
+    cycles = _turns(records) / count
+    note = (
+        f"the model follows the motion over pieces of {cycles:.0f} cycles, each with an initial"
+        " state of its own; in longer ones small errors grow, as they do in chaos or where the"
+        " equation is of another form"
+    )
+    verdict = replace(verdict, piece=cycles, whole=_left_by_one(fit, records, count))
+    return replace(fit, verdict=verdict, notes=(*fit.notes, note))
+
+
+def _turns(records: Sequence[Prepared]) -> float:
+    """Cycles in the longest of the driven records."""
+    return max(r.turns for r in records if r.driven)
 
 
 def _left_by_one(fit: Fit, records: Sequence[Prepared], count: int) -> float:

@@ -15,7 +15,7 @@ from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.modes import Modes, modes_near
-from romsindy.fit.forced.pieces import Driven
+from romsindy.fit.forced.pieces import Driven, beside_the_whole
 from romsindy.fit.measured import (
     driven_among,
     free_names,
@@ -60,13 +60,13 @@ def refined_forced(
     names = free_names(free_model, fixed)
     look = Look.near(free_model, several)
     if own:
-        return examined(look.fit(names, model, loss, progress))
+        return decided([look.fit(names, model, loss, progress)], look.records)
     fits: list[Fit] = []
     for way in ways(look.measured):
         inputs = inputs_in(look.measured, way)
         driven = with_inputs(free_model, inputs, look.gains(free_model.terms, inputs))
         fits.append(look.fit(names, driven, loss, progress))
-    return examined(decided(fits))
+    return decided(fits, look.records)
 
 
 class Look(NamedTuple):
@@ -145,14 +145,14 @@ class Look(NamedTuple):
         return problem.fit(without_inputs(model), beside)
 
 
-def decided(fits: Sequence[Fit]) -> Fit:
-    """The best of fits that differ in what inputs do between their samples, with a note on it.
+def decided(fits: Sequence[Fit], records: Sequence[Prepared]) -> Fit:
+    """The best of fits that differ in what inputs do between their samples, with its verdict.
 
     Where the records cannot tell, the errors cover what the others say: the covariance of the
     average over all, by their likelihoods (J. Hoeting and others, Statistical Science 14, 1999).
     """
     if len(fits) == 1:
-        return fits[0]
+        return beside_the_whole(examined(fits[0]), records)
     names = [inputs_of(fit.model)[0].interpolation for fit in fits]
     left = [
         [e for r, x in zip(fit.records, fit.residuals, strict=True) for e in r.by_channel(x)]
@@ -164,4 +164,5 @@ def decided(fits: Sequence[Fit]) -> Fit:
     off = np.array(values) - values[fits.index(best)]
     weights = np.array([rivals.weights.get(name, 0.0) for name in names])
     spread = (weights * off.T) @ off
+    best = beside_the_whole(examined(best), records)
     return replace(best, covariance=best.covariance + spread, notes=(str(rivals), *best.notes))

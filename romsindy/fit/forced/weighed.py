@@ -1,0 +1,139 @@
+"""Values of a fit to driven records, weighed by the noises that are in them.
+
+Least squares over a simulation take what is left for white. Where a force that nobody measured
+moves the structure, or the noise of the sensor has a colour, generalised least squares tell the
+values better, and theirs is the covariance that they have. The motion is then one that these forces
+move as is most likely, so that a sensitive one does not go astray.
+
+Noise of the sensor of an input looks the same as a force that was not measured. The gain that
+follows the motion best is then too small, by the part of the power of the input that is noise [1]:
+its error counts both.
+
+[1] W. A. Fuller, "Measurement Error Models", Wiley 1987, section 1.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from romsindy.effects.drive import Drive
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.equation import equation_of
+from romsindy.fit.fitted import Fit, concluded
+from romsindy.fit.gauss_newton import fit as follow
+from romsindy.fit.gauss_newton import limits, linear_table, moved_parts
+from romsindy.fit.linear_response import Response
+from romsindy.fit.noises import Noises, Table, TwoNoises
+from romsindy.fit.normal_equations import NormalEquations
+from romsindy.fit.part import Part, columns_of
+from romsindy.fit.record import Prepared
+from romsindy.typing import Array, Indices
+
+_STEPS = 8
+_SETTLED = 0.05  # of chi-square, by a step
+
+
+def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
+    """The same by generalised least squares; ``noises`` are those of records, by their number.
+
+    Steps of Gauss and Newton about the most likely motions, which the forces move. Where they do
+    not settle, and where forces remember, the fit stays as it is.
+    """
+    if fit.model.memories:  # what a force moves would be remembered
+        return fit
+    parts, motions, last = fit.solution.parts, fit.solution.motions, np.inf
+    for _ in range(_STEPS):
+        step = _Step.about(fit, parts, motions, noises)
+        parts, motions = step.parts, step.motions
+        if abs(last - step.left) < _SETTLED:
+            break
+        last = step.left
+    else:
+        return fit
+    found = follow(fit.start, parts, fit.records, motions, fixed=True)
+    if not found.converged:
+        return fit
+    own = fit.model.terms[: len(fit.start.terms)]
+    model = replace(fit.model, terms=own, values=fit.start.values)
+    both = [_of_inputs(part, fit.records, noises) for part in parts]
+    found = replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
+    return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
+
+
+def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noises]) -> Array:
+    """By how much the values of a part change where forces are noise of the sensor of its input."""
+    change = np.zeros(part.size)
+    if not isinstance(part.effect, Drive):
+        return change
+    source, noisy = part.effect.of.source, []  # parts of its power, times the gain squared
+    weights = np.square(part.effect.directions)
+    for i, noise in noises.items():
+        measured = records[i].decay
+        if source in measured.names:
+            u = measured.u[:, measured.names.index(source)]
+            noisy.append(weights @ noise.force / (measured.dt * float(np.var(u))))
+    gain = part.strengths.ravel()
+    change[: len(gain)] = np.mean(noisy, axis=0) / np.abs(gain)
+    return change
+
+
+class _Step(NamedTuple):
+    """Where a step leads, the covariance of the values, and the chi-square that it leaves."""
+
+    parts: tuple[Part, ...]
+    motions: tuple[Trajectory, ...]
+    covariance: Array
+    left: float
+
+    @classmethod
+    def about(
+        cls,
+        fit: Fit,
+        parts: tuple[Part, ...],
+        motions: Sequence[Trajectory],
+        noises: Mapping[int, Noises],
+    ) -> _Step:
+        n_values = sum(p.size for p in parts)
+        system = NormalEquations(n_values, len(motions), n_coordinates=fit.start.n_coordinates)
+        ways = []
+        for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
+            response, rows = linear_table(fit.start, parts, i, record, motion)
+            where = columns_of(parts, i)
+            if i in noises:
+                equation = equation_of(fit.start, parts, i, record)
+                two = TwoNoises.along(equation, parts, i, record, motion)
+                own = rows[:, [*range(len(where)), -1]]
+                table = two.table(own * record.white[:, None])  # they come over white noise
+                system.add_products(where, table.weighed(noises[i]).products)
+                ways.append(partial(_driven, response, where, table, noises[i]))
+            else:
+                where = np.append(where, system.states_of(i))
+                system.add(where, rows)
+                ways.append(partial(_free, response, where))
+        system.add_priors(parts)
+        step = system.bounded_step(np.zeros(n_values, bool), *limits(parts))
+        return cls(
+            moved_parts(parts, step[:n_values]),
+            tuple(way(step) for way in ways),
+            system.covariance()[:n_values, :n_values],
+            system.chi_squared(step),
+        )
+
+
+def _free(response: Response, where: Indices, step: Array) -> Trajectory:
+    return response.moved(np.concatenate([[1.0], step[where]]))
+
+
+def _driven(
+    response: Response, where: Indices, table: Table, noises: Noises, step: Array
+) -> Trajectory:
+    """With what forces that were not measured move."""
+    states = table.states(noises) @ np.append(-step[where], 1.0)
+    at_start = np.zeros(2 * response.q.shape[1])
+    motion = response.moved(np.concatenate([[1.0], step[where], at_start]))
+    return table.noises.moved(motion, states)
