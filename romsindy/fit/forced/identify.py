@@ -111,10 +111,10 @@ def identify_forced(
 def _hidden(fit: Fit, look: Look) -> tuple[str, ...]:
     """That linear modes may be wrong where fewer channels than coordinates show them."""
     modes, verdict = look.modes, fit.verdict
-    if modes is None or verdict.explained or len(modes.shapes) >= len(modes.omega):
-        return ()
     assert isinstance(verdict, ForcedAdequacy)
-    if verdict.part < WIDEST_SIGNAL:
+    if modes is None or len(modes.shapes) >= len(modes.omega):
+        return ()
+    if verdict.explained or verdict.part < WIDEST_SIGNAL:
         return ()
     hertz = ", ".join(f"{w / (2 * np.pi):.4g} Hz" for w in modes.omega)
     return (
