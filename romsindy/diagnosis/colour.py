@@ -21,7 +21,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.weighing import Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.forced.adequacy import examine_forced
+from romsindy.fit.forced.independence import examine_driven
 from romsindy.fit.gauss_newton import Solution, fit, linear_table
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
@@ -116,13 +116,13 @@ class ColourOfBest:
     Attributes
     ----------
     examine : callable
-        What says whether a residual is noise: of driven records, or of decays.
+        What says whether a solution leaves noise: of driven records, or of decays.
     unsettled : bool
         Whether a fit that has not come to its end counts for what it reached: where one of several
         coordinates stops while others go on, friction lets none settle.
     """
 
-    examine: Callable[..., Adequacy] = examine_forced
+    examine: Callable[..., Adequacy] = examine_driven
     unsettled: bool = False
 
     def fitted(
@@ -172,14 +172,11 @@ class ColourOfBest:
         return before.at(noise), after.at(noise)
 
     def examined(
-        self,
-        records: Sequence[Any],
-        residuals: Sequence[Array],
-        n_values: int,
-        false_alarm: float,
+        self, model: Any, records: Sequence[Any], solution: Solution, false_alarm: float
     ) -> Adequacy:
-        """What is left of records, to which so many values were fitted."""
-        return self.examine(records, residuals, n_values, false_alarm)
+        """What a solution leaves of records."""
+        given = driven_instead(model, solution.parts)
+        return self.examine(given, solution, records, false_alarm)
 
     def _weighed(
         self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis

@@ -22,12 +22,13 @@ from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
 from romsindy.diagnosis.unsure import unsure_parts
 from romsindy.effects.base import Effect, ReadingEffect, Scales
-from romsindy.fit.adequacy import examine
+from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.coefficient import Coefficient, OnCoordinate, in_place
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.friction import smoothed
+from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.measured import small_frequencies
 from romsindy.fit.mode_shape import ModeShape
 from romsindy.fit.part import Part
@@ -135,8 +136,14 @@ def _search(
     options = replace(options, catalogue=(*sought, *mains))
     gains = [Part(e, (), np.zeros((1, 1)), KNOWN_GAIN, KNOWN_GAIN) for e in mains]
     beside = (*free_shapes(records), *gains)
-    noise = ColourOfBest(examine, unsettled=True)
+    noise = ColourOfBest(_examined, unsettled=True)
     return ResidualSearch(model, records, unsure, options, noise, beside, scales=largest, chain=())
+
+
+def _examined(
+    model: CoupledModel, solution: Solution, records: Sequence[CoupledRecord], false_alarm: float
+) -> Adequacy:
+    return examine(records, solution.residuals, solution.n_values, false_alarm)
 
 
 def _sought(

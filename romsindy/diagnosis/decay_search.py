@@ -18,13 +18,12 @@ from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
-from romsindy.fit.gauss_newton import fit
+from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales
 from romsindy.fit.shooting import shoot
 from romsindy.fit.verdict import EQUIVALENT, SCREENED, WORTH
 from romsindy.physics.model import ReducedModel
-from romsindy.typing import Array
 
 _CHECKS = 6  # iterations, to see what values that did not settle leave
 _FURTHER = 40  # of a fit that others are held against
@@ -94,14 +93,10 @@ class ProcessNoise:
         return before.at(after.noise), after
 
     def examined(
-        self,
-        records: Sequence[Record],
-        residuals: Sequence[Array],
-        n_values: int,
-        false_alarm: float,
+        self, model: ReducedModel, records: Sequence[Record], solution: Solution, false_alarm: float
     ) -> Adequacy:
-        """What is left of records, to which so many values were fitted."""
-        return examine(records, residuals, n_values, false_alarm)
+        """What a solution leaves of records."""
+        return examine(records, solution.residuals, solution.n_values, false_alarm)
 
 
 def _own_score(hypothesis: Hypothesis) -> float:

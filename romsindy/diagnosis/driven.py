@@ -35,7 +35,7 @@ from romsindy.effects.drive import (
 from romsindy.fit.coefficient import in_place
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import (
-    free_drives,
+    drives_of,
     freed,
     inputs_in,
     latest,
@@ -45,7 +45,7 @@ from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.measured import free_offsets
 from romsindy.fit.part import Part
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.equations import inputs_of, without_inputs
+from romsindy.physics.equations import inputs_of, with_inputs, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.model import ReducedModel
 from romsindy.record.forced import ForcedVibration
@@ -159,7 +159,7 @@ def search_beside_inputs(
     drives: tuple[Part, ...] = ()
     if others:
         gains = regressed(without_inputs(model).terms, others, records)[1].tolist()
-        drives = free_drives(others, gains, records)
+        drives = drives_of(with_inputs(without_inputs(model), others, gains), records)
     beside = (*drives, free_offsets(records))
     given = (model, records, unsure, options, ColourOfBest(), beside)
     return ResidualSearch(*given, scales=scales, chain=_chain(model, records))

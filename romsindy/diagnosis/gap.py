@@ -203,8 +203,7 @@ def _percent(difference: Difference, kind: str) -> str:
 
 def noise_std(record: Prepared) -> float:
     """Rms of the noise of a record, over all its channels, unit of the measured quantity."""
-    channels = record.noise if isinstance(record.noise, tuple) else (record.noise,)
-    return float(np.sqrt(np.mean([noise.std**2 for noise in channels])))
+    return float(np.sqrt(np.mean([noise.std**2 for noise in record.noises])))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.prediction import misfit_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, rivals_of
-from romsindy.fit.gauss_newton import fit
+from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared, Record
 from romsindy.fit.verdict import AS_GOOD, AS_ONE, EQUIVALENT, GAINED, MATERIAL, PREDICTED, UNJUDGED
@@ -151,8 +151,13 @@ class Validation:
 
 def left_of(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Array:
     """Measured minus simulated (n,), of a model with parts; infinite where it has no motion."""
+    return followed(model, parts, record).residuals[0]
+
+
+def followed(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Solution:
+    """A model with parts in a record that took no part: of its values the start is fitted."""
     own = [p.elsewhere(record.t) for p in parts]
-    return fit(driven_instead(model, own), own, [record], fixed=True).residuals[0]
+    return fit(driven_instead(model, own), own, [record], fixed=True)
 
 
 def tested(search: ResidualSearch, found: Finding, record: Prepared) -> Finding:

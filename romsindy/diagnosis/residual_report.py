@@ -14,7 +14,7 @@ from romsindy.diagnosis import words
 from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.explained import Explained, notes_of
 from romsindy.diagnosis.gap import UNSEEN, ResidualGap, beyond_noise, noise_std
-from romsindy.diagnosis.held_out import left_of
+from romsindy.diagnosis.held_out import followed, left_of
 from romsindy.diagnosis.input_level import InputLevel, most_apart
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
@@ -22,6 +22,7 @@ from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.coefficient import extended
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.record import Prepared
 from romsindy.fit.verdict import CLOSED, NAMED_ABOVE, PREDICTED
 from romsindy.physics.coupled import CoupledModel
@@ -222,8 +223,9 @@ class ForcedReport(ResidualReport):
 
     @property
     def _more_than_noise(self) -> str:
-        predicted = percent(1 - 1 / self.remainder.structure)
-        return f"{predicted} of its power is no noise, for its past predicts it"
+        left = self.remainder
+        assert isinstance(left, ForcedAdequacy)  # of driven records
+        return left.gone if left.structured else f"it would be {left.noise}"
 
     @cached_property
     def level(self) -> InputLevel | None:
@@ -267,9 +269,8 @@ def report_of(
     best, tolerance = found.rivals[0], search.options.tolerance
     added = best.parts if best.names else ()
     gap, tells = _gap(search, found, test), [search.remainder(best)]
-    if test is not None:  # of its values only the start was fitted
-        start = 2 * search.model.n_coordinates
-        tells.append(search.examined([test], gap.residuals_after, start))
+    if test is not None:
+        tells.append(search.examined([test], followed(search.model, best.parts, test)))
     kept = tolerance.source != DEFAULT and all(
         beyond_noise(*some) <= tolerance.signal
         for some in ((gap.records, gap.residuals_after), (search.records, best.solution.residuals))

@@ -20,9 +20,9 @@ from romsindy.diagnosis.screening import Screened
 from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects.base import Effect, Parameter
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import EQUIVALENT
-from romsindy.typing import Array
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,9 @@ class NoiseModel(Protocol):
         """Two by the same noise, to say whether one gains enough."""
 
     def examined(
-        self,
-        records: Sequence[Any],
-        residuals: Sequence[Array],
-        n_values: int,
-        false_alarm: float,
+        self, model: Any, records: Sequence[Any], solution: Solution, false_alarm: float
     ) -> Adequacy:
-        """What is left of records, to which so many values were fitted."""
+        """What a solution leaves of records."""
 
 
 @dataclass(eq=False)
@@ -177,14 +173,11 @@ class Search(ABC):
 
     def remainder(self, hypothesis: Hypothesis) -> Adequacy:
         """What a hypothesis leaves."""
-        s = hypothesis.solution
-        return self.examined(self.records, s.residuals, s.n_values)
+        return self.examined(self.records, hypothesis.solution)
 
-    def examined(
-        self, records: Sequence[Any], residuals: Sequence[Array], n_values: int
-    ) -> Adequacy:
-        """What is left of records, to which so many values were fitted."""
-        return self.noise.examined(records, residuals, n_values, self.options.false_alarm)
+    def examined(self, records: Sequence[Any], solution: Solution) -> Adequacy:
+        """What a solution leaves of records."""
+        return self.noise.examined(self.model, records, solution, self.options.false_alarm)
 
     def worth(self, before: Hypothesis, after: Hypothesis) -> bool:
         """Whether one says more than chance would, over all that was looked at."""

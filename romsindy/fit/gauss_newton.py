@@ -209,7 +209,10 @@ def _linearised(
 
 
 def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Array:
-    """Covariance of the values of a fit that converged, for the colour of what it leaves."""
+    """Covariance of the values of a fit that converged, for the colour of what it leaves.
+
+    nan where the motion leads far away with a further step.
+    """
     parts, n_values = solution.parts, sum(p.size for p in solution.parts)
     system = NormalEquations(n_values, len(records), n_coordinates=model.n_coordinates)
     tables = []
@@ -221,6 +224,8 @@ def coloured_covariance(model: AnyModel, solution: Solution, records: Sequence[P
         system.add(where, own)
         tables.append(rows)
     system.add_priors(parts)
+    if not system.finite:
+        return np.full((n_values, n_values), np.nan)
     return system.coloured(tables)[:n_values, :n_values]
 
 

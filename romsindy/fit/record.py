@@ -504,8 +504,3 @@ def sharing_drift(records: Sequence[Record]) -> list[Record]:
 def one_a_decay(records: Sequence[Prepared]) -> list[Prepared]:
     """Those of several coordinates that ring; of records in pieces the first, with all tones."""
     return [r for r in records if r.tones and r.since == 0]
-
-
-def in_pieces(records: Sequence[Prepared]) -> bool:
-    """Whether records of several coordinates were cut, each with an initial state of its own."""
-    return any(r.since > 0 for r in records)

@@ -187,7 +187,7 @@ class Identified:
                 "what one simulation of the equation leaves of the record from its start to its end"
             )
         worst = int(np.argmax(self.left))
-        cut = any(getattr(record, "since", 0.0) > 0 for record, _ in self.compared)
+        cut = any(record.since > 0 for record, _ in self.compared)
         what = "piece" if cut else "decay"
         several = f" ({what} {worst + 1}, the worst of {len(self.left)})"
         return (

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.record import Prepared
@@ -16,10 +15,8 @@ from romsindy.fit.verdict import (
     FALSE_ALARM,
     SAME_SIGNAL,
     SMALLER,
-    STRUCTURE,
     WIDEST_SIGNAL,
 )
-from romsindy.record.prediction import innovation
 from romsindy.text import percent, quantity
 from romsindy.typing import Array
 
@@ -128,14 +125,18 @@ class ForcedAdequacy(Adequacy):
         """What is left, in words."""
         if np.isnan(self.p_value):
             return ""
-        if self.structured:
-            return (
-                f", and {percent(self.missing)} of the response goes with the motion or the input,"
-                f" most like {self.like} (p = {self.p_value:.1g})"
-            )
-        return f", as noise: {self._noise()}"
+        return f", and {self.gone}" if self.structured else f", as noise: {self.noise}"
 
-    def _noise(self) -> str:
+    @property
+    def gone(self) -> str:
+        """What is no noise, in words."""
+        return (
+            f"{percent(self.missing)} of the response goes with the motion or the input, most like"
+            f" {self.like} (p = {self.p_value:.1g})"
+        )
+
+    @property
+    def noise(self) -> str:
         """Where it comes from."""
         coloured = ", coloured" if self.colour > COLOURED else ""
         sensor = f"{percent(self.sensor)} of the sensor{coloured}"
@@ -159,36 +160,22 @@ def examine_forced(
     n_values: int,
     false_alarm: float = FALSE_ALARM,
 ) -> ForcedAdequacy:
-    """Whether residuals (c n,) are white, in every channel."""
-    unit = records[0].decay.unit
+    """How much residuals (n,) are; what they are is not tried, see `independence`."""
     n = sum(map(len, residuals))
     power = sum(float(e @ e) for e in residuals)
     noise = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in zip(records, residuals, strict=True))
     heard = sum(r.power for r in records)
-    driven, order = 0.0, 0
-    if np.isfinite(power):
-        pairs = zip(records, residuals, strict=True)
-        for e in (channel for r, x in pairs for channel in r.by_channel(x)):
-            own, more = innovation(e)
-            driven += float(np.mean(own**2)) * len(e)
-            order += more
-    structure = power / driven if driven > 0 else np.inf
-    part = float(np.sqrt(power / heard))
-    told = structure > STRUCTURE  # its past tells more of it than does not matter
-    freedom = max(n - order, 1)
-    p = float(fdtrc(order, freedom, (structure - 1) * freedom / order)) if order else 1.0
     return ForcedAdequacy(
         ratio=float(np.sqrt(noise / max(n - n_values, 1))),
-        p_value=p,
-        structure=max(structure, 1.0),
+        p_value=np.nan,
+        structure=1.0,
         below_floor=False,
         amplitude=np.zeros(0),
         misfit=np.zeros(0),
         limit=max(r.amplitude for r in records),
-        unit=unit,
+        unit=records[0].decay.unit,
         false_alarm=false_alarm,
         left=float(np.sqrt(power / n)),
-        part=part,
+        part=float(np.sqrt(power / heard)),
         measured_unit=records[0].decay.signal_unit,
-        missing=part if told else 0.0,
     )

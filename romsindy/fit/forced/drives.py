@@ -67,15 +67,6 @@ def drives_of(model: AnyModel, records: Sequence[Prepared]) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def free_drives(
-    inputs: Sequence[Input], gains: Sequence[float], records: Sequence[Prepared]
-) -> tuple[Part, ...]:
-    """Parts of inputs with free gains and delays, from these gains on."""
-    most = latest(records)
-    drives = (Drive(replace(term, delay=0.0), term.delay, most) for term in inputs)
-    return tuple(freed(drive, gain) for drive, gain in zip(drives, gains, strict=True))
-
-
 def freed(drive: Drive, gain: float) -> Part:
     """An input with its parameters free, and its gain, from this one on."""
     return Part(drive, drive.parameters(), np.array([[gain]]))

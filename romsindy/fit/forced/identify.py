@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from romsindy.fit.choice_error import with_choice_error
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_terms import KINDS, linear_terms
 from romsindy.fit.coupled_terms import candidates as coupled_candidates
 from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import inputs_in
 from romsindy.fit.forced.modes import modes_of
@@ -23,6 +27,7 @@ from romsindy.fit.measured import (
 )
 from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
+from romsindy.fit.verdict import WIDEST_SIGNAL
 from romsindy.physics.equations import inputs_of, without_inputs
 from romsindy.physics.input import Input
 from romsindy.physics.term import Term
@@ -100,7 +105,24 @@ def identify_forced(
         if best.verdict.explained:
             break
     best = with_choice_error(best, search.every_choice(best))
-    return replace(best, notes=(*best.notes, *stand_ins(best)))
+    return replace(best, notes=(*best.notes, *stand_ins(best), *_hidden(best, look)))
+
+
+def _hidden(fit: Fit, look: Look) -> tuple[str, ...]:
+    """That linear modes may be wrong where fewer channels than coordinates show them."""
+    modes, verdict = look.modes, fit.verdict
+    assert isinstance(verdict, ForcedAdequacy)
+    if modes is None or len(modes.shapes) >= len(modes.omega):
+        return ()
+    if verdict.explained or verdict.part < WIDEST_SIGNAL:
+        return ()
+    hertz = ", ".join(f"{w / (2 * np.pi):.4g} Hz" for w in modes.omega)
+    return (
+        f"fewer channels than coordinates ({len(modes.shapes)} and {len(modes.omega)}) are told"
+        f" apart by their linear modes, found at {hertz}, and a strongly nonlinear motion hides"
+        " these: give a channel for each coordinate, a smaller motion, or refine() a model that is"
+        " near",
+    )
 
 
 def _best(search: _Search, driven: Sequence[ForcedVibration]) -> Fit:
@@ -152,7 +174,10 @@ class _Search:
             new = needed_terms(fit, motions, self.candidates)
             if new == kept:
                 break
-            fit, kept = self.fitted(new, inputs), new
+            try:
+                fit, kept = self.fitted(new, inputs), new
+            except TrajectoryError:  # chosen about motions that are too far off
+                break
             motions = list(fit.solution.motions)
         return kept
 

@@ -14,27 +14,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import fdtrc
 
-from romsindy.effects.drive import Drive
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import couplings
 from romsindy.fit.equation import equation_of
-from romsindy.fit.forced.adequacy import ForcedAdequacy
-from romsindy.fit.forced.weighed import weighed
+from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.gauss_newton import Solution, linear_table
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.noises import Noises, TwoNoises, found_noises
 from romsindy.fit.part import Part, columns_of, in_orders
 from romsindy.fit.record import Prepared
+from romsindy.fit.verdict import FALSE_ALARM
 from romsindy.physics.coupled import AnyModel
+from romsindy.physics.input import input_in
 from romsindy.typing import Array, Indices
-
-if TYPE_CHECKING:
-    from romsindy.fit.fitted import Fit
 
 # Powers of a coordinate and of its velocity that are tried: all of second and third order, and
 # those of fifth order that differ from them in their harmonics.
@@ -71,25 +68,21 @@ class Independence:
     excess: float
 
 
-def examined(fit: Fit) -> Fit:
-    """The same with its verdict by what is left of its driven records.
-
-    Where that is noise, the values and their errors are those that it weighs.
-    """
-    pairs = [(i, r) for i, r in enumerate(fit.records) if r.driven]
-    verdict = fit.verdict
-    if not (isinstance(verdict, ForcedAdequacy) and 0 < verdict.part < np.inf):
-        return fit  # there is no motion, or nothing is left
-    found = examine_independence(fit.start, fit.solution, pairs)
-    judged = _judged(verdict, found, pairs)
-    if judged.structured:
-        return replace(fit, verdict=judged)
-    fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
-    assert isinstance(fit.verdict, ForcedAdequacy)  # as before
-    return replace(fit, verdict=_judged(fit.verdict, found, pairs))
+def examine_driven(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    false_alarm: float = FALSE_ALARM,
+) -> ForcedAdequacy:
+    """What a hypothesis leaves of driven records."""
+    verdict = examine_forced(records, solution.residuals, solution.n_values, false_alarm)
+    if not 0 < verdict.part < np.inf:
+        return verdict
+    pairs = [*enumerate(records)]
+    return judged(verdict, examine_independence(model, solution, pairs), pairs)
 
 
-def _judged(
+def judged(
     verdict: ForcedAdequacy, found: Independence, pairs: Sequence[tuple[int, Prepared]]
 ) -> ForcedAdequacy:
     """A verdict with what was found in that which is left."""
@@ -187,7 +180,7 @@ def _forces(
         q, v = states[0][:, i], states[1][:, i]
         alone = _alone(name, q / np.abs(motion.q[:, i]).max(), v / np.abs(motion.q_dot[:, i]).max())
         on = f" on {name}" if model.numbered else ""
-        late = _late(parts, record, t, 1 / float(record.frequencies[i]))
+        late = _late(model, parts, record, t, 1 / float(record.frequencies[i]))
         for what, values in (*alone, *((what + on, values) for what, values in late)):
             yield _Force(what, values[:, None] * unit[i])
     if model.numbered:
@@ -209,20 +202,19 @@ def _alone(name: str, q: Array, v: Array) -> Iterator[tuple[str, Array]]:
 # Powers of an input are not tried: the largest values of a sine that is measured with noise are
 # those that noise made larger, and a cube goes with that.
 def _late(
-    parts: Sequence[Part], record: Prepared, t: Array, cycle: float
+    model: AnyModel, parts: Sequence[Part], record: Prepared, t: Array, cycle: float
 ) -> Iterator[tuple[str, Array]]:
     """Inputs that act a quarter of a cycle, in s, sooner or later."""
-    for part in parts:
-        if isinstance(part.effect, Drive):
-            term = part.effect.term()
-            for cycles in _LATE:
-                other = replace(term, delay=term.delay + cycles * cycle)
-                late = "later" if cycles > 0 else "sooner"
-                name = f"{term.signal} a quarter of a cycle {late}"
-                values = np.zeros_like(t)
-                if term.source in record.inputs:
-                    values = record.inputs[term.source].at(t, other)
-                yield name, values / max(float(np.abs(values).max()), 1e-300)
+    laws = (*model.terms, *(law for part in parts for law in part.effect.laws()))
+    for term in dict.fromkeys(i for law in laws if (i := input_in(law)) is not None):
+        for cycles in _LATE:
+            other = replace(term, delay=term.delay + cycles * cycle)
+            late = "later" if cycles > 0 else "sooner"
+            name = f"{term.signal} a quarter of a cycle {late}"
+            values = np.zeros_like(t)
+            if term.source in record.inputs:
+                values = record.inputs[term.source].at(t, other)
+            yield name, values / max(float(np.abs(values).max()), 1e-300)
 
 
 def _explained(system: Array, some: Indices) -> tuple[float, int]:

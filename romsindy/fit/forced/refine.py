@@ -13,9 +13,9 @@ from romsindy.fit.coupled_terms import linear_model
 from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.between_samples import rated, ways
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
-from romsindy.fit.forced.independence import examined
 from romsindy.fit.forced.modes import Modes, modes_near
 from romsindy.fit.forced.pieces import Driven, beside_the_whole
+from romsindy.fit.forced.weighed import examined
 from romsindy.fit.measured import (
     driven_among,
     free_names,

@@ -25,6 +25,8 @@ from romsindy.effects.drive import Drive
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, concluded
+from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced.independence import examine_independence, judged
 from romsindy.fit.gauss_newton import fit as follow
 from romsindy.fit.gauss_newton import limits, linear_table, moved_parts
 from romsindy.fit.linear_response import Response
@@ -36,6 +38,24 @@ from romsindy.typing import Array, Indices
 
 _STEPS = 8
 _SETTLED = 0.05  # of chi-square, by a step
+
+
+def examined(fit: Fit) -> Fit:
+    """The same with its verdict by what is left of its driven records.
+
+    Where that is noise, the values and their errors are those that it weighs.
+    """
+    pairs = [(i, r) for i, r in enumerate(fit.records) if r.driven]
+    verdict = fit.verdict
+    if not (isinstance(verdict, ForcedAdequacy) and 0 < verdict.part < np.inf):
+        return fit  # there is no motion, or nothing is left
+    found = examine_independence(fit.start, fit.solution, pairs)
+    first = judged(verdict, found, pairs)
+    if first.structured:
+        return replace(fit, verdict=first)
+    fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
+    assert isinstance(fit.verdict, ForcedAdequacy)  # as before
+    return replace(fit, verdict=judged(fit.verdict, found, pairs))
 
 
 def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
