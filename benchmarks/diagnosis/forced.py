@@ -1,6 +1,7 @@
 """Blind trials: swept sines that drive oscillators in which an effect is hidden.
 
     python benchmarks/diagnosis/forced.py --first 0 --count 60 --nulls 40 --list
+    python benchmarks/diagnosis/forced.py --noise force           # or coloured, input
 
 A trial is drawn from its seed alone, and shares no class with romsindy: the oscillator and its laws
 are those of oscillator.py, laws.py and outside.py, integrated by DOP853 (by RK4 where the input is
@@ -8,7 +9,9 @@ held); friction turns round within 0.2 % of the largest velocity. One sweep or t
 resonance, up or down, 100 to 160 cycles, 20 samples a cycle of the linear frequency, white noise
 40 dB below the response. In half of the trials, and where the input or the gain of the sensor is
 wrong, the simulation knows the gain of the input; elsewhere it is fitted. Seeds below 50000 are for
-development.
+development. Other noises: coloured, each sample keeps 0.95 of the one before, 35 dB; a force that
+nobody measured, white up to half the sampling rate, 5 % of the force; noise of its sensor, 2 %;
+these two beside the white one 20 dB lower.
 
 Left out is what another value that is always fitted stands for, a constant force (the zero of the
 sensor), and what belongs to decays: effects that remember, a second mode that rings down, hum.
@@ -29,6 +32,7 @@ from joblib import Parallel, delayed
 from marked import asked_of
 from oscillator import Nominal
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 from score import line, problems
 
 import romsindy as rs
@@ -42,6 +46,8 @@ _KNOWN = (*CHAIN, "gain")  # seen where the gain of the input is known
 _TURN = 2 * math.pi
 _SAMPLES, _SNR_DB, _SUBSTEPS = 20, 40.0, 8
 _CREEP = 2e-3
+NOISES = ("white", "coloured", "force", "input")
+_COLOURED_DB, _UNKNOWN, _SENSED = 35.0, 0.05, 0.02
 _FAR = 1e3  # amplitudes, from which nothing comes back
 _CHANGED = {"medium": 0.03, "strong": 0.1}  # of the gain of the input
 
@@ -80,17 +86,17 @@ class Escaped(Exception):
     """A motion that grows without end, as of a spring that softens: nobody records it."""
 
 
-def trial_of(seed: int, null: bool) -> Trial:
+def trial_of(seed: int, null: bool, noise: str = "white") -> Trial:
     """Draw one trial, again where its motion escapes."""
     rng = np.random.default_rng([7, int(null), seed])
     while True:
         try:
-            return _drawn(rng, seed, null)
+            return _drawn(rng, seed, null, noise)
         except Escaped:
             continue
 
 
-def _drawn(rng: np.random.Generator, seed: int, null: bool) -> Trial:
+def _drawn(rng: np.random.Generator, seed: int, null: bool, noise: str) -> Trial:
     nominal = Nominal.drawn(rng)
     name = "" if null else hidden_in(seed)
     strength = str(rng.choice(["medium", "strong"]))
@@ -112,15 +118,22 @@ def _drawn(rng: np.random.Generator, seed: int, null: bool) -> Trial:
     records = []
     for i, sweep in enumerate(sweeps):
         t = np.arange(0.0, sweep.length, step)
+        own = np.random.default_rng([13, seed, i])
+        unknown = sweep.size * math.sqrt(0.5) * _UNKNOWN * own.standard_normal(len(t) + 1)
+        unknown *= noise == "force"
         if name == "input_between_samples":
-            q = held(nominal, sweep, t)
+            q = held(nominal, lambda now, s=sweep, u=unknown: s(now) + u[round(now / step)], t)
         else:
-            push = lambda now, s=sweep: factor * s(max(now - late, 0.0))  # noqa: E731
+            push = lambda now, s=sweep, u=unknown: (  # noqa: E731
+                factor * s(max(now - late, 0.0)) + between(u, now / step)
+            )
             q = driven(nominal, effects, t, push)
         for e in effects:
             q = e.reading(t, q, i) if e.reading is not None else q
-        q = q + rng.standard_normal(len(q)) * np.std(q) * 10 ** (-_SNR_DB / 20)
-        u = np.array([sweep(x) for x in t]) * size * omega**2 / gain
+        q = q + shown(noise, rng.standard_normal(len(q))) * np.std(q)
+        u = np.array([sweep(x) for x in t])
+        u = u + (noise == "input") * _SENSED * np.std(u) * own.standard_normal(len(u))
+        u *= size * omega**2 / gain
         records.append(rs.ForcedVibration(t / omega, size * q, u, unit="m", input_unit="N"))
     coefficients = nominal.coefficients(omega, size)
     if known:
@@ -130,10 +143,25 @@ def _drawn(rng: np.random.Generator, seed: int, null: bool) -> Trial:
     truth = {
         "effects": {name: effects[0].truth if effects else {}} if name else {},
         "strength": f"{strength if name else 'none'}, {about}",
-        "noise": "white",
+        "noise": noise,
         "snr_db": _SNR_DB,
     }
     return Trial(model, records, truth)
+
+
+def between(samples: np.ndarray, place: float) -> float:
+    """A value between samples, on a line."""
+    i = min(int(place), len(samples) - 2)
+    return float(samples[i] + (place - i) * (samples[i + 1] - samples[i]))
+
+
+def shown(noise: str, white: np.ndarray) -> np.ndarray:
+    """Noise of the sensor over the rms of the response, from white values of variance 1."""
+    if noise == "coloured":
+        keeps, level = 0.95, 10 ** (-_COLOURED_DB / 20)
+        return level * math.sqrt(1 - keeps**2) * lfilter([1.0], [1.0, -keeps], white)
+    level = 10 ** (-_SNR_DB / 20)
+    return white * (level if noise == "white" else 0.1 * level)
 
 
 def _sweeps(nominal: Nominal, rng: np.random.Generator) -> list[Sweep]:
@@ -205,9 +233,9 @@ def held(nominal: Nominal, push: Callable[[float], float], t: np.ndarray) -> np.
     return np.array(found)
 
 
-def one(seed: int, null: bool) -> dict:
+def one(seed: int, null: bool, noise: str) -> dict:
     """Diagnose one trial, and mark it."""
-    trial = trial_of(seed, null)
+    trial = trial_of(seed, null, noise)
     result = asked_of(lambda: rs.diagnose(trial.model, trial.records), trial.truth)
     return {"trial": f"{'null' if null else 'forced'}_{seed}", "seed": seed, **result}
 
@@ -218,6 +246,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=60, help="systems with a hidden effect")
     parser.add_argument("--nulls", type=int, default=40, help="systems without")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--noise", choices=NOISES, default="white")
     parser.add_argument("--list", action="store_true", help="what was not right first")
     chosen = parser.parse_args()
     rows = {
@@ -226,7 +255,7 @@ def main() -> None:
     }
     for name, (count, null, asked) in rows.items():
         seeds = range(chosen.first, chosen.first + count)
-        results = Parallel(chosen.jobs)(delayed(one)(seed, null) for seed in seeds)
+        results = Parallel(chosen.jobs)(delayed(one)(seed, null, chosen.noise) for seed in seeds)
         print(line(name, results, asked), flush=True)
         for text in problems(results) if chosen.list else ():
             print(text, flush=True)

@@ -21,8 +21,10 @@ from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.weighing import Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.independence import examine_driven
-from romsindy.fit.gauss_newton import Solution, fit, linear_table
+from romsindy.fit.gauss_newton import Solution, fit, limits, linear_table, moved_parts
+from romsindy.fit.noises import Noises, Table, TwoNoises, found_noises
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
 from romsindy.fit.record import Prepared
@@ -109,6 +111,54 @@ class Coloured:
         return Solved(system, misfit, parts, system.covariance()[:n, :n])
 
 
+@dataclass(frozen=True, eq=False)
+class ByNoises:
+    """The same by both noises: of the sensors, and forces that were not measured.
+
+    ``tables`` are derivatives of the reading of each record and its misfit, at the ``places`` of
+    the values; states at the start are those that the forces allow.
+    """
+
+    n_values: int
+    system: NormalEquations
+    places: tuple[Indices, ...]
+    tables: tuple[Table, ...]
+
+    @classmethod
+    def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
+        """Linearise a fit about its motion."""
+        parts, places, tables = solution.parts, [], []
+        n_values = sum(p.size for p in parts)
+        for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
+            where = columns_of(parts, i)
+            rows = linear_table(model, parts, i, record, motion)[1][:, : len(where)]
+            rows = rows * record.white[:, None]  # they come over white noise
+            equation = equation_of(model, parts, i, record)
+            two = TwoNoises.along(equation, parts, i, record, motion)
+            tables.append(two.table(np.column_stack([rows, solution.residuals[i]])))
+            places.append(where)
+        return cls(n_values, NormalEquations(n_values, 0), tuple(places), tuple(tables))
+
+    @cached_property
+    def needed(self) -> tuple[Noises, ...]:
+        """The noises in what it leaves itself."""
+        return tuple(found_noises(t.noises, t.left) for t in self.tables)
+
+    def excess(self, noise: tuple[Noises, ...]) -> float:
+        """None: what is left is noise by its own sizes."""
+        return 1.0
+
+    def solved(self, solution: Solution, noise: tuple[Noises, ...]) -> Solved:
+        """The fit by these noises, its own where none are given."""
+        parts, system = solution.parts, deepcopy(self.system)
+        for where, table, own in zip(self.places, self.tables, noise or self.needed, strict=True):
+            system.add_products(where, table.weighed(own).products)
+        system.add_priors(parts)
+        step = system.bounded_step(np.zeros(self.n_values, bool), *limits(parts))
+        moved = moved_parts(parts, step)
+        return Solved(system, system.chi_squared(step), moved, system.covariance())
+
+
 @dataclass(frozen=True)
 class ColourOfBest:
     """All by the noise that the one leaves that fits best, of all that were fitted so far.
@@ -117,12 +167,15 @@ class ColourOfBest:
     ----------
     examine : callable
         What says whether a solution leaves noise: of driven records, or of decays.
+    linearised : callable
+        What makes a fit ready to be weighed by any noise, of a model, a solution and records.
     unsettled : bool
         Whether a fit that has not come to its end counts for what it reached: where one of several
         coordinates stops while others go on, friction lets none settle.
     """
 
     examine: Callable[..., Adequacy] = examine_driven
+    linearised: Callable[..., ByNoises | Coloured] = ByNoises.of
     unsettled: bool = False
 
     def fitted(
@@ -188,11 +241,11 @@ class ColourOfBest:
             # A motion that does not yet satisfy its equation leaves too little.
             s = fit(model, s.parts, records, s.motions, fixed=True, iterations=_CHECKS)
         there = s.converged or (self.unsettled and s.finite)
-        weighed = Coloured.of(model, s, records) if there else None
+        weighed = self.linearised(model, s, records) if there else None
         return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)
 
 
-def _noise_of(hypotheses: Sequence[Hypothesis]) -> Colours:
+def _noise_of(hypotheses: Sequence[Hypothesis]) -> tuple[Any, ...]:
     """What the one that fits best leaves of the records."""
     followed = [h for h in hypotheses if h.weighed is not None]
     if not followed:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from romsindy.diagnosis.arguments import FREE, check_repeats, check_request
-from romsindy.diagnosis.colour import ColourOfBest
+from romsindy.diagnosis.colour import Coloured, ColourOfBest
 from romsindy.diagnosis.held_out import tested
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, report_of
 from romsindy.diagnosis.residual_search import ResidualSearch
@@ -136,7 +136,7 @@ def _search(
     options = replace(options, catalogue=(*sought, *mains))
     gains = [Part(e, (), np.zeros((1, 1)), KNOWN_GAIN, KNOWN_GAIN) for e in mains]
     beside = (*free_shapes(records), *gains)
-    noise = ColourOfBest(_examined, unsettled=True)
+    noise = ColourOfBest(_examined, Coloured.of, unsettled=True)
     return ResidualSearch(model, records, unsure, options, noise, beside, scales=largest, chain=())
 
 

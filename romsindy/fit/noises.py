@@ -204,6 +204,11 @@ class Table:
     noises: TwoNoises
     channels: Sequence[Array]
 
+    @property
+    def left(self) -> Array:
+        """The last column, (c n,)."""
+        return np.concatenate([y[:, -1] for y in self.channels])
+
     @cached_property
     def _crossed(self) -> list[_OneLag]:
         return [_OneLag.of(h, y) for h, y in zip(self.noises.shown, self.channels, strict=True)]
