@@ -117,6 +117,23 @@ def test_weighed_products_are_those_of_the_whole_covariance(r):
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
+def test_slow_noise_of_an_accelerometer_hides_no_motion():
+    """Twice integrated it outgrows the motion, a sum of cosines, below the band of that."""
+    n, rng = 4000, np.random.default_rng(6)
+    frequency, phase = rng.uniform(0.6, 1.6, 60) * OMEGA, rng.uniform(0, 2 * np.pi, 60)
+    waves = np.cos(np.multiply.outer(DT * np.arange(n), frequency) + phase)
+    q, q_ddot = waves.sum(axis=1), waves @ -(frequency**2)
+    slow = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], rng.standard_normal(n))
+    y = q_ddot + 10 ** (-35 / 20) * q_ddot.std() * slow
+    vibration = rs.ForcedVibration(DT * np.arange(n), y, q, unit="m", measured="acceleration")
+    motion = ForcedRecord.of(vibration, 1e-9).motion
+    assert motion.grid.step < 2 * np.pi / OMEGA / 8
+    found = np.interp(
+        DT * np.arange(n), motion.grid.step * np.arange(len(motion.q)), motion.q[:, 0]
+    )
+    assert np.std((found - q)[200:-200]) < 0.15 * q.std()
+
+
 def driven(seed, noise, extra=lambda q, v: 0.0, n=3000):
     """A Duffing oscillator under a multisine, by scipy, with one of four noises."""
     rng = np.random.default_rng(seed)
