@@ -20,6 +20,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import LinAlgError
 
 from romsindy.effects.drive import Drive
 from romsindy.fit.collocation import Trajectory
@@ -68,7 +69,10 @@ def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
         return fit
     parts, motions, last = fit.solution.parts, fit.solution.motions, np.inf
     for _ in range(_STEPS):
-        step = _Step.about(fit, parts, motions, noises)
+        try:
+            step = _Step.about(fit, parts, motions, noises)
+        except LinAlgError:  # forces that grow beyond what numbers hold
+            return fit
         parts, motions = step.parts, step.motions
         if abs(last - step.left) < _SETTLED:
             break
