@@ -199,6 +199,21 @@ def test_the_gain_counts_that_the_sensor_of_the_input_is_noisy():
     )
 
 
+def test_noise_of_the_force_sensor_does_not_hide_that_the_force_is_held():
+    """Exact steps under a held force; straight lines smooth its noise, and so leave less."""
+    n, dt, rng = 3000, 2 * np.pi / OMEGA / 24, np.random.default_rng(0)
+    push = multisine(n, rng)(dt * np.arange(n))
+    a = np.array([[0, 1, 0], [-(OMEGA**2), -2 * ZETA * OMEGA, 1], [0, 0, 0]])
+    step, state, q_dot = expm(a * dt), np.zeros(2), []
+    for force in push:
+        q_dot.append(state[1])
+        state = step[:2] @ [*state, force]
+    y = q_dot + 1e-3 * np.std(q_dot) * rng.standard_normal(n)
+    u = push + 0.02 * rng.standard_normal(n)
+    fit = rs.refine(LINEAR, rs.ForcedVibration(dt * np.arange(n), y, u, "m", "velocity"))
+    assert "the input is held" in fit.notes[0] and fit.verdict.explained
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", ["white", "coloured", "input"])
 def test_the_right_model_is_explained_whatever_the_noise(noise):
