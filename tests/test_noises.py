@@ -188,6 +188,24 @@ def test_errors_hold_where_a_force_was_not_measured():
     assert chi2.ppf(0.0005, 12) < np.sum(np.square(off)) < chi2.ppf(0.9995, 12)
 
 
+def test_residuals_are_those_of_one_simulation_from_the_most_likely_start():
+    """By scipy, from the values and the state that the fit tells."""
+    n, record = 1000, driven(41, "force", n=1000)
+    fit, push, size = fitted(record), multisine(n, np.random.default_rng(41)), 6 * ZETA * OMEGA**2
+    found = fit.model.coefficients
+    k, c, k3, gain = (found[name] for name in (*DUFFING, "gain [force]"))
+    late = fit.delays["force"][0]
+
+    def rate(at, x):
+        force = gain * size * push(at - late)
+        return x[1], force - c * x[1] - x[0] * (k + k3 * x[0] ** 2)
+
+    t = record.t
+    q = solve_ivp(rate, (0, t[-1]), fit.states[0], t_eval=t, max_step=DT, rtol=1e-7, atol=1e-9).y[0]
+    left = record.y - q - fit.offsets[0]
+    assert np.std(left - fit.residuals[0]) < 0.02 * np.std(left)
+
+
 def test_the_gain_counts_that_the_sensor_of_the_input_is_noisy():
     """It loses the part of the power that is noise, 1 of 401 here: `W. Fuller`, section 1.1."""
     fit = fitted(driven(40, "input"))

@@ -23,17 +23,16 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from romsindy.effects.drive import Drive
-from romsindy.fit.collocation import Trajectory
+from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, concluded
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.independence import examine_independence, judged
-from romsindy.fit.gauss_newton import fit as follow
-from romsindy.fit.gauss_newton import limits, linear_table, moved_parts
-from romsindy.fit.linear_response import Response
+from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
+from romsindy.fit.linear_response import Response, sampled
 from romsindy.fit.noises import Noises, Table, TwoNoises
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of
+from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
 from romsindy.fit.record import Prepared
 from romsindy.typing import Array, Indices
 
@@ -63,7 +62,7 @@ def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
     """The same by generalised least squares; ``noises`` are those of records, by their number.
 
     Steps of Gauss and Newton about the most likely motions, which the forces move. Where they do
-    not settle, and where forces remember, the fit stays as it is.
+    not settle or have no motion, and where forces remember, the fit stays as it is.
     """
     if fit.model.memories:  # what a force moves would be remembered
         return fit
@@ -79,14 +78,30 @@ def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
         last = step.left
     else:
         return fit
-    found = follow(fit.start, parts, fit.records, motions, fixed=True)
-    if not found.converged:
+    try:
+        found = _simulated(fit, parts, motions, step.covariance)
+    except TrajectoryError:
         return fit
     own = fit.model.terms[: len(fit.start.terms)]
     model = replace(fit.model, terms=own, values=fit.start.values)
     both = [_of_inputs(part, fit.records, noises) for part in parts]
-    found = replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
+    found = replace(found, covariance=found.covariance + np.diag(np.concatenate(both) ** 2 / 2))
     return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
+
+
+def _simulated(
+    fit: Fit, parts: tuple[Part, ...], motions: Sequence[Trajectory], covariance: Array
+) -> Solution:
+    """What simulations leave that start as these motions do, without forces that move them."""
+    own, left = [], []
+    for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
+        equation = equation_of(fit.start, parts, i, record)
+        own.append(integrate(equation, motion.start, motion.grid, motion))
+        x = in_orders(record.orders(parts), partial(sampled, own[-1]))
+        left.append(record.signal - record.read(parts, i, x).shown)
+    pairs = zip(fit.records, left, strict=True)
+    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs) + prior_cost(parts)
+    return Solution(parts, tuple(own), tuple(left), total, covariance, converged=True)
 
 
 def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noises]) -> Array:
