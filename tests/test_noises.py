@@ -188,7 +188,7 @@ def test_errors_hold_where_a_force_was_not_measured():
     assert chi2.ppf(0.0005, 12) < np.sum(np.square(off)) < chi2.ppf(0.9995, 12)
 
 
-def test_residuals_are_those_of_one_simulation_from_the_most_likely_start():
+def test_residuals_are_those_of_one_simulation_from_the_state_that_is_told():
     """By scipy, from the values and the state that the fit tells."""
     n, record = 1000, driven(41, "force", n=1000)
     fit, push, size = fitted(record), multisine(n, np.random.default_rng(41)), 6 * ZETA * OMEGA**2

@@ -29,6 +29,7 @@ from romsindy.fit.fitted import Fit, concluded
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.independence import examine_independence, judged
 from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
+from romsindy.fit.gauss_newton import fit as follow
 from romsindy.fit.linear_response import Response, sampled
 from romsindy.fit.noises import Noises, Table, TwoNoises
 from romsindy.fit.normal_equations import NormalEquations
@@ -78,20 +79,20 @@ def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
         last = step.left
     else:
         return fit
-    try:
-        found = _simulated(fit, parts, motions, step.covariance)
-    except TrajectoryError:
-        return fit
+    found = follow(fit.start, parts, fit.records, motions, fixed=True)
+    if not found.converged:  # where motion is sensitive, it swings between two starts
+        try:
+            found = _simulated(fit, parts, motions)
+        except TrajectoryError:
+            return fit
     own = fit.model.terms[: len(fit.start.terms)]
     model = replace(fit.model, terms=own, values=fit.start.values)
     both = [_of_inputs(part, fit.records, noises) for part in parts]
-    found = replace(found, covariance=found.covariance + np.diag(np.concatenate(both) ** 2 / 2))
+    found = replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
     return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
 
 
-def _simulated(
-    fit: Fit, parts: tuple[Part, ...], motions: Sequence[Trajectory], covariance: Array
-) -> Solution:
+def _simulated(fit: Fit, parts: tuple[Part, ...], motions: Sequence[Trajectory]) -> Solution:
     """What simulations leave that start as these motions do, without forces that move them."""
     own, left = [], []
     for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
@@ -101,7 +102,7 @@ def _simulated(
         left.append(record.signal - record.read(parts, i, x).shown)
     pairs = zip(fit.records, left, strict=True)
     total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs) + prior_cost(parts)
-    return Solution(parts, tuple(own), tuple(left), total, covariance, converged=True)
+    return Solution(parts, tuple(own), tuple(left), total, fit.solution.covariance, True)
 
 
 def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noises]) -> Array:
