@@ -117,6 +117,23 @@ def test_weighed_products_are_those_of_the_whole_covariance(r):
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
+def test_slow_noise_of_an_accelerometer_hides_no_motion():
+    """Twice integrated it outgrows the motion, a sum of cosines, below the band of that."""
+    n, rng = 4000, np.random.default_rng(6)
+    frequency, phase = rng.uniform(0.6, 1.6, 60) * OMEGA, rng.uniform(0, 2 * np.pi, 60)
+    waves = np.cos(np.multiply.outer(DT * np.arange(n), frequency) + phase)
+    q, q_ddot = waves.sum(axis=1), waves @ -(frequency**2)
+    slow = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], rng.standard_normal(n))
+    y = q_ddot + 10 ** (-35 / 20) * q_ddot.std() * slow
+    vibration = rs.ForcedVibration(DT * np.arange(n), y, q, unit="m", measured="acceleration")
+    motion = ForcedRecord.of(vibration, 1e-9).motion
+    assert motion.grid.step < 2 * np.pi / OMEGA / 8
+    found = np.interp(
+        DT * np.arange(n), motion.grid.step * np.arange(len(motion.q)), motion.q[:, 0]
+    )
+    assert np.std((found - q)[200:-200]) < 0.15 * q.std()
+
+
 def driven(seed, noise, extra=lambda q, v: 0.0, n=3000):
     """A Duffing oscillator under a multisine, by scipy, with one of four noises."""
     rng = np.random.default_rng(seed)
@@ -171,6 +188,24 @@ def test_errors_hold_where_a_force_was_not_measured():
     assert chi2.ppf(0.0005, 12) < np.sum(np.square(off)) < chi2.ppf(0.9995, 12)
 
 
+def test_residuals_are_those_of_one_simulation_from_the_state_that_is_told():
+    """By scipy, from the values and the state that the fit tells."""
+    n, record = 1000, driven(41, "force", n=1000)
+    fit, push, size = fitted(record), multisine(n, np.random.default_rng(41)), 6 * ZETA * OMEGA**2
+    found = fit.model.coefficients
+    k, c, k3, gain = (found[name] for name in (*DUFFING, "gain [force]"))
+    late = fit.delays["force"][0]
+
+    def rate(at, x):
+        force = gain * size * push(at - late)
+        return x[1], force - c * x[1] - x[0] * (k + k3 * x[0] ** 2)
+
+    t = record.t
+    q = solve_ivp(rate, (0, t[-1]), fit.states[0], t_eval=t, max_step=DT, rtol=1e-7, atol=1e-9).y[0]
+    left = record.y - q - fit.offsets[0]
+    assert np.std(left - fit.residuals[0]) < 0.02 * np.std(left)
+
+
 def test_the_gain_counts_that_the_sensor_of_the_input_is_noisy():
     """It loses the part of the power that is noise, 1 of 401 here: `W. Fuller`, section 1.1."""
     fit = fitted(driven(40, "input"))
@@ -180,6 +215,21 @@ def test_the_gain_counts_that_the_sensor_of_the_input_is_noisy():
     assert fit.model.coefficients[name] == pytest.approx(
         1 - lost / 2, abs=2 * fit.standard_errors[name]
     )
+
+
+def test_noise_of_the_force_sensor_does_not_hide_that_the_force_is_held():
+    """Exact steps under a held force; straight lines smooth its noise, and so leave less."""
+    n, dt, rng = 3000, 2 * np.pi / OMEGA / 24, np.random.default_rng(0)
+    push = multisine(n, rng)(dt * np.arange(n))
+    a = np.array([[0, 1, 0], [-(OMEGA**2), -2 * ZETA * OMEGA, 1], [0, 0, 0]])
+    step, state, q_dot = expm(a * dt), np.zeros(2), []
+    for force in push:
+        q_dot.append(state[1])
+        state = step[:2] @ [*state, force]
+    y = q_dot + 1e-3 * np.std(q_dot) * rng.standard_normal(n)
+    u = push + 0.02 * rng.standard_normal(n)
+    fit = rs.refine(LINEAR, rs.ForcedVibration(dt * np.arange(n), y, u, "m", "velocity"))
+    assert "the input is held" in fit.notes[0] and fit.verdict.explained
 
 
 @pytest.mark.slow

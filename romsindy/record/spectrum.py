@@ -53,6 +53,15 @@ def quiet_power(power: Array) -> float:
     return float(min(np.mean(band) for band in np.array_split(power[1:], _QUIET_PART)))
 
 
+def falling_power(power: Array, mean: Array) -> Array:
+    """Power of noise that falls with the frequency, line by line of a spectrum (n,).
+
+    Below the band of a motion there is noise alone: no more than in any slower line, of ``mean``
+    power over its neighbours, and no less than in the quietest part.
+    """
+    return np.maximum(np.minimum.accumulate(mean), quiet_power(power))
+
+
 def quiet_std(y: Array) -> float:
     """Standard deviation of white noise as strong as the quietest part of a signal's spectrum."""
     n = len(y)

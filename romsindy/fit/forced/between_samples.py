@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,12 +55,17 @@ def deviance(residuals: Sequence[Array]) -> float:
 class Rivals:
     """What inputs may do between their samples: that which explains most, and what does as well.
 
-    ``weights`` has the likelihood of those that the records do not tell apart, of 1 in all.
+    ``weights`` has the likelihood of those that the records do not tell apart, of 1 in all;
+    ``tried`` are all of them, the likeliest first.
     """
 
     best: Interpolation
     weights: dict[Interpolation, float]
     tried: tuple[Interpolation, ...]
+
+    def only(self, way: Interpolation) -> Rivals:
+        """Where something else has decided for one of them."""
+        return replace(self, best=way, weights={way: 1.0})
 
     def __str__(self) -> str:
         if len(self.weights) > 1:
@@ -84,4 +89,5 @@ def rated(residuals: Mapping[Interpolation, Sequence[Array]]) -> Rivals:
     alike = {w: np.exp(rate * (least - d)) for w, d in deviances.items() if d - least < apart}
     total = sum(alike.values())
     weights = {way: float(weight / total) for way, weight in alike.items()}
-    return Rivals(min(deviances, key=lambda way: deviances[way]), weights, tuple(residuals))
+    tried = tuple(sorted(deviances, key=lambda way: deviances[way]))
+    return Rivals(tried[0], weights, tried)

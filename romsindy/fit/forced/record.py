@@ -13,12 +13,12 @@ from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.forced.modes import Modes, motion_behind
 from romsindy.fit.forced.sampled import Sampled
-from romsindy.fit.forced.smooth import smooth_motion
+from romsindy.fit.forced.smooth import averaged, smooth_motion
 from romsindy.fit.part import Part, Reading, read
 from romsindy.fit.record import Prepared
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.noise import Noise
-from romsindy.record.spectrum import quiet_power, quiet_std
+from romsindy.record.spectrum import falling_power, quiet_power, quiet_std
 from romsindy.typing import Array
 
 # Steps in a mean cycle at least, and in the shortest one that matters: below its frequency lies
@@ -159,7 +159,8 @@ def _frequencies(y: Array, dt: float, derivative: int) -> tuple[float, float]:
     """Mean frequency of the displacement, Hz, and that below which nearly all of it lies."""
     frequency = np.fft.rfftfreq(len(y), dt)[1:]
     power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)))[1:]) ** 2
+    noise = falling_power(power, averaged(power)) if derivative else quiet_power(power)
     # The spectrum of a displacement falls: where noise of a rate is divided by it, none is left.
-    heard = np.where(power > 10 * quiet_power(power), power, 0.0) * frequency ** (-2.0 * derivative)
+    heard = np.where(power > 10 * noise, power, 0.0) * frequency ** (-2.0 * derivative)
     mean = np.sqrt(np.sum(heard * frequency**2) / np.sum(heard))
     return float(mean), float(frequency[np.searchsorted(np.cumsum(heard), _POWER * heard.sum())])

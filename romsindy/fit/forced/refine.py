@@ -11,7 +11,8 @@ import numpy as np
 from romsindy.fit.coupled_record import free_shapes
 from romsindy.fit.coupled_terms import linear_model
 from romsindy.fit.fitted import Fit
-from romsindy.fit.forced.between_samples import rated, ways
+from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced.between_samples import Rivals, rated, ways
 from romsindy.fit.forced.drives import drives_of, inputs_in, refuse_displacement, regressed
 from romsindy.fit.forced.modes import Modes, modes_near
 from romsindy.fit.forced.pieces import Driven, beside_the_whole
@@ -33,6 +34,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.interpolation import Interpolation
 from romsindy.record.ringing import require_channels
 
 
@@ -159,10 +161,22 @@ def decided(fits: Sequence[Fit], records: Sequence[Prepared]) -> Fit:
         for fit in fits
     ]
     rivals = rated(dict(zip(names, left, strict=True)))
-    best = fits[names.index(rivals.best)]
+    rivals, best = _examined(dict(zip(names, fits, strict=True)), rivals)
     values = [np.array([fit.model.coefficients[n] for n in best.free]) for fit in fits]
-    off = np.array(values) - values[fits.index(best)]
+    off = np.array(values) - values[names.index(rivals.best)]
     weights = np.array([rivals.weights.get(name, 0.0) for name in names])
     spread = (weights * off.T) @ off
-    best = beside_the_whole(examined(best), records)
+    best = beside_the_whole(best, records)
     return replace(best, covariance=best.covariance + spread, notes=(str(rivals), *best.notes))
+
+
+def _examined(fits: Mapping[Interpolation, Fit], rivals: Rivals) -> tuple[Rivals, Fit]:
+    """The likeliest way that leaves noise, with its verdict; the likeliest of all where none does.
+
+    A way that smooths the noise of the sensor of an input leaves less of it without being right.
+    """
+    for way in rivals.tried:
+        fit = examined(fits[way])
+        if not (isinstance(fit.verdict, ForcedAdequacy) and fit.verdict.structured):
+            return (rivals if way == rivals.best else rivals.only(way)), fit
+    return rivals, examined(fits[rivals.best])

@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import uniform_filter1d
 
 from romsindy.fit.collocation import Grid, Trajectory
-from romsindy.record.spectrum import quiet_power
+from romsindy.record.spectrum import falling_power, quiet_power
 from romsindy.typing import Array
 
 _LINES = 9  # of the spectrum over which its power is averaged
@@ -20,12 +20,12 @@ def smooth_motion(y: Array, dt: float, derivative: int, grid: Grid) -> Trajector
     """Displacement on the steps of a simulation, from a measured derivative of it (n,).
 
     What stands out of the noise passes (N. Wiener's filter); of a velocity or an acceleration, what
-    stands out of the noise integrated. Ends go on by odd reflection.
+    stands out of the noise integrated, which may be slow. Ends go on by odd reflection.
     """
     lines = reflected(y)
     power = np.abs(lines) ** 2
-    noise = quiet_power(power)
-    mean = uniform_filter1d(power, _LINES, mode="nearest")
+    mean = averaged(power)
+    noise = falling_power(power, mean) if derivative else quiet_power(power)
     lines *= np.clip(1 - noise / np.maximum(mean, 1e-300), 0.0, 1.0)
     fine = finer(lines, y[0], y[-1])
     t = dt / _FINER * np.arange(len(fine))
@@ -35,6 +35,11 @@ def smooth_motion(y: Array, dt: float, derivative: int, grid: Grid) -> Trajector
             make_interp_spline(t, fine - fine.mean(), k=5).antiderivative()(t), t, lowest
         )
     return on_grid(fine[:, None], dt, grid)
+
+
+def averaged(power: Array) -> Array:
+    """A spectrum (n,), each line the mean of its neighbours."""
+    return np.asarray(uniform_filter1d(power, _LINES, mode="nearest"))
 
 
 def reflected(y: Array) -> NDArray[np.complex128]:
@@ -78,8 +83,8 @@ def _lowest(y: Array, dt: float, times: int) -> float:
     """
     frequency = np.fft.rfftfreq(len(y), dt)[1:]
     power = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)))) ** 2
-    noise = quiet_power(power)
-    mean = uniform_filter1d(power, _LINES, mode="nearest")[1:]
+    mean = averaged(power)[1:]
+    noise = falling_power(power[1:], mean)
     weight = frequency ** (-2.0 * times)
     lost = np.cumsum(np.maximum(mean - noise, 0.0) * weight)
     heard = np.cumsum((noise * weight)[::-1])[::-1]
