@@ -175,7 +175,7 @@ def test_coordinates_and_terms_are_chosen():
 @pytest.mark.slow
 def test_modes_that_a_strongly_nonlinear_motion_hides_are_told():
     """The stiffness doubles, and both linear modes are looked for where the first one resounds."""
-    fit = rs.identify(driven(44, shapes=[1.0, 1.0], n=500, size=3.0), 2)
+    fit = rs.identify(driven(44, shapes=[1.0, 1.0], n=400, size=3.0), 2)
     assert not fit.verdict.explained
     told = "fewer channels than coordinates (1 and 2) are told apart by their linear modes, found"
     assert any(told in note and "give a channel for each" in note for note in fit.notes)

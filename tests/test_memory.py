@@ -263,10 +263,11 @@ def test_simulation_is_that_of_the_inner_state(name):
     assert np.abs(residual).max() < 1e-6 * OMEGA**2
 
 
-SLOW = [pytest.param(x, marks=[pytest.mark.slow] * (x != "maxwell")) for x in CASES]
+# An Iwan element, the dearest, is many Jenkins elements: these are named.
+NAMED = [pytest.param(x, marks=[pytest.mark.slow] * (x != "maxwell")) for x in CASES if x != "iwan"]
 
 
-@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize("name", NAMED)
 @pytest.mark.parametrize("seed", [1])
 def test_it_is_named(name, seed):
     decays = [
@@ -423,12 +424,12 @@ def held_truth(fit, truth):
 @pytest.mark.slow
 def test_a_second_mass_is_fitted_with_what_shapes_it():
     held_by = []
-    for seed in range(4):
+    for seed in range(2):
         decay, truth = absorber_decay(seed)
         fit = rs.identify(decay, terms=[Stiffness(3), TunedMass(0.99 * OMEGA, 0.02)])
         held_by += held_truth(fit, truth)
         assert fit.verdict.explained and fit.solution.converged
-    assert np.mean(held_by) >= 0.8  # 24 intervals of six values that err together
+    assert np.mean(held_by) >= 0.8  # 12 intervals of six values that err together
     left = fit.predict(decay, 200) - decay.signal
     assert np.std(left) < 0.02 * np.std(decay.signal)
     assert "Shapes: tuned_mass frequency" in str(fit)

@@ -240,7 +240,7 @@ def test_errors_count_terms_that_the_points_hardly_tell():
     points = [(f, *oracle.curve(a, f, **own, within=(0.9, 1.1))[:2]) for f, a in sizes]
     w, f, q = map(np.concatenate, zip(*((w, 0 * w + f, q) for f, w, q in points), strict=True))
     held, told = [], []
-    for seed in range(24):
+    for seed in range(12):
         fit = rs.fit_steady(None, w, f / 2, q + noise_of(5e-3, len(w), seed), std=5e-3)
         values = fit.model.coefficients | vars(fit.chain)
         errors = fit.standard_errors | fit.chain_errors
