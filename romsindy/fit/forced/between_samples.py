@@ -74,8 +74,9 @@ class Rivals:
                 f"between its samples the input may be {names}: the record cannot tell these"
                 " apart, and the errors count them all"
             )
-        others = listed([_SAID[way] for way in self.tried if way != self.best], "or")
-        return f"between its samples the input is {_SAID[self.best]}, not {others}"
+        others = [way for way in INTERPOLATIONS if way in self.tried and way != self.best]
+        told = listed([_SAID[way] for way in others], "or")
+        return f"between its samples the input is {_SAID[self.best]}, not {told}"
 
 
 def rated(residuals: Mapping[Interpolation, Sequence[Array]]) -> Rivals:
