@@ -233,7 +233,7 @@ def held(nominal: Nominal, push: Callable[[float], float], t: np.ndarray) -> np.
     return np.array(found)
 
 
-def one(seed: int, null: bool, noise: str) -> dict:
+def one(seed: int, null: bool, noise: str = "white") -> dict:
     """Diagnose one trial, and mark it."""
     trial = trial_of(seed, null, noise)
     result = asked_of(lambda: rs.diagnose(trial.model, trial.records), trial.truth)
