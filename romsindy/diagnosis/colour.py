@@ -1,7 +1,8 @@
-"""Hypotheses by the colour of the noise that the best of them leaves.
+"""Hypotheses by the noise that the best of them leaves.
 
 Where the noise starts in a driven record, or in channels in which several coordinates ring, is not
-known beforehand: what the best explanation leaves stands for it. An autoregression makes that
+known beforehand: what the best explanation leaves stands for it. In driven records it is that of
+the sensor and of forces that were not measured; of several coordinates an autoregression makes it
 white, and the misfits of all others alike.
 """
 
@@ -63,7 +64,7 @@ Colours = tuple[Colour, ...]  # of the channels of all records
 
 @dataclass(frozen=True, eq=False)
 class Coloured:
-    """What a fit to driven records says of its values by noise of any colour.
+    """What a fit to decays of several coordinates says of its values by noise of any colour.
 
     ``rows`` are derivatives of the reading of each channel of each record and its misfit, over the
     noise, at the ``places`` of the values; ``system`` is empty.

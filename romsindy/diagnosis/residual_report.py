@@ -225,6 +225,8 @@ class ForcedReport(ResidualReport):
     def _more_than_noise(self) -> str:
         left = self.remainder
         assert isinstance(left, ForcedAdequacy)  # of driven records
+        if not np.isfinite(left.ratio):
+            return "no motion of the model follows the records"
         return left.gone if left.structured else f"it would be {left.noise}"
 
     @cached_property

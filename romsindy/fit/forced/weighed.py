@@ -110,15 +110,16 @@ def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noi
     change = np.zeros(part.size)
     if not isinstance(part.effect, Drive):
         return change
-    source, noisy = part.effect.of.source, []  # parts of its power, times the gain squared
+    source, gain, noisy = part.effect.of.source, part.strengths.ravel(), []  # parts of its power
     weights = np.square(part.effect.directions)
     for i, noise in noises.items():
         measured = records[i].decay
         if source in measured.names:
             u = measured.u[:, measured.names.index(source)]
-            noisy.append(weights @ noise.force / (measured.dt * float(np.var(u))))
-    gain = part.strengths.ravel()
-    change[: len(gain)] = np.mean(noisy, axis=0) / np.abs(gain)
+            power = measured.dt * float(np.var(u)) * np.maximum(gain**2, 1e-300)
+            # Its noise moves all coordinates: no more than is found at the least of them.
+            noisy.append(min(1.0, float(np.min(weights @ noise.force / power))))
+    change[: len(gain)] = float(np.mean(noisy)) * np.abs(gain)
     return change
 
 
