@@ -22,7 +22,7 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.forced.between_samples import deviance
 from romsindy.fit.forced.smooth import finer, on_grid, reflected
-from romsindy.fit.verdict import MODE
+from romsindy.fit.verdict import MODE, WORTH
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.input import Input
 from romsindy.record.forced import ForcedVibration
@@ -97,15 +97,36 @@ def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
     return Modes(omega, ratios, shapes, gains, modes.left)
 
 
+def mode_beside(rest: Sequence[ForcedVibration], own: float) -> tuple[float, float] | None:
+    """A further mode that the inputs move in what a model of one mode leaves of the channels.
+
+    ``own`` is the angular frequency of the model, whose linear motion may be off. Returns that of
+    the other, rad/s, and the part of the power of the rest that it explains; None where it does not
+    bring the rms down by half: less is the form of a law.
+    """
+    first = modes_near(rest, np.array([own]))
+    both = modes_near(rest, np.append(first.omega, _loudest(rest, first)))
+    near, other = np.argsort(np.abs(np.log(both.omega / own)))
+    alone = _split(rest, both.omega[[near]], both.ratios[[near]])[1] / _scale(rest)
+    part = 1 - float(np.sum(both.left**2) / np.sum(alone**2))
+    pair = both._replace(omega=np.array([own, both.omega[other]]))
+    return (float(both.omega[other]), part) if part > 1 - WORTH**-2 and _apart(pair) else None
+
+
+def _apart(modes: Modes) -> bool:
+    """Whether no two are closer than their bandwidth: then they are one, of nonlinear stiffness."""
+    order = np.argsort(modes.omega)
+    omega, width = modes.omega[order], (modes.omega * modes.ratios)[order]
+    return bool(np.all(np.diff(omega) > width[1:] + width[:-1]))
+
+
 def _needed(before: Modes, more: Modes, sure: bool) -> bool:
     """Whether a mode more explains more than chance, or, to be ``sure``, a tenth of what is left.
 
-    For that, what other than linear modes leave is noise of a colour. Modes closer than their
-    bandwidth are one, whose stiffness is not linear.
+    For that, what other than linear modes leave is noise of a colour.
     """
-    order, n = np.argsort(more.omega), before.left.size
-    omega, width = more.omega[order], (more.omega * more.ratios)[order]
-    if not np.all(np.diff(omega) > width[1:] + width[:-1]):
+    n = before.left.size
+    if not _apart(more):
         return False
     if sure:
         gain = deviance(list(before.left.T)) - deviance(list(more.left.T))
