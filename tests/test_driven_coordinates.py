@@ -165,7 +165,7 @@ def test_a_decay_beside_a_driven_record():
     assert fit.decays[0].n_channels == 2 and len(fit.states) == 2
 
 
-@pytest.mark.parametrize("second", [0.5, 0.0])
+@pytest.mark.parametrize("second", [-0.25, 0.0])
 def test_a_second_mode_in_the_band_of_one_coordinate_is_told(second):
     """Asked for one: what is left answers the force as the other mode does, or there is none."""
     one = driven(5, shapes=[[1.0, second]], gains=[(3.0, -2.0 if second else 0.0)], size=0.2)
@@ -174,9 +174,8 @@ def test_a_second_mode_in_the_band_of_one_coordinate_is_told(second):
     assert len(said) == bool(second) and fit.verdict.explained == (not second)
     if second:
         assert "coordinates=2" in said[0] and said[0] in str(fit)
-        found = sorted([fit.model.linear_modes[0][0] / (2 * np.pi), float(said[0].split()[4])])
-        # Parts of their bandwidths, c / 2 pi Hz.
-        assert found == pytest.approx(np.sqrt([K1, K2]) / (2 * np.pi), abs=0.1)
+        # A part of its bandwidth, 1.4 / 2 pi Hz.
+        assert float(said[0].split()[4]) == pytest.approx(np.sqrt(K2) / (2 * np.pi), abs=0.05)
 
 
 @pytest.mark.slow

@@ -113,11 +113,16 @@ def identify_forced(
 
 def _beside(fit: Fit) -> tuple[str, ...]:
     """That a further mode moves in what one coordinate leaves, and what to ask for."""
-    if fit.verdict.explained or fit.model.n_coordinates > 1:
+    verdict = fit.verdict
+    assert isinstance(verdict, ForcedAdequacy)
+    if verdict.explained or fit.model.n_coordinates > 1:
         return ()
-    pairs = zip(fit.records, fit.residuals, strict=True)
-    rest = [replace(r.decay, y=e.reshape(r.decay.y.shape)) for r, e in pairs if r.driven]
+    pairs = [(r.decay, e) for r, e in zip(fit.records, fit.residuals, strict=True) if r.driven]
+    rest = [replace(v, y=e.reshape(v.y.shape)) for v, e in pairs]
     found = mode_beside(rest, 2 * np.pi * float(small_frequencies(fit.model)[0]))
+    if found is None and verdict.part > WIDEST_SIGNAL:
+        # The other mode may have led the fit astray, which then leaves both.
+        found = mode_beside([v for v, _ in pairs])
     if found is None:
         return ()
     return (

@@ -34,6 +34,7 @@ _RATIO, _LEAST, _MOST, _MOVES = 0.01, 1e-4, 0.5, 1.5
 # Frequencies at which a mode is looked for: so far apart, with so many cycles in a record at least,
 # and samples in a cycle.
 _APART, _CYCLES, _SAMPLES = 0.005, 4.0, 3.0
+_BESIDE = 0.05  # from a mode, whose frequency laws that a model lacks may move, to a further one
 _HEARD = 1e-3  # of the largest answer of the modes to forces of one power
 
 
@@ -97,20 +98,26 @@ def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
     return Modes(omega, ratios, shapes, gains, modes.left)
 
 
-def mode_beside(rest: Sequence[ForcedVibration], own: float) -> tuple[float, float] | None:
-    """A further mode that the inputs move in what a model of one mode leaves of the channels.
+def mode_beside(
+    rest: Sequence[ForcedVibration], own: float | None = None
+) -> tuple[float, float] | None:
+    """A further mode that the inputs move in records, or in what a model of one mode leaves.
 
-    ``own`` is the angular frequency of the model, whose linear motion may be off. Returns that of
-    the other, rad/s, and the part of the power of the rest that it explains; None where it does not
-    bring the rms down by half: less is the form of a law.
+    ``own`` is the angular frequency of the model, whose linear motion may be off; without a model
+    that of the loudest mode. Returns that of the other, rad/s, and the part that it explains of the
+    power that one leaves; None where it does not bring the rms down by half: less is the form of a
+    law.
     """
+    own = own or _loudest(rest, None)
     first = modes_near(rest, np.array([own]))
     both = modes_near(rest, np.append(first.omega, _loudest(rest, first)))
     near, other = np.argsort(np.abs(np.log(both.omega / own)))
     alone = _split(rest, both.omega[[near]], both.ratios[[near]])[1] / _scale(rest)
-    part = 1 - float(np.sum(both.left**2) / np.sum(alone**2))
-    pair = both._replace(omega=np.array([own, both.omega[other]]))
-    return (float(both.omega[other]), part) if part > 1 - WORTH**-2 and _apart(pair) else None
+    found, part = float(both.omega[other]), 1 - float(np.sum(both.left**2) / np.sum(alone**2))
+    apart = (
+        _apart(both._replace(omega=np.array([own, found]))) and abs(np.log(found / own)) > _BESIDE
+    )
+    return (found, part) if part > 1 - WORTH**-2 and apart else None
 
 
 def _apart(modes: Modes) -> bool:
