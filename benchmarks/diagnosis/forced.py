@@ -147,7 +147,7 @@ def _drawn(rng: np.random.Generator, seed: int, row: str, noise: str) -> Trial:
     model = rs.ReducedModel.from_coefficients(coefficients, unit="m")
     about = f"{'known' if known else 'fitted'} gain,"
     truth = {
-        "effects": dict.fromkeys(names, {}) | {e.name: e.truth for e in effects},
+        "effects": {n: {} for n in names} | {e.name: e.truth for e in effects},
         "strength": f"{strength if name else 'none'}, {about}",
         "noise": noise,
         "snr_db": _SNR_DB,
