@@ -7,9 +7,8 @@ from scipy.signal import lfilter
 
 import romsindy as rs
 from romsindy.diagnosis import words
-from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.difference import Difference, Tolerance
 from romsindy.diagnosis.gap import HELD_OUT, Gap, Prediction
-from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.fit.record import Record
 from romsindy.record.demodulation import Cycles
 

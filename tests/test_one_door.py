@@ -13,9 +13,8 @@ from romsindy.commands.main import main
 from romsindy.commands.measurement import Choice, decays_in
 from romsindy.diagnosis import decay_search, diagnose
 from romsindy.diagnosis.checks import shared_part
-from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance import WIDEST, Tolerance
 from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.words import difference, over_sensors

@@ -11,10 +11,11 @@ from test_diagnosis import LONG, MODEL, NOMINAL, OMEGA, decay
 import romsindy as rs
 from romsindy.diagnosis import diagnose
 from romsindy.diagnosis.decay_search import DecaySearch
-from romsindy.diagnosis.plain_values import other_values, without_effects
+from romsindy.diagnosis.difference import Tolerance
+from romsindy.diagnosis.evidence import allowed, nuisances
 from romsindy.diagnosis.search import Options, with_whole_exponent
-from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.unsure import allowed, nuisances, unsure_parts
+from romsindy.diagnosis.unsure import unsure_parts
+from romsindy.diagnosis.workflow import other_values, without_effects
 from romsindy.effects import CATALOGUE, AirDrag, Bias, CubicStiffness, Gain, Viscous
 from romsindy.effects.outside import SensorNonlinearity
 from romsindy.fit.part import Part

@@ -40,7 +40,7 @@ from romsindy.commands.outputs import (
 )
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
-from romsindy.diagnosis.tolerance import KINDS
+from romsindy.diagnosis.difference import KINDS
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.coupled import AnyModel

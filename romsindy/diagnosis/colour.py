@@ -18,8 +18,7 @@ import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.weighing import Solved
+from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.equation import equation_of

@@ -14,11 +14,11 @@ import numpy as np
 
 from romsindy.diagnosis.arguments import FREE, check_repeats, check_request
 from romsindy.diagnosis.colour import Coloured, ColourOfBest
+from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.held_out import tested
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, report_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, Options
-from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
 from romsindy.diagnosis.unsure import unsure_parts
 from romsindy.effects.base import Effect, ReadingEffect, Scales

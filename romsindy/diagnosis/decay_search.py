@@ -9,10 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, Weighed
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
 from romsindy.diagnosis.search import Finding, Options, Search, leaders, rivals_of
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError, Weighed
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum

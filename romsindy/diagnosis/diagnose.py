@@ -19,8 +19,10 @@ from romsindy.diagnosis.arguments import (
 )
 from romsindy.diagnosis.checks import shared_part
 from romsindy.diagnosis.coupled import diagnose_coupled, of_coupled_repeats, tolerances_of
+from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.driven import diagnose_forced
 from romsindy.diagnosis.driven import of_repeats as of_driven_repeats
+from romsindy.diagnosis.evidence import NO_FORM_ERROR
 from romsindy.diagnosis.gap import HELD_OUT, name_of
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam, checked_readings
 from romsindy.diagnosis.on_beam.report import BeamReport
@@ -30,9 +32,7 @@ from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.residual_report import CoupledDiagnosis, ForcedReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.diagnosis.tolerance_sources import of_estimate, of_references, of_repeats, stated
-from romsindy.diagnosis.weighing import NO_FORM_ERROR
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects import CATALOGUE
 from romsindy.effects.base import Effect

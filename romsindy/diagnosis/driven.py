@@ -14,12 +14,12 @@ from romsindy.beam import Beam
 from romsindy.diagnosis.arguments import FREE, check_inputs, check_repeats, check_request, reduced
 from romsindy.diagnosis.checks import checked_driven
 from romsindy.diagnosis.colour import ColourOfBest
+from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.held_out import tested
 from romsindy.diagnosis.residual_report import ForcedReport, report_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, Options
-from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
 from romsindy.diagnosis.tolerance_sources import linear_values_within, of_driven_repeats
 from romsindy.diagnosis.unsure import smooth_model, unsure_parts
 from romsindy.effects import LinearFrequency, Viscous

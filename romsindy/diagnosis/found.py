@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.weighing import NO_FORM_ERROR
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, Hypothesis, weights
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.part import Part

@@ -19,7 +19,7 @@ import numpy as np
 from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.prediction import misfit_of
+from romsindy.diagnosis.gap import misfit_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, rivals_of
 from romsindy.fit.gauss_newton import Solution, fit

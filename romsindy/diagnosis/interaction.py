@@ -68,6 +68,11 @@ class Interaction:
         return tuple(t for t in terms if not (isinstance(t, Along) or t in own))
 
     @property
+    def pieces(self) -> str:
+        """Over what the two were compared, in words."""
+        return over_pieces(self.together)
+
+    @property
     def before(self) -> float:
         """Rms of what is left without coupling, over the noise."""
         return self.alone.left
@@ -103,6 +108,13 @@ class Interaction:
             return refined(stage.model, names, pieces, stage.shapes, settled=True)
         except TrajectoryError:
             return None
+
+
+def over_pieces(found: Fitted) -> str:
+    """Over what a model was fitted, each piece from an initial state of its own."""
+    if np.isinf(found.cycles):
+        return "the whole decay"
+    return f"pieces of {found.cycles:.0f} cycles"
 
 
 def interaction_of(

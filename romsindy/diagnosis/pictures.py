@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.gap import Gap, Prediction, name_of
+from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
 from romsindy.diagnosis.interaction import Interaction
-from romsindy.diagnosis.prediction import predict
-from romsindy.diagnosis.words import pieces
 from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
@@ -176,7 +174,7 @@ def _by_coordinates(found: Interaction) -> Picture:
     t, (one, two) = per_cycle(record.t, record.tones[0].phase(record.t), every, rms)
     more = int(np.argmax(one / two))
     caption = (
-        f"Of {pieces(found.together)}, all values fitted: one coordinate leaves {found.before:.3g}"
+        f"Of {found.pieces}, all values fitted: one coordinate leaves {found.before:.3g}"
         f" times the noise, two {found.after:.3g}; they differ most at {t[more]:.3g} s, by a factor"
         f" of {one[more] / two[more]:.3g}."
     )

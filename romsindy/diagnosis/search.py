@@ -15,9 +15,9 @@ from typing import Any, Protocol
 import numpy as np
 from joblib import Parallel, delayed
 
+from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.diagnosis.screening import Screened
-from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.effects.base import Effect, Parameter
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.gauss_newton import Solution

@@ -10,13 +10,10 @@ from numbers import Real
 import numpy as np
 
 from romsindy.diagnosis.checks import checked_records
-from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.gap import beyond_noise, noise_std
-from romsindy.diagnosis.prediction import predict
+from romsindy.diagnosis.difference import DEFAULT, KINDS, Difference, Tolerance
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
+from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
 from romsindy.diagnosis.residual_search import ResidualSearch
-from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects.base import Effect
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.part import Part

@@ -13,11 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.difference import DEFAULT, Difference, Tolerance
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.gap import Gap, within
-from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.verdict import (
     CLOSED,

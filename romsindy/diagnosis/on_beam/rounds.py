@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.beam import NoEquilibriumError, StepTooLongError
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.on_beam.defect import (
     Corrected,
     beam_with,
@@ -33,7 +33,6 @@ from romsindy.diagnosis.on_beam.place import (
 from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects.base import Effect
 from romsindy.fit.collocation import TrajectoryError
