@@ -35,30 +35,15 @@ Key = tuple[str, int, bool]  # what, number of the harmonic, whether its phase
 
 @dataclass(frozen=True, eq=False)
 class SteadyTable:
-    """Steady states as `romsindy.fit.steady.fit.fit_steady` takes them.
+    """Steady states as `romsindy.fit.steady.fit.fit_steady` takes them."""
 
-    Attributes
-    ----------
-    frequency : (n,) array
-        Angular, rad/s.
-    force : (n,) array
-        Amplitude of the excitation in N, or in another unit as measured; complex with its phase.
-    response : (n,) or (n, H) array
-        Harmonics in SI units, complex with their phases.
-    spread : (n,) array or None
-        Standard deviation of real and imaginary part of the response.
-    quantity : "displacement", "velocity" or "acceleration"
-    unit : str or None
-        Of q.
-    force_unit : str or None
-    """
-
-    frequency: Array
+    frequency: Array  # (n,), angular, rad/s
+    # (n,), amplitude of the excitation in N, or in another unit as measured; complex with its phase
     force: NDArray
-    response: NDArray
-    spread: Array | None
-    quantity: Quantity
-    unit: str | None
+    response: NDArray  # (n,) or (n, H), harmonics in SI units, complex with their phases
+    spread: Array | None  # (n,), standard deviation of real and imaginary part of the response
+    quantity: Quantity  # "displacement", "velocity" or "acceleration"
+    unit: str | None  # of q
     force_unit: str | None
 
     @classmethod

@@ -161,21 +161,14 @@ class ByNoises:
 
 @dataclass(frozen=True)
 class ColourOfBest:
-    """All by the noise that the one leaves that fits best, of all that were fitted so far.
+    """All by the noise that the one leaves that fits best, of all that were fitted so far."""
 
-    Attributes
-    ----------
-    examine : callable
-        What says whether a solution leaves noise: of driven records, or of decays.
-    linearised : callable
-        What makes a fit ready to be weighed by any noise, of a model, a solution and records.
-    unsettled : bool
-        Whether a fit that has not come to its end counts for what it reached: where one of several
-        coordinates stops while others go on, friction lets none settle.
-    """
-
+    # What says whether a solution leaves noise: of driven records, or of decays
     examine: Callable[..., Adequacy] = examine_driven
+    # What makes a fit ready to be weighed by any noise, of a model, a solution and records
     linearised: Callable[..., ByNoises | Coloured] = ByNoises.of
+    # Whether a fit that has not come to its end counts for what it reached: where one of several
+    # coordinates stops while others go on, friction lets none settle
     unsettled: bool = False
 
     def fitted(

@@ -30,15 +30,9 @@ _FURTHER = 40  # of a fit that others are held against
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """The motion of a model may depart from the measured one; see `romsindy.fit.process_noise`.
+    """The motion of a model may depart from the measured one; see `romsindy.fit.process_noise`."""
 
-    Attributes
-    ----------
-    known : FormError
-        Of the model, as its reference record shows it.
-    """
-
-    known: FormError = NO_FORM_ERROR
+    known: FormError = NO_FORM_ERROR  # of the model, as its reference record shows it
 
     def fitted(
         self,

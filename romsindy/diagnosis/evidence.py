@@ -123,19 +123,13 @@ def _price_of_shape(part: Part, covariance: Array) -> float:
 
 @dataclass(frozen=True)
 class FormError:
-    """How far the motion of a model may be from a measured one.
+    """How far the motion of a model may be from a measured one."""
 
-    Attributes
-    ----------
-    jump : float
-        Process noise: so much the frequency, relatively, and the damping ratio are off from one
-        window of a few cycles to another.
-    structure : float
-        Rms of what repeats with the vibration beside that, such as wrong harmonics, in the largest
-        amplitude of a record.
-    """
-
+    # Process noise: so much the frequency, relatively, and the damping ratio are off from one
+    # window of a few cycles to another
     jump: float = 0.0
+    # Rms of what repeats with the vibration beside that, such as wrong harmonics, in the largest
+    # amplitude of a record
     structure: float = 0.0
 
     def joined(self, other: FormError) -> FormError:
@@ -182,22 +176,12 @@ NO_FORM_ERROR = FormError()
 
 @dataclass(frozen=True)
 class Weighed:
-    """What a fit says of its values at any form error, and what form error it needs.
-
-    Attributes
-    ----------
-    marginal : Marginal
-    needed : FormError
-    gain : float
-        Power at the harmonics that a structure of one amplitude has, over that of noise.
-    n_functions : int
-        That what repeats with the vibration is made of.
-    """
+    """What a fit says of its values at any form error, and what form error it needs."""
 
     marginal: Marginal
     needed: FormError
-    gain: float
-    n_functions: int
+    gain: float  # power at the harmonics that a structure of one amplitude has, over that of noise
+    n_functions: int  # that what repeats with the vibration is made of
 
     @classmethod
     def of(

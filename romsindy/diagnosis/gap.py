@@ -330,36 +330,21 @@ def noise_std(record: Prepared) -> float:
 
 @dataclass(frozen=True)
 class ResidualGap:
-    """What a simulation leaves of the records, without and with what was found.
+    """What a simulation leaves of the records, without and with what was found."""
 
-    Attributes
-    ----------
-    records : tuple of Prepared
-        On which it was measured.
-    residuals_before, residuals_after : tuple of (n,) arrays
-        Measured minus simulated, of each record.
-    rms_before, rms_after : float
-        Of all records, unit of the measured quantity.
-    before, after : float
-        The same as a part of the rms of the response.
-    closed : float
-        Part of the squared gap beyond the noise that is closed, 0 to 1.
-    unit : str
-        Of the rms.
-    where : str
-        What it was measured on, in words.
-    """
-
-    records: tuple[Prepared, ...]
+    records: tuple[Prepared, ...]  # on which it was measured
+    # Measured minus simulated, (n,) of each record
     residuals_before: tuple[Array, ...]
     residuals_after: tuple[Array, ...]
+    # Of all records, unit of the measured quantity
     rms_before: float
     rms_after: float
+    # The same as a part of the rms of the response
     before: float
     after: float
-    closed: float
-    unit: str
-    where: str = "the records themselves"
+    closed: float  # part of the squared gap beyond the noise that is closed, 0 to 1
+    unit: str  # of the rms
+    where: str = "the records themselves"  # what it was measured on, in words
 
     @classmethod
     def of(

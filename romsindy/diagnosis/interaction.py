@@ -37,28 +37,15 @@ _TOGETHER = tuple(kind._replace(coupled_damping=False) for kind in KINDS)
 
 @dataclass(frozen=True, eq=False)
 class Interaction:
-    """Two vibrations, fitted with and without coupling.
+    """Two vibrations, fitted with and without coupling."""
 
-    Attributes
-    ----------
-    frequency : float
-        Hz, of the other vibration where it is small.
-    slower : bool
-        Whether the modelled vibration is the slower one.
-    own : tuple of str
-        Terms of single coordinates that were added without coupling.
-    alone, together : Fitted
-        Without and with coupling, to pieces of one length, over the same noise.
-    longest : Fitted
-        With coupling, over the longest pieces that it follows.
-    """
-
-    frequency: float
-    slower: bool
-    own: tuple[str, ...]
+    frequency: float  # Hz, of the other vibration where it is small
+    slower: bool  # whether the modelled vibration is the slower one
+    own: tuple[str, ...]  # terms of single coordinates that were added without coupling
+    # Without and with coupling, to pieces of one length, over the same noise
     alone: Fitted
     together: Fitted
-    longest: Fitted
+    longest: Fitted  # with coupling, over the longest pieces that it follows
 
     @property
     def couplings(self) -> tuple[Term, ...]:

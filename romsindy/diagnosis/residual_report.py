@@ -45,26 +45,13 @@ _BAND = 0.25, 0.75  # of the power of the difference lies below each end
 
 @dataclass(frozen=True)
 class InputLevel:
-    """A record repeated with stronger or weaker inputs, and by how much two rivals differ then.
+    """A record repeated with stronger or weaker inputs, and by how much two rivals differ then."""
 
-    Attributes
-    ----------
-    level : float
-        Of the inputs, as a multiple of those so far.
-    record : int
-    apart : float
-        Rms of the difference over the noise of the record.
-    band : (float, float)
-        Hz, between which half of the power of the difference lies.
-    samples : int
-        Of the record.
-    """
-
-    level: float
+    level: float  # of the inputs, as a multiple of those so far
     record: int
-    apart: float
-    band: tuple[float, float]
-    samples: int
+    apart: float  # rms of the difference over the noise of the record
+    band: tuple[float, float]  # Hz, between which half of the power of the difference lies
+    samples: int  # of the record
 
     @property
     def enough(self) -> bool:

@@ -28,18 +28,12 @@ _APART = 0.15  # of the frequency of the vibration: so far lines lie from each o
 
 @dataclass(eq=False)
 class ResidualSearch(Search):
-    """Looks for effects that a model lacks in records with inputs, those of the model known.
-
-    Attributes
-    ----------
-    scales : Scales
-    chain : tuple of Part
-        What may stand instead of the inputs of the model.
-    """
+    """Looks for effects that a model lacks in records with inputs, those of the model known."""
 
     model: AnyModel
     noise: ColourOfBest
     scales: Scales = field(kw_only=True)
+    # What may stand instead of the inputs of the model
     chain: tuple[Part, ...] = field(kw_only=True)
 
     def unsure_as(self, hypothesis: Hypothesis) -> ResidualSearch:

@@ -89,29 +89,17 @@ class NoiseModel(Protocol):
 
 @dataclass(eq=False)
 class Search(ABC):
-    """Looks for effects that a model lacks in some records, and keeps what it has compared.
-
-    Attributes
-    ----------
-    model : ReducedModel or CoupledModel
-    records : sequence of Record, CoupledRecord or ForcedRecord
-    free : tuple of Part
-        Values that the simulation is unsure of, blamed only if nothing else is.
-    options : Options
-    noise : NoiseModel
-    beside : tuple of Part
-        Fitted whatever the hypothesis, and never blamed.
-    compared : list of Hypothesis
-        All that were fitted so far: it grows, and is what an interrupt leaves. Searches that are
-        made of one another share it.
-    """
+    """Looks for effects that a model lacks in some records, and keeps what it has compared."""
 
     model: Any
     records: Sequence[Any]
+    # Values that the simulation is unsure of, blamed only if nothing else is
     free: tuple[Part, ...]
     options: Options
     noise: NoiseModel
-    beside: tuple[Part, ...] = ()
+    beside: tuple[Part, ...] = ()  # fitted whatever the hypothesis, and never blamed
+    # All that were fitted so far: it grows, and is what an interrupt leaves. Searches that are made
+    # of one another share it.
     compared: list[Hypothesis] = field(default_factory=list)
 
     @abstractmethod

@@ -91,20 +91,12 @@ def diagnose_model(
 
 @dataclass(frozen=True)
 class _Records:
-    """Records of a diagnosis: what they learn from, and what takes no part.
+    """Records of a diagnosis: what they learn from, and what takes no part."""
 
-    Attributes
-    ----------
-    whole : dict of str to Record
-        All of them by name, that which was held out last.
-    learning : list of Record
-        What hypotheses are fitted to: whole records, or these without the stretches of ``tests``.
-    tests : dict of str to Record
-        What takes no part, by name; empty where all are too short to spare anything.
-    """
-
-    whole: dict[str, Record]
+    whole: dict[str, Record]  # all of them by name, that which was held out last
+    # What hypotheses are fitted to: whole records, or these without the stretches of ``tests``
     learning: list[Record]
+    # What takes no part, by name; empty where all are too short to spare anything
     tests: dict[str, Record]
     scales: Scales
 

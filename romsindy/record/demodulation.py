@@ -16,22 +16,13 @@ _SMOOTH, _DEGREE = 9, 4  # cycles behind each rate, and degree of the polynomial
 
 @dataclass(frozen=True)
 class Cycles:
-    """First harmonic and waveform of the cycles of a vibration, in the order of time.
+    """First harmonic and waveform of the cycles of a vibration, in the order of time."""
 
-    Attributes
-    ----------
-    t : (n,) array
-        Middle of each cycle, s.
-    amplitude, angle : (n,) arrays
-        Of the first harmonic; the angle, in rad, counts on from cycle to cycle.
-    waveform : (n, h) complex array
-        Mean, then harmonics 2, 3, ... relative to the angle; unit of the signal.
-    """
-
-    t: Array
+    t: Array  # (n,), middle of each cycle, s
+    # (n,), of the first harmonic; the angle, in rad, counts on from cycle to cycle
     amplitude: Array
     angle: Array
-    waveform: Array
+    waveform: Array  # (n, h): mean, harmonics 2, 3, ... relative to the angle; unit of the signal
 
     def __len__(self) -> int:
         return len(self.t)

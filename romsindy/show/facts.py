@@ -13,23 +13,12 @@ from romsindy.typing import Array
 
 
 class Fact(NamedTuple):
-    """A quantity at every point of a curve.
+    """A quantity at every point of a curve."""
 
-    Attributes
-    ----------
-    label : str
-        With the unit in brackets.
-    values : (n,) array
-    std : (n,) array, optional
-        Standard errors.
-    digits : int
-        That are shown of a value.
-    """
-
-    label: str
-    values: Array
-    std: Array | None = None
-    digits: int = 6
+    label: str  # with the unit in brackets
+    values: Array  # (n,)
+    std: Array | None = None  # (n,), standard errors
+    digits: int = 6  # that are shown of a value
 
     def at(self, points: NDArray[np.bool_]) -> Fact:
         """The same of some points."""

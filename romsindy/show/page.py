@@ -37,24 +37,13 @@ _TONES = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that is drawn when it is written.
+    """A figure that is drawn when it is written."""
 
-    Attributes
-    ----------
-    name : str
-        Of its files, where it is written to files.
-    title, caption : str
-    draw : callable
-        Draws into an empty Figure.
-    size : (float, float)
-        Inches.
-    """
-
-    name: str
+    name: str  # of its files, where it is written to files
     title: str
     caption: str
-    draw: Callable[[Figure], object]
-    size: tuple[float, float] = (6.4, 4.4)
+    draw: Callable[[Figure], object]  # draws into an empty Figure
+    size: tuple[float, float] = (6.4, 4.4)  # inches
 
     def figure(self) -> Figure:
         """The figure, drawn."""

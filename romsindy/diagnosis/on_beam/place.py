@@ -37,21 +37,11 @@ _DAMPING = 0.2  # the same of its damping
 
 @dataclass(frozen=True, eq=False)
 class Latitude:
-    """What the sensors and the higher modes may do beside what is simulated: standard deviations.
+    """What sensors and higher modes may do beside what is simulated: standard deviations."""
 
-    Attributes
-    ----------
-    gains : (n_sensors,) array
-        Relative, of the sensors.
-    frequencies : (n_modes,) array
-        Relative, of the modes above the first that are told apart.
-    rates : (n_modes,) array
-        Of their damping, 1/s.
-    """
-
-    gains: Array
-    frequencies: Array
-    rates: Array
+    gains: Array  # (n_sensors,), relative, of the sensors
+    frequencies: Array  # (n_modes,), relative, of the modes above the first that are told apart
+    rates: Array  # (n_modes,), of their damping, 1/s
 
     @property
     def spreads(self) -> Array:
