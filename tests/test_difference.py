@@ -10,7 +10,7 @@ from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference, Tolerance
 from romsindy.diagnosis.gap import HELD_OUT, Gap, Prediction
 from romsindy.fit.record import Record
-from romsindy.record.demodulation import Cycles
+from romsindy.record.smoothing import Cycles
 
 T = np.arange(0, 20, 0.0025)
 TOLERANCE = Tolerance(1e-4, 1e-2, 2e-4)  # what the best sensors show

@@ -13,8 +13,7 @@ from romsindy.diagnosis import diagnose
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import allowed, nuisances
-from romsindy.diagnosis.search import Options, with_whole_exponent
-from romsindy.diagnosis.unsure import unsure_parts
+from romsindy.diagnosis.search import Options, unsure_parts, with_whole_exponent
 from romsindy.diagnosis.workflow import other_values, without_effects
 from romsindy.effects import CATALOGUE, AirDrag, Bias, CubicStiffness, Gain, Viscous
 from romsindy.effects.outside import SensorNonlinearity

@@ -32,8 +32,7 @@ from romsindy.fit.verdict import (
     WIDEST_FREQUENCY,
     WIDEST_SIGNAL,
 )
-from romsindy.record.demodulation import Cycles
-from romsindy.record.smoothing import HarmonicSpline
+from romsindy.record.smoothing import Cycles, HarmonicSpline
 from romsindy.typing import Array, Indices
 
 KINDS = ("frequency", "damping", "signal")

@@ -24,8 +24,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.show import diagnosis_plots as show
-from romsindy.show.axes import with_unit
-from romsindy.show.facts import Fact
+from romsindy.show.axes import Fact, with_unit
 from romsindy.show.page import Picture
 from romsindy.text import percent
 from romsindy.typing import Array

@@ -9,11 +9,12 @@ from numbers import Real
 
 import numpy as np
 
-from romsindy.diagnosis.checks import checked_records
+from romsindy.diagnosis.arguments import checked_records
 from romsindy.diagnosis.difference import DEFAULT, KINDS, Difference, Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
 from romsindy.diagnosis.residual_search import ResidualSearch
+from romsindy.diagnosis.search import Finding
 from romsindy.effects.base import Effect
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.part import Part
@@ -127,11 +128,11 @@ def _kind(part: Part) -> str:
     return "damping" if part.effect.family == "damping" else "frequency"
 
 
-def linear_values_within(search: ResidualSearch, linear: Sequence[Effect]) -> Hypothesis | None:
-    """Frequencies and damping fitted, if neither they nor what is left matter; None if they do.
+def linear_values_within(search: ResidualSearch, linear: Sequence[Effect]) -> Finding | None:
+    """Frequencies and damping alone, if neither they nor what is left matter; None if they do.
 
-    They are changes of the ``linear`` values. What is left beyond the noise is tolerated only as a
-    user, or repeats, say.
+    They are changes of the ``linear`` values, fitted. What is left beyond the noise is tolerated
+    only as a user, or repeats, say.
     """
     tolerance = search.options.tolerance
     parts = [Part(effect, (), np.zeros((1, 1))) for effect in linear]
@@ -147,7 +148,9 @@ def linear_values_within(search: ResidualSearch, linear: Sequence[Effect]) -> Hy
         value, std = abs(found.parts[i].strengths[0, 0]), found.covariance[i, i] ** 0.5
         if value + std > getattr(tolerance, _kind(part)) * _size(search.model, part):
             return None
-    return replace(found, unsaid=tuple(p.effect.name for p in free))
+    slack = replace(found, unsaid=tuple(p.effect.name for p in free))
+    exact = search.with_free(()).hypothesis([])
+    return Finding([slack], [slack, exact], exact)
 
 
 def of_driven_repeats(searches: Sequence[ResidualSearch]) -> Tolerance:

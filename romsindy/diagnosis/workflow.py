@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from romsindy.diagnosis.arguments import check_request
-from romsindy.diagnosis.checks import checked_records
+from romsindy.diagnosis.arguments import check_request, checked_records
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.difference import DEFAULT, KINDS, Tolerance, over_all
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, nuisances
@@ -21,10 +20,11 @@ from romsindy.diagnosis.search import (
     Finding,
     Options,
     rivals_of,
+    smooth_model,
+    unsure_parts,
     with_textbook_exponent,
     with_whole_exponent,
 )
-from romsindy.diagnosis.unsure import smooth_model, unsure_parts
 from romsindy.diagnosis.verdict import Answer, Explanation, Rule, Verdict
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales

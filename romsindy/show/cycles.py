@@ -13,8 +13,7 @@ from romsindy.fit.record import Prepared, one_a_decay
 from romsindy.orbits.curves import linear_mode
 from romsindy.physics.coupled import AnyModel
 from romsindy.record.backbone import Backbone, extract_backbone
-from romsindy.show.axes import with_unit
-from romsindy.show.facts import Fact
+from romsindy.show.axes import Fact, with_unit
 from romsindy.typing import Array
 
 Models = Mapping[str, AnyModel | Estimate | Band]

@@ -18,7 +18,7 @@ from romsindy.record.releases import Discarded, Release
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
 from romsindy.record.vibrations import Vibration
-from romsindy.show.facts import Fact, tell
+from romsindy.show.axes import Fact, tell
 from romsindy.typing import Array
 
 _POINTS = 20_000  # across a figure: one can zoom in

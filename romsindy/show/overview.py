@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from romsindy.record.backbone import Backbone
-from romsindy.show.axes import with_unit
+from romsindy.show.axes import tell, with_unit
 from romsindy.show.cycles import of_cycles
-from romsindy.show.facts import tell
 from romsindy.show.page import Picture, write_page
 from romsindy.text import TextTable
 

@@ -18,7 +18,7 @@ from romsindy.record.backbone import Backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.regression.projection import HarmonicRows
-from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
+from romsindy.show.axes import given_or_new, log_ratio, look, tell, with_unit
 from romsindy.show.cycles import (
     Curve,
     Models,
@@ -29,7 +29,6 @@ from romsindy.show.cycles import (
     points_of,
     span_of,
 )
-from romsindy.show.facts import tell
 from romsindy.text import listed
 from romsindy.typing import Array
 

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
 
-from romsindy.show.facts import Fact, told
+from romsindy.show.axes import Fact, told
 from romsindy.typing import Array
 
 _PX = 4 / 3  # of a point

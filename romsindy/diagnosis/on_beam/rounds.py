@@ -13,6 +13,7 @@ from romsindy.beam import NoEquilibriumError, StepTooLongError
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.on_beam.defect import (
     Corrected,
+    ReleaseLoad,
     beam_with,
     calm_from,
     corrected,
@@ -30,7 +31,6 @@ from romsindy.diagnosis.on_beam.place import (
     moved_to,
     place_now,
 )
-from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.workflow import diagnose_model

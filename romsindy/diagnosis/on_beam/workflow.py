@@ -15,7 +15,7 @@ from romsindy.beam import (
     StaticCurve,
 )
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
-from romsindy.diagnosis.on_beam.defect import Corrected, corrected
+from romsindy.diagnosis.on_beam.defect import Corrected, ReleaseLoad, corrected
 from romsindy.diagnosis.on_beam.instrumented import (
     UNIT,
     InstrumentedBeam,
@@ -30,7 +30,6 @@ from romsindy.diagnosis.on_beam.parameters import (
     standard_deviations,
 )
 from romsindy.diagnosis.on_beam.place import Latitude
-from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, BeamRounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
