@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from romsindy.record.backbone import Backbone
-from romsindy.show.axes import tell, with_unit
-from romsindy.show.cycles import of_cycles
+from romsindy.show.axes import of_cycles, tell, with_unit
 from romsindy.show.page import Picture, write_page
 from romsindy.text import TextTable
 
