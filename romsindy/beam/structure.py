@@ -131,10 +131,7 @@ def springs_of(beam: Any) -> list[Spring]:
 def find_spring(beam: Any) -> Spring:
     """Return the one spring of a beam.
 
-    Raises
-    ------
-    ValueError
-        If there is none, or more than one.
+    Raises a ValueError if there is none, or more than one.
     """
     springs = springs_of(beam)
     if len(springs) != 1:

@@ -66,10 +66,7 @@ def of_coordinates(
 ) -> Result:
     """Identify equations of several coordinates of a file, or the example, and write their page.
 
-    Raises
-    ------
-    ValueError
-        If there is no such release, or so many coordinates are not found in it.
+    Raises a ValueError if there is no such release, or so many coordinates are not found in it.
     """
     title, found = inspected(file, reading, asked.seed)
     modes = None if coordinates == "auto" else int(coordinates)
@@ -166,10 +163,8 @@ def of_inputs(
 ) -> Result:
     """Identify the equations of a record with inputs, and write their page.
 
-    Raises
-    ------
-    ValueError
-        If what is held out is too short, or the model has no motion near the record.
+    Raises a ValueError if what is held out is too short, or the model has no motion near the
+    record.
     """
     with of_file(file):
         terms, order = driven.terms if coordinates == 1 else None, driven.order

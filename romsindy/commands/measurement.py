@@ -38,10 +38,7 @@ def decays_in(
     A filter would take away what a diagnosis is to name: hum, an offset, a second mode that is
     faint. A mode is isolated only where it is asked for; ``say`` is told what was chosen.
 
-    Raises
-    ------
-    ValueError
-        If the file cannot be understood, or does not hold what was chosen.
+    Raises a ValueError if the file cannot be understood, or does not hold what was chosen.
     """
     if choice.whole:
         return [load_decay(file, **{**reading, "column": list(reading["column"]) or None})]

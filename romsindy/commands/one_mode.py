@@ -76,10 +76,8 @@ def of_one_mode(
 ) -> Result:
     """Analyse one mode of a file, or of the example, and write its page.
 
-    Raises
-    ------
-    ValueError
-        If the file cannot be understood, or does not hold what was chosen; as ``analyse``.
+    Raises a ValueError if the file cannot be understood, or does not hold what was chosen; as
+    ``analyse``.
     """
     title, found = inspected(file, reading, seed)
     # What is wrong with samples is no news for a choice that does not exist.

@@ -97,10 +97,7 @@ class WritingCommand(HeadedCommand):
 def default_page(name: str, remedy: str = "name another with --report") -> Path:
     """A page of this name, where it can be written.
 
-    Raises
-    ------
-    click.UsageError
-        If it is an input, another output, or a file that this command did not make.
+    Raises a UsageError if it is an input, another output, or a file that this command did not make.
     """
     ctx = click.get_current_context()
     path = Output(PAGE).convert(name, None, ctx)

@@ -205,12 +205,8 @@ class SteadyTable:
     def read(cls, path: Path, quantity: Quantity | None = None, lag: bool = False) -> SteadyTable:
         """Read a table from a file; ``lag`` is whether a phase is positive where it is late.
 
-        Raises
-        ------
-        FileNotFoundError
-            If there is no such file.
-        ValueError
-            If a column is not understood, stands twice, is missing, or has another unit.
+        Raises a FileNotFoundError if there is no such file, and a ValueError if a column is not
+        understood, stands twice, is missing, or has another unit.
         """
         if not path.is_file():
             raise FileNotFoundError(f"{path}: no such file")

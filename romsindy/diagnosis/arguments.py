@@ -144,10 +144,7 @@ def check_request(
 def forced_alone(measured: object) -> list[ForcedVibration]:
     """Forced vibrations, one or several, as a list; empty where there are none.
 
-    Raises
-    ------
-    ValueError
-        For decays among them.
+    Raises a ValueError for decays among them.
     """
     driven, others = _of_kind(measured, ForcedVibration)
     if driven and others:
@@ -174,10 +171,7 @@ def refuse_beside(what: str, instead: str, **given: object) -> None:
 def driven_of(name: str, given: object) -> list[ForcedVibration]:
     """Driven records of an argument beside driven ``measured``, one or several, as a list.
 
-    Raises
-    ------
-    ValueError
-        For decays, and for anything else.
+    Raises a ValueError for decays, and for anything else.
     """
     found, others = _of_kind(given, ForcedVibration)
     if others:
@@ -191,10 +185,7 @@ def driven_of(name: str, given: object) -> list[ForcedVibration]:
 def reduced(model: AnyModel | Beam) -> ReducedModel:
     """The model, if it is one that driven records can be compared with.
 
-    Raises
-    ------
-    ValueError
-        For a Beam, and for several coordinates.
+    Raises a ValueError for a Beam, and for several coordinates.
     """
     if not isinstance(model, Beam) and model.n_coordinates == 1:
         model.refuse_memory("what is compared here")
@@ -245,10 +236,7 @@ class Shared(NamedTuple):
 def shared_part(model: ReducedModel, decay: Decay) -> Shared:
     """Cut a decay to the amplitudes that the model reaches up and down to, where it says so.
 
-    Raises
-    ------
-    ValueError
-        If they have next to none in common.
+    Raises a ValueError if they have next to none in common.
     """
     if model.amplitude_range is None:
         return Shared(decay)

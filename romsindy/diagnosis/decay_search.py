@@ -138,13 +138,7 @@ class DecaySearch(Search):
         return replace(self, free=tuple(p for p in self.free if p.effect.name in names))
 
     def run(self) -> Finding:
-        """Look for the best hypothesis; an interrupt keeps what was compared.
-
-        Raises
-        ------
-        ValueError
-            If the model alone has no motion near the measured one.
-        """
+        """Look for the best hypothesis."""
         form = self.noise.known
         base = self.settled(self.hypothesis([])).settled(form)
         if not base.solution.finite:

@@ -321,10 +321,7 @@ class SimulationModel(NamedTuple):
 def model_of_simulation(simulated: Decay) -> SimulationModel:
     """Reduce a simulated decay to an equation of motion.
 
-    Raises
-    ------
-    ValueError
-        If it is too short, or no equation of motion of one coordinate follows it.
+    Raises a ValueError if it is too short, or no equation of motion of one coordinate follows it.
     """
     try:
         record = Record.loud(simulated, 1e-4)

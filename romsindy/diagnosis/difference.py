@@ -201,10 +201,7 @@ class Difference:
     def between(cls, record: Record, other: Record) -> Difference:
         """Compare a record with a second one of the same test.
 
-        Raises
-        ------
-        ValueError
-            If they share fewer than four cycles of the same amplitude.
+        Raises a ValueError if they share fewer than four cycles of the same amplitude.
         """
         said = Cycles.of(other.t, other.signal, np.asarray(other.spline.phase(other.t)))
         pair = _paired(record, said, lines=0.0)

@@ -41,13 +41,7 @@ class ResidualSearch(Search):
         return replace(self, free=self._unsure(hypothesis))
 
     def run(self) -> Finding:
-        """Look for the best hypothesis; an interrupt keeps what was compared.
-
-        Raises
-        ------
-        ValueError
-            If the model has no motion near the measured one.
-        """
+        """Look for the best hypothesis."""
         exact = self.with_free(()).hypothesis([])
         if self.free:
             self.hypothesis([])

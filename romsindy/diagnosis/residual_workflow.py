@@ -119,10 +119,7 @@ def of_repeats(
 ) -> Tolerance:
     """What runs of one driven test differ by; see `of_driven_repeats`.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two, one is there twice, or they cannot be compared.
+    Raises a ValueError if there are fewer than two, one is there twice, or they cannot be compared.
     """
     model = reduced(model)
     check_repeats(repeats)

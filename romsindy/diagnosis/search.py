@@ -110,10 +110,7 @@ class Search(ABC):
     def run(self) -> Finding:
         """Look for the best hypothesis; an interrupt keeps what was compared.
 
-        Raises
-        ------
-        ValueError
-            If the model alone has no motion near the measured one.
+        Raises a ValueError if the model alone has no motion near the measured one.
         """
 
     @abstractmethod

@@ -31,10 +31,7 @@ _BAND = 2.0  # standard errors
 def stated(tolerance: object) -> Tolerance:
     """A tolerance as a user gives it: of the frequency, or by kind, or ready.
 
-    Raises
-    ------
-    ValueError
-        If it is none of these.
+    Raises a ValueError if it is none of these.
     """
     if isinstance(tolerance, Tolerance):
         return tolerance
@@ -51,10 +48,7 @@ def stated(tolerance: object) -> Tolerance:
 def of_repeats(repeats: Sequence[Decay], floor: float) -> Tolerance:
     """How far decays that were measured again are from each other, at equal amplitude.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two, one is there twice, or two share no amplitudes.
+    Raises a ValueError if there are fewer than two, one is there twice, or two share no amplitudes.
     """
     if len(repeats) < 2:
         raise ValueError(f"repeats holds {len(repeats)} decay: give two or more of the same test")
@@ -73,10 +67,7 @@ def of_references(
 ) -> tuple[Tolerance, FormError]:
     """What a model leaves on the records that it was identified from.
 
-    Raises
-    ------
-    ValueError
-        If a record cannot be that of the model.
+    Raises a ValueError if a record cannot be that of the model.
     """
     records = checked_records(model, references, floor, "reference")
     form = NO_FORM_ERROR
@@ -158,10 +149,7 @@ def of_driven_repeats(searches: Sequence[ResidualSearch]) -> Tolerance:
 
     Frequency and damping are fitted to each; what their fits leave differs by the signal.
 
-    Raises
-    ------
-    ValueError
-        If runs differ in length, or the model has no motion near one of them.
+    Raises a ValueError if runs differ in length, or the model has no motion near one of them.
     """
     fits = [search.hypothesis([]) for search in searches]
     if not all(h.solution.finite for h in fits):

@@ -28,10 +28,7 @@ _UNEVEN = 0.4  # difference of a cycle from its neighbours that no free decay ha
 def swing(x: Array) -> tuple[Array, int]:
     """A record about its own moving mean, and the samples of a cycle.
 
-    Raises
-    ------
-    ValueError
-        If the record holds fewer than three cycles.
+    Raises a ValueError if the record holds fewer than three cycles.
     """
     slow = uniform_filter1d(x, max(len(x) // 15, 3), mode="mirror")  # a drift hides the vibration
     cycle = max(round(1 / fundamental_frequency(x - slow, 1.0)), 2)
@@ -178,10 +175,7 @@ def integrate(
     ``dt`` in s; ``frequency`` of the slowest vibration, Hz; ``times`` is 1 for a velocity, 2 for an
     acceleration; so many ``cycles`` lie between the knots of the midline.
 
-    Raises
-    ------
-    ValueError
-        If the record holds fewer than three cycles.
+    Raises a ValueError if the record holds fewer than three cycles.
     """
     t = dt * np.arange(len(x))
     cycle = max(round(1 / (frequency * dt)), 2)

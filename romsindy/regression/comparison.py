@@ -108,10 +108,7 @@ def compare_models(
     backbone tends to at small amplitude. The ``recipe`` is `PAPER` or `WEIGHTED`, with other
     harmonics or amplitudes where asked for.
 
-    Raises
-    ------
-    ValueError
-        If the order is below 3; and as `HarmonicSINDy.fit`.
+    Raises a ValueError if the order is below 3; and as `HarmonicSINDy.fit`.
     """
     if order < 3:
         raise ValueError(f"order = {order!r} must be at least 3, the lowest with inertia terms")

@@ -86,11 +86,8 @@ class HarmonicProjection(BaseEstimator):
     def rows(self, terms: Sequence[Term], decay: Decay) -> HarmonicRows:
         """Rows of all cycles of one decay with derivatives.
 
-        Raises
-        ------
-        ValueError
-            If the settings are not valid, a needed derivative is missing, or no cycle lies in
-            the amplitude range.
+        Raises a ValueError if the settings are not valid, a needed derivative is missing, or no
+        cycle lies in the amplitude range.
         """
         self._check()
         decay = decay.single()

@@ -386,10 +386,7 @@ def backbones_of(
 
     Of a fit of several coordinates, the backbones are those of the tone of a mode.
 
-    Raises
-    ------
-    ValueError
-        If there are no cycles in it, or no such mode.
+    Raises a ValueError if there are no cycles in it, or no such mode.
     """
     if isinstance(measured, Backbone):
         return [measured], models

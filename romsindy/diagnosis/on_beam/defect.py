@@ -155,10 +155,7 @@ def effects_of(parts: Sequence[Part]) -> list[Any]:
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
     """The beam with the effects of some parts.
 
-    Raises
-    ------
-    NoEquilibriumError
-        If there can be no such beam.
+    Raises a NoEquilibriumError if there can be no such beam.
     """
     try:
         return reduce(Beam.with_effect, effects_of(parts), beam)

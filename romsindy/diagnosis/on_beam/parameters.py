@@ -222,11 +222,8 @@ def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str
     Those of sizes are relative, those of positions (`POSITIONS`) in m, that of a clamp that was
     taken as rigid in rad/(N m).
 
-    Raises
-    ------
-    ValueError
-        For a name that is no parameter of the beam, a tolerance that is not positive, or one of a
-        parameter that is zero.
+    Raises a ValueError for a name that is no parameter of the beam, a tolerance that is not
+    positive, or one of a parameter that is zero.
     """
     sizes = _sizes(beam)
     for name, tolerance in tolerances.items():

@@ -146,10 +146,7 @@ def refused(path: Path, kind: str) -> Iterator[None]:
 def library(module: str, path: Path) -> Any:
     """A library of the extra ``formats``.
 
-    Raises
-    ------
-    ValueError
-        If it is not installed; the message says how.
+    Raises a ValueError if it is not installed; the message says how.
     """
     try:
         return import_module(module)

@@ -71,10 +71,7 @@ class Layout:
 def read(path: Path) -> Table:
     """Columns of a text file.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be understood; the message names line, column and remedy.
+    Raises a ValueError if it cannot be understood; the message names line, column and remedy.
     """
     with path.open(encoding=_encoding(path), errors="replace") as stream:
         return parse(path, stream)
