@@ -211,10 +211,10 @@ def check_inputs(
                 )
 
 
-def check_repeats(repeats: Sequence[Any]) -> None:
+def check_repeats(repeats: Sequence[Any], word: str = "record") -> None:
     """Raise a ValueError for fewer than two runs of a test, or one that is there twice."""
     if len(repeats) < 2:
-        raise ValueError(f"repeats holds {len(repeats)} record: give two or more of the same test")
+        raise ValueError(f"repeats holds {len(repeats)} {word}: give two or more of the same test")
     if any(a.same_record(b) for i, a in enumerate(repeats) for b in repeats[:i]):
         raise ValueError("repeats holds a record twice: give each run of the test once")
 

@@ -179,10 +179,7 @@ class ColourOfBest:
         n_unsure: int,
         n_free: int,
     ) -> Hypothesis:
-        """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects.
-
-        Those that stand instead of inputs take their place.
-        """
+        # Parts that stand instead of inputs take their place.
         given = driven_instead(model, parts)
         n_samples = sum(r.count for r in records)
         with threadpool_limits(limits=1, user_api="blas"):
@@ -194,7 +191,6 @@ class ColourOfBest:
     def further(
         self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
-        """Go on with a fit that has not come to its end."""
         s = hypothesis.solution
         if s.converged or not s.finite:
             return hypothesis
@@ -206,21 +202,18 @@ class ColourOfBest:
     def ranked(
         self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis]
     ) -> list[Hypothesis]:
-        """The best first."""
         noise = _noise_of(among)
         return sorted((h.at(noise) for h in hypotheses), key=lambda h: h.score)
 
     def alike(
         self, before: Hypothesis, after: Hypothesis, among: Sequence[Hypothesis]
     ) -> tuple[Hypothesis, Hypothesis]:
-        """Two by the same noise."""
         noise = _noise_of(among)
         return before.at(noise), after.at(noise)
 
     def examined(
         self, model: Any, records: Sequence[Any], solution: Solution, false_alarm: float
     ) -> Adequacy:
-        """What a solution leaves of records."""
         given = driven_instead(model, solution.parts)
         return self.examine(given, solution, records, false_alarm)
 

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, Weighed
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
-from romsindy.diagnosis.search import Finding, Options, Search, leaders, rivals_of
+from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum
@@ -42,7 +42,6 @@ class ProcessNoise:
         n_unsure: int,
         n_free: int,
     ) -> Hypothesis:
-        """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects."""
         # One thread: the same sums in the same order, however many processes there are.
         with threadpool_limits(limits=1, user_api="blas"):
             solution = fit(model, parts, records)
@@ -88,7 +87,6 @@ class ProcessNoise:
     def examined(
         self, model: ReducedModel, records: Sequence[Record], solution: Solution, false_alarm: float
     ) -> Adequacy:
-        """What a solution leaves of records."""
         return examine(records, solution.residuals, solution.n_values, false_alarm)
 
 
@@ -119,18 +117,6 @@ class DecaySearch(Search):
     model: ReducedModel
     records: Sequence[Record]
     noise: ProcessNoise
-
-    @classmethod
-    def of(
-        cls,
-        model: ReducedModel,
-        records: Sequence[Record],
-        free: tuple[Part, ...],
-        options: Options,
-        form: FormError = NO_FORM_ERROR,
-    ) -> DecaySearch:
-        """A search by process noise; ``form`` is the error of the model, as a reference shows."""
-        return cls(model, records, free, options, ProcessNoise(form))
 
     def unsure_as(self, hypothesis: Hypothesis) -> DecaySearch:
         """The same, unsure of the values that are free in a hypothesis alone."""

@@ -16,7 +16,7 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.difference import Difference, Tolerance, over_all
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, weights
-from romsindy.diagnosis.found import FoundEffect, effects_of, moved_of, of_the_measurement, titles
+from romsindy.diagnosis.found import FoundEffect, effects_of, of_the_measurement, titles
 from romsindy.diagnosis.gap import Gap
 from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
 from romsindy.diagnosis.verdict import Left, Verdict, left_over
@@ -124,6 +124,7 @@ class Explained(Written):
     remainder: Adequacy
     scales: Scales
     added: tuple[Part, ...]
+    gap: Any  # with the part of it that ``closed``
     interrupted: bool = False
     notes: tuple[str, ...] = ()
 
@@ -135,10 +136,13 @@ class Explained(Written):
     @property
     def moved(self) -> tuple[FoundEffect, ...]:
         """Values that the simulation was unsure of and that moved, beside the effects."""
-        return moved_of(self.best, self.rivals, self.remainder.ratio, self.nominal)
+        beside = [i for i in self.best.changed if i not in self.best.blamed]
+        return self._found(self.best, beside)
 
-    def _found(self, hypothesis: Hypothesis) -> tuple[FoundEffect, ...]:
-        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal)
+    def _found(
+        self, hypothesis: Hypothesis, which: Sequence[int] | None = None
+    ) -> tuple[FoundEffect, ...]:
+        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal, which)
 
     @property
     def next_best(self) -> Hypothesis | None:
@@ -164,14 +168,9 @@ class Explained(Written):
     # -- words ---------------------------------------------------------------------------------
 
     @property
-    @abstractmethod
     def _nothing(self) -> str:
         """What is said where nothing is missing."""
-
-    @property
-    @abstractmethod
-    def _gap_closed(self) -> float:
-        """Part of the squared gap that closes."""
+        return "nothing that matters."
 
     @abstractmethod
     def _closing(self, closes: str) -> str:
@@ -191,7 +190,7 @@ class Explained(Written):
         closes = "They close" if len(self.effects) > 1 else "It closes"
         if self.verdict == "unknown":
             nothing = "nothing in the catalogue explains it"
-            if not (found and self.best.sureness >= NAMED_ABOVE and self._gap_closed > 0):
+            if not (found and self.best.sureness >= NAMED_ABOVE and self.gap.closed > 0):
                 return f"{nothing}."
             return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
         other = self.next_best
@@ -432,17 +431,13 @@ class DiagnosisReport(BesideDecays, Explained):
         return any(d.exceeds(self.tolerance) for d in self.differences)
 
     @property
-    def _gap_closed(self) -> float:
-        return self.gap.closed
-
-    @property
     def _small(self) -> str:
         return " It is small: less than what tests repeat to." if self.small else ""
 
     @property
     def _nothing(self) -> str:
         if not self._differ:
-            return "nothing that matters."
+            return super()._nothing
         added = of_the_measurement(self.best, self.remainder.ratio, self.nominal)
         if not added:
             return "nothing that these data show."

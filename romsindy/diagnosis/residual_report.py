@@ -167,14 +167,6 @@ class ResidualReport(Explained):
         known = f" ({words.tolerated(self.tolerance)})" if asked else ""
         return f"{line}{on}{known}."
 
-    @property
-    def _nothing(self) -> str:
-        return "nothing that matters."
-
-    @property
-    def _gap_closed(self) -> float:
-        return self.gap.closed
-
     def _closing(self, closes: str) -> str:
         share = percent(self.gap.closed)
         if round(100 * self.gap.closed, 1) == 100:

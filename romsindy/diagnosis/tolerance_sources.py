@@ -9,7 +9,7 @@ from numbers import Real
 
 import numpy as np
 
-from romsindy.diagnosis.arguments import checked_records
+from romsindy.diagnosis.arguments import check_repeats, checked_records
 from romsindy.diagnosis.difference import DEFAULT, KINDS, Difference, Tolerance
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
@@ -50,10 +50,7 @@ def of_repeats(repeats: Sequence[Decay], floor: float) -> Tolerance:
 
     Raises a ValueError if there are fewer than two, one is there twice, or two share no amplitudes.
     """
-    if len(repeats) < 2:
-        raise ValueError(f"repeats holds {len(repeats)} decay: give two or more of the same test")
-    if any(a.same_record(b) for a, b in itertools.combinations(repeats, 2)):
-        raise ValueError("repeats holds a record twice: give each run of the test once")
+    check_repeats(repeats, "decay")
     try:
         records = [Record.loud(d, floor) for d in repeats]
         found = [Difference.between(a, b) for a, b in itertools.combinations(records, 2)]

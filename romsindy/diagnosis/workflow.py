@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from romsindy.diagnosis.arguments import check_request, checked_records
-from romsindy.diagnosis.decay_search import DecaySearch
+from romsindy.diagnosis.decay_search import DecaySearch, ProcessNoise
 from romsindy.diagnosis.difference import DEFAULT, KINDS, Tolerance, over_all
 from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, nuisances
 from romsindy.diagnosis.gap import HELD_OUT, Gap, follow, misfit_of, motions_of, name_of, predict
@@ -67,7 +67,7 @@ def diagnose_model(
     parts = unsure_parts(model, free, tolerances, records.scales, len(records.learning))
     sought = _sought(model, options.catalogue, parts, tolerances)
     given = (model, records.learning, parts, replace(options, catalogue=sought))
-    search = DecaySearch.of(*given, form)
+    search = DecaySearch(*given, ProcessNoise(form))
     exact = search.with_free(()).hypothesis([])
     slack = search.with_free(nuisances(records.learning)).hypothesis([])
     agree = _agree(search, slack, as_it_was)
