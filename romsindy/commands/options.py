@@ -57,11 +57,8 @@ reading_options = grouped(
 class HeadedCommand(click.Command):
     """A command whose --help lists its options under headings.
 
-    Parameters
-    ----------
-    headings : mapping of str to str, optional
-        Names of options, between blanks, by the heading under which they stand; what is in none
-        stands under "Other". Without any all stand under "Options".
+    ``headings`` has the names of options, between blanks, by the heading under which they stand;
+    what is in none stands under "Other". Without any all stand under "Options".
     """
 
     def __init__(

@@ -326,20 +326,9 @@ def next_test(
     """The cheapest test that would tell rivals apart; of several, that with the best expected odds.
 
     Where none would, the one that comes nearest; None where there is nothing to tell apart, or no
-    test that the model can simulate.
-
-    Parameters
-    ----------
-    rivals : sequence of Hypothesis
-        Fitted to the records, the best first.
-    model : ReducedModel
-        The simulation as it was.
-    records : sequence of Record
-    tests : sequence of Experiment
-        Those that can be made, with their costs.
-    explained : bool
-        Whether the rivals explain the records: else the odds so far mean nothing, and the test is
-        to show which of them is nearest to what is missing.
+    test that the model, the simulation as it was, can simulate. The rivals are fitted to the
+    records, the best first. Where these are not ``explained`` the odds so far mean nothing, and the
+    test is to show which of the rivals is nearest to what is missing.
     """
     rivals = rivals[:_RIVALS]
     if len(rivals) < 2:

@@ -69,10 +69,7 @@ class Density:
 def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
     """The channels of records that follow one another, with what one simulation leaves of each.
 
-    Parameters
-    ----------
-    pairs : sequence of (record of a fit, (c n,) array)
-        Records, and their residuals; the channels one after the other.
+    Pairs are of a record and its residuals (c n,), the channels one after the other.
     """
     first = pairs[0][0]
     decays = [record.decay for record, _ in pairs]

@@ -31,21 +31,9 @@ def write_overview(
 ) -> None:
     """Write the page.
 
-    Parameters
-    ----------
-    path : str or Path
-    sentence : str
-        What came of all files.
-    rows : sequence of rows
-        Of the table; the last cell of a row is the report, to which it links.
-    backbones : mapping of str to Backbone
-        By name of the file.
-    notes : sequence of str
-        Why files have no report.
-    interactive : bool
-        Whether the figure zooms and shows the cycle under the pointer.
-    command : str
-        The one that makes it.
+    The last cell of a row is the report, to which it links; ``backbones`` go by names of files, and
+    ``notes`` say why files have no report. With ``interactive``, the figure zooms and shows the
+    cycle under the pointer.
     """
     header, *body = rows
     linked = [[*row[:-1], _link(row[-1])] for row in body]

@@ -111,24 +111,13 @@ def write_page(
 ) -> None:
     """Fill one of the package's templates and write it.
 
-    Parameters
-    ----------
-    path : str or Path
-    template : str
-        "report" for an inspection, an identification or a diagnosis; "study".
-    command : str
-        The one that makes such pages: the head names it as the generator.
-    pictures : iterable of Picture
-        Drawn one after the other, the template's ``figures``.
-    interactive : bool
-        Whether figures zoom and show what is under the pointer.
-    **content
-        What else the template names; ``formula`` is LaTeX in parts, between which lines may end.
+    The ``template`` is "report" for an inspection, an identification or a diagnosis, or "study";
+    the head names the ``command`` that makes such pages as the generator. Pictures are drawn one
+    after the other, the template's ``figures``, and with ``interactive`` zoom and show what is
+    under the pointer. ``content`` is what else the template names; ``formula`` is LaTeX in parts,
+    between which lines may end.
 
-    Raises
-    ------
-    ValueError
-        If the page is to be interactive and plotly is not installed.
+    Raises a ValueError if the page is to be interactive and plotly is not installed.
     """
     plotly = script() if interactive else ""
     environment = Environment(

@@ -70,19 +70,9 @@ def read_release(
     frequency and, for a beam that moves, one of the time are fitted, so that what the beam lacks is
     not taken for a part of the release.
 
-    Parameters
-    ----------
-    seen : InstrumentedBeam
-    beam : Beam
-        With all effects that are known by now.
-    start : (float, float)
-        Coordinate and its rate at the first sample, kg^0.5 m and s.
-    measured : (n, n_sensors) array
-        What the sensors read from there on, m and s.
-    dt : float
-        Sampling interval, s.
-    derivative : 0, 1 or 2
-        Whether that is displacement, velocity or acceleration.
+    The beam has all effects that are known by now; ``start`` is its coordinate and its rate at
+    the first sample, kg^0.5 m and s, and ``measured`` what the sensors read from there on, (n,
+    n_sensors), m and s: displacement, velocity or acceleration by ``derivative``.
     """
     (q, q_dot), (forces, omega) = start, _modal_forces(beam, dt)
     n = min(int(2 * np.pi / omega / dt) + 1, len(measured))

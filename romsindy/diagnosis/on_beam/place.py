@@ -144,16 +144,8 @@ def find_place(
 ) -> PlaceOnBeam:
     """Where an effect acts.
 
-    Parameters
-    ----------
-    seen : InstrumentedBeam
-    records : sequence of Record
-        Of the coordinate: their noise is that of the sensors.
-    measured : sequence of (n, n_sensors) arrays
-        What the sensors read in each.
-    simulated : sequence of sequences of (n, n_sensors) arrays
-        The same for the effect at each of the `points`.
-    slack : Latitude
+    The noise of the records, of the coordinate, is that of the sensors. What these read in each is
+    ``measured``, (n, n_sensors), and ``simulated`` the same for the effect at each of the `points`.
     """
     at = np.array(points(seen.beam))
     m, spreads = 1 + len(at), slack.spreads
