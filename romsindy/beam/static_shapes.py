@@ -31,7 +31,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from romsindy.beam.assembly import Assembly, factorise, solve
 from romsindy.beam.equilibrium import ModalBasis, Shape, find_displaced, solve_modes, work
-from romsindy.beam.structure import Structure
+from romsindy.beam.structure import BeamStructure
 from romsindy.physics.validation import require_positive
 from romsindy.text import bar
 
@@ -42,7 +42,7 @@ class StaticCurve:
 
     Attributes
     ----------
-    beam : Structure
+    beam : BeamStructure
     basis : ModalBasis
         The modes about the equilibrium.
     mode : int
@@ -59,7 +59,7 @@ class StaticCurve:
         Their derivatives with respect to q.
     """
 
-    beam: Structure
+    beam: BeamStructure
     basis: ModalBasis
     mode: int
     reach: float

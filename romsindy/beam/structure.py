@@ -178,7 +178,7 @@ CLAMPED = Support((True, True, True))
 
 
 @dataclass(frozen=True)
-class Structure:
+class BeamStructure:
     """The data of a `Beam`; everything that is computed from it lies above.
 
     Parameters

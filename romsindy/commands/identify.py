@@ -13,7 +13,7 @@ import click
 from romsindy.commands.analysis import USUAL, Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
 from romsindy.commands.inputs import PARTS, Inputs, input_options
-from romsindy.commands.measurement import Choice
+from romsindy.commands.measurement import Selection
 from romsindy.commands.one_mode import inspected, mode_options, of_file, of_one_mode
 from romsindy.commands.options import (
     FILE,
@@ -280,7 +280,7 @@ def identify(
         one = partial(of_coordinates, asked=asked, coordinates=coordinates, release=release)
     else:
         analyse = partial(identified, asked=asked)
-        choice = Choice(mode, band, release)
+        choice = Selection(mode, band, release)
         one = partial(of_one_mode, choice=choice, analyse=analyse, seed=asked.seed)
     job = partial(one, reading=options, interactive=telling.interactive)
     telling.give(job, files, example, "report")

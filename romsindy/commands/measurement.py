@@ -15,7 +15,7 @@ from romsindy.record.files.load import named
 from romsindy.text import bar, listed
 
 
-class Choice(NamedTuple):
+class Selection(NamedTuple):
     """What of a file is meant."""
 
     mode: int | None = None
@@ -31,7 +31,7 @@ class Choice(NamedTuple):
 
 
 def decays_in(
-    file: Path, reading: Mapping[str, Any], choice: Choice, say: Callable[[str], object]
+    file: Path, reading: Mapping[str, Any], choice: Selection, say: Callable[[str], object]
 ) -> list[Decay]:
     """Decays of a file, one of every release, found as `identify` finds them.
 
@@ -57,7 +57,7 @@ def decays_in(
         return _chosen(found, choice, lambda line: say(f"{file}: {line}"))
 
 
-def _chosen(found: Inspection, choice: Choice, say: Callable[[str], object]) -> list[Decay]:
+def _chosen(found: Inspection, choice: Selection, say: Callable[[str], object]) -> list[Decay]:
     try:
         mode = found.mode(choice.mode, choice.band)
     except ValueError as error:

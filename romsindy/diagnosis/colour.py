@@ -24,7 +24,7 @@ from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.independence import examine_driven
 from romsindy.fit.gauss_newton import Solution, fit, limits, linear_table, moved_parts
-from romsindy.fit.noises import Noises, Table, TwoNoises, found_noises
+from romsindy.fit.noises import Noises, NoiseTable, TwoNoises, found_noises
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
 from romsindy.fit.record import Prepared
@@ -122,7 +122,7 @@ class ByNoises:
     n_values: int
     system: NormalEquations
     places: tuple[Indices, ...]
-    tables: tuple[Table, ...]
+    tables: tuple[NoiseTable, ...]
 
     @classmethod
     def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> ByNoises:

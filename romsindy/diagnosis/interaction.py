@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, fitted, of_plainest_kind
+from romsindy.fit.coupled_rounds import FittedPieces, Progress, best_of, fitted, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.pieces import cut
@@ -43,9 +43,9 @@ class Interaction:
     slower: bool  # whether the modelled vibration is the slower one
     own: tuple[str, ...]  # terms of single coordinates that were added without coupling
     # Without and with coupling, to pieces of one length, over the same noise
-    alone: Fitted
-    together: Fitted
-    longest: Fitted  # with coupling, over the longest pieces that it follows
+    alone: FittedPieces
+    together: FittedPieces
+    longest: FittedPieces  # with coupling, over the longest pieces that it follows
 
     @property
     def couplings(self) -> tuple[Term, ...]:
@@ -97,7 +97,7 @@ class Interaction:
             return None
 
 
-def over_pieces(found: Fitted) -> str:
+def over_pieces(found: FittedPieces) -> str:
     """Over what a model was fitted, each piece from an initial state of its own."""
     if np.isinf(found.cycles):
         return "the whole decay"
@@ -142,8 +142,8 @@ def interaction_of(
 
 
 def _together(
-    start: Stage, records: Sequence[CoupledRecord], alone: Fitted, progress: Progress
-) -> Fitted | None:
+    start: Stage, records: Sequence[CoupledRecord], alone: FittedPieces, progress: Progress
+) -> FittedPieces | None:
     """With coupling; where that has no motion from the start, from what was found without it."""
     found = of_plainest_kind(start, records, _TOGETHER, progress)
     return found or of_plainest_kind(alone.stage, alone.records, _TOGETHER, progress)
@@ -152,10 +152,10 @@ def _together(
 def _alone_again(
     start: Stage,
     records: Sequence[CoupledRecord],
-    alone: Fitted,
-    together: Fitted,
+    alone: FittedPieces,
+    together: FittedPieces,
     progress: Progress,
-) -> Fitted:
+) -> FittedPieces:
     """Without coupling, also from where coupling led: what was not found at first is no proof."""
     own = {*start.model.terms, *(t for kind in _ALONE for t in candidates(2, kind))}
     terms = zip(together.stage.model.terms, together.stage.model.values, strict=True)
@@ -167,7 +167,9 @@ def _alone_again(
     return again if again and best_of([alone, again]) is again else alone
 
 
-def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
+def _over(
+    found: FittedPieces, records: Sequence[CoupledRecord], cycles: float
+) -> FittedPieces | None:
     """The same fitted to pieces so many cycles long, over the noise of some records."""
     pairs = list(zip(found.records, records, strict=True))
     if found.cycles == cycles and all(own.noise is other.noise for own, other in pairs):
@@ -175,7 +177,7 @@ def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fit
     return fitted(found.stage, found.with_noise_of(records).records, cycles)
 
 
-def _pass(found: Fitted) -> None:
+def _pass(found: FittedPieces) -> None:
     """An interrupt ends the whole comparison: nothing of it is kept."""
 
 
