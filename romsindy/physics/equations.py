@@ -42,7 +42,7 @@ class SingularInertiaError(ValueError):
 
 @dataclass(frozen=True)
 class Equations(TermSum, ABC):
-    """Equations of R coordinates with known coefficients; parameters as those of `TermSum`."""
+    """Equations of R coordinates with known coefficients; fields as of a `ReducedModel`."""
 
     # -- what each kind of model states -----------------------------------------------------------
 

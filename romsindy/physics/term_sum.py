@@ -187,18 +187,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TermSum:
-    """Terms of an equation of motion, each with its coefficient.
-
-    Parameters
-    ----------
-    terms : tuple of Term
-    values : tuple of float
-        Coefficient of each term, in the unit of q and seconds.
-    unit : str, optional
-        Unit of q, such as "m"; None where it is not known.
-    amplitude_range : (float, float), optional
-        Least and largest amplitude of the data behind the model, in the unit of q.
-    """
+    """Terms of an equation of motion, each with its coefficient: fields as of a `ReducedModel`."""
 
     terms: tuple[Term, ...]
     values: tuple[float, ...]
