@@ -174,17 +174,34 @@ _CONVERGED = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class NormalMode:
-    """Periodic orbits of the undamped beam that grow out of one linear mode."""
+    """Periodic orbits of the undamped beam that grow out of one linear mode.
 
-    amplitude: np.ndarray  # (n,), half peak to peak of the modal coordinate q, kg^0.5 m
-    frequency: np.ndarray  # (n,), angular frequency, rad/s
-    tip_displacement: np.ndarray  # (n,), of the starting shape from equilibrium, m
-    linear_frequency: float  # of the mode on the same mesh, rad/s
-    # (n,), largest velocity left in the other modes half a period later, relative to the largest
-    # velocity of the mode
+    Attributes
+    ----------
+    amplitude : (n,) array
+        Half peak to peak of the modal coordinate q, kg^0.5 m.
+    frequency : (n,) array
+        Angular frequency, rad/s.
+    tip_displacement : (n,) array
+        Of the starting shape from equilibrium, m.
+    linear_frequency : float
+        Of the mode on the same mesh, rad/s.
+    unrest : (n,) array
+        Largest velocity left in the other modes half a period later, relative to the largest
+        velocity of the mode.
+    shapes : tuple of Shape
+        The shapes at rest, from which `Beam.simulate` follows the orbit.
+    stop_reason : str
+        "completed", or why it ended early.
+    """
+
+    amplitude: np.ndarray
+    frequency: np.ndarray
+    tip_displacement: np.ndarray
+    linear_frequency: float
     unrest: np.ndarray
-    shapes: tuple[Shape, ...]  # the shapes at rest, from which `Beam.simulate` follows the orbit
-    stop_reason: str  # "completed", or why it ended early
+    shapes: tuple[Shape, ...]
+    stop_reason: str
 
     def __repr__(self) -> str:
         shift = self.frequency / self.linear_frequency - 1
