@@ -12,7 +12,13 @@ import numpy as np
 from romsindy.diagnosis import words
 from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
 from romsindy.diagnosis.interaction import Interaction, interaction_of
-from romsindy.diagnosis.report import TABLE_HEAD, BesideDecays, DiagnosisReport, Written, notes_of
+from romsindy.diagnosis.report import (
+    TABLE_HEAD,
+    BesideDecays,
+    DiagnosisReport,
+    Written,
+    page_of,
+)
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.diagnosis.words import not_followed, rings_along
@@ -143,9 +149,7 @@ class InteractionReport(BesideDecays, Written):
     def _content(self) -> dict[str, Any]:
         found, resonance = self.interaction, self.interaction.resonance
         return {
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "interrupted": self.interrupted,
+            **super()._content(),
             **self._sizes(self.remainder),
             "effects": [],
             "moved": [],
@@ -172,22 +176,11 @@ class InteractionReport(BesideDecays, Written):
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        rows = self.table()
-        explanations = TextTable("Explanations that the data allow", rows)
-        return {
-            "title": "What the simulation lacks",
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "equation_title": "The simulation and the other mode",
-            "equation": str(self.model),
-            "tables": [
-                TextTable("The gap, before and after", self.gap.table()),
-                *([explanations] if rows[1:] else []),
-                TextTable("One coordinate and two", words.footing_table(self.interaction)),
-                TextTable("Coefficients", self.fit.table()),
-            ],
-            "notes": notes_of(self.records),
-        }
+        page = page_of(self, "The simulation and the other mode", self.records)
+        footing = words.footing_table(self.interaction)
+        more = [TextTable("One coordinate and two", footing)]
+        more += [TextTable("Coefficients", self.fit.table())]
+        return {**page, "tables": [*page["tables"], *more]}
 
 
 # The same mode in two records: its small frequencies differ by less, as a ratio.
