@@ -11,7 +11,18 @@ import numpy as np
 
 from romsindy.diagnosis import words
 from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
-from romsindy.diagnosis.interaction import Interaction, interaction_of
+from romsindy.diagnosis.interaction import (
+    Interaction,
+    footing,
+    footing_table,
+    interaction_of,
+    leaves,
+    not_followed,
+    ratio,
+    rings_along,
+    takes_part,
+    values_that_moved,
+)
 from romsindy.diagnosis.report import (
     TABLE_HEAD,
     BesideDecays,
@@ -21,7 +32,6 @@ from romsindy.diagnosis.report import (
 )
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
-from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.fitted import Fit
@@ -114,9 +124,9 @@ class InteractionReport(BesideDecays, Written):
     @property
     def sentence(self) -> str:
         """The finding, a line for each question: do they differ, what is missing, what is left?"""
-        found = words.takes_part(self.interaction, self.fit)
-        moved = words.values_that_moved(self.nominal, self.fit)
-        missing = f"{found}. {self._closing('It closes')} {words.footing(self.interaction)}{moved}"
+        found = takes_part(self.interaction, self.fit)
+        moved = values_that_moved(self.nominal, self.fit)
+        missing = f"{found}. {self._closing('It closes')} {footing(self.interaction)}{moved}"
         return "\n".join(
             [
                 self.one_coordinate.opening,
@@ -130,12 +140,12 @@ class InteractionReport(BesideDecays, Written):
 
     def table(self) -> list[list[str]]:
         """Rows of text: what couples the modes, with its values."""
-        ratio = words.ratio(self.interaction.resonance)
+        near = ratio(self.interaction.resonance)
         values, errors = self.fit.model.coefficients, self.fit.standard_errors
         rows = [
             [
                 "another mode",
-                ratio,
+                near,
                 t.key,
                 f"{values[t.key]:.6g}",
                 f"{errors[t.key]:.2g}",
@@ -172,13 +182,15 @@ class InteractionReport(BesideDecays, Written):
         """Pictures by name: "gap", "amplitude" and "time" as elsewhere, and "coordinates"."""
         from romsindy.diagnosis.pictures import pictures_of_two
 
-        return {p.name: p for p in pictures_of_two(self.gap, self.interaction)}
+        found = self.interaction
+        alone, together = ((f.records, f.residuals) for f in (found.alone, found.together))
+        pictures = pictures_of_two(self.gap, alone, together, leaves(found))
+        return {p.name: p for p in pictures}
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
         page = page_of(self, "The simulation and the other mode", self.records)
-        footing = words.footing_table(self.interaction)
-        more = [TextTable("One coordinate and two", footing)]
+        more = [TextTable("One coordinate and two", footing_table(self.interaction))]
         more += [TextTable("Coefficients", self.fit.table())]
         return {**page, "tables": [*page["tables"], *more]}
 
