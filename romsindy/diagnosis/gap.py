@@ -206,6 +206,8 @@ def _percent(difference: Difference, kind: str) -> str:
     return f"{value:.3g} +- {error:.1g}{what}"
 
 
+# -- what a simulation says of a record; only its start follows it ---------------------------------
+
 _ITERATIONS = 25
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
 _FAR = 1e6  # amplitudes, beyond which it does not matter how far a motion has run away
@@ -318,6 +320,9 @@ def _run(model: ReducedModel, parts: Sequence[Part], record: Record, near: Traje
     held = x[-1:] if record.derivative == 0 else np.zeros((1, 1))
     x = np.concatenate([x, np.repeat(held, len(record.t) - len(x), axis=0)])
     return read(parts, 0, record.t, x)[0]
+
+
+# -- the gap by what is left -----------------------------------------------------------------------
 
 
 def noise_std(record: Prepared) -> float:
