@@ -321,8 +321,8 @@ def _as_well(
 # -- what needs no effect --------------------------------------------------------------------------
 
 # Offset, gain and curvature of the sensor within what is known of them are fitted, and nobody is
-# told that anything is missing. With them linear stiffness and damping, then each other coefficient,
-# are asked before any effect is.
+# told that anything is missing. With them linear stiffness and damping are asked before any effect
+# is, then each other coefficient.
 _LINEAR = ("omega^2", "c_linear")
 _TRIED = 3  # of the coefficients, those that the screening puts first
 
