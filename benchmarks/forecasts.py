@@ -3,13 +3,13 @@
     python benchmarks/forecasts.py --count 40              # seeds 0 to 39
     python benchmarks/forecasts.py --first 1000 --jobs 2
 
-Half of the records are decays: another run is foretold from its first two cycles, at .6 to 1.4 times
-the amplitude that was identified, by terms that are given (from one run, or from three between
-which the structure moved, as it does before the fourth) or by functions. The other half are stepped
-sines: of four levels the largest is foretold. A tenth lacks a small term. Motions are those of
-scipy's solve_ivp. Points are measured ones, noise and all. The score is that of `bands`, the lower
-the better, beside that of the best constant width: of its own record, known afterwards, and of all
-records of a kind, as a part of their largest response.
+Half of the records are decays: another run is foretold from its first two cycles, at .6 to 1.4
+times the amplitude that was identified, by terms that are given (from one run, or from three
+between which the structure moved, as it does before the fourth) or by functions. The other half are
+stepped sines: of four levels the largest is foretold. A tenth lacks a small term. Motions are those
+of scipy's solve_ivp. Points are measured ones, noise and all. The score is that of `bands`, the
+lower the better, beside that of the best constant width: of its own record, known afterwards, and
+of all records of a kind, as a part of their largest response.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def force(laws: Laws, q: Array, v: Array) -> Array:
 
 
 def oscillator(rng: np.random.Generator, amplitude: float, lacking: str) -> Laws:
-    """Laws of an oscillator that moves so far; the small term that a model will lack is the last."""
+    """Laws of an oscillator that moves so far, with the small term that a model will lack."""
     omega = 2 * np.pi * rng.uniform(2.0, 20.0)
     zeta = rng.uniform(0.003, 0.012)
     laws = {"omega^2": omega**2, "c_linear": 2 * zeta * omega}

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from romsindy.fit.form import DRAWS, normal_draws
 from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
@@ -25,7 +26,6 @@ from romsindy.record.signals import vertex
 from romsindy.typing import Array
 
 BRANCHES = ("upper", "lower")
-_DRAWS = 400
 _ORBITS = 60  # about, and more where the damping is light
 _BETWEEN = 4  # points for each, by cubic splines
 _TAILS = (0.025, 0.975)
@@ -246,11 +246,7 @@ def forced_band(
     on, first, size_of_q, *_ = table.T
     by_w, by_a = np.hsplit(table[:, 3:], 2)
     rng = np.random.default_rng(0)
-    # Coefficients differ by many powers of ten: only their correlations are near one another.
-    size = np.sqrt(np.diag(covariance))
-    unit = np.where(size > 0, size, 1.0)
-    correlation = covariance / unit / unit[:, None]
-    drawn = size * rng.multivariate_normal(np.zeros(len(size)), correlation, _DRAWS, method="svd")
+    drawn = normal_draws(covariance, rng)
     w = np.maximum(on + drawn @ by_w.T, 0.0)
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)
@@ -263,7 +259,7 @@ def forced_band(
         rate,
         np.array([on, first * on**rate, size_of_q]),
         np.array([w, a * w**rate]),
-        noise * rng.standard_normal(_DRAWS),
+        noise * rng.standard_normal(DRAWS),
     )
     if np.any(found.beyond) and not goes_on:
         warnings.warn(

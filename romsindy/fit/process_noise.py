@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from romsindy.fit.collocation import Trajectory, TrajectoryError
 from romsindy.fit.equation import ExtendedEquation
@@ -41,6 +42,15 @@ _ROUNDING = 1e-13  # of products, by which they must not become negative
 _LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
 # Sizes to choose from: from nothing to more than is linear about a motion.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -2.4, 0.25)])
+
+
+def grown(amplitude: ArrayLike, reach: float) -> Array:
+    """Factor by which an equation errs more at an amplitude than within the reach of its data.
+
+    What it leaves out is of a higher power of the amplitude than what it has, by two at least where
+    the structure is symmetric.
+    """
+    return np.maximum(np.asarray(amplitude) / reach, 1.0) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +84,15 @@ class Windows:
 
     @classmethod
     def of(
-        cls, model: ReducedModel, parts: tuple[Part, ...], i: int, record: Record, m: Trajectory
+        cls,
+        model: ReducedModel,
+        parts: tuple[Part, ...],
+        i: int,
+        record: Record,
+        m: Trajectory,
+        reach: float = np.inf,
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion.
+        """Linearise a fit to record ``i`` about a motion; departures grow beyond amplitudes.
 
         Raises
         ------
@@ -100,7 +116,8 @@ class Windows:
         q, v = m.q[starts, 0], m.q_dot[starts, 0] / record.rate
         unit = np.array([[v, q], [-record.rate * q, record.rate * v]]).transpose(2, 0, 1)
         unit *= np.diff(record.phase(m.grid.step * steps))[:, None, None]
-        apart = np.log(np.hypot(q, v)[:, None] / np.hypot(q, v))
+        amplitude = np.hypot(q, v)
+        apart = np.log(amplitude[:, None] / amplitude)
         alike = np.exp(-np.abs(apart) / _ALIKE) + 1e-9 * np.eye(len(starts))
         at_start = sum(p.size for p in parts) + 2 * i + np.arange(2)
         return cls(
@@ -109,9 +126,17 @@ class Windows:
             steps,
             np.searchsorted(starts, m.grid.sample_step, side="right") - 1,
             np.linalg.solve(states, unit),
-            np.kron(np.linalg.cholesky(alike), np.eye(2)),
+            np.kron(grown(amplitude, reach)[:, None] * np.linalg.cholesky(alike), np.eye(2)),
             np.concatenate([columns_of(parts, i), at_start]),
         )
+
+    def departed(self, derivative: int) -> Array:
+        """Changes of q, q_dot or q_ddot at the samples by independent unit departures, (n, 2 K)."""
+        by_state = self.response.samples(derivative)[:, 0, -2:]
+        k, own = np.arange(len(self.jumps)), self.window[:, None]
+        gathered = np.where(k == own, self._ramp[:, None], 1.0 * (k < own))
+        each = np.einsum("nq,kqj,nk->nkj", by_state, self.jumps, gathered)
+        return np.asarray(each.reshape(len(own), -1) @ self.roots)
 
     @property
     def _ramp(self) -> Array:
@@ -238,8 +263,16 @@ class Marginal:
 
     def needed(self) -> float:
         """Least size of departures that the data do not tell from the most likely one."""
-        costs = np.array([self.cost(jump) for jump in _JUMPS])
+        costs = self._costs()
         return float(_JUMPS[np.argmax(costs <= costs.min() + EQUIVALENT)])
+
+    def allowed(self) -> float:
+        """Size of departures that the data let expect: rms over all, by their likelihood."""
+        costs = self._costs()
+        return float(np.sqrt(np.average(_JUMPS**2, weights=np.exp((costs.min() - costs) / 2))))
+
+    def _costs(self) -> Array:
+        return np.array([self.cost(jump) for jump in _JUMPS])
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from romsindy.fit.verdict import (
 from romsindy.text import percent, quantity
 from romsindy.typing import Array
 
-_NUMBERS = ("left", "part", "piece", "whole", "missing", "sensor", "force", "colour")
+_NUMBERS = ("left", "piece", "whole", "missing", "sensor", "force", "colour")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,6 @@ class ForcedAdequacy(Adequacy):
     """
 
     left: float = 0.0
-    part: float = 0.0
     measured_unit: str = ""
     undetermined: str = ""
     piece: float = 0.0
@@ -73,7 +72,6 @@ class ForcedAdequacy(Adequacy):
         super().__post_init__()
         for name in (
             "left",
-            "part",
             "piece",
             "whole",
             "missing",
@@ -96,6 +94,12 @@ class ForcedAdequacy(Adequacy):
         """
         noise = bool(np.isfinite(self.ratio)) and not self.structured
         return noise and self.force <= WIDEST_SIGNAL and not self.undetermined
+
+    @property
+    def beyond_noise(self) -> float:
+        """What one simulation of the whole record leaves beyond the noise of the sensor."""
+        whole = self.whole if self.piece else self.part
+        return float(np.sqrt(max(whole**2 - self.sensor**2, 0.0)))
 
     @property
     def good(self) -> bool:
