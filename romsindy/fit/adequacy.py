@@ -103,6 +103,14 @@ class Adequacy:
         return self.part * float(np.sqrt(max(1 - self.ratio**-2, 0.0))) if self.ratio else 0.0
 
     @property
+    def everywhere(self) -> float:
+        """Rms that any motion has in the measured quantity, as far as it is known beside a record.
+
+        None of a decay: its own noise is read off it.
+        """
+        return 0.0
+
+    @property
     def n_functions(self) -> int:
         """Number of functions of time that repeat with the vibration, over all windows."""
         return (2 * _HARMONICS + 1) * (_DEGREE + 1) * len(self.amplitude)

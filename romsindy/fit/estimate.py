@@ -25,7 +25,7 @@ from romsindy.fit.curve import (
 )
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand, forced_band
-from romsindy.fit.form import Form, normal_draws
+from romsindy.fit.form import Form, as_coefficients, normal_draws
 from romsindy.fit.predict import Forecast, Sensors, foretold, predicted
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
@@ -313,6 +313,8 @@ class Estimate:
         covariance[: len(order), : len(order)] = (
             self.covariance[np.ix_(order, order)] * scale * scale[:, None]
         )
+        v, rate = self.verdict, model.linear_modes[0][0]
+        moves = [float(np.hypot(v.departure, moved)) for moved in (v.frequency, v.damping)]
         return forced_band(
             without_inputs(model),
             abs(gain) * float(checked_force(force, 1)[0]),
@@ -323,6 +325,7 @@ class Estimate:
             n_harmonics=n_harmonics,
             velocity_scale=velocity_scale,
             notes=() if self.verdict.explained else (_LACKS,),
+            form=[[*as_coefficients(moves[0], moves[1], rate), 0.0]] * 2,
         )
 
     def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:

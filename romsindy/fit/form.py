@@ -30,7 +30,7 @@ from romsindy.text import percent
 from romsindy.typing import Array
 
 DRAWS = 400
-_KNOWN = 2.0  # degrees of freedom for which what is known beforehand counts
+KNOWN = 2.0  # degrees of freedom for which what is known beforehand counts
 _SIGMAS = 1.96
 
 
@@ -101,7 +101,7 @@ def normal_draws(covariance: Array, rng: np.random.Generator) -> Array:
 
 
 def scatter(moves: Array, variance: Array, expected: float, lost: float = 1.0) -> float:
-    """Standard deviation of a further move, as the 95 % band of one that is known would have it.
+    """Standard deviation of a further move, widened for how badly few tell it.
 
     Parameters
     ----------
@@ -114,10 +114,14 @@ def scatter(moves: Array, variance: Array, expected: float, lost: float = 1.0) -
     lost : float
         How many of them other values have taken up.
     """
-    n, freedom = len(moves), _KNOWN + len(moves) - lost
+    n, freedom = len(moves), KNOWN + len(moves) - lost
     own = max(float(np.sum((moves - moves.mean()) ** 2 - variance)), 0.0)
-    std = np.sqrt((_KNOWN * expected**2 + own) / freedom * (1 + 1 / n))
-    return float(std * t.isf(0.025, freedom) / _SIGMAS)
+    return float(np.sqrt((KNOWN * expected**2 + own) / freedom * (1 + 1 / n))) * wider(freedom)
+
+
+def wider(freedom: float) -> float:
+    """A 95 % band of a deviation known by so many degrees of freedom, over that of a known one."""
+    return float(t.isf(0.025, freedom)) / _SIGMAS
 
 
 def _loss(record: Record) -> float:

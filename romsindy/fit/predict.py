@@ -145,7 +145,7 @@ def foretold(
     if largest > reach:
         unit = model.unit or "[q]"
         notes.append(
-            f"the motion reaches {largest:.3g} {unit}, the data {reach:.3g} {unit}: beyond, what the"
+            f"the motion reaches {largest:.3g} {unit}, the data {reach:.3g}: beyond, what the"
             " model lacks is not known; the band grows there with the square of the amplitude"
         )
     return Forecast(_like(record, found, value + found.offset), low, high, tuple(notes))
@@ -327,16 +327,15 @@ def _spread(
     """
     record, rng = found.record, np.random.default_rng(0)
     shown, slopes = _slopes(found, motion)
-    n = len(changes)
-    first = np.isin(np.arange(len(record.t)), np.arange(samples))
-    rows = np.tile(first, record.n_channels)
-    errors = slopes[rows, :n] @ changes
-    start = _with_state(slopes[rows, n:], errors, record.beginning(samples), rng)
+    n, first = len(changes), record.beginning(samples)
+    rows = np.tile(np.arange(len(record.t)) < len(first.t), record.n_channels)
+    start = _with_state(slopes[rows, n:], slopes[rows, :n] @ changes, first, rng)
     variance = np.var(slopes @ np.concatenate([changes, start]), axis=1)
     cycle = max(round(len(record.t) / record.turns), 1)
     size = uniform_filter1d(record.by_channel(shown) ** 2, 2 * cycle, axis=1).ravel()
     left = verdict.beyond_noise * float(grown(record.peak, reach))
-    half = _SIGMAS * np.sqrt(variance + left**2 * size + record.white**2)
+    noise = np.maximum(record.white, verdict.everywhere)
+    half = _SIGMAS * np.sqrt(variance + left**2 * size + noise**2)
     return shown - half, shown + half
 
 
@@ -373,10 +372,10 @@ def _turned(
             verdict.departure * rng.standard_normal((columns, n_draws)),
         ]
     )
-    n = len(changes) + 2
+    n, first = len(changes) + 2, record.beginning(samples)
     shown, slopes = _slopes(found, motion)
-    first = np.column_stack([slopes[:samples, :n], windows.departed(record.derivative)[:samples]])
-    start = _with_state(slopes[:samples, n:], first @ weights, record.beginning(samples), rng)
+    errors = np.column_stack([slopes[:, :n], windows.departed(record.derivative)]) @ weights
+    start = _with_state(slopes[: len(first.t), n:], errors[: len(first.t)], first, rng)
     state = [motion.samples(found.equation, d)[:, 0] / rate**d for d in (0, 1)]
     tables = [
         np.column_stack([windows.response.samples(d)[:, 0, 1:], windows.departed(d)]) / rate**d

@@ -97,9 +97,14 @@ class ForcedAdequacy(Adequacy):
 
     @property
     def beyond_noise(self) -> float:
-        """What one simulation of the whole record leaves beyond the noise of the sensor."""
+        """What one simulation of the whole record leaves beyond noise and unmeasured forces."""
         whole = self.whole if self.piece else self.part
-        return float(np.sqrt(max(whole**2 - self.sensor**2, 0.0)))
+        return float(np.sqrt(max(whole**2 - self.sensor**2 - self.force**2, 0.0)))
+
+    @property
+    def everywhere(self) -> float:
+        """Noise of the sensor, and of forces that were not measured."""
+        return self.left / self.part * float(np.hypot(self.sensor, self.force))
 
     @property
     def good(self) -> bool:

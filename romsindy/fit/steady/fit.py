@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +33,7 @@ from romsindy.fit.steady.balance import CHAIN, Chain
 from romsindy.fit.steady.choice import choose, every_choice
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import Solution, correlation, solve
-from romsindy.fit.steady.told import notes_on, verdict_of
+from romsindy.fit.steady.told import between_levels, notes_on, verdict_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
@@ -139,7 +140,13 @@ class SteadyFit(Estimate):
             n_harmonics=n_harmonics or self.solution.c.shape[1] // 2,
             velocity_scale=velocity_scale,
             goes_on=True,
+            form=self._between,
         )
+
+    @cached_property
+    def _between(self) -> Array:
+        together = correlation(self.points, self.solution)
+        return between_levels(self.points, self.solution, together)
 
     def __str__(self) -> str:
         errors = self.chain_errors

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.coefficient import LINEAR
+from romsindy.fit.form import KNOWN, wider
+from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import Solution
 from romsindy.fit.verdict import EXPLAINED
+from romsindy.typing import Array
 
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
 _ROUGH = 8.0
 _NOISY = 10.0  # times the usual standard deviation
 _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its sign
+_EM, _SAME = 60, 1e-9  # iterations; columns that are one
 _HARMONICS = 6  # of the windows in `Adequacy`
 
 
@@ -99,3 +106,57 @@ def _where(points: SteadyPoints, some: NDArray[np.bool_]) -> str:
     ]
     more = f" and {len(shown) - 4} more" if len(shown) > 4 else ""
     return ", ".join(shown[:4]) + more
+
+
+def between_levels(points: SteadyPoints, solution: Solution, together: float) -> Array:
+    """By how much a further level may differ.
+
+    Points of a level go together: what the model lacks there, and how large the force really was.
+    Each level gets a linear stiffness, a damping and a force of its own, whose scatter follows from
+    the misfits, with the correlation of neighbours, by the EM algorithm of restricted likelihood
+    [1]. Few levels tell it badly: that it is as large as what a point may leave unexplained counts
+    for two, unless neighbours go together and share that anyway. Beyond the data it is as large.
+
+    Returns
+    -------
+    (2, 3) array
+        Standard deviations of linear stiffness, damping, and force, relative to it, within the data
+        and of what grows beyond.
+
+    [1] N. Laird, J. Ware, "Random-effects models for longitudinal data", Biometrics 38 (1982) 963.
+    """
+    numbers, level = np.unique(points.level), points.level
+    if len(numbers) < 2:
+        return np.zeros((2, 3))
+    model, largest = solution.model, int(np.argmax(points.amplitude))
+    known = {t.key: t for t in (*model.terms, *LINEAR)}
+    values = tuple(model.coefficients.get(key, 0.0) for key in known)
+    rich = replace(model, terms=tuple(known.values()), values=values)
+    rows = linearised(points, rich, tuple(t.key for t in LINEAR), solution.chain, solution.c)
+    own, _ = replace(rows, by_parameter=rows.by_parameter[..., :3]).whitened(solution.floor)
+    # As parts of the force at the largest amplitude: stiffness and damping that make up all of it.
+    ratio = rows.size[largest] / points.amplitude[largest]
+    units = np.array([ratio, ratio / points.frequency[largest], solution.chain.gain])
+    own = (own * units).reshape(len(level), -1, 3)
+    each = [own * (level == i)[:, None, None] for i in numbers]
+    fitted, _ = solution.rows.whitened(solution.floor)
+    fitted = (fitted / np.linalg.norm(fitted, axis=0)).reshape(len(level), -1, len(solution.free))
+    common = np.concatenate([fitted, own], axis=2)
+    table = np.concatenate([common, *each, solution.white[..., None]], axis=2)
+    first = np.append(True, level[1:] != level[:-1])[:, None, None]
+    before = together * np.roll(table, 1, axis=0)
+    table = np.where(first, table, (table - before) / np.sqrt(1 - together**2))
+    table = table.reshape(-1, table.shape[2])
+    u, strong, _ = np.linalg.svd(table[:, : common.shape[2]], full_matrices=False)
+    u, n = u[:, strong > _SAME * strong[0]], len(numbers)
+    left = table[:, common.shape[2] :] - u @ (u.T @ table[:, common.shape[2] :])
+    products, hidden = left.T @ left, solution.hidden
+    expected = hidden * (1 - together)
+    sizes = np.full(3, float(np.sqrt(np.mean(solution.misfit**2))))
+    for _ in range(_EM):
+        inner = np.linalg.inv(products[:-1, :-1] + np.diag(np.tile(sizes**-2.0, n)))
+        squares = (inner @ products[:-1, -1]) ** 2 + np.diag(inner)
+        seen = squares.reshape(n, 3).sum(axis=0)
+        sizes = np.sqrt((KNOWN * expected**2 + seen) / (KNOWN + n))
+    units[2] = 1.0
+    return np.stack([sizes, np.maximum(sizes, hidden)]) * units * wider(KNOWN + n - 1)
