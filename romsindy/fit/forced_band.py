@@ -20,8 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 
 from romsindy.fit.coefficient import LINEAR
-from romsindy.fit.form import DRAWS, normal_draws
-from romsindy.fit.process_noise import grown
+from romsindy.fit.form import DRAWS, GROWS, grown, normal_draws
 from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
@@ -267,10 +266,11 @@ def forced_band(
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)
     leaves = response.leaves_within(low, high)
+    grows = GROWS if leaves and goes_on else ""
     found = ForcedBand(
         np.linspace(low, high, n_points),
         response,
-        (*filter(None, (leaves, response.untraced)), *notes),
+        (*filter(None, (leaves, grows, response.untraced)), *notes),
         goes_on,
         rate,
         np.array([on, first * on**rate, size_of_q]),

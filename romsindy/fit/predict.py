@@ -19,13 +19,13 @@ from romsindy.fit.coupled_record import CoupledRecord
 from romsindy.fit.equation import ExtendedEquation, equation_of
 from romsindy.fit.forced.modes import modes_in
 from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.form import as_coefficients
+from romsindy.fit.form import GROWS, SIGMAS, as_coefficients, grown
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import Solution, fit
 from romsindy.fit.linear_response import nodes, respond
 from romsindy.fit.measured import NUMERICS, ready_along, require_unit
 from romsindy.fit.part import Part, Reading, in_orders
-from romsindy.fit.process_noise import Windows, grown
+from romsindy.fit.process_noise import Windows
 from romsindy.fit.record import Prepared, Record
 from romsindy.fit.remembering import laws_in
 from romsindy.fit.shooting import shoot
@@ -38,7 +38,7 @@ from romsindy.typing import Array
 
 # Samples for each coordinate and cycles of the slowest that give a first state; how they grow.
 _SAMPLES, _CYCLES, _GROWTH = 4, (0.5, 1.0, 2.0, 4.0), 2.0
-_SIGMAS, _TAILS = 1.96, (0.025, 0.975)
+_TAILS = (0.025, 0.975)
 _AT_ONCE = 4096  # samples of which all draws are held at a time
 
 
@@ -77,7 +77,7 @@ class Forecast(NamedTuple):
     notes: tuple[str, ...]
 
 
-class Followed(NamedTuple):
+class Simulated(NamedTuple):
     """A record that the model follows from the state that its first samples show.
 
     Attributes
@@ -119,7 +119,7 @@ def predicted(
     return _like(record, found, found.reading(found.motion()).shown + found.offset)
 
 
-def _like(measured: Decay | ForcedVibration, found: Followed, shown: Array) -> Array:
+def _like(measured: Decay | ForcedVibration, found: Simulated, shown: Array) -> Array:
     """Channels that stand one after the other, as they were measured."""
     like = measured.y if isinstance(measured, ForcedVibration) else measured.signal
     return found.record.by_channel(shown).T.reshape(like.shape)
@@ -138,15 +138,14 @@ def foretold(
     found = _followed(model, names, sensors, record, samples)
     motion, reach = found.motion(), (model.amplitude_range or (0.0, np.inf))[1]
     value = found.reading(motion).shown
-    of = _turned if isinstance(found.record, Record) else _spread
+    of = _spread if found.record.driven or model.numbered else _turned
     ends = of(found, motion, _named(found, names, changes), verdict, reach, samples)
     low, high = (_like(record, found, x + found.offset) for x in ends)
     largest, notes = float(np.abs(motion.q).max()), []
     if largest > reach:
         unit = model.unit or "[q]"
         notes.append(
-            f"the motion reaches {largest:.3g} {unit}, the data {reach:.3g}: beyond, what the"
-            " model lacks is not known; the band grows there with the square of the amplitude"
+            f"the motion reaches {largest:.3g} {unit}, and the data only {reach:.3g}: {GROWS}"
         )
     return Forecast(_like(record, found, value + found.offset), low, high, tuple(notes))
 
@@ -157,7 +156,7 @@ def _followed(
     sensors: Sensors,
     record: Decay | ForcedVibration,
     samples: int,
-) -> Followed:
+) -> Simulated:
     if not isinstance(record, (Decay, ForcedVibration)):
         raise ValueError(
             f"record is {type(record).__name__}: give one Decay, or one ForcedVibration with inputs"
@@ -194,7 +193,7 @@ def _of_one(
     sensors: Sensors,
     record: Decay | ForcedVibration,
     samples: int,
-) -> Followed:
+) -> Simulated:
     offset = float(sensors.offset)
     seen: Prepared
     if isinstance(record, ForcedVibration):
@@ -204,7 +203,7 @@ def _of_one(
     bias = (Part(Bias(), (), np.full((1, 1), offset)),) if offset else ()
     smooth, own = free_parts(model, names, [seen])
     known = fit(smooth, (*own, *bias), [seen.beginning(samples)], fixed=True)
-    return Followed(smooth, known.parts, seen, known.motions[0].start)
+    return Simulated(smooth, known.parts, seen, known.motions[0].start)
 
 
 def _from_zero(record: ForcedRecord, offset: float) -> ForcedRecord:
@@ -221,7 +220,7 @@ def _of_several(
     sensors: Sensors,
     measured: Decay | ForcedVibration,
     samples: int,
-) -> Followed:
+) -> Simulated:
     shapes, curved = sensors.shapes, sensors.curved
     if shapes is None:
         raise ValueError(
@@ -242,7 +241,7 @@ def _of_several(
         start = fit(smooth, (*own, *curved), [first], fixed=True).motions[0].start
     else:
         start = _start(smooth, curved, record, samples)
-    return Followed(smooth, (*own, *curved), record, start, offset)
+    return Simulated(smooth, (*own, *curved), record, start, offset)
 
 
 def _start(
@@ -290,7 +289,7 @@ def _linear_state(model: CoupledModel, record: CoupledRecord) -> Array:
     return np.linalg.lstsq(table, record.signal, rcond=None)[0]
 
 
-def _named(found: Followed, names: Sequence[str], changes: Array) -> Array:
+def _named(found: Simulated, names: Sequence[str], changes: Array) -> Array:
     """Changes of coefficients, (n_draws, m), as those of all values of the parts: (k, n_draws)."""
     first = np.cumsum([0, *(p.size for p in found.parts)])
     every = np.zeros((first[-1], len(changes)))
@@ -314,7 +313,7 @@ def _with_state(by_start: Array, errors: Array, first: Prepared, rng: np.random.
 
 
 def _spread(
-    found: Followed,
+    found: Simulated,
     motion: Trajectory,
     changes: Array,
     verdict: Adequacy,
@@ -335,11 +334,11 @@ def _spread(
     size = uniform_filter1d(record.by_channel(shown) ** 2, 2 * cycle, axis=1).ravel()
     left = verdict.beyond_noise * float(grown(record.peak, reach))
     noise = np.maximum(record.white, verdict.everywhere)
-    half = _SIGMAS * np.sqrt(variance + left**2 * size + noise**2)
+    half = SIGMAS * np.sqrt(variance + left**2 * size + noise**2)
     return shown - half, shown + half
 
 
-def _slopes(found: Followed, motion: Trajectory) -> tuple[Array, Array]:
+def _slopes(found: Simulated, motion: Trajectory) -> tuple[Array, Array]:
     """What the channels show, (c n,), and its derivatives by all values and by the state."""
     response = respond(found.equation, motion, found.equation.by_parameter(*nodes(motion)))
     reading = found.reading(motion)
@@ -350,7 +349,7 @@ def _slopes(found: Followed, motion: Trajectory) -> tuple[Array, Array]:
 
 
 def _turned(
-    found: Followed,
+    found: Simulated,
     motion: Trajectory,
     changes: Array,
     verdict: Adequacy,

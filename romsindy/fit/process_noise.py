@@ -22,17 +22,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from scipy.stats import chi2
 
+from romsindy.fit.coefficient import LINEAR, Coefficient
 from romsindy.fit.collocation import Trajectory, TrajectoryError
 from romsindy.fit.equation import ExtendedEquation
-from romsindy.fit.gauss_newton import held_values, limits, moved_parts, table
+from romsindy.fit.form import SIGMAS, Form, as_coefficients, grown, scatter
+from romsindy.fit.gauss_newton import fit, held_values, limits, moved_parts, table
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of
 from romsindy.fit.record import Record
-from romsindy.fit.verdict import EQUIVALENT
+from romsindy.fit.verdict import EQUIVALENT, FALSE_ALARM, SAME_DAMPING, SAME_FREQUENCY
 from romsindy.physics.model import ReducedModel
+from romsindy.text import percent
 from romsindy.typing import Array, Indices
 
 # Departures are alike over so many e-folds of the amplitude.
@@ -42,15 +45,6 @@ _ROUNDING = 1e-13  # of products, by which they must not become negative
 _LOST = 1e5  # growth of a small disturbance, or distance in amplitudes, that leads nowhere
 # Sizes to choose from: from nothing to more than is linear about a motion.
 _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -2.4, 0.25)])
-
-
-def grown(amplitude: ArrayLike, reach: float) -> Array:
-    """Factor by which an equation errs more at an amplitude than within the reach of its data.
-
-    What it leaves out is of a higher power of the amplitude than what it has, by two at least where
-    the structure is symmetric.
-    """
-    return np.maximum(np.asarray(amplitude) / reach, 1.0) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,3 +319,63 @@ class Departures:
             if near and np.all(np.abs(step) <= np.sqrt(np.diag(system.covariance()))):
                 break
         return found
+
+
+class _Own(Coefficient):
+    """Another value of a coefficient in each record."""
+
+    per_record = True
+
+
+def form_of(
+    model: ReducedModel,
+    parts: tuple[Part, ...],
+    records: Sequence[Record],
+    motions: Sequence[Trajectory],
+) -> Form:
+    """What records say of an equation that was fitted to them; nothing where it goes astray.
+
+    Where there are several, each has a frequency and a damping of its own beside the common values.
+    """
+    moved = Form()
+    try:
+        if len(records) > 1:
+            own = tuple(Part(_Own(law), (), np.zeros((len(records), 1))) for law in LINEAR)
+            found = fit(model, (*parts, *own), records, motions)
+            rate = float(np.mean([r.rate for r in records]))
+            errors = found.covariance[-2 * len(records) :, -2 * len(records) :]
+            moves = np.array([p.strengths[:, 0] for p in found.parts[-2:]])
+            moved = _moved(moves, errors, rate, float(np.mean([_loss(r) for r in records])))
+            parts, motions = found.parts, found.motions
+        pairs = enumerate(zip(records, motions, strict=True))
+        windows = [Windows.of(model, parts, i, *pair) for i, pair in pairs]
+    except TrajectoryError:
+        return moved
+    return moved._replace(departure=Marginal.of(parts, windows).allowed())
+
+
+def _loss(record: Record) -> float:
+    """Damping ratio, by the amplitudes at begin and end."""
+    first, *_, last = np.hypot(record.motion.q[:, 0], record.motion.q_dot[:, 0] / record.rate)
+    turned = float(np.ptp(record.phase(record.t[[0, -1]])))
+    return float(abs(np.log(first / last))) / turned
+
+
+def _moved(moves: Array, errors: Array, rate: float, damping: float) -> Form:
+    """From changes of the coefficients in each record, (2, n), and their covariance."""
+    n = moves.shape[1]
+    unit = as_coefficients(1.0, 1.0, rate)[:, None]
+    variance = np.diag(errors).reshape(2, n) / unit**2
+    moves = (moves - moves.mean(axis=1, keepdims=True)) / unit
+    if np.sum(moves**2 / variance) < chi2.isf(FALSE_ALARM, 2 * (n - 1)):
+        return Form()
+    # Two tests differ by the root of two times their scatter, and by two of these at most.
+    usual = np.array([SAME_FREQUENCY, SAME_DAMPING * damping]) / (np.sqrt(2) * SIGMAS)
+    frequency, loss = (scatter(*x) for x in zip(moves, variance, usual, strict=True))
+    seen = np.std(moves, axis=1, ddof=1)
+    note = (
+        f"the records disagree: from one to another the frequency moves by {percent(seen[0])} and"
+        f" the damping by {percent(seen[1] / damping)} (standard deviations of {n} records); the"
+        " band of a forecast counts it"
+    )
+    return Form(0.0, frequency, loss, note)

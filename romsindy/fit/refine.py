@@ -9,13 +9,13 @@ motions (`romsindy.fit.shooting`).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, cast
 
 from romsindy.fit.coefficient import LINEAR
 from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
-from romsindy.fit.form import Form
 from romsindy.fit.measured import (
     NUMERICS,
     free_names,
@@ -29,6 +29,7 @@ from romsindy.fit.measured import (
     small_frequencies,
 )
 from romsindy.fit.part import Part
+from romsindy.fit.process_noise import form_of
 from romsindy.fit.record import Prepared, Record
 from romsindy.fit.shooting import LOSSES
 from romsindy.physics.coupled import AnyModel
@@ -90,11 +91,11 @@ def refine(
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
     found = refined(model, free, records, more, loss=loss, progress=progress)
-    alone = [r for r in found.records if isinstance(r, Record)]
     if model.numbered:
         return found
     own = found.solution
-    return found.with_form(Form.of(found.start, own.parts, alone, own.motions))
+    alone = cast(tuple[Record, ...], found.records)
+    return found.with_form(form_of(cast(Any, found.start), own.parts, alone, own.motions))
 
 
 def refine_terms(

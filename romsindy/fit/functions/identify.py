@@ -11,7 +11,6 @@ from threadpoolctl import threadpool_limits
 from romsindy.effects.choices import sought
 from romsindy.fit.adequacy import examine
 from romsindy.fit.collocation import TrajectoryError, integrate
-from romsindy.fit.form import Form
 from romsindy.fit.friction import free_parts
 from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.evidence import JUMPS, Fitted, fit, regressed
@@ -29,6 +28,7 @@ from romsindy.fit.functions.structures import (
 from romsindy.fit.functions.windows import Window, windows_of
 from romsindy.fit.gauss_newton import fit as fit_states
 from romsindy.fit.measured import prepared, require_known, several_decays
+from romsindy.fit.process_noise import form_of
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import CURVATURE, EQUIVALENT
 from romsindy.physics.model import ReducedModel
@@ -286,14 +286,10 @@ def _assembled(
         tuple(residuals),
     )
     told = replace(result, notes=tuple(sentences(result, richest, records)))
-    return told.with_form(_form(model, free, [r.weighing_alike() for r in records]))
-
-
-def _form(model: ReducedModel, free: Sequence[str], records: Sequence[Record]) -> Form:
-    """What the equation errs by in one simulation of each record."""
-    smooth, parts = free_parts(model, free, records)
-    found = fit_states(smooth, parts, records, fixed=True)
-    return Form.of(smooth, found.parts, records, found.motions)
+    alike = [r.weighing_alike() for r in records]
+    smooth, parts = free_parts(model, free, alike)
+    known = fit_states(smooth, parts, alike, fixed=True)
+    return told.with_form(form_of(smooth, known.parts, alike, known.motions))
 
 
 def _exactly(terms: Sequence[Term], samples: Array, fixed: Mapping[str, float]) -> Array:

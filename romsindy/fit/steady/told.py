@@ -15,6 +15,7 @@ from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import Solution
 from romsindy.fit.verdict import EXPLAINED
+from romsindy.text import percent
 from romsindy.typing import Array
 
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
@@ -70,7 +71,28 @@ def notes_on(
             f"the chain turns the phase by {np.degrees(turned):.0f} degrees: near 90, look at"
             " measured=; near 180, at the sign of the sensor"
         )
-    return [*notes, *_unsteady(points, solution)]
+    return [*notes, *_levels(points, solution, together), *_unsteady(points, solution)]
+
+
+def _levels(points: SteadyPoints, solution: Solution, together: float) -> list[str]:
+    """How much levels disagree, where they do so by more than their points."""
+    units = _units(points, solution)
+    moves = between_levels(points, solution, together)[0] / [*units, 1.0]
+    if not np.any(moves > wider(KNOWN + len(np.unique(points.level)) - 1) * solution.hidden):
+        return []
+    names = ("stiffness", "damping", "force")
+    told = [f"{percent(m)} in {n}" for m, n in zip(moves, names, strict=True)]
+    return [
+        f"levels of force disagree beyond the scatter of their points, by {', '.join(told)}, as"
+        " parts of the largest force: the band of a further level counts it"
+    ]
+
+
+def _units(points: SteadyPoints, solution: Solution) -> Array:
+    """Linear stiffness and damping that take up all of the force at the largest amplitude, (2,)."""
+    largest = int(np.argmax(points.amplitude))
+    ratio = solution.rows.size[largest] / points.amplitude[largest]
+    return ratio / np.array([1.0, points.frequency[largest]])
 
 
 def _unsteady(points: SteadyPoints, solution: Solution) -> list[str]:
@@ -128,16 +150,14 @@ def between_levels(points: SteadyPoints, solution: Solution, together: float) ->
     numbers, level = np.unique(points.level), points.level
     if len(numbers) < 2:
         return np.zeros((2, 3))
-    model, largest = solution.model, int(np.argmax(points.amplitude))
+    model = solution.model
     known = {t.key: t for t in (*model.terms, *LINEAR)}
     values = tuple(model.coefficients.get(key, 0.0) for key in known)
     rich = replace(model, terms=tuple(known.values()), values=values)
     rows = linearised(points, rich, tuple(t.key for t in LINEAR), solution.chain, solution.c)
     own, _ = replace(rows, by_parameter=rows.by_parameter[..., :3]).whitened(solution.floor)
-    # As parts of the force at the largest amplitude: stiffness and damping that make up all of it.
-    ratio = rows.size[largest] / points.amplitude[largest]
-    units = np.array([ratio, ratio / points.frequency[largest], solution.chain.gain])
-    own = (own * units).reshape(len(level), -1, 3)
+    units = _units(points, solution)
+    own = (own * [*units, solution.chain.gain]).reshape(len(level), -1, 3)
     each = [own * (level == i)[:, None, None] for i in numbers]
     fitted, _ = solution.rows.whitened(solution.floor)
     fitted = (fitted / np.linalg.norm(fitted, axis=0)).reshape(len(level), -1, len(solution.free))
@@ -158,5 +178,5 @@ def between_levels(points: SteadyPoints, solution: Solution, together: float) ->
         squares = (inner @ products[:-1, -1]) ** 2 + np.diag(inner)
         seen = squares.reshape(n, 3).sum(axis=0)
         sizes = np.sqrt((KNOWN * expected**2 + seen) / (KNOWN + n))
-    units[2] = 1.0
-    return np.stack([sizes, np.maximum(sizes, hidden)]) * units * wider(KNOWN + n - 1)
+    both = np.stack([sizes, np.maximum(sizes, hidden)]) * [*units, 1.0]
+    return both * wider(KNOWN + n - 1)
