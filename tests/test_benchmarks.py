@@ -336,7 +336,7 @@ def test_small_benchmark_of_forced_diagnosis(benchmark):
     for made in (benchmark.held, lambda n, push, t: benchmark.driven(n, [], t, push)):
         np.testing.assert_allclose(made(linear, lambda now: 1.0, t), exact, atol=1e-5)
     seed = next(s for s in range(99) if "input_gain" in benchmark.hidden_in(s))
-    result = benchmark.one(seed, False)
+    result = benchmark.one(seed, "forced")
     assert result["right"] and "error" not in result
 
 
