@@ -65,21 +65,19 @@ def normal_draws(covariance: Array, rng: np.random.Generator) -> Array:
     return np.asarray(size * rng.multivariate_normal(nothing, correlation, DRAWS, method="svd"))
 
 
-def scatter(moves: Array, variance: Array, expected: float, lost: float = 1.0) -> float:
+def scatter(moves: Array, variance: Array, expected: float) -> float:
     """Standard deviation of a further move, widened for how badly few tell it.
 
     Parameters
     ----------
     moves : (n,) array
-        Seen ones.
+        Seen ones, about any mean.
     variance : (n,) array
         Of their errors.
     expected : float
         What is known of it beforehand, which counts for two of them.
-    lost : float
-        How many of them other values have taken up.
     """
-    n, freedom = len(moves), KNOWN + len(moves) - lost
+    n, freedom = len(moves), KNOWN + len(moves) - 1
     own = max(float(np.sum((moves - moves.mean()) ** 2 - variance)), 0.0)
     return float(np.sqrt((KNOWN * expected**2 + own) / freedom * (1 + 1 / n))) * wider(freedom)
 

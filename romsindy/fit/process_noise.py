@@ -28,7 +28,7 @@ from romsindy.fit.coefficient import LINEAR, Coefficient
 from romsindy.fit.collocation import Trajectory, TrajectoryError
 from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.form import SIGMAS, Form, as_coefficients, grown, scatter
-from romsindy.fit.gauss_newton import fit, held_values, limits, moved_parts, table
+from romsindy.fit.gauss_newton import Solution, fit, held_values, limits, moved_parts, table
 from romsindy.fit.linear_response import Response, nodes, respond, sampled
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of
@@ -86,7 +86,7 @@ class Windows:
         m: Trajectory,
         reach: float = np.inf,
     ) -> Windows:
-        """Linearise a fit to record ``i`` about a motion; departures grow beyond amplitudes.
+        """Linearise a fit to record ``i`` about a motion; beyond amplitudes departures grow.
 
         Raises
         ------
@@ -342,11 +342,8 @@ def form_of(
         if len(records) > 1:
             own = tuple(Part(_Own(law), (), np.zeros((len(records), 1))) for law in LINEAR)
             found = fit(model, (*parts, *own), records, motions)
-            rate = float(np.mean([r.rate for r in records]))
-            errors = found.covariance[-2 * len(records) :, -2 * len(records) :]
-            moves = np.array([p.strengths[:, 0] for p in found.parts[-2:]])
-            moved = _moved(moves, errors, rate, float(np.mean([_loss(r) for r in records])))
-            parts, motions = found.parts, found.motions
+            if found.finite:
+                moved, parts, motions = _moved(found, records), found.parts, found.motions
         pairs = enumerate(zip(records, motions, strict=True))
         windows = [Windows.of(model, parts, i, *pair) for i, pair in pairs]
     except TrajectoryError:
@@ -361,12 +358,13 @@ def _loss(record: Record) -> float:
     return float(abs(np.log(first / last))) / turned
 
 
-def _moved(moves: Array, errors: Array, rate: float, damping: float) -> Form:
-    """From changes of the coefficients in each record, (2, n), and their covariance."""
-    n = moves.shape[1]
-    unit = as_coefficients(1.0, 1.0, rate)[:, None]
-    variance = np.diag(errors).reshape(2, n) / unit**2
-    moves = (moves - moves.mean(axis=1, keepdims=True)) / unit
+def _moved(found: Solution, records: Sequence[Record]) -> Form:
+    """From the linear stiffness and damping of each record, the last two parts of a fit."""
+    n, damping = len(records), float(np.mean([_loss(r) for r in records]))
+    unit = as_coefficients(1.0, 1.0, float(np.mean([r.rate for r in records])))[:, None]
+    variance = np.diag(found.covariance)[-2 * n :].reshape(2, n) / unit**2
+    moves = np.array([p.strengths[:, 0] for p in found.parts[-2:]]) / unit
+    moves -= moves.mean(axis=1, keepdims=True)
     if np.sum(moves**2 / variance) < chi2.isf(FALSE_ALARM, 2 * (n - 1)):
         return Form()
     # Two tests differ by the root of two times their scatter, and by two of these at most.

@@ -140,11 +140,12 @@ class SteadyFit(Estimate):
             n_harmonics=n_harmonics or self.solution.c.shape[1] // 2,
             velocity_scale=velocity_scale,
             goes_on=True,
-            form=self._between,
+            form=self.between,
         )
 
     @cached_property
-    def _between(self) -> Array:
+    def between(self) -> Array:
+        """What a further level may differ by, see `romsindy.fit.steady.told.between_levels`."""
         together = correlation(self.points, self.solution)
         return between_levels(self.points, self.solution, together)
 

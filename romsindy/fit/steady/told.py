@@ -15,14 +15,13 @@ from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import Solution
 from romsindy.fit.verdict import EXPLAINED
-from romsindy.text import percent
 from romsindy.typing import Array
 
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
 _ROUGH = 8.0
 _NOISY = 10.0  # times the usual standard deviation
 _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its sign
-_EM, _SAME = 60, 1e-9  # iterations; columns that are one
+_EM, _SAME, _ALIKE = 60, 1e-9, 0.99  # iterations; columns, and neighbours, that are one
 _HARMONICS = 6  # of the windows in `Adequacy`
 
 
@@ -71,21 +70,7 @@ def notes_on(
             f"the chain turns the phase by {np.degrees(turned):.0f} degrees: near 90, look at"
             " measured=; near 180, at the sign of the sensor"
         )
-    return [*notes, *_levels(points, solution, together), *_unsteady(points, solution)]
-
-
-def _levels(points: SteadyPoints, solution: Solution, together: float) -> list[str]:
-    """How much levels disagree, where they do so by more than their points."""
-    units = _units(points, solution)
-    moves = between_levels(points, solution, together)[0] / [*units, 1.0]
-    if not np.any(moves > wider(KNOWN + len(np.unique(points.level)) - 1) * solution.hidden):
-        return []
-    names = ("stiffness", "damping", "force")
-    told = [f"{percent(m)} in {n}" for m, n in zip(moves, names, strict=True)]
-    return [
-        f"levels of force disagree beyond the scatter of their points, by {', '.join(told)}, as"
-        " parts of the largest force: the band of a further level counts it"
-    ]
+    return [*notes, *_unsteady(points, solution)]
 
 
 def _units(points: SteadyPoints, solution: Solution) -> Array:
@@ -150,6 +135,7 @@ def between_levels(points: SteadyPoints, solution: Solution, together: float) ->
     numbers, level = np.unique(points.level), points.level
     if len(numbers) < 2:
         return np.zeros((2, 3))
+    together = min(together, _ALIKE)
     model = solution.model
     known = {t.key: t for t in (*model.terms, *LINEAR)}
     values = tuple(model.coefficients.get(key, 0.0) for key in known)
@@ -172,7 +158,7 @@ def between_levels(points: SteadyPoints, solution: Solution, together: float) ->
     left = table[:, common.shape[2] :] - u @ (u.T @ table[:, common.shape[2] :])
     products, hidden = left.T @ left, solution.hidden
     expected = hidden * (1 - together)
-    sizes = np.full(3, float(np.sqrt(np.mean(solution.misfit**2))))
+    sizes = np.full(3, max(float(np.sqrt(np.mean(solution.misfit**2))), solution.floor))
     for _ in range(_EM):
         inner = np.linalg.inv(products[:-1, :-1] + np.diag(np.tile(sizes**-2.0, n)))
         squares = (inner @ products[:-1, -1]) ** 2 + np.diag(inner)
