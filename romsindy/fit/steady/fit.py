@@ -125,7 +125,8 @@ class SteadyFit(Estimate):
         for name, slope in (("gain", excitation / size), ("slope", excitation**2 / size)):
             if name in self.solution.free:
                 slopes[-1, self.solution.free.index(name)] = slope
-        covariance = slopes @ self.joint @ slopes.T
+        form, of_values = self.between
+        covariance = slopes @ (self.joint + of_values) @ slopes.T
         covariance[-1, -1] += self.unexplained**2
         noise = self.points.std[:, 0] * self.points.frequency**self.points.rate
         return forced_band(
@@ -140,11 +141,11 @@ class SteadyFit(Estimate):
             n_harmonics=n_harmonics or self.solution.c.shape[1] // 2,
             velocity_scale=velocity_scale,
             goes_on=True,
-            form=self.between,
+            form=form,
         )
 
     @cached_property
-    def between(self) -> Array:
+    def between(self) -> tuple[Array, Array]:
         """What a further level may differ by, see `romsindy.fit.steady.told.between_levels`."""
         together = correlation(self.points, self.solution)
         return between_levels(self.points, self.solution, together)

@@ -115,8 +115,10 @@ def _where(points: SteadyPoints, some: NDArray[np.bool_]) -> str:
     return ", ".join(shown[:4]) + more
 
 
-def between_levels(points: SteadyPoints, solution: Solution, together: float) -> Array:
-    """By how much a further level may differ.
+def between_levels(
+    points: SteadyPoints, solution: Solution, together: float
+) -> tuple[Array, Array]:
+    """By how much a further level may differ, and what that of the levels makes the values err by.
 
     Points of a level go together: what the model lacks there, and how large the force really was.
     Each level gets a linear stiffness, a damping and a force of its own, whose scatter follows from
@@ -126,15 +128,17 @@ def between_levels(points: SteadyPoints, solution: Solution, together: float) ->
 
     Returns
     -------
-    (2, 3) array
+    form : (2, 3) array
         Standard deviations of linear stiffness, damping, and force, relative to it, within the data
         and of what grows beyond.
+    covariance : (p, p) array
+        Of all that was fitted, by levels alone.
 
     [1] N. Laird, J. Ware, "Random-effects models for longitudinal data", Biometrics 38 (1982) 963.
     """
     numbers, level = np.unique(points.level), points.level
     if len(numbers) < 2:
-        return np.zeros((2, 3))
+        return np.zeros((2, 3)), np.zeros((len(solution.free), len(solution.free)))
     together = min(together, _ALIKE)
     model = solution.model
     known = {t.key: t for t in (*model.terms, *LINEAR)}
@@ -145,8 +149,8 @@ def between_levels(points: SteadyPoints, solution: Solution, together: float) ->
     units = _units(points, solution)
     own = (own * [*units, solution.chain.gain]).reshape(len(level), -1, 3)
     each = [own * (level == i)[:, None, None] for i in numbers]
-    fitted, _ = solution.rows.whitened(solution.floor)
-    fitted = (fitted / np.linalg.norm(fitted, axis=0)).reshape(len(level), -1, len(solution.free))
+    by_value = solution.rows.whitened(solution.floor)[0].reshape(len(level), -1, len(solution.free))
+    fitted = by_value / np.linalg.norm(by_value, axis=(0, 1))
     common = np.concatenate([fitted, own], axis=2)
     table = np.concatenate([common, *each, solution.white[..., None]], axis=2)
     first = np.append(True, level[1:] != level[:-1])[:, None, None]
@@ -164,5 +168,8 @@ def between_levels(points: SteadyPoints, solution: Solution, together: float) ->
         squares = (inner @ products[:-1, -1]) ** 2 + np.diag(inner)
         seen = squares.reshape(n, 3).sum(axis=0)
         sizes = np.sqrt((KNOWN * expected**2 + seen) / (KNOWN + n))
-    both = np.stack([sizes, np.maximum(sizes, hidden)]) * [*units, 1.0]
-    return both * wider(KNOWN + n - 1)
+    sizes = sizes * wider(KNOWN + n - 1)
+    beyond = np.maximum(sizes, hidden * wider(KNOWN + n - 1))
+    passed = [solution.covariance @ np.einsum("nkp,nkj->pj", by_value, z) * sizes for z in each]
+    form = np.stack([sizes, beyond]) * [*units, 1.0]
+    return form, sum((x @ x.T for x in passed), np.zeros_like(solution.covariance))
