@@ -23,6 +23,7 @@ from joblib import Parallel, delayed
 from scipy.signal import lfilter
 
 from romsindy import ForcedVibration, ReducedModel, refine
+from romsindy.fit.collocation import TrajectoryError
 
 NOISES = ("white", "coloured", "force", "input")
 MISSING = ("gamma_3", "c_coulomb", "second mode")
@@ -148,21 +149,28 @@ def record(s, y, u):
 
 
 def fitted(s, measured):
-    """The model without what is missing, its values near those of the truth."""
+    """The model without what is missing, from near the truth; None where it has no motion."""
     start = {n: v * (1.03 if n == "omega^2" else 1.0) for n, v in s.truth.items()}
-    return refine(ReducedModel.from_coefficients(start, unit="m"), measured)
+    try:
+        return refine(ReducedModel.from_coefficients(start, unit="m"), measured)
+    except TrajectoryError:
+        return None
 
 
 def told(s, moved):
     """The strength at which what is missing leaves 2 to 4 % of the response, and what it leaves."""
     u = np.concatenate([s.push[::INSIDE, 0], s.push[-1:, 2]])
-    strength, least = s.strength, max(0.02, 2 * moved)
-    for _ in range(8):
+    strength, least, low, high = s.strength, max(0.02, 2 * moved), 0.0, np.inf
+    for _ in range(12):
         y = motion(s, strength)
-        left = np.std(np.concatenate(fitted(s, record(s, y, u)).residuals)) / y.std()
+        fit = fitted(s, record(s, y, u))
+        left = np.inf if fit is None else np.std(np.concatenate(fit.residuals)) / y.std()
         if least <= left <= 2 * least:
             break
+        low, high = (low, strength) if left > least else (strength, high)
         strength *= min(max(1.4 * least / left, 0.2), 5.0)
+        if not low < strength < high:
+            strength = np.sqrt(low * high)
     return strength, left
 
 
@@ -172,25 +180,26 @@ def trial(noise, seed):
     s, rng = structure(seed), np.random.default_rng([6, NOISES.index(noise), seed])
     moved = recorded(s, noise, np.random.default_rng(seed), 0.0)[1]
     strength, leaves = told(s, moved)
-    wrong = fitted(s, recorded(s, noise, rng, strength)[0]).verdict
+    wrong = fitted(s, recorded(s, noise, rng, strength)[0])
+    noticed = wrong is None or not wrong.verdict.explained
     if s.missing == "gamma_3":
         s = s._replace(truth=s.truth | {"gamma_3": strength}, missing="")
     right = fitted(s, recorded(s, noise, rng, 0.0)[0])
-    errors = right.standard_errors
+    errors = right.standard_errors if right else {}
     values = {n: v for n, v in (s.truth | {"gain [force]": 1.0}).items() if n in errors}
     held = sum(abs(right.model.coefficients[n] - v) < 2 * errors[n] for n, v in values.items())
     return Row(
         noise,
         seed,
         KINDS[seed % 3],
-        right.verdict.explained,
+        right is not None and right.verdict.explained,
         held,
         len(values),
         s.missing or "gamma_3",
         leaves,
-        not wrong.explained,
-        wrong.like,
-        wrong.part,
+        noticed,
+        wrong.verdict.like if wrong else "no motion",
+        wrong.verdict.part if wrong else np.inf,
     )
 
 
@@ -198,7 +207,7 @@ def line(noise, rows):
     """What came out of the records with one noise."""
     n, held, values = len(rows), sum(r.held for r in rows), sum(r.values for r in rows)
     noticed = [r for r in rows if r.noticed]
-    known = [r for r in noticed if r.missing in LIKE]
+    known = [r for r in noticed if r.missing in LIKE and r.like != "no motion"]
     named = sum(r.like in LIKE[r.missing] for r in known)
     return (
         f"{noise:9}  right model explained {sum(r.explained for r in rows)} of {n},"

@@ -29,18 +29,12 @@ _APART = 0.15  # of the frequency of the vibration: so far lines lie from each o
 
 @dataclass(eq=False)
 class ResidualSearch(Search):
-    """Looks for effects that a model lacks in records with inputs, those of the model known.
-
-    Attributes
-    ----------
-    scales : Scales
-    chain : tuple of Part
-        What may stand instead of the inputs of the model.
-    """
+    """Looks for effects that a model lacks in records with inputs, those of the model known."""
 
     model: AnyModel
     noise: ColourOfBest
     scales: Scales = field(kw_only=True)
+    # What may stand instead of the inputs of the model
     chain: tuple[Part, ...] = field(kw_only=True)
 
     def unsure_as(self, hypothesis: Hypothesis) -> ResidualSearch:
@@ -48,13 +42,7 @@ class ResidualSearch(Search):
         return replace(self, free=self._unsure(hypothesis))
 
     def run(self) -> Finding:
-        """Look for the best hypothesis; an interrupt keeps what was compared.
-
-        Raises
-        ------
-        ValueError
-            If the model has no motion near the measured one.
-        """
+        """Look for the best hypothesis."""
         exact = self.with_free(()).hypothesis([])
         if self.free:
             self.hypothesis([])

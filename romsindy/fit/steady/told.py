@@ -13,7 +13,7 @@ from romsindy.fit.coefficient import LINEAR
 from romsindy.fit.form import KNOWN, wider
 from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
-from romsindy.fit.steady.solve import Solution
+from romsindy.fit.steady.solve import SteadySolution
 from romsindy.fit.verdict import EXPLAINED
 from romsindy.typing import Array
 
@@ -25,7 +25,7 @@ _EM, _SAME, _ALIKE = 60, 1e-9, 0.99  # iterations; columns, and neighbours, that
 _HARMONICS = 6  # of the windows in `Adequacy`
 
 
-def verdict_of(points: SteadyPoints, solution: Solution) -> Adequacy:
+def verdict_of(points: SteadyPoints, solution: SteadySolution) -> Adequacy:
     """Whether the noise explains the misfits."""
     freedom = solution.rows.misfit.size - len(solution.free)
     known = bool(np.all(points.std > 0))
@@ -47,7 +47,7 @@ def verdict_of(points: SteadyPoints, solution: Solution) -> Adequacy:
 
 
 def notes_on(
-    points: SteadyPoints, solution: Solution, verdict: Adequacy, together: float
+    points: SteadyPoints, solution: SteadySolution, verdict: Adequacy, together: float
 ) -> list[str]:
     notes, known = [], bool(np.all(points.std > 0))
     if not solution.converged:
@@ -73,14 +73,14 @@ def notes_on(
     return [*notes, *_unsteady(points, solution)]
 
 
-def _units(points: SteadyPoints, solution: Solution) -> Array:
+def _units(points: SteadyPoints, solution: SteadySolution) -> Array:
     """Linear stiffness and damping that take up all of the force at the largest amplitude, (2,)."""
     largest = int(np.argmax(points.amplitude))
     ratio = solution.rows.size[largest] / points.amplitude[largest]
     return ratio / np.array([1.0, points.frequency[largest]])
 
 
-def _unsteady(points: SteadyPoints, solution: Solution) -> list[str]:
+def _unsteady(points: SteadyPoints, solution: SteadySolution) -> list[str]:
     """Points that lie off their neighbours, or scatter far more than others."""
     notes, rough = [], np.zeros(len(points), bool)
     misfit, level = solution.misfit, points.level
@@ -116,7 +116,7 @@ def _where(points: SteadyPoints, some: NDArray[np.bool_]) -> str:
 
 
 def between_levels(
-    points: SteadyPoints, solution: Solution, together: float
+    points: SteadyPoints, solution: SteadySolution, together: float
 ) -> tuple[Array, Array]:
     """By how much a further level may differ, and what that of the levels makes the values err by.
 
