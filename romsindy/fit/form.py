@@ -26,22 +26,12 @@ SIGMAS = 1.96
 
 
 class Form(NamedTuple):
-    """Errors of an equation, as standard deviations.
+    """Errors of an equation, as standard deviations."""
 
-    Attributes
-    ----------
-    departure : float
-        Of frequency, relative, and of damping ratio, as they change with amplitude.
-    frequency, damping : float
-        By how much both move from record to record: 0 where none disagree.
-    note : str
-        What is to be told of that.
-    """
-
-    departure: float = 0.0
-    frequency: float = 0.0
+    departure: float = 0.0  # of frequency, relative, and damping ratio, as amplitude changes
+    frequency: float = 0.0  # by how much these move from record to record: 0 where none disagree
     damping: float = 0.0
-    note: str = ""
+    note: str = ""  # what is to be told of that
 
 
 def grown(amplitude: ArrayLike, reach: float) -> Array:
@@ -68,14 +58,8 @@ def normal_draws(covariance: Array, rng: np.random.Generator) -> Array:
 def scatter(moves: Array, variance: Array, expected: float) -> float:
     """Standard deviation of a further move, widened for how badly few tell it.
 
-    Parameters
-    ----------
-    moves : (n,) array
-        Seen ones, about any mean.
-    variance : (n,) array
-        Of their errors.
-    expected : float
-        What is known of it beforehand, which counts for two of them.
+    ``moves`` (n,) were seen, about any mean, with the ``variance`` (n,) of their errors; what is
+    ``expected`` beforehand counts for two of them.
     """
     n, freedom = len(moves), KNOWN + len(moves) - 1
     own = max(float(np.sum((moves - moves.mean()) ** 2 - variance)), 0.0)

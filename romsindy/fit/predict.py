@@ -78,24 +78,13 @@ class Forecast(NamedTuple):
 
 
 class Simulated(NamedTuple):
-    """A record that the model follows from the state that its first samples show.
-
-    Attributes
-    ----------
-    model : ReducedModel or CoupledModel
-    parts : tuple of Part
-        Beside it, with coefficients that may err.
-    record : Prepared
-    start : (2 R,) array
-    offset : (c n,) array or float
-        Of the sensors, where no part has it.
-    """
+    """A record that the model follows from the state that its first samples show."""
 
     model: AnyModel
-    parts: tuple[Part, ...]
+    parts: tuple[Part, ...]  # beside it, with coefficients that may err
     record: Prepared
-    start: Array
-    offset: Array | float = 0.0
+    start: Array  # (2 R,)
+    offset: Array | float = 0.0  # of the sensors, (c n,), where no part has it
 
     @property
     def equation(self) -> ExtendedEquation:
@@ -358,35 +347,32 @@ def _turned(
 ) -> tuple[Array, Array]:
     """Ends of the band of a decay: its phase may be lost, so errors turn and stretch the motion."""
     record, rng = cast(Record, found.record), np.random.default_rng(0)
-    rate, n_draws = record.rate, changes.shape[1]
     own = tuple(Part(Coefficient(law), (), np.zeros((1, 1))) for law in LINEAR)
     found = found._replace(parts=(*found.parts, *own))
     windows = Windows.of(cast(Any, found.model), found.parts, 0, record, motion, reach)
-    moves = as_coefficients(verdict.frequency, verdict.damping, rate)
-    columns = windows.departed(0).shape[1]
-    weights = np.concatenate(
-        [
-            changes,
-            moves[:, None] * rng.standard_normal((2, n_draws)),
-            verdict.departure * rng.standard_normal((columns, n_draws)),
-        ]
-    )
-    n, first = len(changes) + 2, record.beginning(samples)
     shown, slopes = _slopes(found, motion)
-    errors = np.column_stack([slopes[:, :n], windows.departed(record.derivative)]) @ weights
-    start = _with_state(slopes[: len(first.t), n:], errors[: len(first.t)], first, rng)
-    state = [motion.samples(found.equation, d)[:, 0] / rate**d for d in (0, 1)]
-    tables = [
-        np.column_stack([windows.response.samples(d)[:, 0, 1:], windows.departed(d)]) / rate**d
+    n, first = len(changes) + len(own), record.beginning(samples)
+    by_form = windows.departed(record.derivative)
+    moves = as_coefficients(verdict.frequency, verdict.damping, record.rate)
+    size = np.concatenate([moves, np.full(by_form.shape[1], verdict.departure)])
+    form = size[:, None] * rng.standard_normal((len(size), changes.shape[1]))
+    errors = np.concatenate([changes, form])
+    early = slice(len(first.t))
+    missed = np.column_stack([slopes[early, :n], by_form[early]]) @ errors
+    start = _with_state(slopes[early, n:], missed, first, rng)
+    errors = np.concatenate([errors[:n], start, errors[n:]])
+    # A sine and its slope turn as one complex number.
+    turn = -1j / record.rate
+    q = [motion.samples(found.equation, d)[:, 0] for d in (0, 1)]
+    by = [
+        np.column_stack([windows.response.samples(d)[:, 0, 1:], windows.departed(d)])
         for d in (0, 1)
     ]
-    weights = np.concatenate([weights[:n], start, weights[n:]])
-    orbit, table = state[0] - 1j * state[1], tables[0] - 1j * tables[1]
-    noise = float(np.std(record.drawn(rng)))
-    ends = []
+    table = (by[0] + turn * by[1]) / (q[0] + turn * q[1])[:, None]
+    noise, ends = float(np.std(record.drawn(rng))), []
     for rows in np.array_split(np.arange(len(shown)), len(shown) // _AT_ONCE + 1):
-        change = (table[rows] @ weights) / orbit[rows, None]
-        later = record.t[rows, None] + change.imag / rate
+        change = table[rows] @ errors
+        later = record.t[rows, None] + change.imag / record.rate
         drawn = np.exp(np.clip(change.real, -1.0, 1.0)) * np.interp(later, record.t, shown)
         drawn += noise * rng.standard_normal(drawn.shape)
         ends.append(np.quantile(drawn, _TAILS, axis=1))
