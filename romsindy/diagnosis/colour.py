@@ -202,8 +202,11 @@ class ColourOfBest:
     def ranked(
         self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis]
     ) -> list[Hypothesis]:
-        noise = _noise_of(among)
-        return sorted((h.at(noise) for h in hypotheses), key=lambda h: h.score)
+        noise, plain = _noise_of(among), among[0].solution
+        most = plain.chi_squared if plain.converged else np.inf
+        weighed = (h.at(noise) for h in hypotheses)
+        # What leaves more than the first, without any effect, went astray and says nothing.
+        return sorted(weighed, key=lambda h: (h.solution.chi_squared > most, h.score))
 
     def alike(
         self, before: Hypothesis, after: Hypothesis, among: Sequence[Hypothesis]

@@ -140,7 +140,7 @@ class ResidualSearch(Search):
         # sensor left it in the measurement, and shows about the motion of the model.
         sensor = [e for e in left if isinstance(e, ReadingEffect)]
         measured = [r.motion for r in self.records]
-        chosen = []
+        chosen: list[tuple[Screened, ...]] = []
         for candidates, motions, most in (
             (left, measured, _SURVIVORS),
             (sensor, start.solution.motions, _SENSOR),
@@ -148,9 +148,8 @@ class ResidualSearch(Search):
             found = screened(model, parts, candidates, self.records, scales, motions)
             chosen += [(s,) for s in self._survivors(found, most)]
             forces = [s for s in found.singles() if not isinstance(s.effect, ReadingEffect)]
-            for pair in found.pairs(leaders(forces))[:_PAIRS]:
-                if WORTH * pair[0].chi_squared < forces[0].chi_squared:
-                    chosen.append(pair)
+            pairs = found.pairs(leaders(forces))[:_PAIRS]
+            chosen += [p for p in pairs if WORTH * p[0].chi_squared < forces[0].chi_squared]
         return [tuple(part_of(s, scales, len(self.records)) for s in own) for own in chosen]
 
     def _survivors(self, found: Screening, most: int) -> list[Screened]:
