@@ -9,12 +9,13 @@ motions (`romsindy.fit.shooting`).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, cast
 
+from romsindy.fit.coefficient import LINEAR
 from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
-from romsindy.fit.forced.terms import LINEAR
 from romsindy.fit.measured import (
     NUMERICS,
     free_names,
@@ -28,7 +29,8 @@ from romsindy.fit.measured import (
     small_frequencies,
 )
 from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared
+from romsindy.fit.process_noise import form_of
+from romsindy.fit.record import Prepared, Record
 from romsindy.fit.shooting import LOSSES
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
@@ -88,7 +90,12 @@ def refine(
         return refined_forced(model, several, fixed, loss=loss, progress=progress)
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
-    return refined(model, free, records, more, loss=loss, progress=progress)
+    found = refined(model, free, records, more, loss=loss, progress=progress)
+    if model.numbered:
+        return found
+    own = found.solution
+    alone = cast(tuple[Record, ...], found.records)
+    return found.with_form(form_of(cast(Any, found.start), own.parts, alone, own.motions))
 
 
 def refine_terms(

@@ -117,6 +117,31 @@ class Fitted:
         factor = prior.factor(self.series, self.scales if scales is None else scales)
         return _normal(_triangle(self.reduced, factor), factor)
 
+    @property
+    def dispersion(self) -> float:
+        """Variance of the values by the scatter of the windows over that by the noise; 1 for noise.
+
+        What a wrong model leaves does not average out like noise: within a window it pulls all
+        values the same way. The pulls of the windows, summed, are nothing at the best fit; their
+        squares say how large the error of the values really is. This is the sandwich estimator
+        with windows as clusters, brought down to one number: H. White, "Maximum likelihood
+        estimation of misspecified models", Econometrica 50 (1982) 1.
+        """
+        p = len(self.series.values)
+        # Directions in which the posterior is a standard normal.
+        root, values = self.posterior().root, self.series.values
+        pulls, expected = 0.0, 0.0
+        for linear, starts in zip(self.linear, self.reduced.starts, strict=True):
+            # The best starts follow the values.
+            changes = np.vstack([-starts, np.eye(p + 1)])
+            wide = np.column_stack([changes[:, :p] @ root, changes @ np.append(values, -1.0)])
+            for white in linear.whitened(wide / self.noise):
+                jacobian, rest = white[:, :p], white[:, p]
+                pull, own = jacobian.T @ rest, jacobian.T @ jacobian
+                pulls += float(pull @ pull)
+                expected += float(np.trace(own) - np.sum(own * own))
+        return pulls / expected
+
     def scale_covariance(self) -> Array:
         """Covariance of the scales by the curvature of the evidence, (9, 9)."""
         rows = self.reduced
