@@ -35,12 +35,14 @@ def with_unit(what: str, unit: str | None) -> str:
     return f"{what} ({raised})"
 
 
-def log_ratio(ax: Axes) -> None:
-    """Show ratios near 1 on a log axis: 0.4 rather than 4 x 10^-1."""
-    ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(NullFormatter())
+def log_ratio(ax: Axes, *others: str) -> None:
+    """Show values over few decades on a log y axis, and "x" if said: 0.4 rather than 4 x 10^-1."""
+    for of in ("y", *others):
+        ax.set(**{f"{of}scale": "log"})
+        axis = getattr(ax, f"{of}axis")
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 # -- what is known of every point of a curve -------------------------------------------------------

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate, curves_near
 from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand
 from romsindy.fit.record import Prepared, one_a_decay
 from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits, linear_mode
@@ -24,7 +25,7 @@ from romsindy.show.axes import Fact, given_or_new, log_ratio, look, of_cycles, t
 from romsindy.text import listed
 from romsindy.typing import Array
 
-_SIGMAS_95 = 1.96
+SIGMAS_95 = 1.96
 _FEWER = 4  # amplitudes, where orbits are followed for each
 _DOTS = "os^Dv<>"
 
@@ -41,7 +42,7 @@ def _curves(
         if isinstance(model, Band):
             band = model
             middle = getattr(band, quantity) / unit
-            reach = _SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
+            reach = SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
             yield band.amplitude, middle, (middle - reach, middle + reach), style
         else:
             frequency, damping = curves_near(model, amplitudes, mode)(model)
@@ -183,6 +184,24 @@ def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
     ax.set(xlabel=with_unit("amplitude", verdict.unit), ylabel="residual over noise")
     log_ratio(ax)
     ax.legend(loc="best", frameon=False, ncols=2)
+    return ax
+
+
+def plot_levels(verdict: ForcedAdequacy, *, ax: Axes | None = None) -> Axes:
+    """What a fit leaves of driven records against their response, both rms, and the sensor's noise.
+
+    Noise of the sensor is the same at all levels; what grows with the response is no such noise.
+    """
+    ax = given_or_new(ax)
+    response, left = verdict.levels.T
+    ax.plot(response, left, **look(0) | {"marker": "o", "ms": 4, "lw": 0.8}, label="what is left")
+    if verdict.sensor:
+        noise = verdict.sensor * verdict.left / verdict.part
+        ax.axhline(noise, color="0.4", lw=0.8, ls=":", label="noise of the sensor")
+    unit = verdict.measured_unit
+    ax.set(xlabel=with_unit("response, rms", unit), ylabel=with_unit("left of it, rms", unit))
+    log_ratio(ax, "x")
+    ax.legend(loc="best", frameon=False)
     return ax
 
 
