@@ -461,6 +461,14 @@ def test_small_run_of_systems_of_two_coordinates(benchmark, capsys):
     assert row["error"] < 0.01 and not row["wrong"]
 
 
+@benchmark_of("modes_apart")
+def test_small_run_of_modes_that_are_told_apart(benchmark, capsys):
+    """Modes 3.7 % apart that beat, and one under a force beside which another one rings."""
+    for row in ("close", "driven"):
+        benchmark.main(["--count", "1", "--seed", "1003", "--row", row])
+        assert "two in 1 (1 at their frequencies)" in capsys.readouterr().out
+
+
 WAY_BACK = "from 25 per cent of the decays on"
 
 

@@ -78,17 +78,14 @@ class SteadySolution:
         """
         freedom = self.misfit.size - len(self.free)
 
-        def chi_squared(square: float) -> float:
-            return float(np.sum(self.rows.whitened(np.sqrt(square))[1] ** 2))
+        def left(log_square: float) -> float:
+            return float(np.sum(self.rows.whitened(np.exp(log_square / 2))[1] ** 2))
 
-        at, deviation = self.floor**2, np.sqrt(2 * freedom)
-        now = chi_squared(at)
+        at, deviation = 2 * np.log(self.floor), np.sqrt(2 * freedom)
+        now = left(at)
         if now < deviation:  # hardly anything is left
             return 0.0
-        further = brentq(
-            lambda x: chi_squared(np.exp(x)) - now + deviation, 2 * np.log(self.floor), 14.0
-        )
-        std = np.exp(further) - at
+        std = np.exp(brentq(lambda x: left(x) - now + deviation, at, 14.0)) - np.exp(at)
         middle = self.unexplained**2 or (now - freedom) / deviation * std
         return float(np.sqrt(middle + std * norm.isf(norm.sf(1) * norm.cdf(middle / std))))
 

@@ -117,8 +117,7 @@ def between_levels(
     Each level gets a linear stiffness, a damping and a force of its own, whose scatter follows from
     the misfits, with the correlation of neighbours, by the EM algorithm of restricted likelihood
     [1]. Few levels tell it badly: that it is as large as what a point may leave unexplained counts
-    for two, unless neighbours go together and share that anyway. What is beyond the data comes to
-    as much in all.
+    for two, less what neighbours share anyway. What is beyond the data comes to as much in all.
     These are standard deviations, within the data and of what grows beyond, (2, 3), the last
     relative to the force; and the covariance of all that was fitted, (p, p), by levels alone.
 
