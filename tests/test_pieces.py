@@ -75,6 +75,18 @@ def test_pieces_hold_every_sample_once(record, n):
     assert sum(len(p.decay.t) for p in pieces) == len(T)
 
 
+def test_a_piece_where_nothing_rings_any_more_is_fitted_as_the_others(record):
+    """Its motion starts from rest, and comes out as that of the whole record."""
+    model = CoupledModel.from_coefficients(TRUTH, unit="m")
+    parts = free_coefficients(model, list(TRUTH))
+    first, last = record.pieces(2)
+    m = last.motion
+    silent = last.with_motion(Trajectory(m.grid, 0 * m.q, 0 * m.q_dot, 0 * m.q_ddot))
+    found, known = (fit(model, parts, [first, p]) for p in (silent, last))
+    assert silent.amplitude == 0.0 and found.converged and known.converged
+    assert found.chi_squared == pytest.approx(known.chi_squared, rel=1e-6)
+
+
 def test_one_piece_is_the_record(record):
     model = CoupledModel.from_coefficients(TRUTH, unit="m")
     parts = free_coefficients(model, list(TRUTH))

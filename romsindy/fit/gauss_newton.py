@@ -108,6 +108,7 @@ def fit(
     motions = list(motions or [r.motion for r in records])
     n_values = sum(p.size for p in parts)
     last, converged, n_samples = np.inf, False, sum(len(r.signal) for r in records)
+    loudest = max(r.amplitude for r in records)
     kept: _Iterate | None = None
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
@@ -130,8 +131,8 @@ def fit(
                 np.concatenate([[1.0], step[columns_of(parts, i)], step[system.states_of(i)]])
                 for i in range(len(records))
             )
-            largest = max(
-                float(np.abs(r.q @ w).max()) / record.amplitude
+            largest = max(  # in a piece where nothing rings any more, of the loudest
+                float(np.abs(r.q @ w).max()) / (record.amplitude or loudest)
                 for r, w, record in zip(responses, weights, records, strict=True)
             )
             if not np.isfinite(largest) or largest > _LOST:
