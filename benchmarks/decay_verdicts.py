@@ -139,14 +139,14 @@ def oscillator(rng):
 def lacking(rng, name):
     """One with a term that will be left out."""
     omega, zeta = 2 * np.pi * rng.uniform(4, 8), rng.uniform(0.002, 0.005)
-    g2, g3 = rng.uniform(-0.1, 0.1), rng.uniform(0.05, 0.2)
+    g2, g3 = rng.uniform(-0.1, 0.1), rng.uniform(0.005, 0.1)
     return Oscillator(
         omega,
         zeta,
         g2,
         g3,
-        drag=rng.uniform(0.3, 1.0) * zeta * (name == "c_quadratic"),
-        friction=rng.uniform(0.1, 0.3) * zeta * omega**2 * (name == "c_coulomb"),
+        drag=rng.uniform(1.0, 8.0) * zeta * (name == "c_quadratic"),
+        friction=rng.uniform(0.05, 0.5) * zeta * omega**2 * (name == "c_coulomb"),
     )
 
 
@@ -282,19 +282,25 @@ def without(noise, seed):
     free = s.motion(0 * force, t)
     push = intensity(s.omega, s.zeta, rng)
     y = heard(s.motion(force * push, t) if noise == "force" else free, t, noise, s.omega, rng)
-    wrong = {n: v for n, v in s.coefficients.items() if n != name}
-    clean = fitted(wrong, rs.Decay(t, free, unit="m"))
-    left, noises = rms(clean.residuals[0]) / rms(clean.records[0].signal), rms(y - free) / rms(free)
+    less = {n: v for n, v in s.coefficients.items() if n != name}
+    clean = fitted(less, rs.Decay(t, free, unit="m"))
+    noises = rms(y - free) / rms(free)
+    left = rms(clean.residuals[0]) / rms(clean.records[0].signal) if clean else 1.0
     if left < max(0.02, 2 * noises):
         return None
     decay = rs.Decay(t, y, unit="m")
-    right, wrong = fitted(s.coefficients, decay).verdict, fitted(wrong, decay).verdict
-    said = str(wrong if wrong.explained else right)
-    return Lacking(noise, seed, name, right.explained, not wrong.explained, said, left, noises)
+    right, wrong = fitted(s.coefficients, decay), fitted(less, decay)
+    explained, noticed = bool(right and right.verdict.explained), not (wrong and wrong.verdict.explained)
+    said = str((right if noticed else wrong) and (right if noticed else wrong).verdict)
+    return Lacking(noise, seed, name, explained, noticed, said, left, noises)
 
 
 def fitted(laws, decay):
-    return rs.refine(rs.ReducedModel.from_coefficients(laws, unit="m"), decay)
+    """A fit of these laws; None where they have no motion."""
+    try:
+        return rs.refine(rs.ReducedModel.from_coefficients(laws, unit="m"), decay)
+    except TrajectoryError:
+        return None
 
 
 def rms(x):

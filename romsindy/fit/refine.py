@@ -15,6 +15,7 @@ from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
 from romsindy.fit.forced.terms import LINEAR
+from romsindy.fit.forced.weighed import examined
 from romsindy.fit.measured import (
     NUMERICS,
     free_names,
@@ -88,7 +89,9 @@ def refine(
         return refined_forced(model, several, fixed, loss=loss, progress=progress)
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
-    return refined(model, free, records, more, loss=loss, progress=progress)
+    fit = refined(model, free, records, more, loss=loss, progress=progress)
+    # What goes with the harmonics may be a force that nobody measured.
+    return fit if fit.verdict.explained or model.numbered else examined(fit)
 
 
 def refine_terms(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.recording import QUANTITIES, Quantity, Recording
+from romsindy.record.recording import QUANTITIES, Quantity, Recording, unit_of
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
 from romsindy.record.signals import (
@@ -177,6 +177,11 @@ class Decay:
     def complete(self) -> bool:
         """Whether velocity and acceleration came with the displacement."""
         return self.q_dot is not None and self.q_ddot is not None
+
+    @property
+    def signal_unit(self) -> str:
+        """Unit of the measured quantity."""
+        return unit_of(self.measured, self.unit)
 
     @property
     def derivative(self) -> int:
