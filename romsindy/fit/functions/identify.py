@@ -10,10 +10,11 @@ from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import sought
 from romsindy.fit.adequacy import examine
-from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.dispersion import dispersion
-from romsindy.fit.functions.evidence import JUMPS, Fitted, fit, regressed
+from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
 from romsindy.fit.functions.sensor import Sensor
@@ -104,16 +105,31 @@ def identify_decays(
     with threadpool_limits(limits=1, user_api="blas"):
         series = regressed(series, records)
         plain = _settled(series, windows_of(records), records, known, say)
-        richest, others = _with_forces(plain, say)
-        if richest is not plain:  # what was process noise may have been this force
-            richest, others = (
-                _settled(richest.series, richest.windows, records, richest.known, say),
-                [],
-            )
-        records = richest.records
-        found = _simpler(richest, say)
         rng = np.random.default_rng(seed)
-        return _assembled(found, others, records, dict(fixed or {}), rng)
+        found = _searched(plain, fixed or {}, rng, say)
+        if found.verdict.explained:
+            return found
+        try:  # what goes with the harmonics may be a force that nobody measured
+            other = _searched(unmeasured.weighed(plain), fixed or {}, rng, say)
+        except TrajectoryError:
+            return found
+        return other if other.verdict.explained else found
+
+
+def _searched(
+    plain: Fitted, fixed: Mapping[str, float], rng: np.random.Generator, say: Callable
+) -> Identification:
+    """The simplest equation that predicts as well as the richest, from a fit without forces."""
+    richest, others = _with_forces(plain, say)
+    if richest is not plain:  # what was process noise may have been this force
+        windows, records, known = richest.windows, richest.records, richest.known
+        richest, others = (
+            unmeasured.weighed(richest)
+            if richest.noises
+            else _settled(richest.series, windows, records, known, say),
+            [],
+        )
+    return _assembled(_simpler(richest, say), others, richest.records, dict(fixed), rng)
 
 
 def _settled(
@@ -161,6 +177,8 @@ def _again(start: Fitted, series: Series, noise: float, say: Callable) -> Fitted
     known = start.known
     if len(series.values) != len(start.series.values):
         known = _narrowed(start, series)
+    if start.noises:
+        return unmeasured.again(replace(start, known=known), series)
     return fit(
         series,
         start.windows,
@@ -267,12 +285,16 @@ def _assembled(
     free = tuple(k for k in model.coefficients if k not in fixed)
     columns = [[t.key for t in terms].index(key) for key in free]
     motions = [r.motion.q for r in records]
-    residuals = _residuals(head, own.mean(axis=0), records)
+    values = own.mean(axis=0)
+    ways = unmeasured.simulated(head, values)
+    residuals = [left for _, left in ways]
     result = Identification(
         model,
         free,
         np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
-        examine(records, residuals, head.n_effective),
+        unmeasured.verdict(head, values, ways)
+        if head.noises
+        else examine(records, residuals, head.n_effective),
         (),
         structures,
         structures[at],
@@ -299,19 +321,3 @@ def _among(terms: Sequence[Term], found: Fitted, draws: Array) -> Array:
     samples = np.zeros((len(draws), len(keys)))
     samples[:, [keys.index(t.key) for t in found.series.terms()]] = found.series.taylor(draws)
     return samples
-
-
-def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
-    """Measured minus one simulation of each record, from the start that suits all of it."""
-    quietest = min(w.amplitude for w in found.windows)
-    series = found.series.moved(values).near(quietest)
-    states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
-    left: list[Array] = []
-    for i, record in enumerate(records):
-        try:
-            motion = integrate(series, states[i][0], record.motion.grid, record.motion)
-            x = motion.samples(series, record.derivative)[:, 0]
-            left.append(record.signal - series.shown(x, record.derivative, i)[0])
-        except TrajectoryError:
-            left.append(np.full(len(record.signal), np.inf))
-    return left

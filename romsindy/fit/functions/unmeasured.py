@@ -1,0 +1,147 @@
+"""Decays under a force that nobody measured, which is as large at all amplitudes.
+
+The windows of `romsindy.fit.functions.windows` depart by a part of their amplitude. A force that is
+not known moves a quiet motion as much as a loud one, at every step. Its intensity and the noise of
+the sensor, with its colour, are those of the largest likelihood in what one simulation leaves
+(`romsindy.fit.noises`); values are weighed by both, and the motion is the one that such forces move
+as is most likely. What one simulation leaves then must go with no function of its motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
+from romsindy.fit.forced.independence import Force, Tried, forces_alone, independence, judged
+from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales
+from romsindy.fit.functions.cone import nearest
+from romsindy.fit.functions.series import Series
+from romsindy.fit.functions.windows import Linear, Window, block, root, windows_of
+from romsindy.fit.noises import Noises, TwoNoises, found_noises
+from romsindy.fit.record import Record
+from romsindy.typing import Array
+
+_ROUNDS = 3  # of noises, and the values that they weigh
+_STEPS = 12
+_SMALL = 1e-3  # change of a motion, in amplitudes, that changes no figure
+
+
+def simulated(found: Fitted, values: Array) -> list[tuple[Trajectory, Array]]:
+    """One simulation of each record, from the start that suits all of it, and what it leaves.
+
+    That is inf where there is no motion.
+    """
+    series, told = _near(found.series.moved(values), found.records), []
+    states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
+    for i, record in enumerate(found.records):
+        start = found.windows[i].motion.start if found.noises else states[i][0]
+        try:
+            motion = integrate(series, start, record.motion.grid, record.motion)
+            x = motion.samples(series, record.derivative)[:, 0]
+            left = record.signal - series.shown(x, record.derivative, i)[0]
+        except TrajectoryError:
+            motion, left = record.motion, np.full(len(record.signal), np.inf)
+        told.append((motion, left))
+    return told
+
+
+def _near(series: Series, records: Sequence[Record]) -> Series:
+    """As it is for the quietest motions."""
+    return series.near(min(w.amplitude for w in windows_of(records)))
+
+
+def weighed(start: Fitted) -> Fitted:
+    """A fit like another one, by noises as they are found in what that leaves.
+
+    Raises
+    ------
+    TrajectoryError
+        If no motion follows the records.
+    """
+    for _ in range(_ROUNDS):
+        motions, noises = [], []
+        series = _near(start.series, start.records)
+        for i, (motion, left) in enumerate(simulated(start, start.series.values)):
+            if not np.all(np.isfinite(left)):
+                raise TrajectoryError("one simulation of the record goes astray")
+            two = TwoNoises.along(series, (), i, start.records[i], motion)
+            noises.append(found_noises(two, left))
+            motions.append(motion)
+        windows = tuple(_whole(i, m) for i, m in enumerate(motions))
+        start = again(replace(start, windows=windows, noises=tuple(noises)), start.series)
+    return start
+
+
+def _whole(number: int, motion: Trajectory) -> Window:
+    return Window(number, np.arange(len(motion.grid.fraction)), motion)
+
+
+def again(start: Fitted, series: Series) -> Fitted:
+    """Fit a like series by the noises of another fit.
+
+    Raises
+    ------
+    TrajectoryError
+        If its motion goes astray.
+    """
+    now = replace(start, series=series, noise=1.0, jump=float(JUMPS[0]), converged=False)
+    for _ in range(_STEPS):
+        try:
+            after, largest = _step(now)
+        except LinAlgError as error:
+            raise TrajectoryError("small disturbances of the motion grow without bound") from error
+        settled = largest < _SMALL and abs(now.cost - after.cost) < 0.1
+        now = after
+        if settled:
+            break
+    return replace(now, converged=settled)
+
+
+def _step(now: Fitted) -> tuple[Fitted, float]:
+    near, tables = _near(now.series, now.records), []
+    for window, record, noises in zip(now.windows, now.records, now.noises, strict=True):
+        own = block(near, window, record)
+        n = own.change.shape[1] - 2
+        signal = own.signal - own.change[:, n:] @ window.motion.start
+        two = TwoNoises.along(near, (), window.record, record, window.motion)
+        tables.append((own, two.table(np.column_stack([own.change[:, :n], signal])), noises))
+    linear = tuple(
+        Linear(r, (), root(t.weighed(noises).products))
+        for r, (_, t, noises) in zip(now.records, tables, strict=True)
+    )
+    now = better_scales(replace(now, linear=linear))
+    values = nearest(now.series, *now.posterior())
+    windows, largest = [], 0.0
+    for window, (own, table, noises) in zip(now.windows, tables, strict=True):
+        states = table.states(noises) @ np.append(-values, 1.0)
+        change = np.concatenate([[1.0], values - now.series.values, [0.0, 0.0]])
+        motion = table.noises.moved(own.response.moved(change), states)
+        off = np.abs(motion.q - window.motion.q).max() / window.amplitude
+        if not off < 1e4:
+            raise TrajectoryError("the motion goes astray")
+        windows.append(replace(window, motion=motion))
+        largest = max(largest, float(off))
+    return replace(now, series=now.series.moved(values), windows=tuple(windows)), largest
+
+
+def verdict(
+    found: Fitted, values: Array, ways: Sequence[tuple[Trajectory, Array]]
+) -> ForcedAdequacy:
+    """What a fit leaves of simulations with these values."""
+    series, pairs = _near(found.series.moved(values), found.records), [*enumerate(found.records)]
+    records, left = found.records, [left for _, left in ways]
+    size = examine_forced(records, left, found.n_effective)
+    if not 0 < size.part < np.inf:
+        return size
+    tables = []
+    for i, record in pairs:
+        motion = ways[i][0]
+        fitted = block(series, _whole(i, motion), record).change[:, :-2]
+        forces = [Force(n, x[:, None]) for n, x in forces_alone(motion, "q")]
+        tables.append(Tried.along(series, (), i, record, motion, fitted, left[i], forces))
+    return judged(size, independence(tables, len(values)), pairs)
