@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import sought
-from romsindy.fit.adequacy import examine
+from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
@@ -106,30 +106,39 @@ def identify_decays(
         series = regressed(series, records)
         plain = _settled(series, windows_of(records), records, known, say)
         rng = np.random.default_rng(seed)
-        found = _searched(plain, fixed or {}, rng, say)
-        if found.verdict.explained:
-            return found
-        try:  # what goes with the harmonics may be a force that nobody measured
-            other = _searched(unmeasured.weighed(plain), fixed or {}, rng, say)
-        except TrajectoryError:
-            return found
-        return other if other.verdict.explained else found
+        richest, others = _with_forces(plain, say)
+        if richest is not plain:  # what was process noise may have been this force
+            windows, known = richest.windows, richest.known
+            richest, others = _settled(richest.series, windows, records, known, say), []
+        found = _simpler(richest, say) if _explained(richest) else _under_a_force(plain, say)
+        if not found:
+            found = _simpler(richest, say)
+        others = [] if found[0].noises else others
+        return _assembled(found, others, richest.records, dict(fixed or {}), rng)
 
 
-def _searched(
-    plain: Fitted, fixed: Mapping[str, float], rng: np.random.Generator, say: Callable
-) -> Identification:
-    """The simplest equation that predicts as well as the richest, from a fit without forces."""
-    richest, others = _with_forces(plain, say)
-    if richest is not plain:  # what was process noise may have been this force
-        windows, records, known = richest.windows, richest.records, richest.known
-        richest, others = (
-            unmeasured.weighed(richest)
-            if richest.noises
-            else _settled(richest.series, windows, records, known, say),
-            [],
-        )
-    return _assembled(_simpler(richest, say), others, richest.records, dict(fixed), rng)
+def _under_a_force(plain: Fitted, say: Callable) -> list[Fitted]:
+    """Fits by the noise of a force that nobody measured; none where more than noise is left."""
+    try:
+        richest = unmeasured.weighed(plain)
+        if not _explained(richest):
+            richest = unmeasured.weighed(_with_forces(richest, say)[0])
+        return _simpler(richest, say) if _explained(richest) else []
+    except TrajectoryError:
+        return []
+
+
+def _explained(found: Fitted) -> bool:
+    return _judged(found, found.series.values)[1].explained
+
+
+def _judged(found: Fitted, values: Array) -> tuple[list[Array], Adequacy]:
+    """What one simulation of each record leaves, and whether that is noise."""
+    ways = unmeasured.simulated(found, values)
+    left = [x for _, x in ways]
+    if found.noises:
+        return left, unmeasured.verdict(found, values, ways)
+    return left, examine(found.records, left, found.n_effective)
 
 
 def _settled(
@@ -254,7 +263,11 @@ def _assembled(
             for f in (*found, *others)
         ]
     )
-    at = next(i for i, s in enumerate(structures) if s.equivalent)
+    equivalent = [i for i, s in enumerate(structures) if s.equivalent]
+    at = equivalent[0]
+    if found[at].noises:  # evidence knows these noises; the simplest must leave no more
+        good = (i for i in equivalent if _explained(found[i]))
+        at = next(good, at)
     head, richest = found[at], found[-1]
     by_key = {t.key: t for f in (richest, *others) for t in f.series.terms()}
     terms = list(by_key.values())
@@ -286,15 +299,12 @@ def _assembled(
     columns = [[t.key for t in terms].index(key) for key in free]
     motions = [r.motion.q for r in records]
     values = own.mean(axis=0)
-    ways = unmeasured.simulated(head, values)
-    residuals = [left for _, left in ways]
+    residuals, verdict = _judged(head, values)
     result = Identification(
         model,
         free,
         np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
-        unmeasured.verdict(head, values, ways)
-        if head.noises
-        else examine(records, residuals, head.n_effective),
+        verdict,
         (),
         structures,
         structures[at],

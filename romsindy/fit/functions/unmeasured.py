@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -18,15 +19,16 @@ from scipy.linalg import LinAlgError
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.independence import Force, Tried, forces_alone, independence, judged
-from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales
 from romsindy.fit.functions.cone import nearest
+from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Linear, Window, block, root, windows_of
-from romsindy.fit.noises import Noises, TwoNoises, found_noises
+from romsindy.fit.linear_response import respond, sampled
+from romsindy.fit.noises import TwoNoises, found_noises
 from romsindy.fit.record import Record
 from romsindy.typing import Array
 
-_ROUNDS = 3  # of noises, and the values that they weigh
+_ROUNDS = 2  # of noises, and the values that they weigh
 _STEPS = 12
 _SMALL = 1e-3  # change of a motion, in amplitudes, that changes no figure
 
@@ -36,18 +38,33 @@ def simulated(found: Fitted, values: Array) -> list[tuple[Trajectory, Array]]:
 
     That is inf where there is no motion.
     """
-    series, told = _near(found.series.moved(values), found.records), []
-    states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
-    for i, record in enumerate(found.records):
-        start = found.windows[i].motion.start if found.noises else states[i][0]
-        try:
-            motion = integrate(series, start, record.motion.grid, record.motion)
-            x = motion.samples(series, record.derivative)[:, 0]
-            left = record.signal - series.shown(x, record.derivative, i)[0]
-        except TrajectoryError:
-            motion, left = record.motion, np.full(len(record.signal), np.inf)
-        told.append((motion, left))
-    return told
+    series = _near(found.series.moved(values), found.records)
+    if found.noises:  # forces move the motion at every step
+        motions = [w.motion for w in found.windows]
+        starts = [_start(series, *each) for each in zip(count(), found.records, motions)]
+    else:
+        states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
+        starts = [s[0] for s in states]
+    return [_from(series, *each) for each in zip(count(), found.records, starts)]
+
+
+def _start(series: Series, number: int, record: Record, motion: Trajectory) -> Array:
+    """From which a simulation comes nearest to a record, by least squares about a motion."""
+    response = respond(series, motion, np.zeros((0, 3 * motion.grid.n_steps, 1)))
+    x = sampled(motion, record.derivative)[:, 0]
+    shown, slope = series.shown(x, record.derivative, number)
+    change = slope[:, None] * response.samples(record.derivative)[:, 0]
+    left = record.signal - shown - change[:, 0]
+    return motion.start + np.linalg.lstsq(change[:, 1:], left, rcond=None)[0]
+
+
+def _from(series: Series, number: int, record: Record, start: Array) -> tuple[Trajectory, Array]:
+    try:
+        motion = integrate(series, start, record.motion.grid, record.motion)
+    except TrajectoryError:
+        return record.motion, np.full(len(record.signal), np.inf)
+    x = motion.samples(series, record.derivative)[:, 0]
+    return motion, record.signal - series.shown(x, record.derivative, number)[0]
 
 
 def _near(series: Series, records: Sequence[Record]) -> Series:
@@ -92,7 +109,8 @@ def again(start: Fitted, series: Series) -> Fitted:
     now = replace(start, series=series, noise=1.0, jump=float(JUMPS[0]), converged=False)
     for _ in range(_STEPS):
         try:
-            after, largest = _step(now)
+            with np.errstate(all="ignore"):
+                after, largest = _step(now)
         except LinAlgError as error:
             raise TrajectoryError("small disturbances of the motion grow without bound") from error
         settled = largest < _SMALL and abs(now.cost - after.cost) < 0.1
@@ -109,7 +127,10 @@ def _step(now: Fitted) -> tuple[Fitted, float]:
         n = own.change.shape[1] - 2
         signal = own.signal - own.change[:, n:] @ window.motion.start
         two = TwoNoises.along(near, (), window.record, record, window.motion)
-        tables.append((own, two.table(np.column_stack([own.change[:, :n], signal])), noises))
+        columns = np.column_stack([own.change[:, :n], signal])
+        if not np.all(np.isfinite(columns)):
+            raise TrajectoryError("the motion goes astray")
+        tables.append((own, two.table(columns), noises))
     linear = tuple(
         Linear(r, (), root(t.weighed(noises).products))
         for r, (_, t, noises) in zip(now.records, tables, strict=True)
