@@ -6,8 +6,9 @@
 Beams of known_beams.py and oscillators, the noises in turn: each sample keeps 0.95 of the one
 before at 35 dB, 1/f noise at 35 dB, a hum at 35 dB (the mains, or a few cycles a record) or a white
 force that nobody measured, which alone would keep the structure moving by 0.5 to 1.5 % of the first
-amplitude. Another 45 dB of white noise are beside the last two. `identify` finds the structure; bands are
+amplitude. White noise of 45 dB is beside the last two. `identify` finds the structure; bands are
 judged at 36 coordinates (K/q and h) and 10 amplitudes (damping ratio; of oscillators).
+
 The row "lacking" gives the right terms of an oscillator, then all but one. It counts records
 where the lacking term leaves at least 2 % of the response of a record without noise, the other
 terms fitted anew, and twice what the noise leaves. Oscillators are integrated here by Runge and
@@ -290,9 +291,14 @@ def without(noise, seed):
         return None
     decay = rs.Decay(t, y, unit="m")
     right, wrong = fitted(s.coefficients, decay), fitted(less, decay)
-    explained, noticed = bool(right and right.verdict.explained), not (wrong and wrong.verdict.explained)
-    said = str((right if noticed else wrong) and (right if noticed else wrong).verdict)
+    explained, noticed = is_explained(right), not is_explained(wrong)
+    told = right if noticed else wrong
+    said = f"without {name}: {noticed}; {told.verdict if told else 'no motion'}"
     return Lacking(noise, seed, name, explained, noticed, said, left, noises)
+
+
+def is_explained(fit):
+    return fit is not None and fit.verdict.explained
 
 
 def fitted(laws, decay):
@@ -327,7 +333,7 @@ def main(arguments=None):
     parser.add_argument("--cache", type=Path, help="folder of simulated beams")
     options = parser.parse_args(arguments)
     seeds = range(options.first, options.first + options.count)
-    each = [(options.noise or NOISES[s % 4], s) for s in seeds]
+    each = [(options.noise or NOISES[s // 2 % 4], s) for s in seeds]
     for what in [options.what] if options.what else [*RECORDS, "lacking"]:
         if what == "lacking":
             tried = Parallel(options.jobs)(delayed(without)(*one) for one in each)
@@ -350,9 +356,9 @@ def told(what, rows, right, line):
 
 
 def missed(name, rows):
-    explained, noticed = (sum(x) for x in zip(*((r.explained, r.noticed) for r in rows)))
-    n = len(rows)
-    return f"{name:20}  right terms explained {explained} of {n}, a term less noticed {noticed}"
+    explained, noticed = sum(r.explained for r in rows), sum(r.noticed for r in rows)
+    said = f"right terms explained {explained} of {len(rows)}, a term less noticed {noticed}"
+    return f"{name:20}  {said}"
 
 
 if __name__ == "__main__":

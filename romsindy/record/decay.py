@@ -20,6 +20,7 @@ from romsindy.record.signals import (
     downsample,
     fundamental_frequency,
     rest_level,
+    steady_wave,
     upsample,
 )
 from romsindy.record.smoothing import Butterworth, Filter, displacement
@@ -276,6 +277,14 @@ class Decay:
         free = replace(part, notes=(*part.notes, *notes), stage="free")
         if self.measured != "displacement" or self.n_channels > 1:
             return free
+        wave = steady_wave(record.channel(0).q, record.dt)
+        if wave is not None:
+            note = (
+                f"a wave of {wave.frequency:.4g} Hz and {abs(wave.size):.3g} {self.unit or '[q]'}"
+                " removed: it goes on as the decay has faded"
+            )
+            without = record.q - wave(record.t - record.t[0])
+            return replace(record, q=without, notes=(*record.notes, note)).free(start, end)
         rest = rest_level(free.channel(0).q, free.dt)
         if not rest:
             return free

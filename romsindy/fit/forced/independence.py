@@ -172,7 +172,7 @@ class Tried:
         left: Array,
         forces: Iterable[Force],
     ) -> Tried:
-        """Of what is left, (c n,), about a motion; ``fitted`` (c n, m) are derivatives by values."""
+        """Of what is left, (c n,), along a motion; ``fitted`` (c n, m): derivatives by values."""
         two = TwoNoises.along(equation, parts, number, record, motion)
         noises, forces = found_noises(two, left), list(forces)
         response = respond(equation, motion, np.array([f.values for f in forces]))
