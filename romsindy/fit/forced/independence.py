@@ -26,10 +26,10 @@ from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.gauss_newton import Solution, linear_table
 from romsindy.fit.linear_response import nodes, respond, sampled
 from romsindy.fit.linear_steps import Equation
-from romsindy.fit.noises import Noises, TwoNoises, found_noises
+from romsindy.fit.noises import Noises, TwoNoises, found_noises, steady
 from romsindy.fit.part import Part, columns_of, in_orders
 from romsindy.fit.record import Prepared
-from romsindy.fit.verdict import FALSE_ALARM
+from romsindy.fit.verdict import FADES, FALSE_ALARM
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import input_in
 from romsindy.typing import Array, Indices
@@ -57,6 +57,8 @@ class Independence:
         The force that alone tells most of it.
     noises : tuple of Noises
         Of each record.
+    steady : float
+        Probability that a force which is noise differs as much between quarters of a decay.
     excess : float
         Chi-square of what is left over its freedom, where it would be 1 without what goes with
         motion or input.
@@ -66,6 +68,7 @@ class Independence:
     missing: float
     like: str
     noises: tuple[Noises, ...]
+    steady: float
     excess: float
 
 
@@ -91,15 +94,18 @@ def judged(
     counts = [len(r.signal) for _, r in pairs]
     shown = [np.mean(n.shown**2) for n in found.noises]
     sensor = float(np.sqrt(np.average(shown, weights=counts)))
+    force = np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard
+    # A force that fades with the decay is no noise: it goes with the motion.
+    fades = found.steady < FADES
     return replace(
         verdict,
         ratio=np.sqrt(found.excess),
         structure=found.excess,
-        p_value=found.p_value,
-        missing=found.missing / heard,
+        p_value=found.steady if fades else found.p_value,
+        missing=max(found.missing / heard, force * fades),
         like=found.like,
         sensor=sensor / heard,
-        force=np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard,
+        force=force,
         colour=np.average([np.mean(n.colour) for n in found.noises], weights=counts),
     )
 
@@ -133,6 +139,7 @@ def independence(tables: Sequence[Tried], n_values: int) -> Independence:
         missing=float(np.sqrt(power / samples)),
         like=tables[0].names[int(np.argmax(singles))],
         noises=tuple(table.noises for table in tables),
+        steady=min(1.0, len(tables) * min(table.steady for table in tables)),
         excess=float((system[-1, -1] - alone) / (n - rank) / (left / freedom)) if left > 0 else 1.0,
     )
 
@@ -145,6 +152,7 @@ class Tried:
     columns: Array  # (n, m), derivatives of the samples by all fitted values and forces
     products: Array  # (m + 1, m + 1)
     noises: Noises
+    steady: float  # of a decay, as in `Independence`
     freedom: int
 
     @classmethod
@@ -182,7 +190,8 @@ class Tried:
         columns = np.column_stack([fitted, reading.by_motion(x)])
         products = two.table(np.column_stack([columns, left])).weighed(noises).products
         names = tuple(f.name for f in forces)
-        return cls(names, columns, products, noises, len(left) - states)
+        alike = 1.0 if record.driven else steady(two, left, noises)
+        return cls(names, columns, products, noises, alike, len(left) - states)
 
 
 class Force(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -110,22 +110,22 @@ def identify_decays(
         if richest is not plain:  # what was process noise may have been this force
             windows, known = richest.windows, richest.known
             richest, others = _settled(richest.series, windows, records, known, say), []
-        found = _simpler(richest, say) if _explained(richest) else _under_a_force(plain, say)
-        if not found:
-            found = _simpler(richest, say)
+        starts = [] if _explained(richest) else dict.fromkeys([plain, richest])
+        found = _under_a_force(starts, say) or _simpler(richest, say)
         others = [] if found[0].noises else others
         return _assembled(found, others, richest.records, dict(fixed or {}), rng)
 
 
-def _under_a_force(plain: Fitted, say: Callable) -> list[Fitted]:
+def _under_a_force(starts: Iterable[Fitted], say: Callable) -> list[Fitted]:
     """Fits by the noise of a force that nobody measured; none where more than noise is left."""
-    try:
-        richest = unmeasured.weighed(plain)
-        if not _explained(richest):
-            richest = unmeasured.weighed(_with_forces(richest, say)[0])
-        return _simpler(richest, say) if _explained(richest) else []
-    except TrajectoryError:
-        return []
+    for start in starts:
+        try:
+            richest = unmeasured.weighed(start)
+        except TrajectoryError:
+            continue
+        if richest is not None and _explained(richest):
+            return _simpler(richest, say)
+    return []
 
 
 def _explained(found: Fitted) -> bool:

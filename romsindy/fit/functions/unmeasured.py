@@ -24,8 +24,9 @@ from romsindy.fit.functions.evidence import JUMPS, Fitted, better_scales
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Linear, Window, block, root, windows_of
 from romsindy.fit.linear_response import respond, sampled
-from romsindy.fit.noises import TwoNoises, found_noises
+from romsindy.fit.noises import TwoNoises, found_noises, steady
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import FADES, SMALLER
 from romsindy.typing import Array
 
 _ROUNDS = 2  # of noises, and the values that they weigh
@@ -72,8 +73,10 @@ def _near(series: Series, records: Sequence[Record]) -> Series:
     return series.near(min(w.amplitude for w in windows_of(records)))
 
 
-def weighed(start: Fitted) -> Fitted:
+def weighed(start: Fitted) -> Fitted | None:
     """A fit like another one, by noises as they are found in what that leaves.
+
+    None where there is no such force, or one that is not the same all along.
 
     Raises
     ------
@@ -81,16 +84,19 @@ def weighed(start: Fitted) -> Fitted:
         If no motion follows the records.
     """
     for _ in range(_ROUNDS):
-        motions, noises = [], []
-        series = _near(start.series, start.records)
-        for i, (motion, left) in enumerate(simulated(start, start.series.values)):
+        series, ways = _near(start.series, start.records), simulated(start, start.series.values)
+        found = []
+        for i, (motion, left) in enumerate(ways):
             if not np.all(np.isfinite(left)):
                 raise TrajectoryError("one simulation of the record goes astray")
             two = TwoNoises.along(series, (), i, start.records[i], motion)
-            noises.append(found_noises(two, left))
-            motions.append(motion)
-        windows = tuple(_whole(i, m) for i, m in enumerate(motions))
-        start = again(replace(start, windows=windows, noises=tuple(noises)), start.series)
+            found.append(found_noises(two, left))
+            heard = np.sqrt(two.heard[0, 0] * found[-1].force[0])
+            quiet = heard < SMALLER * found[-1].shown[0]
+            if quiet or steady(two, left, found[-1]) < FADES:
+                return None
+        windows = tuple(_whole(i, motion) for i, (motion, _) in enumerate(ways))
+        start = again(replace(start, windows=windows, noises=tuple(found)), start.series)
     return start
 
 
