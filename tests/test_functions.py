@@ -13,7 +13,7 @@ import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.fit.functions import evidence, prior
 from romsindy.fit.functions.cone import lifted, nearest
-from romsindy.fit.functions.dispersion import dispersion
+from romsindy.fit.functions.evidence import dispersion
 from romsindy.fit.functions.posterior import _inside, _positive, draw
 from romsindy.fit.functions.series import Scales, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of

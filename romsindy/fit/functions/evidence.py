@@ -6,6 +6,7 @@ process noise (`windows`) says how much of a function the data ask for [1]; its 
 how far other scales would do.
 
 [1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415.
+[2] H. White, "Maximum likelihood estimation of misspecified models", Econometrica 50 (1982) 1.
 """
 
 from __future__ import annotations
@@ -210,6 +211,30 @@ def fit(
         jump, scales, last = now.jump, now.scales, now.cost
     final = replace(now, series=series, windows=own, linear=linearised(series, own, heard))
     return replace(final, converged=settled)
+
+
+def dispersion(found: Fitted) -> float:
+    """How much more than the noise says do windows disagree on the values? 1 for noise.
+
+    What a wrong model leaves does not average out like noise: within a window it pulls all values
+    the same way. The pulls of the windows on the values, summed, are nothing at the best fit; their
+    squares say how large the error of the values really is. This is the sandwich estimator with
+    windows as clusters [2], brought down to one number as in quasi-likelihood.
+    """
+    p, rows = len(found.series.values), found.reduced
+    # Directions in which the posterior is a standard normal.
+    root, values = found.posterior().root, found.series.values
+    pulls, expected = 0.0, 0.0
+    for linear, starts in zip(found.linear, rows.starts, strict=True):
+        # The best starts follow the values.
+        changes = np.vstack([-starts, np.eye(p + 1)])
+        wide = np.column_stack([changes[:, :p] @ root, changes @ np.append(values, -1.0)])
+        for white in linear.whitened(wide / found.noise):
+            jacobian, rest = white[:, :p], white[:, p]
+            pull, own = jacobian.T @ rest, jacobian.T @ jacobian
+            pulls += float(pull @ pull)
+            expected += float(np.trace(own) - np.sum(own * own))
+    return pulls / expected
 
 
 def regressed(series: Series, records: Sequence[Record]) -> Series:

@@ -13,8 +13,7 @@ from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
-from romsindy.fit.functions.dispersion import dispersion
-from romsindy.fit.functions.evidence import Fitted, fit, regressed
+from romsindy.fit.functions.evidence import Fitted, dispersion, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
 from romsindy.fit.functions.sensor import Sensor
