@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy.signal import lfilter
 
 from romsindy import ForcedVibration, ReducedModel, identify, refine
 
@@ -77,13 +76,8 @@ def motion(truth, push, dt):
     return np.array(found)
 
 
-def system(seed, noise="white"):
-    """A structure and its record by a seed.
-
-    The noise is that of the sensor, "white" or "coloured" (each sample keeps 0.95 of the one
-    before); or a "force" that nobody measured, or that of the "input", a white part of the force
-    each, beside a hundredth of the noise of the sensor in power.
-    """
+def system(seed):
+    """A structure and its record by a seed."""
     rng = np.random.default_rng(seed)
     kind, source = KINDS[seed % 3], ("force", "base")[rng.integers(2)]
     way, decibels = ("band-limited", "hold")[rng.integers(2)], float(rng.uniform(30, 50))
@@ -109,22 +103,11 @@ def system(seed, noise="white"):
     if law == 3:
         truth["gamma_3"] = rng.uniform(0.1, 0.4) * omega**2 / size**2
         truth["c_quadratic"] = rng.uniform(0.3, 1.0) * zeta / size
-    own = np.random.default_rng([seed, 1])
-    level = own.uniform(0.02, 0.1)
-    if noise == "force":  # as strong between the samples as at them
-        unknown = np.repeat(own.standard_normal((N - 1) * INSIDE), 3).reshape(-1, 3)
-        push = push + level * gain * np.sqrt(INSIDE) * unknown
     q = motion(truth, push, dt)
     name = {"force": "gain [force]", "base": "Gamma [base]"}[source]
     truth[name] = gain if source == "force" else -gain
     std = 10 ** (-decibels / 20) * q.std()
-    unit = rng.standard_normal(N)
-    if noise == "coloured":
-        unit = lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], unit)
-    std *= 0.1 if noise in ("force", "input") else 1.0
-    if noise == "input":
-        u = u + level * own.standard_normal(N)
-    record = ForcedVibration(dt * t, q + std * unit, u, unit="m", inputs=source)
+    record = ForcedVibration(dt * t, q + std * rng.standard_normal(N), u, unit="m", inputs=source)
     return System(seed, kind, source, way, decibels, truth, record, std)
 
 

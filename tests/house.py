@@ -144,17 +144,17 @@ def classes_defined_twice() -> list[str]:
 
 # What is there now, and where the house goes: a ceiling comes down with what it measures.
 FLOORS = {path.parent.name: 7 for path in sorted(PACKAGE.glob("*/__init__.py"))}
-FLOORS |= {"diagnosis": 9, "fit": 12}
+FLOORS |= {"fit": 12}
 HOUSE = [
     *(
         Measure(f"floors inside {n}", partial(floors_inside, n), most, 7)
         for n, most in FLOORS.items()
     ),
-    Measure("files in the longest chain of imports", longest_chain_of_files, 24, 16),
+    Measure("files in the longest chain of imports", longest_chain_of_files, 23, 16),
     Measure("isinstance on a kind of model or record", lambda: len([*kind_switches()]), 22, 0),
-    Measure("classes defined twice", lambda: len(classes_defined_twice()), 12, 0),
-    Measure("lines", lines, 54_450, 40_000),
-    Measure("files", lambda: len(files()), 262, 220),
+    Measure("classes defined twice", lambda: len(classes_defined_twice()), 0, 0),
+    Measure("lines", lines, 53_450, 40_000),
+    Measure("files", lambda: len(files()), 245, 220),
     Measure("public names", lambda: len(romsindy.__all__), 46, 46),
 ]
 

@@ -336,7 +336,7 @@ def test_small_benchmark_of_forced_diagnosis(benchmark):
     for made in (benchmark.held, lambda n, push, t: benchmark.driven(n, [], t, push)):
         np.testing.assert_allclose(made(linear, lambda now: 1.0, t), exact, atol=1e-5)
     seed = next(s for s in range(99) if "input_gain" in benchmark.hidden_in(s))
-    result = benchmark.one(seed, False)
+    result = benchmark.one(seed, "forced")
     assert result["right"] and "error" not in result
 
 
@@ -540,6 +540,21 @@ def test_small_benchmark_of_forced_vibrations(benchmark):
         assert max(map(abs, off.values())) < 4
         said = "held" if s.way == "hold" else "band-limited"
         assert said in note.replace("not ", "").split(",")[0] or "may be" in note
+
+
+@pytest.mark.slow
+@benchmark_of("driven_verdicts")
+def test_small_benchmark_of_driven_verdicts(benchmark):
+    """A step of an oscillator in closed form; a friction that is missing is noticed, and named."""
+    s = benchmark.structure(3)._replace(truth={"omega^2": 4.0, "c_linear": 0.08}, dt=0.3)
+    s = s._replace(push=np.ones((200 * benchmark.INSIDE, 3)))
+    t, slow = 0.3 * np.arange(201), 2.0 * np.sqrt(1 - 0.02**2)
+    gone = np.exp(-0.04 * t) * (np.cos(slow * t) + 0.04 / slow * np.sin(slow * t))
+    # An error of the phase of (omega h)^4 / 120 a radian, over 120 of them.
+    np.testing.assert_allclose(benchmark.motion(s), (1 - gone) / 4.0, atol=1e-5)
+    row = benchmark.trial("white", 3)
+    assert row.explained and row.noticed and row.like in benchmark.LIKE[row.missing]
+    assert 0.02 <= row.leaves <= 0.04 and "noticed 1" in benchmark.line("white", [row])
 
 
 @pytest.mark.slow

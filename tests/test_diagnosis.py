@@ -19,11 +19,11 @@ import romsindy as rs
 from romsindy.commands import diagnose as diagnose_command
 from romsindy.commands.main import main
 from romsindy.diagnosis import CATALOGUE, TermEffect, diagnose
-from romsindy.diagnosis.checks import checked_records
+from romsindy.diagnosis.arguments import checked_records
 from romsindy.diagnosis.decay_search import ProcessNoise
+from romsindy.diagnosis.diagnose import model_of_simulation
 from romsindy.diagnosis.pictures import MissingForce, record_errors
 from romsindy.diagnosis.screening import screen
-from romsindy.diagnosis.simulated import model_of_simulation
 from romsindy.effects import AirDrag
 from romsindy.effects.outside import Hum
 from romsindy.fit.record import Record, scales

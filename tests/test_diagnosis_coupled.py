@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis import CoupledDiagnosis
-from romsindy.diagnosis.coupled import linear_values
+from romsindy.diagnosis.residual_workflow import linear_values
 from romsindy.effects import AirDrag, CubicStiffness, DryFriction, Hysteretic, QuinticStiffness
 from romsindy.fit.coefficient import Coefficient, OnCoordinate
 from romsindy.fit.collocation import Grid, Trajectory

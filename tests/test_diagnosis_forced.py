@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.diagnosis import ForcedReport
 from romsindy.diagnosis.colour import ColourOfBest
-from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, MoreMass, Viscous
+from romsindy.effects import CATALOGUE, AirDrag, CubicStiffness, DryFriction, MoreMass, Viscous
 from romsindy.physics.input import Input
 
 OMEGA, DAMPING, CUBIC, GAIN = 2 * np.pi * 5.0, 0.8, 3e4, 2.0
@@ -96,6 +96,19 @@ def test_the_gain_of_the_input_is_wrong(right):
     assert report.verdict == "named" and gain.name == "input_gain"
     assert gain.values["strength"] == pytest.approx(0.1, abs=4 * gain.standard_errors["strength"])
     assert report.model.coefficients["gain [force]"] == pytest.approx(GAIN, rel=0.005)
+
+
+def test_a_linear_simulation_of_a_stiff_spring_with_friction_is_told_both():
+    """Either alone leads a simulation over another fold than the measured motion."""
+    measured = record(4, lambda q, v: 1.2e5 * q**3 + 1.5 * np.tanh(v / 0.002))
+    known = {k: v for k, v in KNOWN.items() if k != "gamma_3"}
+    simulated = rs.ReducedModel.from_coefficients(known, unit="m")
+    report = rs.diagnose(simulated, measured, catalogue=(*FEW, DryFriction()))
+    found = {e.name: e for e in report.effects}
+    assert report.verdict == "named" and set(found) == {"cubic_stiffness", "dry_friction"}
+    for name, value in (("cubic_stiffness", 1.2e5 + CUBIC), ("dry_friction", 1.5)):
+        error = found[name].standard_errors["strength"]
+        assert abs(found[name].values["strength"] - value) < 4 * error < 0.1 * value
 
 
 def test_the_chain_is_late():

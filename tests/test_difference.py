@@ -7,11 +7,10 @@ from scipy.signal import lfilter
 
 import romsindy as rs
 from romsindy.diagnosis import words
-from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.difference import Difference, Tolerance
 from romsindy.diagnosis.gap import HELD_OUT, Gap, Prediction
-from romsindy.diagnosis.tolerance import Tolerance
 from romsindy.fit.record import Record
-from romsindy.record.demodulation import Cycles
+from romsindy.record.smoothing import Cycles
 
 T = np.arange(0, 20, 0.0025)
 TOLERANCE = Tolerance(1e-4, 1e-2, 2e-4)  # what the best sensors show

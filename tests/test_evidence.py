@@ -15,10 +15,9 @@ from scipy.linalg import cho_factor, cho_solve, expm
 
 import romsindy as rs
 from romsindy.diagnosis.decay_search import ProcessNoise
-from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.tolerance import Tolerance
+from romsindy.diagnosis.difference import Tolerance
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, weights
 from romsindy.diagnosis.verdict import Explanation, Rule
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects import CATALOGUE, LinearFrequency, Viscous
 from romsindy.fit.gauss_newton import fit
 from romsindy.fit.part import Part

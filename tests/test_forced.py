@@ -11,7 +11,8 @@ from scipy.signal import StateSpace, cont2discrete, dlsim
 import romsindy as rs
 from romsindy import ForcedVibration, identify, refine
 from romsindy.fit.fitted import _undetermined
-from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
+from romsindy.fit.forced.record import ForcedRecord
 from romsindy.fit.signs import stand_ins
 from romsindy.physics.input import Input
 from romsindy.show.plots import plot_forced_response
@@ -82,6 +83,35 @@ def test_a_forced_vibration_gives_back_its_equation(smooth):
     delay, error = fit.delays["force"]
     assert abs(delay) < 4 * error < 1e-3 * DT * 40
     assert "gain [force]" in str(fit) and "m/(s^2 N)" in str(fit)
+
+
+@pytest.mark.parametrize(
+    ("left", "said"),
+    [
+        (lambda x, e: 0.01 * e, "as large where the response is quiet"),
+        (lambda x, e: 0.02 * x * e, "grows with the response"),
+        (lambda x, e: 1e-4 / x * e, "falls with the response"),
+    ],
+)
+def test_what_is_left_is_told_where_the_response_is_quiet_and_loud(left, said):
+    """Noise that is the same, a part of the response, or less where it is loud: rms in closed form.
+
+    Stretches of eight cycles of 0.1 to 1 m, each with white noise of a known size.
+    """
+    cycles, most = 8, np.geomspace(0.1, 1.0, 64)
+    size = np.repeat(np.random.default_rng(0).permutation(most), cycles * 20)
+    t = 0.05 * np.arange(len(size))
+    y = size * np.sin(2 * np.pi * t)
+    residual = left(size, np.random.default_rng(1).standard_normal(len(size)))
+    record = ForcedRecord.of(ForcedVibration(t, y, np.cos(t), unit="m"), 1e-6)
+    verdict = examine_forced([record], [residual], 4)
+    assert said in str(verdict) and verdict.levels.shape == (8, 2)
+    levels = np.array_split(most, 8)
+    response = [np.sqrt(np.mean(x**2) / 2) for x in levels]
+    # Of 1,280 values in a level: the rms of noise is known to 2 %, within four standard errors.
+    expected = [np.sqrt(np.mean(left(x, 1.0) ** 2 * np.ones(len(x)))) for x in levels]
+    np.testing.assert_allclose(verdict.levels[:, 0], response, rtol=0.01)
+    np.testing.assert_allclose(verdict.levels[:, 1], expected, rtol=0.08)
 
 
 @pytest.mark.parametrize("derivative", [1, pytest.param(2, marks=pytest.mark.slow)])

@@ -15,13 +15,13 @@ from romsindy.fit.functions import evidence, prior
 from romsindy.fit.functions.cone import lifted, nearest
 from romsindy.fit.functions.evidence import dispersion
 from romsindy.fit.functions.posterior import _inside, _positive, draw
-from romsindy.fit.functions.series import Scales, Series, Sizes
+from romsindy.fit.functions.series import Magnitudes, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of
 from romsindy.fit.measured import prepared
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.example import add_noise
 
-SCALES = Scales(reach=0.02, rate=40.0, decay=0.4)
+SCALES = Magnitudes(reach=0.02, rate=40.0, decay=0.4)
 SMALL = Sizes(5, 3, 3)
 
 
@@ -101,7 +101,7 @@ def test_damping_follows_the_inertia():
 
 def linearised_record(signal, sizes=TINY):
     records = prepared(signal, "m", coloured=True)
-    equation = Series.linear(Scales(1.0, 38.5, 0.6), sizes)
+    equation = Series.linear(Magnitudes(1.0, 38.5, 0.6), sizes)
     return linearised(equation, windows_of(records), records)
 
 
@@ -180,7 +180,7 @@ def agree(linear, matrix, p, jump):
 def test_evidence_is_the_marginal_likelihood():
     """Against the normal density of the signal itself, with all that is unknown integrated out."""
     rng = np.random.default_rng(3)
-    equation = Series.linear(Scales(1.0, 1.0, 1.0), Sizes(3, 1, 1))
+    equation = Series.linear(Magnitudes(1.0, 1.0, 1.0), Sizes(3, 1, 1))
     p = len(equation.values)
     rows = rng.standard_normal((p + 8, p + 1))
     triangle = np.linalg.qr(rows, mode="r")
@@ -197,7 +197,9 @@ def test_evidence_is_the_marginal_likelihood():
 
 def test_process_noise_is_none_for_an_exact_equation_and_some_for_a_wandering_one():
     records = prepared(decay(STIFF, seconds=6.0), "m")
-    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records)
+    equation = evidence.regressed(
+        Series.linear(Magnitudes(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records
+    )
     none = np.zeros((0, len(equation.values) + 1))
     assert (
         evidence.fit(equation, windows_of(records), records, none).jump < 1e-3
@@ -218,7 +220,7 @@ def test_colour_counts_where_no_more_than_noise_is_left(sizes, coloured):
     3/8 gamma_3 a^2 / omega^2 = 8 %.
     """
     records = prepared(in_noise("rough", 6.0, 2), "m", coloured=True)
-    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), sizes), records)
+    equation = evidence.regressed(Series.linear(Magnitudes(1.0, 38.5, 0.6), sizes), records)
     none = np.zeros((0, len(equation.values) + 1))
     found = evidence.fit(equation, windows_of(records), records, none)
     (noise,) = (record.noise for record in found.records)
@@ -229,7 +231,9 @@ def test_colour_counts_where_no_more_than_noise_is_left(sizes, coloured):
 def test_a_motion_beyond_all_numbers_is_refused_in_words():
     """Of a simpler structure that is tried from where another has ended, over a whole record."""
     records = prepared(in_noise("slow", 6.0, 2), "m", coloured=True)
-    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records)
+    equation = evidence.regressed(
+        Series.linear(Magnitudes(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records
+    )
     none, steep = np.zeros((0, len(equation.values) + 1)), equation.moved(1e200 * equation.values)
     found = evidence.fit(equation, windows_of(records), records, none)
     (record,) = found.records
@@ -282,7 +286,7 @@ def test_dispersion_is_one_for_noise_and_counts_repeated_samples():
     for held in (1, 4):
         noise = np.repeat(rng.standard_normal(-(-len(clean.t) // held)), held)[: len(clean.t)]
         records = prepared(rs.Decay(clean.t, clean.q + 0.003 * noise, unit="m"), "m")
-        equation = Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3))
+        equation = Series.linear(Magnitudes(1.0, 38.5, 0.6), Sizes(5, 0, 3))
         equation = evidence.regressed(equation, records)
         none = np.zeros((0, len(equation.values) + 1))
         found.append(dispersion(evidence.fit(equation, windows_of(records), records, none)))
@@ -536,7 +540,9 @@ def test_a_simulation_is_limited_by_the_model():
 def test_draws_belong_to_the_fit():
     """Mean and scatter of draws are those of the normal posterior where h >= 0 does not bind."""
     records = prepared(decay(STIFF), "m")
-    equation = evidence.regressed(Series.linear(Scales(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records)
+    equation = evidence.regressed(
+        Series.linear(Magnitudes(1.0, 38.5, 0.6), Sizes(5, 0, 3)), records
+    )
     none = np.zeros((0, len(equation.values) + 1))
     found = evidence.fit(equation, windows_of(records), records, none)
     draws = draw(found, 4000, np.random.default_rng(0))

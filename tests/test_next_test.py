@@ -13,8 +13,7 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.beam import Beam
 from romsindy.diagnosis import BeamReport
-from romsindy.diagnosis.experiment import EXPERIMENTS, Experiment
-from romsindy.diagnosis.next_test import Extrapolation
+from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment, Extrapolation
 from romsindy.diagnosis.on_beam.instrumented import InstrumentedBeam
 from romsindy.effects import (
     CubicStiffness,

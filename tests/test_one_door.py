@@ -10,12 +10,11 @@ from scipy.integrate import solve_ivp
 import romsindy as rs
 from romsindy.commands.diagnose import _CODES
 from romsindy.commands.main import main
-from romsindy.commands.measurement import Choice, decays_in
+from romsindy.commands.measurement import Selection, decays_in
 from romsindy.diagnosis import decay_search, diagnose
-from romsindy.diagnosis.checks import shared_part
-from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance import WIDEST, Tolerance
+from romsindy.diagnosis.arguments import shared_part
+from romsindy.diagnosis.diagnose import model_of_simulation
+from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.tolerance_sources import of_repeats
 from romsindy.diagnosis.verdict import Verdict
 from romsindy.diagnosis.words import difference, over_sensors
@@ -53,7 +52,7 @@ def written(path, x, unit="mm", scale=1e3):
 
 def read(path, **chosen):
     told = []
-    return decays_in(path, READING, Choice(**chosen), told.append), "\n".join(told)
+    return decays_in(path, READING, Selection(**chosen), told.append), "\n".join(told)
 
 
 @pytest.fixture
@@ -151,9 +150,9 @@ def test_columns_are_chosen_as_for_identify(tmp_path):
     with pytest.raises(ValueError, match="2 columns could be the measured one"):
         read(file)
     chosen = READING | {"column": ("a",)}
-    assert len(decays_in(file, chosen, Choice(), print)) == 1
+    assert len(decays_in(file, chosen, Selection(), print)) == 1
     several = READING | {"column": ("a", "b")}
-    assert len(decays_in(file, several, Choice(mode=1), lambda _: None)) == 1
+    assert len(decays_in(file, several, Selection(mode=1), lambda _: None)) == 1
 
 
 def test_a_saved_decay_that_is_free_is_taken_as_it_is(tmp_path):

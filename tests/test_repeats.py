@@ -10,11 +10,11 @@ from test_diagnosis import LONG, MODEL, NOMINAL, OMEGA, decay
 
 import romsindy as rs
 from romsindy.diagnosis import diagnose
-from romsindy.diagnosis.decay_search import DecaySearch
-from romsindy.diagnosis.plain_values import other_values, without_effects
-from romsindy.diagnosis.search import Options, with_whole_exponent
-from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.unsure import allowed, nuisances, unsure_parts
+from romsindy.diagnosis.decay_search import DecaySearch, ProcessNoise
+from romsindy.diagnosis.difference import Tolerance
+from romsindy.diagnosis.evidence import allowed, nuisances
+from romsindy.diagnosis.search import Options, unsure_parts, with_whole_exponent
+from romsindy.diagnosis.workflow import other_values, without_effects
 from romsindy.effects import CATALOGUE, AirDrag, Bias, CubicStiffness, Gain, Viscous
 from romsindy.effects.outside import SensorNonlinearity
 from romsindy.fit.part import Part
@@ -111,7 +111,7 @@ def test_nuisances_stay_within_what_is_known():
     records = [Record.loud(again(gain=1.05, offset=0.3, curvature=0.03), 2e-4)]
     parts = unsure_parts(MODEL, ("omega^2", "c_linear"), {}, scales(records), 1)
     options = Options((), 0.01, 1, 2e-4, 1, lambda _: None)
-    search = DecaySearch.of(MODEL, records, parts, options)
+    search = DecaySearch(MODEL, records, parts, options, ProcessNoise())
     slack = replace(search, free=nuisances(records)).hypothesis([])
     _, found = without_effects(search, slack, search.hypothesis([]), ())
     values = {p.effect.name: float(p.strengths[0, 0]) for p in found.parts}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import romsindy as rs
-from romsindy.fit.functions.sensor import Sensor, curvature_for
+from romsindy.fit.functions.sensor import SensorCurvature, curvature_for
 from romsindy.physics.example import add_noise
 
 
 def test_what_a_sensor_shows_and_its_derivatives():
-    sensor, x = Sensor(0.01, 2), np.linspace(-2, 2, 7)
+    sensor, x = SensorCurvature(0.01, 2), np.linspace(-2, 2, 7)
     values = np.array([0.03, 0.1, -0.2])
     shown, slope = sensor.shown(values, x, 2.0, 1)
     assert shown == pytest.approx(x + 0.03 * x * x / 2 - 0.2 * 2)

@@ -19,7 +19,7 @@ from romsindy.commands.main import main
 from romsindy.effects import AirDrag
 from romsindy.physics.example import EXAMPLE_MODEL
 from romsindy.show import diagnosis_plots, plots
-from romsindy.show.facts import Fact, tell
+from romsindy.show.axes import Fact, tell
 from romsindy.show.interactive import curves, translated
 from romsindy.show.overview import write_overview
 from romsindy.show.page import Picture

@@ -11,10 +11,9 @@ from test_diagnosis import LONG, MODEL, OMEGA, decay
 import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.diagnosis import decay_search, diagnose, search
-from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.diagnose import model_of_simulation
+from romsindy.diagnosis.difference import WIDEST, Difference, Tolerance
 from romsindy.diagnosis.held_out import SHORTEST, parted
-from romsindy.diagnosis.simulated import model_of_simulation
-from romsindy.diagnosis.tolerance import WIDEST, Tolerance
 from romsindy.diagnosis.tolerance_sources import of_repeats, stated
 from romsindy.diagnosis.words import odds
 from romsindy.fit.record import Record

@@ -2,6 +2,7 @@
 
     python benchmarks/diagnosis/forced.py --first 0 --count 60 --nulls 40 --list
     python benchmarks/diagnosis/forced.py --noise force           # or coloured, input
+    python benchmarks/diagnosis/forced.py --count 0 --nulls 0 --far 20
 
 A trial is drawn from its seed alone, and shares no class with romsindy: the oscillator and its laws
 are those of oscillator.py, laws.py and outside.py, integrated by DOP853 (by RK4 where the input is
@@ -11,7 +12,8 @@ resonance, up or down, 100 to 160 cycles, 20 samples a cycle of the linear frequ
 wrong, the simulation knows the gain of the input; elsewhere it is fitted. Seeds below 50000 are for
 development. Other noises: coloured, each sample keeps 0.95 of the one before, 35 dB; a force that
 nobody measured, white up to half the sampling rate, 5 % of the force; noise of its sensor, 2 %;
-these two beside the white one 20 dB lower.
+these two beside the white one 20 dB lower. Far off are linear simulations of systems that have
+cubic stiffness and dry friction.
 
 Left out is what another value that is always fitted stands for, a constant force (the zero of the
 sensor), and what belongs to decays: effects that remember, a second mode that rings down, hum.
@@ -22,7 +24,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import laws
 import numpy as np
@@ -47,6 +49,8 @@ _TURN = 2 * math.pi
 _SAMPLES, _SNR_DB, _SUBSTEPS = 20, 40.0, 8
 _CREEP = 2e-3
 NOISES = ("white", "coloured", "force", "input")
+ROWS = ("forced", "forced_null", "forced_far")
+FAR = ("cubic_stiffness", "dry_friction")  # of which a linear simulation knows nothing
 _COLOURED_DB, _UNKNOWN, _SENSED = 35.0, 0.05, 0.02
 _FAR = 1e3  # amplitudes, from which nothing comes back
 _CHANGED = {"medium": 0.03, "strong": 0.1}  # of the gain of the input
@@ -86,26 +90,28 @@ class Escaped(Exception):
     """A motion that grows without end, as of a spring that softens: nobody records it."""
 
 
-def trial_of(seed: int, null: bool, noise: str = "white") -> Trial:
-    """Draw one trial, again where its motion escapes."""
-    rng = np.random.default_rng([7, int(null), seed])
+def trial_of(seed: int, row: str, noise: str = "white") -> Trial:
+    """Draw one trial of a row, again where its motion escapes."""
+    rng = np.random.default_rng([7, ROWS.index(row), seed])
     while True:
         try:
-            return _drawn(rng, seed, null, noise)
+            return _drawn(rng, seed, row, noise)
         except Escaped:
             continue
 
 
-def _drawn(rng: np.random.Generator, seed: int, null: bool, noise: str) -> Trial:
+def _drawn(rng: np.random.Generator, seed: int, row: str, noise: str) -> Trial:
     nominal = Nominal.drawn(rng)
-    name = "" if null else hidden_in(seed)
+    names = {"forced": (hidden_in(seed),), "forced_null": (), "forced_far": FAR}[row]
+    if row == "forced_far":
+        nominal = replace(nominal, g=(0.0,) * 4, u=(0.0,) * 3)
+    name = names[0] if names else ""
     strength = str(rng.choice(["medium", "strong"]))
     known = name in _KNOWN or rng.random() < 0.5
     sweeps = _sweeps(nominal, rng)
     spans = [(0.0, s.length) for s in sweeps]
-    effects = []
-    if name in _MAKERS:
-        effects = [_MAKERS[name](name, Setting(strength, nominal.zeta, spans, 1.0, rng))]
+    setting = Setting(strength, nominal.zeta, spans, 1.0, rng)
+    effects = [_MAKERS[n](n, setting) for n in names if n in _MAKERS]
     step = _TURN / _SAMPLES
     factor, late = 1.0, 0.0
     if name == "input_gain":
@@ -141,7 +147,7 @@ def _drawn(rng: np.random.Generator, seed: int, null: bool, noise: str) -> Trial
     model = rs.ReducedModel.from_coefficients(coefficients, unit="m")
     about = f"{'known' if known else 'fitted'} gain,"
     truth = {
-        "effects": {name: effects[0].truth if effects else {}} if name else {},
+        "effects": {n: {} for n in names} | {e.name: e.truth for e in effects},
         "strength": f"{strength if name else 'none'}, {about}",
         "noise": noise,
         "snr_db": _SNR_DB,
@@ -233,11 +239,11 @@ def held(nominal: Nominal, push: Callable[[float], float], t: np.ndarray) -> np.
     return np.array(found)
 
 
-def one(seed: int, null: bool, noise: str = "white") -> dict:
+def one(seed: int, row: str, noise: str = "white") -> dict:
     """Diagnose one trial, and mark it."""
-    trial = trial_of(seed, null, noise)
+    trial = trial_of(seed, row, noise)
     result = asked_of(lambda: rs.diagnose(trial.model, trial.records), trial.truth)
-    return {"trial": f"{'null' if null else 'forced'}_{seed}", "seed": seed, **result}
+    return {"trial": f"{row}_{seed}", "seed": seed, **result}
 
 
 def main() -> None:
@@ -245,18 +251,19 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--count", type=int, default=60, help="systems with a hidden effect")
     parser.add_argument("--nulls", type=int, default=40, help="systems without")
+    parser.add_argument("--far", type=int, default=0, help="linear models of systems with two")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--noise", choices=NOISES, default="white")
     parser.add_argument("--list", action="store_true", help="what was not right first")
     chosen = parser.parse_args()
-    rows = {
-        "forced": (chosen.count, False, "right first in 90 %, named and wrong at most 2 %"),
-        "forced_null": (chosen.nulls, True, '"none" in all'),
-    }
-    for name, (count, null, asked) in rows.items():
+    rows = zip(ROWS, (chosen.count, chosen.nulls, chosen.far), strict=True)
+    for row, count in rows:
+        if not count:
+            continue
         seeds = range(chosen.first, chosen.first + count)
-        results = Parallel(chosen.jobs)(delayed(one)(seed, null, chosen.noise) for seed in seeds)
-        print(line(name, results, asked), flush=True)
+        results = Parallel(chosen.jobs)(delayed(one)(seed, row, chosen.noise) for seed in seeds)
+        named = "right first in 90 %, named and wrong at most 2 %"
+        print(line(row, results, '"none" in all' if row == "forced_null" else named), flush=True)
         for text in problems(results) if chosen.list else ():
             print(text, flush=True)
 

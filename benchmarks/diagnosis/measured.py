@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 import romsindy as rs
-from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.diagnosis.diagnose import model_of_simulation
 from romsindy.fit.refine import refine
 
 

@@ -18,7 +18,7 @@ from joblib import Parallel, delayed
 from score import Said, marks
 
 import romsindy as rs
-from romsindy.diagnosis.experiment import EXPERIMENTS, Experiment
+from romsindy.diagnosis.next_test import EXPERIMENTS, Experiment
 
 
 def outcome(

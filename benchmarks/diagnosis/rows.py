@@ -14,7 +14,7 @@ from noises import KINDS
 from repeats import MOVED, pair_of
 
 import romsindy as rs
-from romsindy.diagnosis.simulated import model_of_simulation
+from romsindy.diagnosis.diagnose import model_of_simulation
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from romsindy.beam import kernel
-from romsindy.beam.structure import Section, Structure
+from romsindy.beam.structure import BeamStructure, Section
 from romsindy.effects.mounting import MountedLaw, Point, PointMass, Vector
 from romsindy.physics.validation import require_position
 
@@ -89,7 +89,7 @@ def _force_of(loads: Sequence[MountedLaw], point: Point) -> Vector:
 class Assembly:
     """Everything that statics, modes and the transient need to know of a beam."""
 
-    def __init__(self, structure: Structure) -> None:
+    def __init__(self, structure: BeamStructure) -> None:
         self.n_elements = structure.elements
         self.n_nodes = 2 * structure.elements + 1
         self.s = np.linspace(0.0, structure.length, self.n_nodes)

@@ -16,7 +16,7 @@ from romsindy.beam.integrator import RadauIIA
 from romsindy.beam.motion import Motion, Sensor, SensorArray, place_sensors
 from romsindy.beam.reduction import reduce, reduce_modes
 from romsindy.beam.static_shapes import StaticCurve, follow_static_curve
-from romsindy.beam.structure import Section, Spring, Structure
+from romsindy.beam.structure import BeamStructure, Section, Spring
 from romsindy.beam.transient import NormalMode, find_normal_mode, simulate
 from romsindy.effects.mounting import MountedLaw, PointMass
 from romsindy.physics.coupled import CoupledModel
@@ -25,10 +25,10 @@ from romsindy.physics.validation import require_finite, require_positive
 
 
 @dataclass(frozen=True)
-class Beam(Structure):
+class Beam(BeamStructure):
     """A planar, geometrically exact beam, straight at rest along x, with gravity and effects.
 
-    The parameters are those of `Structure`.
+    The parameters are those of `BeamStructure`.
     """
 
     @classmethod

@@ -29,18 +29,12 @@ Part = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class RadauIIA:
-    """The method with `stages` stages, of order 2 * stages - 1.
-
-    Attributes
-    ----------
-    c : (stages,) array
-        Times of the stages as parts of the step; the last is 1.
-    A : (stages, stages) array
-        The Butcher matrix; its last row holds the weights b.
-    """
+    """The method with `stages` stages, of order 2 * stages - 1."""
 
     stages: int = 3
+    # (stages,), times of the stages as parts of the step; the last is 1
     c: np.ndarray = field(init=False, repr=False)
+    # (stages, stages), the Butcher matrix; its last row holds the weights b
     A: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -138,10 +138,7 @@ class SensorArray:
 def place_sensors(assembly: Assembly, sensors: Sequence[Sensor | float]) -> SensorArray:
     """Return the sensors on a beam; a bare position, m, stands for a transverse and an axial one.
 
-    Raises
-    ------
-    ValueError
-        For no sensors, or one off the beam.
+    Raises a ValueError for no sensors, or one off the beam.
     """
     placed: list[Sensor] = []
     for sensor in sensors:

@@ -31,7 +31,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from romsindy.beam.assembly import Assembly, factorise, solve
 from romsindy.beam.equilibrium import ModalBasis, Shape, find_displaced, solve_modes, work
-from romsindy.beam.structure import Structure
+from romsindy.beam.structure import BeamStructure
 from romsindy.physics.validation import require_positive
 from romsindy.text import bar
 
@@ -42,7 +42,7 @@ class StaticCurve:
 
     Attributes
     ----------
-    beam : Structure
+    beam : BeamStructure
     basis : ModalBasis
         The modes about the equilibrium.
     mode : int
@@ -59,7 +59,7 @@ class StaticCurve:
         Their derivatives with respect to q.
     """
 
-    beam: Structure
+    beam: BeamStructure
     basis: ModalBasis
     mode: int
     reach: float
@@ -147,12 +147,8 @@ def follow_static_curve(
 
     The values are evenly spaced; each direction is walked outwards from the equilibrium.
 
-    Raises
-    ------
-    ValueError
-        For an amplitude that is not positive, no cases, or a mode that does not exist.
-    NoEquilibriumError
-        If the beam cannot be held that far.
+    Raises a ValueError for an amplitude that is not positive, no cases, or a mode that does not
+    exist, and a NoEquilibriumError if the beam cannot be held that far.
     """
     require_positive("amplitude", amplitude)
     require_positive("cases", cases)
@@ -259,10 +255,7 @@ def find_static_surface(
     The points are on shells around the equilibrium, see `shells`. Each case starts from the one
     solved before that is nearest.
 
-    Raises
-    ------
-    NoEquilibriumError
-        If the beam cannot be held somewhere in the ellipsoid.
+    Raises a NoEquilibriumError if the beam cannot be held somewhere in the ellipsoid.
     """
     basis = solve_modes(assembly, equilibrium, max(modes))
     points = shells(len(modes), cases)

@@ -131,10 +131,7 @@ def springs_of(beam: Any) -> list[Spring]:
 def find_spring(beam: Any) -> Spring:
     """Return the one spring of a beam.
 
-    Raises
-    ------
-    ValueError
-        If there is none, or more than one.
+    Raises a ValueError if there is none, or more than one.
     """
     springs = springs_of(beam)
     if len(springs) != 1:
@@ -181,7 +178,7 @@ CLAMPED = Support((True, True, True))
 
 
 @dataclass(frozen=True)
-class Structure:
+class BeamStructure:
     """The data of a `Beam`; everything that is computed from it lies above.
 
     Parameters

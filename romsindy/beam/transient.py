@@ -24,7 +24,7 @@ from romsindy.beam.equilibrium import ModalBasis, Shape, find_equilibrium, hold,
 from romsindy.beam.excitation import Excitation
 from romsindy.beam.integrator import FINEST, Budget, Integrator, RadauIIA, Stepper
 from romsindy.beam.motion import Cost, Motion, Recorder, SensorArray, StepTooLongError
-from romsindy.beam.structure import Structure
+from romsindy.beam.structure import BeamStructure
 from romsindy.physics.validation import require_finite, require_positive
 from romsindy.text import bar, on_terminal
 
@@ -212,7 +212,7 @@ class NormalMode:
 
 
 def find_normal_mode(
-    structure: Structure,
+    structure: BeamStructure,
     tip_displacements: Sequence[float],
     mode: int = 1,
     forces: int = 5,
@@ -223,7 +223,7 @@ def find_normal_mode(
 
     Parameters
     ----------
-    structure : Structure
+    structure : BeamStructure
         The beam; effects that dissipate have no such orbits.
     tip_displacements : sequence of float
         Transverse displacement of the tip from equilibrium at one turning point, m; best in the

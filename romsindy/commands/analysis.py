@@ -78,10 +78,7 @@ class Recipe:
 def regressed(title: str, decays: Sequence[Decay], picked: str, recipe: Recipe) -> Identified:
     """Make the regressions of the free decays of one mode; ``picked`` was used of the record.
 
-    Raises
-    ------
-    ValueError
-        If the decays cannot be used, or the recipe contradicts them.
+    Raises a ValueError if the decays cannot be used, or the recipe contradicts them.
     """
     free, backbones = _used(decays, recipe.amplitude)
     backbone = joined(backbones)
@@ -109,10 +106,7 @@ def identified(title: str, decays: Sequence[Decay], picked: str, asked: Asked) -
 
     An interrupt leaves the regressions, and the report says so.
 
-    Raises
-    ------
-    ValueError
-        If the decays cannot be used, or the options contradict them.
+    Raises a ValueError if the decays cannot be used, or the options contradict them.
     """
     free, backbones = _used(decays, None)
     backbone, fixed = joined(backbones), asked.fix

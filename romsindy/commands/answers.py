@@ -77,12 +77,8 @@ class Telling:
         The job takes a file, or None for the example, and the page that it writes, whose name has
         this ending; it gives a result.
 
-        Raises
-        ------
-        click.UsageError
-            If there is no file, or options are for one.
-        click.exceptions.Exit
-            If something was refused or interrupted.
+        Raises a UsageError if there is no file, or options are for one, and an Exit if something
+        was refused or interrupted.
         """
         files = tuple(dict.fromkeys(files))
         if example == bool(files):

@@ -17,7 +17,7 @@ import numpy as np
 from romsindy.beam import load_beam
 from romsindy.commands.inputs import Inputs, input_options
 from romsindy.commands.main import INTERRUPTED
-from romsindy.commands.measurement import Choice, decays_in
+from romsindy.commands.measurement import Selection, decays_in
 from romsindy.commands.options import (
     INPUTS,
     READING,
@@ -40,7 +40,7 @@ from romsindy.commands.outputs import (
 )
 from romsindy.diagnosis import BeamReport
 from romsindy.diagnosis import diagnose as run_diagnosis
-from romsindy.diagnosis.tolerance import KINDS
+from romsindy.diagnosis.difference import KINDS
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.coupled import AnyModel
@@ -212,14 +212,14 @@ def diagnose(
     if sum(f is not None for f in (simulated, model_file, beam_file)) != 1:
         raise click.UsageError("name one of --simulated, --model and --beam")
     page = report or default_page(f"{measured[0].stem}_diagnosis.html")
-    choice = Choice(mode, band, release, whole)
+    choice = Selection(mode, band, release, whole)
     simulation: dict[str, Any] = {}
     if beam_file is not None:
-        if choice != Choice():
+        if choice != Selection():
             raise click.UsageError("--mode, --band, --release and --whole belong to one column")
         beam, sensors, columns = load_beam(beam_file)
         simulation = {"model": beam, "sensors": sensors}
-        reading["column"], choice = columns, Choice(whole=True)
+        reading["column"], choice = columns, Selection(whole=True)
     elif simulated is not None:
         simulation = {"model": _series(simulated, reading["unit"])}
     elif model_file is not None:
@@ -297,7 +297,7 @@ def _equation(simulation: AnyModel | Estimate) -> AnyModel:
 def _series(path: Path, unit: str | None) -> Decay:
     """The largest of the simulated decays in a file."""
     reading = dict.fromkeys(("quantity", "time", "rate", "start", "end")) | {"unit": unit}
-    decays = decays_in(path, reading | {"column": ()}, Choice(), _note)
+    decays = decays_in(path, reading | {"column": ()}, Selection(), _note)
     return max(decays, key=lambda decay: float(np.ptp(decay.q)))
 
 
@@ -313,7 +313,7 @@ def _note_inputs(simulation: AnyModel | Estimate) -> None:
 
 
 def _records_in(
-    file: Path, driven: Inputs, reading: Mapping[str, Any], choice: Choice
+    file: Path, driven: Inputs, reading: Mapping[str, Any], choice: Selection
 ) -> Sequence[Any]:
     """The decays of a file, or the vibration in it that inputs drive."""
     if driven.inputs:

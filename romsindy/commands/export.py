@@ -75,10 +75,7 @@ def _code(model: AnyModel, language: str, name: str) -> str:
 def _model(text: str) -> AnyModel:
     """The model of a file, also of a diagnosis.
 
-    Raises
-    ------
-    ValueError
-        If the text holds no model, or a diagnosis whose model lacks what it found.
+    Raises a ValueError if the text holds no model, or a diagnosis whose model lacks what it found.
     """
     content = read_json(text)
     if not (isinstance(content, dict) and {"model", "effects"} <= {*content}):
@@ -96,10 +93,7 @@ def _model(text: str) -> AnyModel:
 def _short(text: str) -> ReducedModel:
     """The few terms that follow what was identified.
 
-    Raises
-    ------
-    ValueError
-        If the text holds no identification, or no few terms follow.
+    Raises a ValueError if the text holds no identification, or no few terms follow.
     """
     found = estimate_of(text)
     if not isinstance(found, Identification):

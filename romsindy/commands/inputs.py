@@ -62,10 +62,7 @@ class Inputs:
     def check(self, decays: Mapping[str, str], driven: Sequence[str] = ()) -> None:
         """Refuse options for free decays alone, what to do without each, and for driven records.
 
-        Raises
-        ------
-        click.UsageError
-            If there are such.
+        Raises a UsageError if there are such.
         """
         if self.inputs:
             refuse_beside("input", "free decays", {**PARTS, **decays})
@@ -83,10 +80,7 @@ class Inputs:
     def load(self, file: Path, reading: Mapping[str, Any]) -> ForcedVibration:
         """The record in a file.
 
-        Raises
-        ------
-        ValueError
-            If the file cannot be understood, or does not hold these inputs.
+        Raises a ValueError if the file cannot be understood, or does not hold these inputs.
         """
         counts = [self.inputs[: i + 1].count(kind) for i, kind in enumerate(self.inputs)]
         pairs = zip(self.inputs, counts, strict=True)

@@ -15,7 +15,7 @@ from romsindy.record.files.load import named
 from romsindy.text import bar, listed
 
 
-class Choice(NamedTuple):
+class Selection(NamedTuple):
     """What of a file is meant."""
 
     mode: int | None = None
@@ -31,17 +31,14 @@ class Choice(NamedTuple):
 
 
 def decays_in(
-    file: Path, reading: Mapping[str, Any], choice: Choice, say: Callable[[str], object]
+    file: Path, reading: Mapping[str, Any], choice: Selection, say: Callable[[str], object]
 ) -> list[Decay]:
     """Decays of a file, one of every release, found as `identify` finds them.
 
     A filter would take away what a diagnosis is to name: hum, an offset, a second mode that is
     faint. A mode is isolated only where it is asked for; ``say`` is told what was chosen.
 
-    Raises
-    ------
-    ValueError
-        If the file cannot be understood, or does not hold what was chosen.
+    Raises a ValueError if the file cannot be understood, or does not hold what was chosen.
     """
     if choice.whole:
         return [load_decay(file, **{**reading, "column": list(reading["column"]) or None})]
@@ -60,7 +57,7 @@ def decays_in(
         return _chosen(found, choice, lambda line: say(f"{file}: {line}"))
 
 
-def _chosen(found: Inspection, choice: Choice, say: Callable[[str], object]) -> list[Decay]:
+def _chosen(found: Inspection, choice: Selection, say: Callable[[str], object]) -> list[Decay]:
     try:
         mode = found.mode(choice.mode, choice.band)
     except ValueError as error:

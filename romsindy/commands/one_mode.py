@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from romsindy.commands.measurement import Choice
+from romsindy.commands.measurement import Selection
 from romsindy.commands.options import grouped, read
 from romsindy.commands.results import Result
 from romsindy.inspection.inspection import Inspection, inspect
@@ -69,21 +69,19 @@ def of_one_mode(
     file: Path | None,
     page: Path,
     reading: Mapping[str, Any],
-    choice: Choice,
+    choice: Selection,
     analyse: Analysis,
     seed: int,
     interactive: bool,
 ) -> Result:
     """Analyse one mode of a file, or of the example, and write its page.
 
-    Raises
-    ------
-    ValueError
-        If the file cannot be understood, or does not hold what was chosen; as ``analyse``.
+    Raises a ValueError if the file cannot be understood, or does not hold what was chosen; as
+    ``analyse``.
     """
     title, found = inspected(file, reading, seed)
     # What is wrong with samples is no news for a choice that does not exist.
-    with of_file(file, found.warnings if choice == Choice() else ()):
+    with of_file(file, found.warnings if choice == Selection() else ()):
         mode = found.mode(choice.mode, choice.band)
         releases = found.rings_in(mode, choice.release)
     used = picked(found, mode, releases)

@@ -57,11 +57,8 @@ reading_options = grouped(
 class HeadedCommand(click.Command):
     """A command whose --help lists its options under headings.
 
-    Parameters
-    ----------
-    headings : mapping of str to str, optional
-        Names of options, between blanks, by the heading under which they stand; what is in none
-        stands under "Other". Without any all stand under "Options".
+    ``headings`` has the names of options, between blanks, by the heading under which they stand;
+    what is in none stands under "Other". Without any all stand under "Options".
     """
 
     def __init__(
@@ -157,10 +154,7 @@ def command_line(file: Path, reading: Mapping[str, Any]) -> str:
 def refuse_beside(option: str, what: str, others: Mapping[str, str]) -> None:
     """Refuse ``others``, what to do without each by its name, which are for ``what``, beside one.
 
-    Raises
-    ------
-    click.UsageError
-        If one was given.
+    Raises a UsageError if one was given.
     """
     for name in given(others):
         raise click.UsageError(
@@ -180,10 +174,7 @@ def given(names: Iterable[str]) -> list[str]:
 def model_of(text: str) -> AnyModel:
     """The model in a JSON text, as commands take it: one that vibrates about its rest.
 
-    Raises
-    ------
-    ValueError
-        If it is none, or pushed away from its rest.
+    Raises a ValueError if it is none, or pushed away from its rest.
     """
     model = model_from_json(text)
     for name, value in model.coefficients.items():
@@ -200,10 +191,7 @@ def model_of(text: str) -> AnyModel:
 def estimate_of(text: str) -> Estimate | None:
     """What is known of the model in a JSON text; None of a model alone.
 
-    Raises
-    ------
-    ValueError
-        If entries are missing, or do not belong together.
+    Raises a ValueError if entries are missing, or do not belong together.
     """
     content = table("the JSON text", read_json(text))
     if "structures" in content:
@@ -214,10 +202,7 @@ def estimate_of(text: str) -> Estimate | None:
 def text_of(path: Path) -> str:
     """The text of a file.
 
-    Raises
-    ------
-    ValueError
-        If it is none.
+    Raises a ValueError if it is none.
     """
     try:
         return path.read_text(encoding="utf-8")

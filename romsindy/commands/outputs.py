@@ -31,14 +31,9 @@ _FORCE, _CLAIMED, _LOST, _STOPPED = (f"romsindy.{x}" for x in ("force", "claimed
 class Output(click.Path):
     """A file to be written: a place where none can be is refused before the work.
 
-    Parameters
-    ----------
-    mark : str
-        What stands in a file that the same option wrote: `PAGE`, `JSON`, or a text.
-    allow_dash : bool
-        Whether ``-`` is the standard output.
-    kinds : sequence of str
-        Endings that a name may have, where not all may.
+    A ``mark`` stands in a file that the same option wrote: `PAGE`, `JSON`, or a text. With
+    ``allow_dash``, - is the standard output; ``kinds`` are endings that a name may have, if not
+    all.
     """
 
     def __init__(self, mark: str, allow_dash: bool = False, kinds: Sequence[str] = ()) -> None:
@@ -97,10 +92,7 @@ class WritingCommand(HeadedCommand):
 def default_page(name: str, remedy: str = "name another with --report") -> Path:
     """A page of this name, where it can be written.
 
-    Raises
-    ------
-    click.UsageError
-        If it is an input, another output, or a file that this command did not make.
+    Raises a UsageError if it is an input, another output, or a file that this command did not make.
     """
     ctx = click.get_current_context()
     path = Output(PAGE).convert(name, None, ctx)

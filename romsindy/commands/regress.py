@@ -11,7 +11,7 @@ import click
 
 from romsindy.commands.analysis import USUAL, Recipe, regressed
 from romsindy.commands.answers import FIGURE, Telling, answer_options
-from romsindy.commands.measurement import Choice
+from romsindy.commands.measurement import Selection
 from romsindy.commands.one_mode import mode_options, of_one_mode
 from romsindy.commands.options import FILE, READING, damping_option, fix_option, reading_options
 from romsindy.commands.outputs import WritingCommand
@@ -99,7 +99,7 @@ def regress(
 
     def job(file: Path | None, page: Path) -> Any:
         analyse = partial(regressed, recipe=recipe)
-        choice = Choice(mode, band, release)
+        choice = Selection(mode, band, release)
         return of_one_mode(file, page, options, choice, analyse, seed, telling.interactive)
 
     telling.give(job, files, example, "regression")

@@ -67,27 +67,15 @@ class Small(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What came of one file, however that was done.
-
-    Attributes
-    ----------
-    file : str
-    page : Path
-    report : Identified
-    pictures : sequence of Picture
-        Figures of its page.
-    facts : mapping of str to Any
-        What else is known of the record, by name, frequencies in Hz, the rest in SI units.
-    step : str
-        What comes next.
-    """
+    """What came of one file, however that was done."""
 
     file: str
     page: Path
     report: Identified
-    pictures: Sequence[Picture]
+    pictures: Sequence[Picture]  # figures of its page
+    # What else is known of the record, by name, frequencies in Hz, the rest in SI units
     facts: Mapping[str, Any]
-    step: str
+    step: str  # what comes next
 
     @classmethod
     def written(

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from romsindy.commands.answers import SAVE, Telling, answer_options
 from romsindy.commands.one_mode import of_file
 from romsindy.commands.options import FILE, fix_option
 from romsindy.commands.outputs import WritingCommand
 from romsindy.commands.results import Result
-from romsindy.commands.steady_table import SteadyTable
 from romsindy.fit.steady.fit import SteadyFit, fit_steady
 from romsindy.physics.model import ReducedModel
+from romsindy.record.files.choose import conversion
+from romsindy.record.files.columns import Column
+from romsindy.record.files.kinds import reader_of
 from romsindy.record.recording import QUANTITIES, Quantity
+from romsindy.record.units import force_unit
 from romsindy.show.identified import Identified
 from romsindy.text import as_options, bar
+from romsindy.typing import Array
 
 # What remedies of Python are called here; arguments follow by `as_options`.
 _WORDS = (
@@ -162,3 +167,143 @@ def _told(file: Path, table: SteadyTable, fit: SteadyFit, page: Path, interactiv
     report = Identified(f"Steady states {file.name}", found=fit, force_unit=table.force_unit)
     step = _EXPLAINED if fit.verdict.explained else _LACKS
     return Result.written(file, page, report, interactive, facts={}, step=step)
+
+
+# -- the table -------------------------------------------------------------------------------------
+
+
+_UNDERSTOOD = (
+    "a table of steady states has the columns frequency [Hz], force [N] and displacement [m], or"
+    " velocity, acceleration or response; besides force phase [deg], displacement phase [deg],"
+    " displacement 2 [m] and displacement 2 phase [deg] for the second harmonic, and so on, and"
+    " spread [m]"
+)
+_NAME = re.compile(  # a frequency has no phase, and of a force one harmonic is known
+    r"(?!(?:frequency|spread)\b.* phase|(?:frequency|spread|force) [1-9])"
+    rf"(?P<what>frequency|force|spread|response|{'|'.join(QUANTITIES)})(?P<number> [1-9]\d*)?"
+    r"(?: amplitude)?(?P<phase> phase)?"
+)
+_TURNS = {"Hz": 2 * np.pi, "rad/s": 1.0}
+_ANGLES = {"deg": np.pi / 180, "rad": 1.0}
+Key = tuple[str, int, bool]  # what, number of the harmonic, whether its phase
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyTable:
+    """Steady states as `romsindy.fit.steady.fit.fit_steady` takes them."""
+
+    frequency: Array  # (n,), angular, rad/s
+    # (n,), amplitude of the excitation in N, or in another unit as measured; complex with its phase
+    force: NDArray
+    response: NDArray  # (n,) or (n, H), harmonics in SI units, complex with their phases
+    spread: Array | None  # (n,), standard deviation of real and imaginary part of the response
+    quantity: Quantity  # "displacement", "velocity" or "acceleration"
+    unit: str | None  # of q
+    force_unit: str | None
+
+    @classmethod
+    def read(cls, path: Path, quantity: Quantity | None = None, lag: bool = False) -> SteadyTable:
+        """Read a table from a file; ``lag`` is whether a phase is positive where it is late.
+
+        Raises a FileNotFoundError if there is no such file, and a ValueError if a column is not
+        understood, stands twice, is missing, or has another unit.
+        """
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: no such file")
+        columns = _known(reader_of(path)(path).columns)
+        what = _response(columns)
+        name: Quantity = quantity or _quantity(what, columns[what, 1, False])
+        unit, factor = conversion(columns[what, 1, False], None, name)
+        spread = columns.get(("spread", 1, False))
+        force, amplitude = (
+            columns["force", 1, False],
+            force_unit(columns["force", 1, False].unit or ""),
+        )
+        harmonics = [
+            _complex(columns, what, n, -1 if lag else 1)
+            * conversion(columns[what, n, False], None, name)[1]
+            for n in _numbers(columns, what)
+        ]
+        return cls(
+            frequency=_scaled(columns["frequency", 1, False], _TURNS),
+            force=_complex(columns, "force", 1, 1) * (amplitude[1] if amplitude else 1.0),
+            response=harmonics[0] if len(harmonics) == 1 else np.stack(harmonics, axis=1),
+            spread=None if spread is None else spread.values * _factor(spread, name, factor),
+            quantity=name,
+            unit=unit,
+            force_unit=amplitude[0] if amplitude else force.unit,
+        )
+
+
+def _known(columns: list[Column]) -> Mapping[Key, Column]:
+    """Columns by what they hold."""
+    found: dict[Key, Column] = {}
+    for column in columns:
+        name = " ".join(re.split(r"[\s_]+", column.name.strip().lower()))
+        parts = _NAME.fullmatch(name)
+        if parts is None:
+            raise ValueError(f"the column {column.name!r} is not understood: {_UNDERSTOOD}")
+        key = (parts["what"], int(parts["number"] or 1), bool(parts["phase"]))
+        if key in found:
+            raise ValueError(
+                f"the columns {found[key].name!r} and {column.name!r} hold the same: leave out one"
+            )
+        found[key] = column
+    for what in ("frequency", "force"):
+        if (what, 1, False) not in found:
+            raise ValueError(f"there is no column {what!r}: {_UNDERSTOOD}")
+    return found
+
+
+def _response(columns: Mapping[Key, Column]) -> str:
+    """The name under which the response stands."""
+    names = {what for what, _, _ in columns} - {"frequency", "force", "spread"}
+    if len(names) > 1:
+        raise ValueError(f"{' and '.join(sorted(names))} are two responses: leave out one")
+    name = next(iter(names), "response")
+    if (name, 1, False) not in columns:
+        raise ValueError(f"there is no column of the response, such as {name!r}: {_UNDERSTOOD}")
+    return name
+
+
+def _quantity(name: str, column: Column) -> Quantity:
+    """What the response measures, as its unit or its name says it."""
+    if column.quantity is None:
+        raise ValueError(
+            f"nothing says what the column {column.name!r} measures: call it displacement, velocity"
+            " or acceleration, or give quantity="
+        )
+    return column.quantity
+
+
+def _numbers(columns: Mapping[Key, Column], what: str) -> range:
+    """Numbers of the harmonics, which stand without a gap."""
+    numbers = sorted({n for name, n, _ in columns if name == what})
+    if missing := [n for n in range(1, numbers[-1] + 1) if (what, n, False) not in columns]:
+        raise ValueError(
+            f"there is no column '{what} {missing[0]}' for that harmonic: {_UNDERSTOOD}"
+        )
+    return range(1, numbers[-1] + 1)
+
+
+def _complex(columns: Mapping[Key, Column], what: str, n: int, sign: int) -> NDArray:
+    """Amplitudes, with their phases where those stand beside them."""
+    amplitude, phase = columns[what, n, False], columns.get((what, n, True))
+    values = np.asarray(amplitude.values, float)
+    if np.any(values < 0):
+        least = f"the column {amplitude.name!r} holds {values.min():g}"
+        raise ValueError(f"{least}: amplitudes are not negative, half a turn is a phase of 180 deg")
+    return values if phase is None else values * np.exp(sign * 1j * _scaled(phase, _ANGLES))
+
+
+def _scaled(column: Column, units: Mapping[str, float]) -> Array:
+    unit = column.unit or "none"
+    if unit not in units:
+        known = " or ".join(f"[{u}]" for u in units)
+        raise ValueError(f"the column {column.name!r} has the unit {unit}: give {known}")
+    return np.asarray(column.values, float) * units[unit]
+
+
+def _factor(column: Column, quantity: Quantity, usual: float) -> float:
+    """To SI units, those of the response where the column names none."""
+    return usual if column.unit is None else conversion(column, None, quantity)[1]

@@ -1,8 +1,8 @@
 """Find what a simulation lacks: name it, add it, show the gap shrink."""
 
 from romsindy.diagnosis.diagnose import diagnose
-from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.found import FoundEffect
+from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment
 from romsindy.diagnosis.on_beam import BeamReport
 from romsindy.diagnosis.other_mode import InteractionReport
 from romsindy.diagnosis.report import DiagnosisReport

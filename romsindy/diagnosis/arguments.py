@@ -3,18 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, TypeVar, cast
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from romsindy.beam import Beam
+from romsindy.effects import LinearFrequency, QuadraticStiffness, Viscous
 from romsindy.effects.base import Effect
+from romsindy.fit.collocation import Trajectory
+from romsindy.fit.forced.record import ForcedRecord
+from romsindy.fit.gauss_newton import fit
+from romsindy.fit.linear_response import nodes
+from romsindy.fit.part import Part
+from romsindy.fit.record import Record, scales
+from romsindy.fit.verdict import (
+    ABOVE_NOISE,
+    EXPLAINED,
+    LEAST_CYCLES,
+    NO_OVERLAP,
+    OTHER_MODE,
+    REVERSED,
+    REVERSED_IS_BETTER,
+    REVERSED_IS_NO_WORSE,
+    SHARED,
+)
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
+from romsindy.record.signals import rest_level
+from romsindy.record.smoothing import HarmonicSpline, swing
 from romsindy.record.units import UNITS
+from romsindy.text import listed, quantity
+from romsindy.typing import Array
 
 Kind = TypeVar("Kind")
 
@@ -120,10 +144,7 @@ def check_request(
 def forced_alone(measured: object) -> list[ForcedVibration]:
     """Forced vibrations, one or several, as a list; empty where there are none.
 
-    Raises
-    ------
-    ValueError
-        For decays among them.
+    Raises a ValueError for decays among them.
     """
     driven, others = _of_kind(measured, ForcedVibration)
     if driven and others:
@@ -150,10 +171,7 @@ def refuse_beside(what: str, instead: str, **given: object) -> None:
 def driven_of(name: str, given: object) -> list[ForcedVibration]:
     """Driven records of an argument beside driven ``measured``, one or several, as a list.
 
-    Raises
-    ------
-    ValueError
-        For decays, and for anything else.
+    Raises a ValueError for decays, and for anything else.
     """
     found, others = _of_kind(given, ForcedVibration)
     if others:
@@ -167,10 +185,7 @@ def driven_of(name: str, given: object) -> list[ForcedVibration]:
 def reduced(model: AnyModel | Beam) -> ReducedModel:
     """The model, if it is one that driven records can be compared with.
 
-    Raises
-    ------
-    ValueError
-        For a Beam, and for several coordinates.
+    Raises a ValueError for a Beam, and for several coordinates.
     """
     if not isinstance(model, Beam) and model.n_coordinates == 1:
         model.refuse_memory("what is compared here")
@@ -196,9 +211,197 @@ def check_inputs(
                 )
 
 
-def check_repeats(repeats: Sequence[Any]) -> None:
+def check_repeats(repeats: Sequence[Any], word: str = "record") -> None:
     """Raise a ValueError for fewer than two runs of a test, or one that is there twice."""
     if len(repeats) < 2:
-        raise ValueError(f"repeats holds {len(repeats)} record: give two or more of the same test")
+        raise ValueError(f"repeats holds {len(repeats)} {word}: give two or more of the same test")
     if any(a.same_record(b) for i, a in enumerate(repeats) for b in repeats[:i]):
         raise ValueError("repeats holds a record twice: give each run of the test once")
+
+
+# -- records ---------------------------------------------------------------------------------------
+
+
+# Asymmetry drifts with amplitude alone: so many cycles between knots average the noise.
+_ASYMMETRY_CYCLES = 20.0
+
+
+class Shared(NamedTuple):
+    """The part of a decay whose amplitudes the model holds for, and what was left out, in words."""
+
+    decay: Decay
+    left_out: str = ""
+
+
+def shared_part(model: ReducedModel, decay: Decay) -> Shared:
+    """Cut a decay to the amplitudes that the model reaches up and down to, where it says so.
+
+    Raises a ValueError if they have next to none in common.
+    """
+    if model.amplitude_range is None:
+        return Shared(decay)
+    (low, high), unit = model.amplitude_range, model.unit or "[q]"
+    told, x = [], decay.single().q
+    level = rest_level(x, decay.dt) if np.abs(x).max() > high / SHARED else 0.0
+    if level:  # the model has no motion about it
+        told.append(f"rests at {quantity(level, unit)}, which is taken off")
+        decay = replace(decay, q=x - level)
+    centred, cycle = swing(x)
+    envelope = np.sqrt(2 * np.maximum(uniform_filter1d(centred**2, cycle, mode="mirror"), 0.0))
+    largest = float(envelope.max())
+    first = int(np.flatnonzero(np.append(True, envelope > high / SHARED))[-1])
+    last = int(np.flatnonzero(np.append(True, envelope >= SHARED * low))[-1])
+    if last - first < 2 * cycle:
+        if NO_OVERLAP * low <= largest <= high / SHARED:
+            return Shared(decay, listed(told or [""]))  # a little below
+        raise ValueError(
+            f"it reaches {largest:.3g}, the model holds from {low:.3g} to {high:.3g} {unit}: no"
+            " overlap in amplitude, so of other scale; check the unit of the record, or excite"
+            f" {'more' if largest < low else 'less'}"
+        )
+    if first:
+        reached = float(np.ptp(x)) / 2
+        told.append(f"reaches {quantity(reached, unit)}, the model {quantity(high, unit)}")
+    if last < len(x):
+        told.append(f"falls below {quantity(low, unit)}, the least of the model")
+    if not told:
+        return Shared(decay)
+    part = decay.between(float(decay.t[first]), float(decay.t[last - 1]))
+    return Shared(part, f"{listed(told)}: compared from {part.t[0]:.4g} to {part.t[-1]:.4g} s")
+
+
+def checked_records(
+    model: ReducedModel, decays: Sequence[Decay], floor: float, word: str = "decay"
+) -> list[Record]:
+    """Prepare records, and refuse those that the model cannot be about: "decay 0" in messages."""
+    records = []
+    for i, decay in enumerate(decays):
+        name = f"{word} {i}"
+        try:
+            record = Record.loud(shared_part(model, decay).decay, floor)
+        except ValueError as error:
+            raise ValueError(f"{name} cannot be analysed: {error}") from error
+        n_cycles = _turns(record) / (2 * np.pi)
+        if n_cycles < LEAST_CYCLES:
+            raise ValueError(
+                f"{name} holds {n_cycles:.1f} cycles, at least {LEAST_CYCLES} are needed: record"
+                " longer, or start earlier"
+            )
+        signal = record.spline(record.t)[0]
+        if np.std(signal) < ABOVE_NOISE * record.noise.std:
+            raise ValueError(
+                f"{name} is noise: its vibration (rms {np.std(signal):.3g}) is below twice the"
+                f" noise (rms {record.noise.std:.3g}); check the channel, or excite more"
+            )
+        _check_frequency(model, record, name)
+        records.append(record)
+    _check_sign(model, records, word)
+    return records
+
+
+def _turns(record: Record) -> float:
+    t = record.t
+    return float(record.spline.phase(t[-1]) - record.spline.phase(t[0]))
+
+
+def _check_frequency(model: ReducedModel, record: Record, name: str) -> None:
+    measured = _turns(record) / record.t[-1]
+    largest = float(np.ptp(record.motion.q)) / 2  # an offset is no amplitude
+    reach = model.amplitude_range
+    top = largest if reach is None else min(largest, reach[1])
+    said = model.backbone(top * np.array([0.05, 0.2, 0.5, 1.0]))
+    if np.all(np.isnan(said)):
+        raise ValueError(
+            f"the model has no periodic motion at the amplitudes of {name} (up to"
+            f" {largest:.3g}): check the unit of the record, or its scale"
+        )
+    ratio = measured / np.nanmedian(said)
+    if not 1 / OTHER_MODE < ratio < OTHER_MODE:
+        raise ValueError(
+            f"{name} vibrates at {measured / 2 / np.pi:.4g} Hz, the model at"
+            f" {np.nanmedian(said) / 2 / np.pi:.4g} Hz: another mode, another time unit, or another"
+            " scale of the displacement; if its mode is in the record, isolate it (inspect names"
+            " it, mode= takes it)"
+        )
+
+
+def _check_sign(model: ReducedModel, records: Sequence[Record], word: str) -> None:
+    """Refuse records whose asymmetry is that of the model, mirrored."""
+    alike = [i for i, record in enumerate(records) if _mirrored_asymmetry(model, record)]
+    if alike and _fit_mirrored(model, [records[i] for i in alike]):
+        raise ValueError(
+            f"{word} {alike[0]} fits the model better with its sign reversed: pass Decay(t, -q); if"
+            " the sign is certain, the model's even terms (gamma_2, Upsilon_4, ...) have the wrong"
+            " one"
+        )
+
+
+def _mirrored_asymmetry(model: ReducedModel, record: Record) -> bool:
+    """Whether the asymmetry of a record is about -1 times that of the model.
+
+    Even forces deflect the vibration by a mean and a second harmonic. What of them the odd forces
+    of the measured motion balance is -1 times what the even forces say, or +1 if q has the other
+    sign; an effect that is missing makes it anything.
+    """
+    t, *state = nodes(record.motion)
+    q, q_dot, q_ddot = (x[:, 0] for x in state)
+    residual, mirrored = model.residual(q, q_dot, q_ddot), model.residual(-q, -q_dot, -q_ddot)
+    even = _asymmetry(record, t, (residual + mirrored) / 2)
+    odd = _asymmetry(record, t, (residual - mirrored) / 2)
+    size = float(even @ even)
+    if size == 0:
+        return False
+    part = float(even @ odd) / size
+    left = odd - part * even
+    error = float(np.sqrt(np.mean(left**2) / size))
+    return abs(part - 1) < REVERSED and error < REVERSED / 2
+
+
+def _fit_mirrored(model: ReducedModel, records: Sequence[Record]) -> bool:
+    """Whether records fit much better mirrored, and no quadratic force explains them as well.
+
+    Such a force may reverse the model's own, but not its other even terms.
+    """
+    at = scales(records)
+    free = [Part.of(effect, at, 1) for effect in (LinearFrequency(), Viscous())]
+    quadratic = Part.of(QuadraticStiffness(), at, 1)
+    mirrored = fit(model, free, [_mirrored(r) for r in records]).chi_squared
+    if mirrored > REVERSED_IS_BETTER * fit(model, free, records).chi_squared:
+        return False
+    direct = fit(model, [*free, quadratic], records).chi_squared
+    explained = direct < EXPLAINED**2 * sum(r.count for r in records)
+    return not explained or mirrored < REVERSED_IS_NO_WORSE * direct
+
+
+def _mirrored(record: Record) -> Record:
+    m = record.motion
+    motion = Trajectory(m.grid, -m.q, -m.q_dot, -m.q_ddot)
+    return replace(record, signal=-record.signal, motion=motion)
+
+
+def _asymmetry(record: Record, t: Array, force: Array) -> Array:
+    """Mean and second harmonic of the deflection by a force, unit of q times omega^2.
+
+    The mean of the mean is left out: it may be an offset of the sensor.
+    """
+    z = HarmonicSpline.along(record.spline.phase, t, force, _ASYMMETRY_CYCLES, 2).amplitudes.c
+    mean, second = z[:, 0].real, z[:, 2] / (1 - 2**2)
+    return np.concatenate([mean - np.mean(mean), second.real, second.imag])
+
+
+# Steps of a record, where more than the least in a cycle are not needed: many fits are compared.
+_AFFORDABLE = 3000
+
+
+def checked_driven(
+    measured: Sequence[ForcedVibration], floor: float, word: str = "record"
+) -> list[ForcedRecord]:
+    """Prepare records, and refuse noise: "record 0" in messages."""
+    records = [ForcedRecord.of(v, floor, _AFFORDABLE) for v in measured]
+    for i, record in enumerate(records):
+        if np.std(record.signal) < ABOVE_NOISE * record.noise.std:
+            raise ValueError(
+                f"{word} {i} is noise: its rms of {np.std(record.signal):.3g} is below twice the"
+                f" noise ({record.noise.std:.3g}); check the channel, or excite more"
+            )
+    return records

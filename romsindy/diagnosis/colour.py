@@ -18,14 +18,13 @@ import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.weighing import Solved
+from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.independence import examine_driven
 from romsindy.fit.gauss_newton import Solution, fit, limits, linear_table, moved_parts
-from romsindy.fit.noises import Noises, Table, TwoNoises, found_noises
+from romsindy.fit.noises import Noises, NoiseTable, TwoNoises, found_noises
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, prior_cost
 from romsindy.fit.record import Prepared
@@ -123,7 +122,7 @@ class ByNoises:
     n_values: int
     system: NormalEquations
     places: tuple[Indices, ...]
-    tables: tuple[Table, ...]
+    tables: tuple[NoiseTable, ...]
 
     @classmethod
     def of(cls, model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> ByNoises:
@@ -162,21 +161,14 @@ class ByNoises:
 
 @dataclass(frozen=True)
 class ColourOfBest:
-    """All by the noise that the one leaves that fits best, of all that were fitted so far.
+    """All by the noise that the one leaves that fits best, of all that were fitted so far."""
 
-    Attributes
-    ----------
-    examine : callable
-        What says whether a solution leaves noise: of driven records, or of decays.
-    linearised : callable
-        What makes a fit ready to be weighed by any noise, of a model, a solution and records.
-    unsettled : bool
-        Whether a fit that has not come to its end counts for what it reached: where one of several
-        coordinates stops while others go on, friction lets none settle.
-    """
-
+    # What says whether a solution leaves noise: of driven records, or of decays
     examine: Callable[..., Adequacy] = examine_driven
+    # What makes a fit ready to be weighed by any noise, of a model, a solution and records
     linearised: Callable[..., ByNoises | Coloured] = ByNoises.of
+    # Whether a fit that has not come to its end counts for what it reached: where one of several
+    # coordinates stops while others go on, friction lets none settle
     unsettled: bool = False
 
     def fitted(
@@ -187,10 +179,7 @@ class ColourOfBest:
         n_unsure: int,
         n_free: int,
     ) -> Hypothesis:
-        """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects.
-
-        Those that stand instead of inputs take their place.
-        """
+        # Parts that stand instead of inputs take their place.
         given = driven_instead(model, parts)
         n_samples = sum(r.count for r in records)
         with threadpool_limits(limits=1, user_api="blas"):
@@ -202,7 +191,6 @@ class ColourOfBest:
     def further(
         self, model: AnyModel, records: Sequence[Prepared], hypothesis: Hypothesis
     ) -> Hypothesis:
-        """Go on with a fit that has not come to its end."""
         s = hypothesis.solution
         if s.converged or not s.finite:
             return hypothesis
@@ -214,21 +202,21 @@ class ColourOfBest:
     def ranked(
         self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis]
     ) -> list[Hypothesis]:
-        """The best first."""
-        noise = _noise_of(among)
-        return sorted((h.at(noise) for h in hypotheses), key=lambda h: h.score)
+        noise, plain = _noise_of(among), among[0].solution
+        most = plain.chi_squared if plain.converged else np.inf
+        weighed = (h.at(noise) for h in hypotheses)
+        # What leaves more than the first, without any effect, went astray and says nothing.
+        return sorted(weighed, key=lambda h: (h.solution.chi_squared > most, h.score))
 
     def alike(
         self, before: Hypothesis, after: Hypothesis, among: Sequence[Hypothesis]
     ) -> tuple[Hypothesis, Hypothesis]:
-        """Two by the same noise."""
         noise = _noise_of(among)
         return before.at(noise), after.at(noise)
 
     def examined(
         self, model: Any, records: Sequence[Any], solution: Solution, false_alarm: float
     ) -> Adequacy:
-        """What a solution leaves of records."""
         given = driven_instead(model, solution.parts)
         return self.examine(given, solution, records, false_alarm)
 

@@ -9,10 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, Weighed
 from romsindy.diagnosis.screening import Screened, Screening, part_of, screen
-from romsindy.diagnosis.search import Finding, Options, Search, leaders, rivals_of
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError, Weighed
+from romsindy.diagnosis.search import Finding, Search, leaders, rivals_of
 from romsindy.effects import look_alikes
 from romsindy.effects.memory import MemoryEffect
 from romsindy.effects.outside import Hum
@@ -31,15 +30,9 @@ _FURTHER = 40  # of a fit that others are held against
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """The motion of a model may depart from the measured one; see `romsindy.fit.process_noise`.
+    """The motion of a model may depart from the measured one; see `romsindy.fit.process_noise`."""
 
-    Attributes
-    ----------
-    known : FormError
-        Of the model, as its reference record shows it.
-    """
-
-    known: FormError = NO_FORM_ERROR
+    known: FormError = NO_FORM_ERROR  # of the model, as its reference record shows it
 
     def fitted(
         self,
@@ -49,7 +42,6 @@ class ProcessNoise:
         n_unsure: int,
         n_free: int,
     ) -> Hypothesis:
-        """Fit parts to all records; the first are unsure values, up to ``n_free`` no effects."""
         # One thread: the same sums in the same order, however many processes there are.
         with threadpool_limits(limits=1, user_api="blas"):
             solution = fit(model, parts, records)
@@ -95,7 +87,6 @@ class ProcessNoise:
     def examined(
         self, model: ReducedModel, records: Sequence[Record], solution: Solution, false_alarm: float
     ) -> Adequacy:
-        """What a solution leaves of records."""
         return examine(records, solution.residuals, solution.n_values, false_alarm)
 
 
@@ -127,31 +118,13 @@ class DecaySearch(Search):
     records: Sequence[Record]
     noise: ProcessNoise
 
-    @classmethod
-    def of(
-        cls,
-        model: ReducedModel,
-        records: Sequence[Record],
-        free: tuple[Part, ...],
-        options: Options,
-        form: FormError = NO_FORM_ERROR,
-    ) -> DecaySearch:
-        """A search by process noise; ``form`` is the error of the model, as a reference shows."""
-        return cls(model, records, free, options, ProcessNoise(form))
-
     def unsure_as(self, hypothesis: Hypothesis) -> DecaySearch:
         """The same, unsure of the values that are free in a hypothesis alone."""
         names = {p.effect.name for p in hypothesis.parts[: hypothesis.n_free]}
         return replace(self, free=tuple(p for p in self.free if p.effect.name in names))
 
     def run(self) -> Finding:
-        """Look for the best hypothesis; an interrupt keeps what was compared.
-
-        Raises
-        ------
-        ValueError
-            If the model alone has no motion near the measured one.
-        """
+        """Look for the best hypothesis."""
         form = self.noise.known
         base = self.settled(self.hypothesis([])).settled(form)
         if not base.solution.finite:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from romsindy.diagnosis.evidence import Hypothesis, weights
-from romsindy.diagnosis.weighing import NO_FORM_ERROR
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, Hypothesis, weights
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.part import Part
@@ -75,28 +74,25 @@ class FoundEffect:
 
 
 def effects_of(
-    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: AnyModel
+    hypothesis: Hypothesis,
+    rivals: Sequence[Hypothesis],
+    ratio: float,
+    model: AnyModel,
+    which: Sequence[int] | None = None,
 ) -> tuple[FoundEffect, ...]:
-    """What a hypothesis says is missing, `Hypothesis.blamed`.
+    """Some parts of a hypothesis; by default what it says is missing, `Hypothesis.blamed`.
 
     ``ratio`` is what is left over the noise, ``model`` the simulation.
     """
-    return tuple(_effect(hypothesis, i, rivals, ratio, model) for i in hypothesis.blamed)
-
-
-def moved_of(
-    hypothesis: Hypothesis, rivals: Sequence[Hypothesis], ratio: float, model: AnyModel
-) -> tuple[FoundEffect, ...]:
-    """Values that the simulation was unsure of and that moved, beside what is missing."""
-    found = [i for i in hypothesis.changed if i not in hypothesis.blamed]
-    return tuple(_effect(hypothesis, i, rivals, ratio, model) for i in found)
+    which = hypothesis.blamed if which is None else which
+    return tuple(_effect(hypothesis, i, rivals, ratio, model) for i in which)
 
 
 def of_the_measurement(
     hypothesis: Hypothesis, ratio: float, model: AnyModel
 ) -> tuple[FoundEffect, ...]:
     """What the measurement surely adds, of what it may add without being wrong."""
-    told = (_effect(hypothesis, i, [hypothesis], ratio, model) for i in hypothesis.of_measurement)
+    told = effects_of(hypothesis, [hypothesis], ratio, model, hypothesis.of_measurement)
     return tuple(
         e
         for e in told

@@ -19,7 +19,7 @@ import numpy as np
 from romsindy.diagnosis.colour import driven_instead
 from romsindy.diagnosis.decay_search import DecaySearch
 from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.prediction import misfit_of
+from romsindy.diagnosis.gap import misfit_of
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding, rivals_of
 from romsindy.fit.gauss_newton import Solution, fit
@@ -160,12 +160,14 @@ def followed(model: AnyModel, parts: Sequence[Part], record: Prepared) -> Soluti
     return fit(driven_instead(model, own), own, [record], fixed=True)
 
 
-def tested(search: ResidualSearch, found: Finding, record: Prepared) -> Finding:
+def tested(search: ResidualSearch, found: Finding, record: Prepared | None) -> Finding:
     """The same finding, by what its hypotheses say of a record that took no part.
 
     Those that the fits do not tell apart are ranked with their predictions, and effects of the best
-    that gain nothing there are dropped.
+    that gain nothing there are dropped. It stays as it is where there is none, or no time.
     """
+    if record is None or found.interrupted:
+        return found
 
     def misfit(h: Hypothesis) -> float:
         return float(np.sum(record.whitened(left_of(search.model, h.parts, record)) ** 2))

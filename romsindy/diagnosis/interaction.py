@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, fitted, of_plainest_kind
+from romsindy.fit.coupled_rounds import FittedPieces, Progress, best_of, fitted, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.pieces import cut
@@ -37,28 +37,15 @@ _TOGETHER = tuple(kind._replace(coupled_damping=False) for kind in KINDS)
 
 @dataclass(frozen=True, eq=False)
 class Interaction:
-    """Two vibrations, fitted with and without coupling.
+    """Two vibrations, fitted with and without coupling."""
 
-    Attributes
-    ----------
-    frequency : float
-        Hz, of the other vibration where it is small.
-    slower : bool
-        Whether the modelled vibration is the slower one.
-    own : tuple of str
-        Terms of single coordinates that were added without coupling.
-    alone, together : Fitted
-        Without and with coupling, to pieces of one length, over the same noise.
-    longest : Fitted
-        With coupling, over the longest pieces that it follows.
-    """
-
-    frequency: float
-    slower: bool
-    own: tuple[str, ...]
-    alone: Fitted
-    together: Fitted
-    longest: Fitted
+    frequency: float  # Hz, of the other vibration where it is small
+    slower: bool  # whether the modelled vibration is the slower one
+    own: tuple[str, ...]  # terms of single coordinates that were added without coupling
+    # Without and with coupling, to pieces of one length, over the same noise
+    alone: FittedPieces
+    together: FittedPieces
+    longest: FittedPieces  # with coupling, over the longest pieces that it follows
 
     @property
     def couplings(self) -> tuple[Term, ...]:
@@ -66,6 +53,11 @@ class Interaction:
         own = candidates(2, Kind(kinked=True, coupled=False))
         terms = self.longest.stage.model.terms
         return tuple(t for t in terms if not (isinstance(t, Along) or t in own))
+
+    @property
+    def pieces(self) -> str:
+        """Over what the two were compared, in words."""
+        return over_pieces(self.together)
 
     @property
     def before(self) -> float:
@@ -103,6 +95,13 @@ class Interaction:
             return refined(stage.model, names, pieces, stage.shapes, settled=True)
         except TrajectoryError:
             return None
+
+
+def over_pieces(found: FittedPieces) -> str:
+    """Over what a model was fitted, each piece from an initial state of its own."""
+    if np.isinf(found.cycles):
+        return "the whole decay"
+    return f"pieces of {found.cycles:.0f} cycles"
 
 
 def interaction_of(
@@ -143,8 +142,8 @@ def interaction_of(
 
 
 def _together(
-    start: Stage, records: Sequence[CoupledRecord], alone: Fitted, progress: Progress
-) -> Fitted | None:
+    start: Stage, records: Sequence[CoupledRecord], alone: FittedPieces, progress: Progress
+) -> FittedPieces | None:
     """With coupling; where that has no motion from the start, from what was found without it."""
     found = of_plainest_kind(start, records, _TOGETHER, progress)
     return found or of_plainest_kind(alone.stage, alone.records, _TOGETHER, progress)
@@ -153,10 +152,10 @@ def _together(
 def _alone_again(
     start: Stage,
     records: Sequence[CoupledRecord],
-    alone: Fitted,
-    together: Fitted,
+    alone: FittedPieces,
+    together: FittedPieces,
     progress: Progress,
-) -> Fitted:
+) -> FittedPieces:
     """Without coupling, also from where coupling led: what was not found at first is no proof."""
     own = {*start.model.terms, *(t for kind in _ALONE for t in candidates(2, kind))}
     terms = zip(together.stage.model.terms, together.stage.model.values, strict=True)
@@ -168,7 +167,9 @@ def _alone_again(
     return again if again and best_of([alone, again]) is again else alone
 
 
-def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
+def _over(
+    found: FittedPieces, records: Sequence[CoupledRecord], cycles: float
+) -> FittedPieces | None:
     """The same fitted to pieces so many cycles long, over the noise of some records."""
     pairs = list(zip(found.records, records, strict=True))
     if found.cycles == cycles and all(own.noise is other.noise for own, other in pairs):
@@ -176,7 +177,7 @@ def _over(found: Fitted, records: Sequence[CoupledRecord], cycles: float) -> Fit
     return fitted(found.stage, found.with_noise_of(records).records, cycles)
 
 
-def _pass(found: Fitted) -> None:
+def _pass(found: FittedPieces) -> None:
     """An interrupt ends the whole comparison: nothing of it is kept."""
 
 

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from romsindy.diagnosis import words
-from romsindy.diagnosis.explained import TABLE_HEAD, Written, notes_of
-from romsindy.diagnosis.gap import Gap, Prediction, name_of
+from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
 from romsindy.diagnosis.interaction import Interaction, interaction_of
-from romsindy.diagnosis.prediction import predict
-from romsindy.diagnosis.report import BesideDecays, DiagnosisReport
+from romsindy.diagnosis.report import TABLE_HEAD, BesideDecays, DiagnosisReport, Written, notes_of
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
 from romsindy.diagnosis.words import not_followed, rings_along

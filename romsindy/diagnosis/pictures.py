@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.gap import Gap, Prediction, name_of
+from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
 from romsindy.diagnosis.interaction import Interaction
-from romsindy.diagnosis.prediction import predict
-from romsindy.diagnosis.words import pieces
 from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
@@ -26,8 +24,7 @@ from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.record.smoothing import HarmonicSpline
 from romsindy.show import diagnosis_plots as show
-from romsindy.show.axes import with_unit
-from romsindy.show.facts import Fact
+from romsindy.show.axes import Fact, with_unit
 from romsindy.show.page import Picture
 from romsindy.text import percent
 from romsindy.typing import Array
@@ -176,7 +173,7 @@ def _by_coordinates(found: Interaction) -> Picture:
     t, (one, two) = per_cycle(record.t, record.tones[0].phase(record.t), every, rms)
     more = int(np.argmax(one / two))
     caption = (
-        f"Of {pieces(found.together)}, all values fitted: one coordinate leaves {found.before:.3g}"
+        f"Of {found.pieces}, all values fitted: one coordinate leaves {found.before:.3g}"
         f" times the noise, two {found.after:.3g}; they differ most at {t[more]:.3g} s, by a factor"
         f" of {one[more] / two[more]:.3g}."
     )

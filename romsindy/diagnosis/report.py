@@ -1,32 +1,288 @@
-"""What a diagnosis from decays found, in words, tables and files."""
+"""What a diagnosis found, in words, tables and files: what reports share, and that of decays."""
 
 from __future__ import annotations
 
+import csv
+import json
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from romsindy.diagnosis import words
-from romsindy.diagnosis.difference import Difference, over_all
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.experiment import EXPERIMENTS, Advice, Experiment
-from romsindy.diagnosis.explained import Explained, notes_of
-from romsindy.diagnosis.found import of_the_measurement
+from romsindy.diagnosis.difference import Difference, Tolerance, over_all
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, weights
+from romsindy.diagnosis.found import FoundEffect, effects_of, of_the_measurement, titles
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.next_test import next_test
-from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.diagnosis.verdict import Left, left_over
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.next_test import EXPERIMENTS, Advice, Experiment, next_test
+from romsindy.diagnosis.verdict import Left, Verdict, left_over
+from romsindy.effects.base import Scales
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.record import Record
+from romsindy.fit.part import Part
+from romsindy.fit.record import Prepared, Record
+from romsindy.fit.verdict import EQUIVALENT, NAMED_ABOVE
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
-from romsindy.text import listed
+from romsindy.physics.term_sum import json_text
+from romsindy.record.files.whole import whole
+from romsindy.text import TextTable, listed
 
 if TYPE_CHECKING:
     from romsindy.show.page import Picture
 
 _ADVICE = ("action", "odds", "cost", "rivals")
+
+
+class Written(ABC):
+    """A finding as a sentence, a table, JSON, CSV and a page."""
+
+    if TYPE_CHECKING:  # a field of some reports, found by others
+
+        @property
+        def verdict(self) -> str:
+            """One word: "none", "named", "ambiguous" or "unknown"."""
+
+    @property
+    @abstractmethod
+    def sentence(self) -> str:
+        """The finding, a line for each question: do they differ, what is missing, left, next?"""
+
+    @property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """Effects that are missing, of the best explanation; empty where something else is."""
+        return ()
+
+    @property
+    def equivalent(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the explanations that the data do not tell apart, best first."""
+        return ()
+
+    @abstractmethod
+    def table(self) -> list[list[str]]:
+        """Rows of text: every explanation that the data allow, with its values."""
+
+    @abstractmethod
+    def pictures(self) -> dict[str, Picture]:
+        """Pictures by name; ``draw(figure)`` draws one, its caption is what its numbers say."""
+
+    @abstractmethod
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures."""
+
+    @abstractmethod
+    def _content(self) -> dict[str, Any]:
+        """What JSON holds."""
+
+    def to_json(self) -> str:
+        """All that was found as JSON text."""
+        return json_text(self._content())
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the table of explanations."""
+        with whole(path) as new, open(new, "w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows(self.table())
+
+    def to_html(self, path: str | Path, *, interactive: bool = False) -> None:
+        """Write one self-contained page with figures.
+
+        Parameters
+        ----------
+        path : str or Path
+        interactive : bool
+            Whether figures zoom and show what is under the pointer; needs plotly:
+            ``pip install "romsindy[interactive]"``.
+        """
+        from romsindy.show.page import write_page  # draws: only where a page is asked for
+
+        pictures = self.pictures().values()
+        write_page(
+            path, "report", "diagnose", pictures=pictures, interactive=interactive, **self.page()
+        )
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.verdict}: {' '.join(self.sentence.splitlines())}>"
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Explained(Written):
+    """What a simulation lacks, by effects of a catalogue: see `DiagnosisReport`."""
+
+    verdict: Verdict
+    nominal: AnyModel
+    model: AnyModel
+    best: Hypothesis
+    rivals: tuple[Hypothesis, ...]
+    compared: tuple[Hypothesis, ...]
+    base: Hypothesis
+    remainder: Adequacy
+    scales: Scales
+    added: tuple[Part, ...]
+    gap: Any  # with the part of it that ``closed``
+    interrupted: bool = False
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """Effects of the best hypothesis; values that moved where nothing else is needed."""
+        return self._found(self.best)
+
+    @property
+    def moved(self) -> tuple[FoundEffect, ...]:
+        """Values that the simulation was unsure of and that moved, beside the effects."""
+        beside = [i for i in self.best.changed if i not in self.best.blamed]
+        return self._found(self.best, beside)
+
+    def _found(
+        self, hypothesis: Hypothesis, which: Sequence[int] | None = None
+    ) -> tuple[FoundEffect, ...]:
+        return effects_of(hypothesis, self.rivals, self.remainder.ratio, self.nominal, which)
+
+    @property
+    def next_best(self) -> Hypothesis | None:
+        """The best of what was compared that says something else than the best."""
+        # More, beside all that the best says, is no alternative to it.
+        others = (h for h in self.compared if h.names and not self.best.said <= h.said)
+        return next(others, None) if self.best.names else None
+
+    @property
+    def odds(self) -> float:
+        """Of the best hypothesis against the next; infinite where nothing else was compared."""
+        other = self.next_best
+        return float(np.exp(self._log_odds(other))) if other is not None else float("inf")
+
+    def _log_odds(self, other: Hypothesis) -> float:
+        return min((other.score - self.best.score) / 2, np.log(np.finfo(float).max))
+
+    @property
+    def equivalent(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the explanations that the data do not tell apart, best first."""
+        return tuple(h.names for h in self.rivals if h.names)
+
+    # -- words ---------------------------------------------------------------------------------
+
+    @property
+    def _nothing(self) -> str:
+        """What is said where nothing is missing."""
+        return "nothing that matters."
+
+    @abstractmethod
+    def _closing(self, closes: str) -> str:
+        """How much of the gap closes, in words."""
+
+    @property
+    def _small(self) -> str:
+        """That what is named changes less than matters, if so."""
+        return ""
+
+    @property
+    def _missing(self) -> str:
+        if self.verdict == "none":
+            return self._nothing
+        found = " and ".join(map(str, self.effects))
+        also = "".join(f" Fitted beside it: {e}." for e in self.moved)
+        closes = "They close" if len(self.effects) > 1 else "It closes"
+        if self.verdict == "unknown":
+            nothing = "nothing in the catalogue explains it"
+            if not (found and self.best.sureness >= NAMED_ABOVE and self.gap.closed > 0):
+                return f"{nothing}."
+            return f"{nothing}; the nearest is {found}. {self._closing(closes)}{also}"
+        other = self.next_best
+        odds = ""
+        if other is not None and self._log_odds(other) > 0:  # values come first, likelier or not
+            odds = f" ({words.odds(self._log_odds(other), titles(other))})"
+        others = ", or ".join(titles(h) for h in self.rivals[1:])
+        if others and self.verdict == "named":  # values of the simulation come first
+            also += f" {others[0].upper()}{others[1:]} would do as well."
+        elif others:
+            if odds and self._log_odds(self.rivals[1]) > EQUIVALENT / 2:
+                odds = f"{odds[:-1]}, by the fitted records alone)"
+            closing = self._closing("The first closes")
+            return f"{found}, or {others}; these data do not tell them apart{odds}. {closing}{also}"
+        if len(self.effects) > 1 and not self.best.effects:
+            also += (
+                " One cause may stand behind both, such as a viscoelastic support or a small mass"
+                " that vibrates along; decays at another frequency would tell."
+            )
+        return f"{found}{odds}. {self._closing(closes)}{self._small}{also}"
+
+    @property
+    def _interrupted(self) -> list[str]:
+        if not self.interrupted:
+            return []
+        n = len(self.compared)
+        return [f"Interrupted when {n} explanations were compared: not the last word."]
+
+    # -- tables and files ------------------------------------------------------------------------
+
+    def table(self) -> list[list[str]]:
+        """Rows of text: every explanation that the data allow, with its values."""
+        rows = [list(TABLE_HEAD)]
+        for h, share in zip(self.rivals, weights(self.rivals), strict=True):
+            for effect in self._found(h):
+                for key, value in effect.values.items():
+                    error = effect.standard_errors[key]
+                    numbers = [f"{value:.6g}", f"{error:.2g}", effect.units[key], f"{share:.3f}"]
+                    rows.append([effect.name, effect.variant, key, *numbers])
+        return rows
+
+    def _explanations(self) -> dict[str, Any]:
+        """What JSON says of them."""
+        other = self.next_best
+        return {
+            "effects": [vars(e) for e in self.effects],
+            "moved": [vars(e) for e in self.moved],
+            "equivalent": [list(names) for names in self.equivalent],
+            "odds": {"against": list(other.names), "odds": self.odds} if other else None,
+            "model": json.loads(self.model.to_json()),
+        }
+
+    def _page(self, gap: list[list[str]], notes: list[str]) -> dict[str, Any]:
+        """What the page shows beside the pictures, with the table of the gap."""
+        rows = self.table()
+        explained = self.verdict in ("named", "ambiguous")
+        found = "Explanations that the data allow" if explained else "What comes nearest"
+        tables = [TextTable("The gap, before and after", gap)]
+        parts = self.added
+        terms = {p.effect.name for p in parts if p.effect.term() is not None}
+        outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
+        note = "Not a term of the equation of motion, so not in it: "
+        return {
+            "title": "What the simulation lacks",
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
+            "equation": str(self.model),
+            "equation_note": f"{note}{outside}." if outside else "",
+            "tables": [*tables, *([TextTable(found, rows)] if rows[1:] else [])],
+            "notes": notes,
+        }
+
+
+def notes_of(records: Sequence[Prepared]) -> list[str]:
+    """What each record is, and what was done to it."""
+    found = []
+    for record in records:
+        head, *done = repr(record.decay).splitlines()
+        found += [head.strip("<>"), *(line.removeprefix("  - ") for line in done)]
+    return found
+
+
+TABLE_HEAD = (
+    "explanation",
+    "variant",
+    "value",
+    "estimate",
+    "standard error",
+    "unit",
+    "posterior",
+)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -175,17 +431,13 @@ class DiagnosisReport(BesideDecays, Explained):
         return any(d.exceeds(self.tolerance) for d in self.differences)
 
     @property
-    def _gap_closed(self) -> float:
-        return self.gap.closed
-
-    @property
     def _small(self) -> str:
         return " It is small: less than what tests repeat to." if self.small else ""
 
     @property
     def _nothing(self) -> str:
         if not self._differ:
-            return "nothing that matters."
+            return super()._nothing
         added = of_the_measurement(self.best, self.remainder.ratio, self.nominal)
         if not added:
             return "nothing that these data show."

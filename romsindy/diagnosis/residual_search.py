@@ -17,29 +17,24 @@ from romsindy.effects.base import Effect, ReadingEffect, Scales
 from romsindy.effects.drive import Drive
 from romsindy.effects.memory import MemoryEffect
 from romsindy.fit.part import Part
-from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED
+from romsindy.fit.verdict import AS_ONE, EQUIVALENT, ROUNDED, WORTH
 from romsindy.physics.coupled import AnyModel
 
 _SURVIVORS = 6  # of each screening are simulated
 _SENSOR = 2  # of what may be wrong in the sensor
+_PAIRS = 3  # where one alone does far less
 _FURTHER = 3  # of the best go on where they have not come to their end
 _APART = 0.15  # of the frequency of the vibration: so far lines lie from each other
 
 
 @dataclass(eq=False)
 class ResidualSearch(Search):
-    """Looks for effects that a model lacks in records with inputs, those of the model known.
-
-    Attributes
-    ----------
-    scales : Scales
-    chain : tuple of Part
-        What may stand instead of the inputs of the model.
-    """
+    """Looks for effects that a model lacks in records with inputs, those of the model known."""
 
     model: AnyModel
     noise: ColourOfBest
     scales: Scales = field(kw_only=True)
+    # What may stand instead of the inputs of the model
     chain: tuple[Part, ...] = field(kw_only=True)
 
     def unsure_as(self, hypothesis: Hypothesis) -> ResidualSearch:
@@ -47,13 +42,7 @@ class ResidualSearch(Search):
         return replace(self, free=self._unsure(hypothesis))
 
     def run(self) -> Finding:
-        """Look for the best hypothesis; an interrupt keeps what was compared.
-
-        Raises
-        ------
-        ValueError
-            If the model has no motion near the measured one.
-        """
+        """Look for the best hypothesis."""
         exact = self.with_free(()).hypothesis([])
         if self.free:
             self.hypothesis([])
@@ -88,10 +77,12 @@ class ResidualSearch(Search):
             search = replace(self, free=unsure)
             chosen = search._screened(search._start(effects))
             if not unsure:
-                chosen += [part for part in self.chain if not _instead_of(part.effect, effects)]
-            search.fitted([(*effects, part) for part in chosen])
-        found = self._best(len(effects) + 1)
-        return [found] if found is not None else []
+                other = [p for p in self.chain if not _instead_of(p.effect, effects)]
+                chosen += [(part,) for part in other]
+            search.fitted([(*effects, *parts) for parts in chosen])
+        most = len(effects) + max(map(len, chosen), default=0)
+        found = [self._best(n) for n in range(len(effects) + 1, most + 1)]
+        return self.ranked([h for h in found if h is not None])
 
     def _weighed(self) -> list[Hypothesis]:
         """All that were fitted so far, the best first."""
@@ -131,8 +122,12 @@ class ResidualSearch(Search):
                 return known
         return self.hypothesis(effects)
 
-    def _screened(self, start: Hypothesis) -> list[Part]:
-        """The best of all candidates beside a fit, and what resembles the first of them."""
+    def _screened(self, start: Hypothesis) -> list[tuple[Part, ...]]:
+        """The best of all candidates beside a fit, and what resembles the first of them.
+
+        Where one does far less than two, a simulation with one alone may go another way than the
+        measured motion: the best pairs are there as well.
+        """
         parts = start.solution.parts
         effects = parts[start.n_free :]
         used = {p.effect.name for p in effects}
@@ -145,14 +140,17 @@ class ResidualSearch(Search):
         # sensor left it in the measurement, and shows about the motion of the model.
         sensor = [e for e in left if isinstance(e, ReadingEffect)]
         measured = [r.motion for r in self.records]
-        chosen = []
+        chosen: list[tuple[Screened, ...]] = []
         for candidates, motions, most in (
             (left, measured, _SURVIVORS),
             (sensor, start.solution.motions, _SENSOR),
         ):
             found = screened(model, parts, candidates, self.records, scales, motions)
-            chosen += self._survivors(found, most)
-        return [part_of(s, scales, len(self.records)) for s in chosen]
+            chosen += [(s,) for s in self._survivors(found, most)]
+            forces = [s for s in found.singles() if not isinstance(s.effect, ReadingEffect)]
+            pairs = found.pairs(leaders(forces))[:_PAIRS]
+            chosen += [p for p in pairs if WORTH * p[0].chi_squared < forces[0].chi_squared]
+        return [tuple(part_of(s, scales, len(self.records)) for s in own) for own in chosen]
 
     def _survivors(self, found: Screening, most: int) -> list[Screened]:
         """The best of every effect, and what resembles the first; none that gains nothing."""

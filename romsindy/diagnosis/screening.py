@@ -36,17 +36,9 @@ _FINE = 8
 
 
 def strongest_tones(t: Array, x: Array, count: int, apart: float) -> list[float]:
-    """Angular frequencies of the strongest lines of a signal, rad/s.
+    """Angular frequencies of the strongest lines of a tapered signal (n,), rad/s.
 
-    Parameters
-    ----------
-    t : array
-        Uniform times, s.
-    x : (n,) array
-        Tapered.
-    count : int
-    apart : float
-        Least distance of two lines, rad/s.
+    The times are uniform; lines are ``apart`` by so many rad/s at least.
     """
     n = 8 * len(x)
     step = 2 * np.pi / (n * (t[1] - t[0]))

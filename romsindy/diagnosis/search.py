@@ -8,21 +8,25 @@ others have made superfluous are dropped. What is looked at beside a hypothesis 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 from joblib import Parallel, delayed
 
+from romsindy.diagnosis.difference import Tolerance
 from romsindy.diagnosis.evidence import Hypothesis, pays
 from romsindy.diagnosis.screening import Screened
-from romsindy.diagnosis.tolerance import Tolerance
-from romsindy.effects.base import Effect, Parameter
+from romsindy.effects import LinearFrequency, Viscous
+from romsindy.effects.base import Effect, Parameter, Scales
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.coefficient import Coefficient
 from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.part import Part
 from romsindy.fit.verdict import EQUIVALENT
+from romsindy.physics.coupled import AnyModel
+from romsindy.physics.model import ReducedModel
 
 
 @dataclass(frozen=True)
@@ -89,39 +93,24 @@ class NoiseModel(Protocol):
 
 @dataclass(eq=False)
 class Search(ABC):
-    """Looks for effects that a model lacks in some records, and keeps what it has compared.
-
-    Attributes
-    ----------
-    model : ReducedModel or CoupledModel
-    records : sequence of Record, CoupledRecord or ForcedRecord
-    free : tuple of Part
-        Values that the simulation is unsure of, blamed only if nothing else is.
-    options : Options
-    noise : NoiseModel
-    beside : tuple of Part
-        Fitted whatever the hypothesis, and never blamed.
-    compared : list of Hypothesis
-        All that were fitted so far: it grows, and is what an interrupt leaves. Searches that are
-        made of one another share it.
-    """
+    """Looks for effects that a model lacks in some records, and keeps what it has compared."""
 
     model: Any
     records: Sequence[Any]
+    # Values that the simulation is unsure of, blamed only if nothing else is
     free: tuple[Part, ...]
     options: Options
     noise: NoiseModel
-    beside: tuple[Part, ...] = ()
+    beside: tuple[Part, ...] = ()  # fitted whatever the hypothesis, and never blamed
+    # All that were fitted so far: it grows, and is what an interrupt leaves. Searches that are made
+    # of one another share it.
     compared: list[Hypothesis] = field(default_factory=list)
 
     @abstractmethod
     def run(self) -> Finding:
         """Look for the best hypothesis; an interrupt keeps what was compared.
 
-        Raises
-        ------
-        ValueError
-            If the model alone has no motion near the measured one.
+        Raises a ValueError if the model alone has no motion near the measured one.
         """
 
     @abstractmethod
@@ -279,3 +268,38 @@ def _at_exponent(part: Part, value: Callable[[Parameter], float]) -> Part:
         return part
     shape = np.clip(part.shape, [p.low for p in held], [p.high for p in held])
     return replace(part.shaped(shape), parameters=tuple(held))
+
+
+# -- what is free under every hypothesis -----------------------------------------------------------
+
+
+def smooth_model(model: ReducedModel, all_scales: Scales) -> ReducedModel:
+    """Dry friction that the model has already must not jump."""
+    if all(term.smooth for term in model.terms):
+        return model
+    return model.regularised(0.01 * all_scales.amplitude * all_scales.omega)
+
+
+_LINEAR: Mapping[str, Effect] = {"omega^2": LinearFrequency(), "c_linear": Viscous()}
+
+
+def unsure_parts(
+    model: AnyModel,
+    free: Sequence[str | Effect],
+    tolerances: Mapping[str, float],
+    all_scales: Scales,
+    n_records: int,
+    known: Mapping[str, Effect] = _LINEAR,
+) -> tuple[Part, ...]:
+    """Parts of the values that a simulation is unsure of, or knows to a tolerance.
+
+    Effects that stand for linear values are ``known`` by the names of these.
+    """
+    unsure = [known[f] if isinstance(f, str) else f for f in free if f not in tolerances]
+    parts = [Part.of(effect, all_scales, n_records) for effect in unsure]
+    terms = {term.key: term for term in model.terms}
+    for name, relative in tolerances.items():
+        effect: Effect = known.get(name) or Coefficient(terms[name])
+        part = Part.of(effect, all_scales, n_records)
+        parts.append(replace(part, tolerance=relative * abs(model.coefficients[name])))
+    return tuple(parts)

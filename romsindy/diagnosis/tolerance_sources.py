@@ -9,14 +9,12 @@ from numbers import Real
 
 import numpy as np
 
-from romsindy.diagnosis.checks import checked_records
-from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.gap import beyond_noise, noise_std
-from romsindy.diagnosis.prediction import predict
+from romsindy.diagnosis.arguments import check_repeats, checked_records
+from romsindy.diagnosis.difference import DEFAULT, KINDS, Difference, Tolerance
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
+from romsindy.diagnosis.gap import beyond_noise, noise_std, predict
 from romsindy.diagnosis.residual_search import ResidualSearch
-from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.search import Finding
 from romsindy.effects.base import Effect
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.part import Part
@@ -33,10 +31,7 @@ _BAND = 2.0  # standard errors
 def stated(tolerance: object) -> Tolerance:
     """A tolerance as a user gives it: of the frequency, or by kind, or ready.
 
-    Raises
-    ------
-    ValueError
-        If it is none of these.
+    Raises a ValueError if it is none of these.
     """
     if isinstance(tolerance, Tolerance):
         return tolerance
@@ -53,15 +48,9 @@ def stated(tolerance: object) -> Tolerance:
 def of_repeats(repeats: Sequence[Decay], floor: float) -> Tolerance:
     """How far decays that were measured again are from each other, at equal amplitude.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two, one is there twice, or two share no amplitudes.
+    Raises a ValueError if there are fewer than two, one is there twice, or two share no amplitudes.
     """
-    if len(repeats) < 2:
-        raise ValueError(f"repeats holds {len(repeats)} decay: give two or more of the same test")
-    if any(a.same_record(b) for a, b in itertools.combinations(repeats, 2)):
-        raise ValueError("repeats holds a record twice: give each run of the test once")
+    check_repeats(repeats, "decay")
     try:
         records = [Record.loud(d, floor) for d in repeats]
         found = [Difference.between(a, b) for a, b in itertools.combinations(records, 2)]
@@ -75,10 +64,7 @@ def of_references(
 ) -> tuple[Tolerance, FormError]:
     """What a model leaves on the records that it was identified from.
 
-    Raises
-    ------
-    ValueError
-        If a record cannot be that of the model.
+    Raises a ValueError if a record cannot be that of the model.
     """
     records = checked_records(model, references, floor, "reference")
     form = NO_FORM_ERROR
@@ -130,11 +116,11 @@ def _kind(part: Part) -> str:
     return "damping" if part.effect.family == "damping" else "frequency"
 
 
-def linear_values_within(search: ResidualSearch, linear: Sequence[Effect]) -> Hypothesis | None:
-    """Frequencies and damping fitted, if neither they nor what is left matter; None if they do.
+def linear_values_within(search: ResidualSearch, linear: Sequence[Effect]) -> Finding | None:
+    """Frequencies and damping alone, if neither they nor what is left matter; None if they do.
 
-    They are changes of the ``linear`` values. What is left beyond the noise is tolerated only as a
-    user, or repeats, say.
+    They are changes of the ``linear`` values, fitted. What is left beyond the noise is tolerated
+    only as a user, or repeats, say.
     """
     tolerance = search.options.tolerance
     parts = [Part(effect, (), np.zeros((1, 1))) for effect in linear]
@@ -150,7 +136,9 @@ def linear_values_within(search: ResidualSearch, linear: Sequence[Effect]) -> Hy
         value, std = abs(found.parts[i].strengths[0, 0]), found.covariance[i, i] ** 0.5
         if value + std > getattr(tolerance, _kind(part)) * _size(search.model, part):
             return None
-    return replace(found, unsaid=tuple(p.effect.name for p in free))
+    slack = replace(found, unsaid=tuple(p.effect.name for p in free))
+    exact = search.with_free(()).hypothesis([])
+    return Finding([slack], [slack, exact], exact)
 
 
 def of_driven_repeats(searches: Sequence[ResidualSearch]) -> Tolerance:
@@ -158,10 +146,7 @@ def of_driven_repeats(searches: Sequence[ResidualSearch]) -> Tolerance:
 
     Frequency and damping are fitted to each; what their fits leave differs by the signal.
 
-    Raises
-    ------
-    ValueError
-        If runs differ in length, or the model has no motion near one of them.
+    Raises a ValueError if runs differ in length, or the model has no motion near one of them.
     """
     fits = [search.hypothesis([]) for search in searches]
     if not all(h.solution.finite for h in fits):

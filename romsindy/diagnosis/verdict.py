@@ -13,11 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from romsindy.diagnosis.difference import Difference
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.difference import DEFAULT, Difference, Tolerance
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.gap import Gap, within
-from romsindy.diagnosis.tolerance import DEFAULT, Tolerance
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.verdict import (
     CLOSED,
@@ -36,26 +34,13 @@ Left = Literal["noise", "tolerance", "form", "little", "effect"]
 
 @dataclass(frozen=True)
 class Explanation:
-    """A hypothesis with what it leaves and what it changes.
-
-    Attributes
-    ----------
-    hypothesis : Hypothesis
-    left : Adequacy
-        Of the records that it was fitted to.
-    gap : Gap
-        Before and after, on what took no part.
-    whole : Gap
-        The same on whole records.
-    lacking : bool
-        Whether the model lacks something that it names: no value of the model.
-    """
+    """A hypothesis with what it leaves and what it changes."""
 
     hypothesis: Hypothesis
-    left: Adequacy
-    gap: Gap
-    whole: Gap
-    lacking: bool
+    left: Adequacy  # of the records that it was fitted to
+    gap: Gap  # before and after, on what took no part
+    whole: Gap  # the same on whole records
+    lacking: bool  # whether the model lacks something that it names: no value of the model
 
     @property
     def sureness(self) -> float:
@@ -148,24 +133,14 @@ class Answer:
 
 @dataclass(frozen=True)
 class Rule:
-    """What decides, with what it is decided by.
+    """What decides, with what it is decided by."""
 
-    Attributes
-    ----------
-    as_it_was : Gap
-        Of the simulation, on whole records.
-    nothing, linear : Hypothesis
-        What the measurement may add, alone and with linear stiffness and damping.
-    tolerance : Tolerance
-    form : FormError
-        Of the model, as its reference record shows it.
-    """
-
-    as_it_was: Gap
+    as_it_was: Gap  # of the simulation, on whole records
+    # What the measurement may add, alone and with linear stiffness and damping
     nothing: Hypothesis
     linear: Hypothesis
     tolerance: Tolerance
-    form: FormError
+    form: FormError  # of the model, as its reference record shows it
 
     def answer(self, values: Sequence[Explanation], effect: Explanation | None) -> Answer:
         """Weigh what needs no effect, and the best effect, if any.

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from romsindy.diagnosis.difference import Difference
+from romsindy.diagnosis.difference import DEFAULT, KINDS, WIDEST, Difference, Tolerance
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.interaction import Interaction
-from romsindy.diagnosis.tolerance import DEFAULT, KINDS, WIDEST, Tolerance
-from romsindy.fit.coupled_rounds import Fitted
+from romsindy.diagnosis.interaction import Interaction, over_pieces
 from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import PREDICTED, SURE
 from romsindy.physics.coupling import Along
@@ -179,7 +177,7 @@ def ratio(resonance: Resonance | None) -> str:
 def footing(found: Interaction) -> str:
     """What one coordinate and two leave, over pieces of one length."""
     return (
-        f"Of {pieces(found.together)} one coordinate leaves {two_digits(found.before)} times the"
+        f"Of {found.pieces} one coordinate leaves {two_digits(found.before)} times the"
         f" noise, all its values free, and two leave {two_digits(found.after)}."
     )
 
@@ -199,17 +197,10 @@ def values_that_moved(nominal: ReducedModel, fit: Fit) -> str:
 def footing_table(found: Interaction) -> list[list[str]]:
     """The same as rows of text, with the pieces that the two follow at most."""
     rows = [["followed", "one coordinate", "two"]]
-    rows.append([pieces(found.together), f"{found.before:.3g}", f"{found.after:.3g}"])
+    rows.append([found.pieces, f"{found.before:.3g}", f"{found.after:.3g}"])
     if found.longest.cycles != found.together.cycles:
-        rows.append([pieces(found.longest), "lost", f"{found.longest.left:.3g}"])
+        rows.append([over_pieces(found.longest), "lost", f"{found.longest.left:.3g}"])
     return rows
-
-
-def pieces(found: Fitted) -> str:
-    """Over what a model was fitted, each piece from an initial state of its own."""
-    if np.isinf(found.cycles):
-        return "the whole decay"
-    return f"pieces of {found.cycles:.0f} cycles"
 
 
 def rings_along(found: Interaction) -> str:
@@ -220,7 +211,7 @@ def rings_along(found: Interaction) -> str:
         rest = f"with it beside the model, all values free{terms}, noise alone is left ({alone})"
     else:
         rest = (
-            f"one coordinate with it beside leaves {alone} of {pieces(found.together)}, and"
+            f"one coordinate with it beside leaves {alone} of {found.pieces}, and"
             f" {two_digits(found.after)} with what could couple them"
         )
     return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."

@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from romsindy.diagnosis.arguments import check_request
-from romsindy.diagnosis.checks import checked_records
-from romsindy.diagnosis.decay_search import DecaySearch
-from romsindy.diagnosis.difference import over_all
-from romsindy.diagnosis.evidence import Hypothesis
-from romsindy.diagnosis.gap import HELD_OUT, Gap, name_of
+from romsindy.diagnosis.arguments import check_request, checked_records
+from romsindy.diagnosis.decay_search import DecaySearch, ProcessNoise
+from romsindy.diagnosis.difference import DEFAULT, KINDS, Tolerance, over_all
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis, nuisances
+from romsindy.diagnosis.gap import HELD_OUT, Gap, follow, misfit_of, motions_of, name_of, predict
 from romsindy.diagnosis.held_out import Validation, parted
-from romsindy.diagnosis.plain_values import other_values, without_effects
-from romsindy.diagnosis.prediction import follow, misfit_of, motions_of, predict
 from romsindy.diagnosis.report import DiagnosisReport
+from romsindy.diagnosis.screening import part_of, screen
 from romsindy.diagnosis.search import (
     Finding,
     Options,
     rivals_of,
+    smooth_model,
+    unsure_parts,
     with_textbook_exponent,
     with_whole_exponent,
 )
-from romsindy.diagnosis.tolerance import DEFAULT, KINDS, Tolerance
-from romsindy.diagnosis.unsure import nuisances, smooth_model, unsure_parts
 from romsindy.diagnosis.verdict import Answer, Explanation, Rule, Verdict
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects import LinearFrequency, Viscous
 from romsindy.effects.base import Effect, Scales
-from romsindy.fit.coefficient import extended, in_place
+from romsindy.fit.coefficient import Coefficient, extended, in_place
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record, scales, sharing_drift
 from romsindy.fit.verdict import (
@@ -42,7 +39,9 @@ from romsindy.fit.verdict import (
     SHARED,
     UNJUDGED,
 )
+from romsindy.physics.equations import inputs_of
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
 from romsindy.record.decay import Decay
 
 
@@ -68,7 +67,7 @@ def diagnose_model(
     parts = unsure_parts(model, free, tolerances, records.scales, len(records.learning))
     sought = _sought(model, options.catalogue, parts, tolerances)
     given = (model, records.learning, parts, replace(options, catalogue=sought))
-    search = DecaySearch.of(*given, form)
+    search = DecaySearch(*given, ProcessNoise(form))
     exact = search.with_free(()).hypothesis([])
     slack = search.with_free(nuisances(records.learning)).hypothesis([])
     agree = _agree(search, slack, as_it_was)
@@ -92,20 +91,12 @@ def diagnose_model(
 
 @dataclass(frozen=True)
 class _Records:
-    """Records of a diagnosis: what they learn from, and what takes no part.
+    """Records of a diagnosis: what they learn from, and what takes no part."""
 
-    Attributes
-    ----------
-    whole : dict of str to Record
-        All of them by name, that which was held out last.
-    learning : list of Record
-        What hypotheses are fitted to: whole records, or these without the stretches of ``tests``.
-    tests : dict of str to Record
-        What takes no part, by name; empty where all are too short to spare anything.
-    """
-
-    whole: dict[str, Record]
+    whole: dict[str, Record]  # all of them by name, that which was held out last
+    # What hypotheses are fitted to: whole records, or these without the stretches of ``tests``
     learning: list[Record]
+    # What takes no part, by name; empty where all are too short to spare anything
     tests: dict[str, Record]
     scales: Scales
 
@@ -325,3 +316,53 @@ def _as_well(
         float(np.sqrt(np.sum(misfit_of(search.model, h, records) ** 2))) for h in (trial, best)
     )
     return after <= AS_WELL * before
+
+
+_LINEAR = ("omega^2", "c_linear")
+_TRIED = 3  # of the coefficients, those that the screening puts first
+
+
+def other_values(
+    model: ReducedModel, catalogue: Sequence[Effect], known: Collection[str]
+) -> tuple[Coefficient, ...]:
+    """Each coefficient of a model that may be another, but for those that are ``known``.
+
+    It goes by the name of the effect that has the same law, if there is one.
+    """
+    laws = {e.term(): e.name for e in catalogue}
+    names = {law.key: name for law, name in laws.items() if law is not None}
+    taken = {*_LINEAR, *known, *(term.key for term in inputs_of(model))}
+    return tuple(
+        Coefficient(term, names.get(term.key, "coefficient"))
+        for term in model.terms
+        if term.key not in taken
+    )
+
+
+def without_effects(
+    search: DecaySearch, slack: Hypothesis, base: Hypothesis, values: Sequence[Coefficient]
+) -> list[Hypothesis]:
+    """What nuisances do, ``slack``, linear values beside, and these with one more of ``values``.
+
+    One more value is asked where more than noise is left. Fits begin with the linear values of
+    ``base``, without nuisances: beside these a frequency that is far off is not found by itself.
+    """
+    started = base.solution.parts[: base.n_free] if base.solution.finite else search.free
+    search = replace(search, free=(*started, *nuisances(search.records)), compared=[])
+    linear = search.settled(search.hypothesis([]))
+    left = search.remainder(linear)
+    enough = left.explained and left.ratio < NOTHING_LEFT
+    if enough or not (values and linear.solution.finite):
+        linear = linear.settled(search.noise.known)
+        return [slack.at(linear.noise), linear]
+    known = scales(search.records)
+    parts, names = linear.solution.parts, {v.variant: v for v in values}
+    found = screen(search.model, parts, list(names.values()), search.records, known)
+    singles = [s for s in found.singles() if np.isfinite(s.chi_squared)]
+    # A quadratic force acts to second order in its strength, which the screening does not see.
+    second = [s for s in singles[_TRIED:] if s.effect.term() == Stiffness(2)]
+    asked = [*singles[:_TRIED], *second]
+    trials = search.fitted([[part_of(s, known, len(search.records))] for s in asked])
+    ranked = search.ranked([linear, *(h for h in trials if h.solution.finite)])
+    form = ranked[0].noise
+    return [slack.at(form), linear.at(form), *(h for h in ranked if h.effects)]

@@ -50,10 +50,7 @@ def looked_for(catalogue: Iterable[Effect], where: str) -> list[Effect]:
 def sought(place: str) -> tuple[Term, ...]:
     """The laws that are looked for in one place of the table, beside the linear ones.
 
-    Raises
-    ------
-    ValueError
-        For another place.
+    Raises a ValueError for another place.
     """
     if place not in PLACES:
         raise ValueError(f"place = {place!r} must be one of {sorted(PLACES)}")

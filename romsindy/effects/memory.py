@@ -49,10 +49,7 @@ class MemoryEffect(Effect):
     def of_law(cls, law: MemoryLaw) -> MemoryEffect:
         """The effect that has this law.
 
-        Raises
-        ------
-        ValueError
-            If none of those that are defined has.
+        Raises a ValueError if none of those that are defined has.
         """
         known = [kind for base in cls.__subclasses__() for kind in (base, *base.__subclasses__())]
         kind = next((k for k in known if isinstance(getattr(k, "law", None), type(law))), None)

@@ -18,7 +18,7 @@ from romsindy.fit.choice_error import with_choice_error
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.coupled_choice import Stage, every_choice
 from romsindy.fit.coupled_record import CoupledRecord, coupled_records, free_shapes
-from romsindy.fit.coupled_rounds import Fitted, Progress, best_of, of_plainest_kind
+from romsindy.fit.coupled_rounds import FittedPieces, Progress, best_of, of_plainest_kind
 from romsindy.fit.coupled_terms import KINDS, candidates, linear_model, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.followed_back import followed_back
@@ -89,8 +89,8 @@ def identify_coupled(
     ringing, fewest = _ringing(free, coordinates)
     known = dict(fixed or {})
     require_known(known, [*_laws(fewest)])
-    best: Fitted | None = None
-    kept: list[Fitted] = []  # of the present coordinates
+    best: FittedPieces | None = None
+    kept: list[FittedPieces] = []  # of the present coordinates
     interrupted = False
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -170,7 +170,7 @@ def model_with_terms(
 
 def _from_quieter(
     decays: Sequence[Decay], count: int, fixed: Mapping[str, float], progress: Progress
-) -> Fitted | None:
+) -> FittedPieces | None:
     """Where vibrations beat: the model of the quieter parts, followed back to the start."""
     for part in _LOUD:
         quieter = [d.between(d.t[0] + part * (d.t[-1] - d.t[0])) for d in decays]
@@ -210,7 +210,7 @@ def _lasts(tone: Ridge) -> float:
     return tone.end - tone.start if np.any(tone.amplitude) else 0.0
 
 
-def _loud_enough(more: Vibration, best: Fitted) -> bool:
+def _loud_enough(more: Vibration, best: FittedPieces) -> bool:
     """Whether as much of what is left may be one more vibration as a coordinate must explain.
 
     Of pieces nobody knows: the motion may be followed longer with it.
@@ -220,13 +220,13 @@ def _loud_enough(more: Vibration, best: Fitted) -> bool:
     return bool(best.cycles < np.inf or more.share > (1 - (1 - MODE) ** 2) * left)
 
 
-def _needed(found: Fitted, before: Fitted) -> bool:
+def _needed(found: FittedPieces, before: FittedPieces) -> bool:
     """Whether a further coordinate is: with it the motion is followed longer, or much better."""
     longer = found.cycles > before.cycles
     return longer or found.left_over(before.records) < (1 - MODE) * before.left
 
 
-def _notes(best: Fitted, products: Collection[str], interrupted: bool) -> list[str]:
+def _notes(best: FittedPieces, products: Collection[str], interrupted: bool) -> list[str]:
     """What the reader must know of how it was found."""
     notes = ["interrupted: the best of what had been tried"] if interrupted else []
     if products:
@@ -289,7 +289,7 @@ def _identified(
     decays: Sequence[Decay],
     fixed: Mapping[str, float],
     progress: Progress,
-) -> Fitted | None:
+) -> FittedPieces | None:
     """The model of some vibrations."""
     ringing = sorted(strongest, key=lambda v: v.small_frequency)
     progress.say(f"coordinates at {names_of(ringing)}")
@@ -299,7 +299,7 @@ def _identified(
     return of_plainest_kind(start, records, KINDS, progress)
 
 
-def _in_order(found: Fitted, fixed: Mapping[str, float], progress: Progress) -> Fitted:
+def _in_order(found: FittedPieces, fixed: Mapping[str, float], progress: Progress) -> FittedPieces:
     """The same with its coordinates by frequency: close vibrations may have been mistaken."""
     model = found.stage.model
     order = np.argsort(small_frequencies(model))

@@ -32,7 +32,7 @@ _LOST, _MISSED = 3.0, 1.5
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedPieces:
     """A stage fitted to pieces of the records.
 
     Attributes
@@ -69,23 +69,23 @@ class Fitted:
         """The same over the noise of other records."""
         return float(np.sqrt(np.mean(self._squares(records))))
 
-    def is_better(self, before: Fitted, records: Sequence[CoupledRecord]) -> bool:
+    def is_better(self, before: FittedPieces, records: Sequence[CoupledRecord]) -> bool:
         """Whether its terms are worth more than those of another, by the noise of some records."""
         now, then = self._squares(records), before._squares(records)
         more = self.stage.n_values - before.stage.n_values
         least = min(now.sum(), then.sum())
         return bool(then.sum() - now.sum() > more * needed(then.size, least, 1))
 
-    def is_alike(self, before: Fitted, records: Sequence[CoupledRecord]) -> bool:
+    def is_alike(self, before: FittedPieces, records: Sequence[CoupledRecord]) -> bool:
         """Whether it leaves about as much as another, which a round more would do, too."""
         return bool(self._squares(records).sum() > (1 - TERM) * before._squares(records).sum())
 
-    def with_noise_of(self, records: Sequence[CoupledRecord]) -> Fitted:
+    def with_noise_of(self, records: Sequence[CoupledRecord]) -> FittedPieces:
         """With the noise of other records in the place of its own."""
         pairs = zip(self.records, records, strict=True)
         return replace(self, records=tuple(replace(r, noise=o.noise) for r, o in pairs))
 
-    def heard_again(self) -> Fitted:
+    def heard_again(self) -> FittedPieces:
         """With the noise of the records as it is in what the fit leaves, where that is less."""
         pairs = zip(self.records, self.residuals, strict=True)
         return replace(self, records=tuple(r.heard_again(e) for r, e in pairs))
@@ -111,12 +111,12 @@ class Progress(NamedTuple):
     """What is told of the rounds, and the fits that an interrupt must not lose."""
 
     say: Callable[[str], None]
-    keep: Callable[[Fitted], None]
+    keep: Callable[[FittedPieces], None]
 
 
 def of_plainest_kind(
     start: Stage, given: Sequence[CoupledRecord], kinds: Sequence[Kind], progress: Progress
-) -> Fitted | None:
+) -> FittedPieces | None:
     """The start with terms of the first kind that explains the records, or else of the best.
 
     None if it follows the motion over no piece. Every kind goes on from the one before, with the
@@ -124,7 +124,7 @@ def of_plainest_kind(
     """
     always, r, curved = start.model.terms, start.model.n_coordinates, curved_shapes(given[0])
     shortest, best = lengths(given)[0], None
-    found: list[Fitted] = []
+    found: list[FittedPieces] = []
     for kind in kinds:
         choice = Choice(always, candidates(r, kind), curved)
         now, records = (best.stage, best.records) if best else (start, given)
@@ -138,7 +138,7 @@ def of_plainest_kind(
     return best_of(found)
 
 
-def best_of(found: Sequence[Fitted]) -> Fitted | None:
+def best_of(found: Sequence[FittedPieces]) -> FittedPieces | None:
     """Of several fits the one that explains, or follows the motion for longest and leaves least."""
     if not found:
         return None
@@ -150,8 +150,8 @@ def best_of(found: Sequence[Fitted]) -> Fitted | None:
 
 
 def _whole(
-    best: Fitted, given: Sequence[CoupledRecord], choice: Choice, progress: Progress
-) -> Fitted:
+    best: FittedPieces, given: Sequence[CoupledRecord], choice: Choice, progress: Progress
+) -> FittedPieces:
     """Fitted to the longest pieces that it follows, with the noise of the given records."""
     best = _grown(best, choice, progress)
     if best.explained:
@@ -164,7 +164,7 @@ def _whole(
     return best
 
 
-def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
+def _grown(best: FittedPieces, choice: Choice, progress: Progress) -> FittedPieces:
     """Fitted to the longest pieces over which the model follows the motion.
 
     Terms are chosen again where longer pieces show that some are missing, and at the end.
@@ -183,7 +183,7 @@ def _grown(best: Fitted, choice: Choice, progress: Progress) -> Fitted:
     return best
 
 
-def _longer(now: Fitted, cycles: float) -> Fitted | None:
+def _longer(now: FittedPieces, cycles: float) -> FittedPieces | None:
     """Fitted to longer pieces; None where the model loses the motion.
 
     What a wrong model misses grows with the length of the pieces; by much more, and it is lost.
@@ -200,8 +200,8 @@ def settled(
     choice: Choice,
     progress: Progress,
     cycles: float,
-    best: Fitted | None = None,
-) -> Fitted | None:
+    best: FittedPieces | None = None,
+) -> FittedPieces | None:
     """Rounds with pieces of one length, until the choice of terms stays; the best fit."""
     given, weighed = tuple(records), best.weighed_alike() if best else tuple(records)
     for _ in range(_ROUNDS):
@@ -225,8 +225,12 @@ def settled(
 
 
 def _better(
-    start: Stage, now: Stage, records: Sequence[CoupledRecord], cycles: float, best: Fitted | None
-) -> Fitted | None:
+    start: Stage,
+    now: Stage,
+    records: Sequence[CoupledRecord],
+    cycles: float,
+    best: FittedPieces | None,
+) -> FittedPieces | None:
     """A fit that is better than the best, or None.
 
     From the values of a start: those of the linearised equations may have no motion at all, then
@@ -245,7 +249,7 @@ def _better(
     return found if found and found.is_better(best, records) else None
 
 
-def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fitted | None:
+def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> FittedPieces | None:
     """The model fitted to pieces so many cycles long; None if it has no motion, or no masses."""
     base, own = free_parts(start.model, start.free, records)
     solution = fit_pieces(base, (*own, *start.shapes), records, cycles)
@@ -254,7 +258,7 @@ def fitted(start: Stage, records: Sequence[CoupledRecord], cycles: float) -> Fit
         return None
     stage = replace(start, model=model, shapes=solution.parts[len(own) :])
     followed = moved(records, solution.motions)
-    return Fitted(stage, followed, cycles, solution.residuals, solution.n_values)
+    return FittedPieces(stage, followed, cycles, solution.residuals, solution.n_values)
 
 
 def _has_masses(model: CoupledModel) -> bool:

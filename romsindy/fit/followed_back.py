@@ -15,7 +15,7 @@ import numpy as np
 from romsindy.fit.collocation import TrajectoryError, integrate
 from romsindy.fit.coupled_choice import Choice
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
-from romsindy.fit.coupled_rounds import Fitted, Progress, of_plainest_kind, settled
+from romsindy.fit.coupled_rounds import FittedPieces, Progress, of_plainest_kind, settled
 from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
 from romsindy.fit.equation import equation_of
 from romsindy.fit.measured import NUMERICS, small_frequencies
@@ -29,7 +29,9 @@ from romsindy.typing import Array
 _TIMES = 50  # of a stride: its end alone is asked for
 
 
-def followed_back(quiet: Fitted, decays: Sequence[Decay], progress: Progress) -> Fitted | None:
+def followed_back(
+    quiet: FittedPieces, decays: Sequence[Decay], progress: Progress
+) -> FittedPieces | None:
     """A model of whole decays, from one that explains the last part of each.
 
     None where no motion of the model leads back to the start.

@@ -108,7 +108,7 @@ def fit(
     motions = list(motions or [r.motion for r in records])
     n_values = sum(p.size for p in parts)
     last, converged, n_samples = np.inf, False, sum(len(r.signal) for r in records)
-    kept: _Stage | None = None
+    kept: _Iterate | None = None
     for iteration in range(iterations):
         with np.errstate(all="ignore"):
             system, responses = _linearised(model, parts, records, motions)
@@ -137,7 +137,7 @@ def fit(
             if not np.isfinite(largest) or largest > _LOST:
                 return _failed(parts, motions, n_values)
             short = min(1.0, _LEASH / max(largest, 1e-300))
-            kept = _Stage(parts, tuple(responses), weights, step[:n_values], short, system)
+            kept = _Iterate(parts, tuple(responses), weights, step[:n_values], short, system)
             parts, motions = kept.moved()
         chi_squared = system.chi_squared(step)
         beyond = rough * max(chi_squared - EXPLAINED**2 * n_samples, 0.0)
@@ -166,7 +166,7 @@ def fit(
 
 
 @dataclass(frozen=True)
-class _Stage:
+class _Iterate:
     """Where a step started, and the step."""
 
     parts: tuple[Part, ...]

@@ -71,7 +71,7 @@ class Noises(NamedTuple):
         return self._replace(force=self.force * by**2, sensor=self.sensor * by)
 
 
-class Weighed(NamedTuple):
+class WeighedProducts(NamedTuple):
     """Products of columns, weighed by the inverse of a covariance, and its log-determinant."""
 
     products: Array
@@ -195,13 +195,13 @@ class TwoNoises:
         q_dot = motion.q_dot + late / motion.grid.step
         return replace(motion, q=motion.q + q, q_dot=q_dot, q_ddot=q_ddot)
 
-    def table(self, columns: Array) -> Table:
+    def table(self, columns: Array) -> NoiseTable:
         """Columns (c n, m) that are weighed by some noises or others."""
-        return Table(self, np.split(columns, len(self.shown)))
+        return NoiseTable(self, np.split(columns, len(self.shown)))
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class NoiseTable:
     """Columns of one record, channel by channel, and what they say of the states."""
 
     noises: TwoNoises
@@ -216,7 +216,7 @@ class Table:
     def _crossed(self) -> list[_OneLag]:
         return [_OneLag.of(h, y) for h, y in zip(self.noises.shown, self.channels, strict=True)]
 
-    def weighed(self, noises: Noises) -> Weighed:
+    def weighed(self, noises: Noises) -> WeighedProducts:
         """By the inverse of the covariance; all sizes are above 0."""
         two = self.noises
         factor, states = self._states(noises)
@@ -229,7 +229,7 @@ class Table:
         spread = 2 * np.sum(np.log(factor[0])) - np.sum(np.log(1 - noises.colour**2))
         spread += two.moves[0].shape[0] * np.sum(np.log(noises.force))
         spread += 2 * two.shown[0].shape[0] * np.sum(np.log(noises.sensor))
-        return Weighed(products, float(spread))
+        return WeighedProducts(products, float(spread))
 
     def states(self, noises: Noises) -> Array:
         """The most likely states behind each column, (n_unknowns, m)."""
@@ -259,7 +259,7 @@ def steady(noises: TwoNoises, left: Array, found: Noises) -> float:
 
 def found_noises(noises: TwoNoises, left: Array) -> Noises:
     """Noises of the largest likelihood in what a fit leaves of a record, (c n,), measured unit."""
-    search = _Search.of(noises, left)
+    search = _NoiseSearch.of(noises, left)
     starts = [search.alike(f, np.arctanh(c)) for f in _FORCES for c in _COLOURS]
     best = min(starts, key=search.cost)
     both = np.stack([search.alike(1.0, 0.0), search.alike(0.0, 1.0)], axis=1)
@@ -280,20 +280,20 @@ def found_noises(noises: TwoNoises, left: Array) -> Noises:
 
 
 @dataclass(frozen=True)
-class _Search:
+class _NoiseSearch:
     """For noises, by powers of e on the usual force, arctanh of colours, powers of e on sensors.
 
     ``usual`` (R,) is the force that moves as much as the sensors add where these add ``sensor``
     (c,), which is what is left of each channel.
     """
 
-    tables: tuple[Table, ...]
+    tables: tuple[NoiseTable, ...]
     usual: Array
     sensor: Array
     freedom: int
 
     @classmethod
-    def of(cls, noises: TwoNoises, left: Array) -> _Search:
+    def of(cls, noises: TwoNoises, left: Array) -> _NoiseSearch:
         channels = left.reshape(len(noises.shown), -1)
         n = channels.shape[1]
         enough = _ENOUGH // len(noises.moves)

@@ -68,7 +68,7 @@ NEGATIVE = 3.0
 # A way must leave this part of the power less than another one: less may be the form of the model.
 FORM = 0.003
 
-# -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.checks`) -------
+# -- which records can be looked at? (`romsindy.fit.record`, `romsindy.diagnosis.arguments`) -------
 
 # What vibrates below this part of the largest amplitude is not looked at: 40 dB.
 QUIET = 0.01

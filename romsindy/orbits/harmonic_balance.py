@@ -41,23 +41,14 @@ _FEWEST_SAMPLES = 64
 
 @dataclass(frozen=True, eq=False)
 class FourierBasis:
-    """Matrices between Fourier coefficients and samples at phases omega t of one period.
+    """Matrices between Fourier coefficients and samples at phases omega t of one period."""
 
-    Attributes
-    ----------
-    values, first, second : (n_samples, 2 H + 1) arrays
-        From coefficients to samples of q and of its derivatives by the phase.
-    projection : (2 H + 1, n_samples) array
-        From samples to coefficients, for uniform phases.
-    rate : (2 H + 1, 2 H + 1) array
-        From coefficients to those of the derivative by the phase.
-    """
-
+    # (n_samples, 2 H + 1), from coefficients to samples of q and of its derivatives by the phase
     values: Array
     first: Array
     second: Array
-    projection: Array
-    rate: Array
+    projection: Array  # (2 H + 1, n_samples), from samples to coefficients, for uniform phases
+    rate: Array  # (2 H + 1, 2 H + 1), from coefficients to those of the derivative by the phase
 
     @classmethod
     def at(cls, phase: Array, n_harmonics: int) -> FourierBasis:

@@ -317,19 +317,12 @@ class _Products(NamedTuple):
 
 
 class _Polynomials(NamedTuple):
-    """All polynomial terms as coefficients of one table of n products of powers.
+    """All polynomial terms as coefficients of one table of n products of powers."""
 
-    Attributes
-    ----------
-    powers : (n, R) array of int
-    v : (n,) array
-        Of the potential.
-    k, c, m, g : (n, R), (n, R, R), (n, R, R), (n, R, R, R) arrays
-        Of dV/dq; of what multiplies q_dot, q_ddot, and two velocities, in each equation.
-    """
-
-    powers: Array
-    v: Array
+    powers: Array  # (n, R)
+    v: Array  # (n,), of the potential
+    # (n, R), (n, R, R), (n, R, R), (n, R, R, R), of dV/dq; of what multiplies q_dot, q_ddot, and
+    # two velocities, in each equation
     k: Array
     c: Array
     m: Array

@@ -50,10 +50,7 @@ def symbols(coordinates: Coordinates) -> tuple[list[Any], list[Any]]:
 def traced(term: Term, q: Any, q_dot: Any) -> tuple[Any, Any]:
     """What a law adds to M and to K + N q_dot^2 + D, as expressions of two others.
 
-    Raises
-    ------
-    ValueError
-        If it does something that sympy has no word for.
+    Raises a ValueError if it does something that sympy has no word for.
     """
     q, q_dot = _Traced(q), _Traced(q_dot)
     inertia, force = _Traced(0), _Traced(0)
@@ -171,10 +168,8 @@ def inertia_and_force(
 
     Less what inputs push, each by its symbol.
 
-    Raises
-    ------
-    ValueError
-        If a law does something that sympy has no word for, or sympy is not installed.
+    Raises a ValueError if a law does something that sympy has no word for, or sympy is not
+    installed.
     """
     sympy, r = sympy_module(), len(coordinates)
     inertia, force = sympy.eye(r), sympy.zeros(r, 1)

@@ -71,10 +71,7 @@ def integrate_smooth(
     ``state`` is (q, q_dot) at t[0], (2,) of one coordinate or (2, R) of several; the absolute
     tolerance is ``rtol * scale``.
 
-    Raises
-    ------
-    EscapeError
-        If the motion cannot be followed to the last time.
+    Raises an EscapeError if the motion cannot be followed to the last time.
     """
     followed = _Course(acceleration, state, t)
 

@@ -163,14 +163,8 @@ def made(
 ) -> T:
     """A dataclass by its fields: all of those without a default, each of the kind it states.
 
-    Parameters
-    ----------
-    kind : dataclass
-    name : str
-        Where the entry stands, as messages tell it.
-    value : mapping
-    readers : mapping of str to callable, optional
-        For fields of further kinds, by their annotation; "" is for any other.
+    ``name`` is where the entry stands, as messages tell it. Fields of further kinds are read by
+    ``readers``, by their annotation; "" is for any other.
     """
     known = {f.name: f for f in fields(kind)}  # type: ignore[arg-type]
     needed = [n for n, f in known.items() if f.default is MISSING]

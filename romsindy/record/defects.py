@@ -206,10 +206,7 @@ def _mended(channel: _Channel, as_measured: bool) -> tuple[Array, list[Defect]]:
 def _cycle(x: Array) -> int:
     """Samples of a cycle of what vibrates in a channel, beside a drift of any size.
 
-    Raises
-    ------
-    ValueError
-        If nothing does.
+    Raises a ValueError if nothing does.
     """
     for _ in range(_PASSES):
         x = x - moving_mean(x, max(len(x) // _PIECES, 3))

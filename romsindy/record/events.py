@@ -36,19 +36,12 @@ _END, _FORGETS = 0.05, 0.6
 
 @dataclass(frozen=True)
 class LocalValues:
-    """Values of local polynomials.
+    """Values of local polynomials."""
 
-    Attributes
-    ----------
-    value, slope : (n,) arrays
-        Unit of q, and per s.
-    gain : (n,) array
-        Standard error of the value in white noise of standard deviation one.
-    """
-
+    # (n,), unit of q, and per s
     value: Array
     slope: Array
-    gain: Array
+    gain: Array  # (n,), standard error of the value in white noise of standard deviation one
 
     @classmethod
     def of(cls, decay: Decay, at: Array, period: Array, degree: int) -> LocalValues:
@@ -164,17 +157,10 @@ def noise_behind(decay: Decay, number: Array, at: Array) -> Power:
 
 @dataclass(frozen=True)
 class Scatter:
-    """What noise does to local values: standard deviation over their gain, and correlations.
+    """What noise does to local values: standard deviation over their gain, and correlations."""
 
-    Attributes
-    ----------
-    std : float
-        Unit of q.
-    alike : (k,) array
-        Correlation with the value 0, 1, ... half-cycles later, relative to its own side.
-    """
-
-    std: float
+    std: float  # unit of q
+    # (k,), correlation with the value 0, 1, ... half-cycles later, relative to its own side.
     alike: Array
 
     @classmethod

@@ -45,19 +45,13 @@ _MEDIAN = 0.83  # of the amplitude of noise in a line of a spectrum, over its rm
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Where a tone was followed.
+    """Where a tone was followed."""
 
-    Attributes
-    ----------
-    t, frequency, amplitude : (n,) arrays
-        Of the windows: middle in s, Hz, unit of the signal.
-    start, end : float
-        Times between which it is seen, s.
-    """
-
+    # (n,), of the windows: middle in s, Hz, unit of the signal
     t: Array
     frequency: Array
     amplitude: Array
+    # Times between which it is seen, s
     start: float
     end: float
 
@@ -68,18 +62,10 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Ridge(Track):
-    """A tone Re Z(t) exp(i phase(t)).
+    """A tone Re Z(t) exp(i phase(t))."""
 
-    Attributes
-    ----------
-    phase : BSpline
-        rad.
-    z : BSpline
-        Complex, unit of the signal.
-    """
-
-    phase: BSpline
-    z: BSpline
+    phase: BSpline  # rad
+    z: BSpline  # complex, unit of the signal
 
     def __call__(self, t: Array) -> Array:
         """The tone at times t; 0 beyond its ends."""

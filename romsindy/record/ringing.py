@@ -78,10 +78,7 @@ def names_of(vibrations: Sequence[Vibration]) -> str:
 def require_channels(decays: Sequence[Decay | ForcedVibration], count: int) -> None:
     """All decays with so many channels.
 
-    Raises
-    ------
-    ValueError
-        If one has others.
+    Raises a ValueError if one has others.
     """
     for i, decay in enumerate(decays):
         if decay.n_channels != count:

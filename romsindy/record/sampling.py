@@ -17,10 +17,7 @@ _ROUNDING = 1e-4
 def as_floats(name: str, x: ArrayLike) -> Array:
     """Real numbers as a new array of floats; nan where a sample is masked.
 
-    Raises
-    ------
-    ValueError
-        If they are complex, dates or no numbers.
+    Raises a ValueError if they are complex, dates or no numbers.
     """
     masked = x if isinstance(x, np.ma.MaskedArray) else None
     try:
@@ -84,10 +81,7 @@ def uniform_times(t: Array) -> tuple[Array, str]:
 def part_between(t: Array, start: float | None, end: float | None) -> slice:
     """Samples with start <= t <= end, in s; None leaves an end as it is.
 
-    Raises
-    ------
-    ValueError
-        If they are fewer than eight, or a time is no finite number.
+    Raises a ValueError if they are fewer than eight, or a time is no finite number.
     """
     for name, value in (("start", start), ("end", end)):
         if value is not None and not np.isfinite(value):

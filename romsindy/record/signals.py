@@ -28,10 +28,8 @@ _ENDS, _FADED, _MANY, _SAME, _REFINED = (2, 4, 8), 10.0, 20, 0.04, 4
 def fundamental_frequency(x: Array, dt: float) -> float:
     """Frequency of the spectral peak of one channel, in Hz.
 
-    Raises
-    ------
-    ValueError
-        If the signal is constant, holds fewer than three cycles, or drifts more than it vibrates.
+    Raises a ValueError if the signal is constant, holds fewer than three cycles, or drifts more
+    than it vibrates.
     """
     if not np.ptp(x) > 0:
         raise ValueError(f"the signal is constant ({x[0]:.6g}): nothing vibrates in this record")
@@ -147,10 +145,7 @@ def crossings(x: Array, dt: float) -> tuple[Indices, Indices]:
 
     They come as two integer arrays: ``down[k]`` lies between ``up[k]`` and ``up[k + 1]``.
 
-    Raises
-    ------
-    ValueError
-        If the record holds fewer than three cycles.
+    Raises a ValueError if the record holds fewer than three cycles.
     """
     smooth = lowpass(x, dt, 3 * fundamental_frequency(x, dt))
     below = smooth < 0

@@ -72,24 +72,12 @@ def quiet_std(y: Array) -> float:
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Noise of one channel in two numbers, whatever vibrates in it.
+    """Noise of one channel in two numbers, whatever vibrates in it."""
 
-    Attributes
-    ----------
-    rms : float
-        Without the vibration and lines, unit of the channel.
-    slope : float
-        Power of the frequency that the spectrum of the noise follows: 0 white, -1 pink.
-    slope_std : float
-        Its standard error.
-    ratio : float
-        Signal-to-noise ratio at the loudest, dB.
-    """
-
-    rms: float
-    slope: float
-    slope_std: float
-    ratio: float
+    rms: float  # without the vibration and lines, unit of the channel
+    slope: float  # power of the frequency that the spectrum of the noise follows: 0 white, -1 pink
+    slope_std: float  # its standard error
+    ratio: float  # signal-to-noise ratio at the loudest, dB
 
     @property
     def coloured(self) -> bool:
@@ -141,18 +129,10 @@ class Line:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Power of noise against frequency: the variance of a sample if it were the same everywhere.
+    """Power of noise against frequency: the variance of a sample if it were the same everywhere."""
 
-    Attributes
-    ----------
-    frequency : (m,) array
-        Hz, increasing.
-    power : (m,) array
-        Unit of the record squared.
-    """
-
-    frequency: Array
-    power: Array
+    frequency: Array  # (m,), Hz, increasing
+    power: Array  # (m,), unit of the record squared
 
     def __call__(self, frequency: Array) -> Array:
         """Power at some frequencies [Hz]."""

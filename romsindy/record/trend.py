@@ -36,21 +36,11 @@ _SLOWEST = 0.25  # part of the mean pace: slower is noise
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast a decay goes.
+    """How fast a decay goes."""
 
-    Attributes
-    ----------
-    number : (n,) array
-        In cycles.
-    log_size : (n,) array
-        Logarithm of the amplitude, over the largest.
-    rate : (n,) array
-        Its e-folds per cycle.
-    """
-
-    number: Array
-    log_size: Array
-    rate: Array
+    number: Array  # (n,), in cycles
+    log_size: Array  # (n,), logarithm of the amplitude, over the largest
+    rate: Array  # (n,), its e-folds per cycle
 
     @classmethod
     def of(cls, number: Array, log_size: Array, rate: Array) -> Pace:
@@ -91,25 +81,15 @@ class Pace:
 
 @dataclass(frozen=True)
 class Curves:
-    """Smooth curves before any data: polynomials and what is rough beside them.
-
-    Attributes
-    ----------
-    pace : Pace
-    knots : (k,) array
-        Of the splines that they are made of.
-    flat, rough : (m, order) and (m, m - order) arrays
-        A curve has the spline coefficients flat @ a + rough @ b. The derivative that is rough, in
-        units of the pace, has b @ b for the integral of its square.
-    tame : (order, order) array
-        What is likely of polynomials: tame @ a is of order one.
-    """
+    """Smooth curves before any data: polynomials and what is rough beside them."""
 
     pace: Pace
-    knots: Array
+    knots: Array  # (k,), of the splines that they are made of
+    # (m, order) and (m, m - order), a curve has the spline coefficients flat @ a + rough @ b. The
+    # derivative that is rough, in units of the pace, has b @ b for the integral of its square.
     flat: Array
     rough: Array
-    tame: Array
+    tame: Array  # (order, order), what is likely of polynomials: tame @ a is of order one
 
     @classmethod
     def of_sizes(cls, pace: Pace) -> Curves:
@@ -159,37 +139,19 @@ def _splines(knots: Array, number: Array, derivative: int) -> Array:
 
 @dataclass(frozen=True)
 class Trend:
-    """A smooth function of the cycle number, for either side of a vibration.
-
-    Attributes
-    ----------
-    curves : Curves
-    fixed : (p, g) array
-        Coefficients of polynomials and sides, for each of g roughnesses.
-    free : (m, g) array
-        Those of what is rough, in modes that the data determine one by one.
-    modes : (m, m) array
-        These modes.
-    root, along : (p, p) and (p, m) arrays
-        root @ root.T is the covariance of ``fixed`` if ``free`` were known, and ``along`` how
-        what it is known by depends on that.
-    variance : (m, g) array
-        Of ``free``.
-    scale : (g,) array
-        Scatter of the events over what the noise says, squared.
-    weight : (g,) array
-        Probability of every roughness.
-    """
+    """A smooth function of the cycle number, for either side of a vibration."""
 
     curves: Curves
-    fixed: Array
-    free: Array
-    modes: Array
+    fixed: Array  # (p, g), coefficients of polynomials and sides, for each of g roughnesses
+    free: Array  # (m, g), those of what is rough, in modes that the data determine one by one
+    modes: Array  # (m, m), these modes
+    # (p, p) and (p, m), root @ root.T is the covariance of ``fixed`` if ``free`` were known, and
+    # ``along`` how what it is known by depends on that
     root: Array
     along: Array
-    variance: Array
-    scale: Array
-    weight: Array
+    variance: Array  # (m, g), of ``free``
+    scale: Array  # (g,), scatter of the events over what the noise says, squared
+    weight: Array  # (g,), probability of every roughness
 
     @classmethod
     def through(

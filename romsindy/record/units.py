@@ -80,10 +80,7 @@ def spelled(text: str) -> str:
 def parse_unit(text: str) -> Unit:
     """Look up a unit such as "mm", "m/s", "g" or "deg", in any common spelling.
 
-    Raises
-    ------
-    ValueError
-        If it is not known; the message lists those that are.
+    Raises a ValueError if it is not known; the message lists those that are.
     """
     unit = spelled(str(text))
     if unit not in UNITS:
@@ -107,10 +104,8 @@ def parse_input_unit(text: str, base: bool) -> tuple[str, float]:
     >>> parse_input_unit("kN", base=False), parse_input_unit("g", base=True)
     (('N', 1000.0), ('m/s^2', 9.80665))
 
-    Raises
-    ------
-    ValueError
-        If it is no unit of a force, or, of a base that moves, none of an acceleration.
+    Raises a ValueError if it is no unit of a force, or, of a base that moves, none of an
+    acceleration.
     """
     motion = UNITS.get(spelled(text))
     known = force_unit(text)

@@ -60,21 +60,11 @@ _MOST_SAMPLES = 400_000
 
 @dataclass(frozen=True)
 class Stretch:
-    """A vibration over a stretch of time in which its amplitude changes little: means of the same.
+    """A vibration over a stretch of time in which its amplitude changes little: means of that."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Of the displacement.
-    frequency : float
-        Hz.
-    damping_ratio : float
-        NaN where it is less than two standard errors.
-    """
-
-    amplitude: float
-    frequency: float
-    damping_ratio: float
+    amplitude: float  # of the displacement
+    frequency: float  # Hz
+    damping_ratio: float  # NaN where it is less than two standard errors
 
 
 @dataclass(frozen=True, eq=False)

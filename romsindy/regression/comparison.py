@@ -34,29 +34,16 @@ _TOLD = 2.0  # standard errors from 0
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One identified model beside the backbone that was read off the decay.
-
-    Attributes
-    ----------
-    name : str
-    model : ReducedModel
-    error : (n_cycles,) array
-        Relative deviation of the model's backbone from the extracted one; nan for cycles that do
-        not judge it (see `Backbone.certain`), and where the model has no motion.
-    lost : int
-        Number of judging cycles at whose amplitude the model has no motion.
-    fixed : tuple of str
-        Names of the coefficients that were known.
-    standard_errors : mapping of str to float
-        Of coefficients by name; empty after a regression.
-    """
+    """One identified model beside the backbone that was read off the decay."""
 
     name: str
     model: ReducedModel
+    # (n_cycles,), relative deviation of the model's backbone from the extracted one; nan for cycles
+    # that do not judge it (see `Backbone.certain`), and where the model has no motion
     error: NDArray[np.float64]
-    lost: int
-    fixed: tuple[str, ...]
-    standard_errors: Mapping[str, float]
+    lost: int  # number of judging cycles at whose amplitude the model has no motion
+    fixed: tuple[str, ...]  # names of the coefficients that were known
+    standard_errors: Mapping[str, float]  # of coefficients by name; empty after a regression
 
     @property
     def rms_error(self) -> float:
@@ -71,15 +58,9 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Candidate(Judged):
-    """A model that a regression has found.
+    """A model that a regression has found."""
 
-    Attributes
-    ----------
-    estimator : HarmonicSINDy
-        Fitted.
-    """
-
-    estimator: HarmonicSINDy
+    estimator: HarmonicSINDy  # fitted
 
 
 def judge(
@@ -127,10 +108,7 @@ def compare_models(
     backbone tends to at small amplitude. The ``recipe`` is `PAPER` or `WEIGHTED`, with other
     harmonics or amplitudes where asked for.
 
-    Raises
-    ------
-    ValueError
-        If the order is below 3; and as `HarmonicSINDy.fit`.
+    Raises a ValueError if the order is below 3; and as `HarmonicSINDy.fit`.
     """
     if order < 3:
         raise ValueError(f"order = {order!r} must be at least 3, the lowest with inertia terms")

@@ -28,26 +28,18 @@ _DIFFERENTIATIONS: dict[Quantity, int] = {"displacement": 2, "velocity": 1, "acc
 
 @dataclass(frozen=True, eq=False)
 class HarmonicRows:
-    """Rows of the regression theta c = target, each one part of one harmonic of one cycle.
+    """Rows of the regression theta c = target, each one part of one harmonic of one cycle."""
 
-    Attributes
-    ----------
-    theta, target : (n_rows, n_terms), (n_rows,) arrays
-        Projections of the terms and of -q_ddot.
-    cycle, harmonic : (n_rows,) integer arrays
-        Where a row comes from; real and imaginary parts of a harmonic are two rows.
-    amplitude : (n_cycles,) array
-        Half peak-to-peak amplitude of each cycle.
-    noise : (n_rows,) array
-        Relative size of the sensor's noise in the row: h^d where the signal was differentiated
-        d times to reach q_ddot.
-    """
-
+    # (n_rows, n_terms), (n_rows,), projections of the terms and of -q_ddot
     theta: Array
     target: Array
+    # (n_rows,) integer arrays, where a row comes from; real and imaginary parts of a harmonic are
+    # two rows
     cycle: NDArray[np.intp]
     harmonic: NDArray[np.intp]
-    amplitude: Array
+    amplitude: Array  # (n_cycles,), half peak-to-peak amplitude of each cycle
+    # (n_rows,), relative size of the sensor's noise in the row: h^d where the signal was
+    # differentiated d times to reach q_ddot
     noise: Array
 
     @staticmethod
@@ -94,11 +86,8 @@ class HarmonicProjection(BaseEstimator):
     def rows(self, terms: Sequence[Term], decay: Decay) -> HarmonicRows:
         """Rows of all cycles of one decay with derivatives.
 
-        Raises
-        ------
-        ValueError
-            If the settings are not valid, a needed derivative is missing, or no cycle lies in
-            the amplitude range.
+        Raises a ValueError if the settings are not valid, a needed derivative is missing, or no
+        cycle lies in the amplitude range.
         """
         self._check()
         decay = decay.single()

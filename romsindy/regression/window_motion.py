@@ -34,14 +34,9 @@ _STEP = 0.7
 
 
 class Oscillators(NamedTuple):
-    """q_ddot + damping q_dot + omega^2 q = force for each coordinate.
+    """q_ddot + damping q_dot + omega^2 q = force for each coordinate."""
 
-    Attributes
-    ----------
-    omega, damping : (R,) arrays
-        rad/s and 1/s.
-    """
-
+    # (R,), rad/s and 1/s
     omega: Array
     damping: Array
 
@@ -83,18 +78,13 @@ def _small(tone: Ridge) -> tuple[float, float]:
 
 
 class WindowRows(NamedTuple):
-    """Rows of the regression theta c = target: samples of all channels in all windows.
+    """Rows of the regression theta c = target: samples of all channels in all windows."""
 
-    Attributes
-    ----------
-    theta, target : (n_rows, n_terms), (n_rows,) arrays
-        What the channels show of the terms as forces, and of -q_ddot; free motions projected out.
-    window : (n_rows,) array of int
-    """
-
+    # (n_rows, n_terms), (n_rows,), what the channels show of the terms as forces, and of -q_ddot;
+    # free motions projected out
     theta: Array
     target: Array
-    window: NDArray[np.intp]
+    window: NDArray[np.intp]  # (n_rows,)
 
     @staticmethod
     def stacked(parts: Sequence[WindowRows]) -> WindowRows:
@@ -110,34 +100,17 @@ class WindowRows(NamedTuple):
 
 @dataclass(frozen=True)
 class WindowMotion:
-    """A record with what is known so far of the motion of its coordinates.
-
-    Attributes
-    ----------
-    record : CoupledRecord or ForcedRecord
-    vibration : ForcedVibration or None
-        What has the inputs; then the sensor may have an offset, too.
-    shapes : (c, R) array
-        What each channel shows of each coordinate.
-    oscillators : Oscillators
-    scale : (c,) array
-        What samples of each channel are divided by: its noise.
-    factor : int
-        Steps of the motion in an interval of the samples.
-    width : int
-        Samples of a window.
-    motion : (3, n, R) array
-        q, q_dot, q_ddot at the steps.
-    """
+    """A record with what is known so far of the motion of its coordinates."""
 
     record: CoupledRecord | ForcedRecord
+    # What has the inputs; then the sensor may have an offset, too
     vibration: ForcedVibration | None
-    shapes: Array
+    shapes: Array  # (c, R), what each channel shows of each coordinate
     oscillators: Oscillators
-    scale: Array
-    factor: int
-    width: int
-    motion: Array
+    scale: Array  # (c,), what samples of each channel are divided by: its noise
+    factor: int  # steps of the motion in an interval of the samples
+    width: int  # samples of a window
+    motion: Array  # (3, n, R), q, q_dot, q_ddot at the steps
 
     @classmethod
     def of(

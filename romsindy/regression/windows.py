@@ -70,10 +70,7 @@ class WindowProjection(BaseEstimator):
     def check(self) -> None:
         """Refuse settings that mean nothing.
 
-        Raises
-        ------
-        ValueError
-            If ``cycles`` or ``rounds`` is too small.
+        Raises a ValueError if ``cycles`` or ``rounds`` is too small.
         """
         if not self.cycles >= 2:
             raise ValueError(f"cycles = {self.cycles!r} must be at least 2")
@@ -132,11 +129,8 @@ def regressed(
     rows, and holds fixed what is ``known`` by name. Where ``weighted``, each channel is divided by
     its noise.
 
-    Raises
-    ------
-    ValueError
-        If the decays have different channels, fewer vibrations ring than the terms have
-        coordinates, a known stiffness is far from theirs, or none is left of a coordinate.
+    Raises a ValueError if the decays have different channels, fewer vibrations ring than the terms
+    have coordinates, a known stiffness is far from theirs, or none is left of a coordinate.
     """
     projection.check()
     require_channels(decays, decays[0].n_channels)
@@ -169,11 +163,8 @@ def regressed_forced(
 
     Where nothing says what inputs do between their samples, it is what leaves least.
 
-    Raises
-    ------
-    ValueError
-        If records have different units, an input looks like the displacement of the base, or the
-        optimizer has dropped it.
+    Raises a ValueError if records have different units, an input looks like the displacement of the
+    base, or the optimizer has dropped it.
     """
     projection.check()
     require_unit(vibrations, vibrations[0].unit)
@@ -245,10 +236,7 @@ def rows_of(
 ) -> WindowRows:
     """Rows of a model that is known, for decays that may be others than those it came from.
 
-    Raises
-    ------
-    ValueError
-        If a decay has other channels, or nothing rings near a mode of the model.
+    Raises a ValueError if a decay has other channels, or nothing rings near a mode of the model.
     """
     require_channels(decays, len(mode_shapes))
     main = [int(np.argmin(np.abs(column - 1))) for column in mode_shapes.T]

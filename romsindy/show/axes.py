@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from romsindy.record.backbone import Backbone
+from romsindy.typing import Array
 
 _DASHES = ("-", "--", "-.", ":")
 
@@ -28,9 +35,57 @@ def with_unit(what: str, unit: str | None) -> str:
     return f"{what} ({raised})"
 
 
-def log_ratio(ax: Axes) -> None:
-    """Show ratios near 1 on a log axis: 0.4 rather than 4 x 10^-1."""
-    ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(NullFormatter())
+def log_ratio(ax: Axes, *others: str) -> None:
+    """Show values over few decades on a log y axis, and "x" if said: 0.4 rather than 4 x 10^-1."""
+    for of in ("y", *others):
+        ax.set(**{f"{of}scale": "log"})
+        axis = getattr(ax, f"{of}axis")
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
+
+
+# -- what is known of every point of a curve -------------------------------------------------------
+
+
+class Fact(NamedTuple):
+    """A quantity at every point of a curve."""
+
+    label: str  # with the unit in brackets
+    values: Array  # (n,)
+    std: Array | None = None  # (n,), standard errors
+    digits: int = 6  # that are shown of a value
+
+    def at(self, points: NDArray[np.bool_]) -> Fact:
+        """The same of some points."""
+        std = None if self.std is None else self.std[points]
+        return self._replace(values=self.values[points], std=std)
+
+
+# A drawn curve has no room for them; they go when it goes.
+_TOLD: WeakKeyDictionary[Artist, tuple[Fact, ...]] = WeakKeyDictionary()
+
+
+def tell(curve: Artist, *facts: Fact) -> None:
+    """Say what is known of the points of a curve beside its coordinates."""
+    _TOLD[curve] = facts
+
+
+def told(curve: Artist) -> tuple[Fact, ...]:
+    """What was said of a curve, or nothing."""
+    return _TOLD.get(curve, ())
+
+
+def of_cycles(b: Backbone, decay: int | None = None) -> list[Fact]:
+    """Number, time, amplitude, frequency and damping ratio of every cycle of a decay.
+
+    The decay has a number itself where there are several.
+    """
+    return [
+        *([] if decay is None else [Fact("decay", np.full(len(b), float(decay)))]),
+        Fact("cycle", np.arange(1.0, len(b) + 1)),
+        Fact("time (s)", b.t),
+        Fact(with_unit("amplitude", b.unit), b.amplitude, b.amplitude_std),
+        Fact("frequency (Hz)", b.frequency / (2 * np.pi), b.frequency_std / (2 * np.pi)),
+        Fact("damping ratio (%)", 100 * b.damping_ratio, 100 * b.damping_ratio_std, 4),
+    ]

@@ -22,26 +22,14 @@ from romsindy.text import TextTable, listed
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Models beside what was read off decays.
+    """Models beside what was read off decays."""
 
-    Attributes
-    ----------
-    decays : sequence of Decay
-        What was analysed, with derivatives.
-    backbones : sequence of Backbone
-        One for each.
-    candidates : sequence of Judged
-        Columns of the table; the identified equation first, where there is one.
-    main : Judged
-        Whose equation is printed.
-    forces : tuple of str
-        Names of the forces that were found, which regressions need not have.
-    """
-
-    decays: Sequence[Decay]
-    backbones: Sequence[Backbone]
+    decays: Sequence[Decay]  # what was analysed, with derivatives
+    backbones: Sequence[Backbone]  # one for each
+    # Columns of the table; the identified equation first, where there is one
     candidates: Sequence[Judged]
-    main: Judged
+    main: Judged  # whose equation is printed
+    # Names of the forces that were found, which regressions need not have
     forces: tuple[str, ...] = ()
 
     @cached_property

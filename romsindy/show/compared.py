@@ -25,31 +25,19 @@ _STRETCHES, _LEAST = 8, 8  # of which a spectrum is the mean; samples in each
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """One channel that was measured, and what simulations leave of it.
+    """One channel that was measured, and what simulations leave of it."""
 
-    Attributes
-    ----------
-    t, measured : (n,) arrays
-        Time in s.
-    left : mapping of str to (n,) array
-        Measured minus simulated, by name of the simulation; nan where nothing is compared.
-    quantity, unit : str
-        Of the samples.
-    noise : Noise or None
-        Of the channel, where it is known.
-    inputs : mapping of str to (n,) array
-        What drives it, by label.
-    rate : float
-        Angular frequency of its slowest vibration, rad/s; 0 where no cycle is looked at closely.
-    """
-
+    # (n,), time in s
     t: Array
     measured: Array
+    # Measured minus simulated, by name of the simulation; nan where nothing is compared
     left: Mapping[str, Array]
+    # Of the samples
     quantity: str
     unit: str
-    noise: Noise | None = None
-    inputs: Mapping[str, Array] = field(default_factory=dict)
+    noise: Noise | None = None  # of the channel, where it is known
+    inputs: Mapping[str, Array] = field(default_factory=dict)  # what drives it, by label
+    # Angular frequency of its slowest vibration, rad/s; 0 where no cycle is looked at closely
     rate: float = 0.0
 
     @property
@@ -81,10 +69,7 @@ class Density:
 def channels_of(pairs: Sequence[tuple[Any, Array]]) -> list[Compared]:
     """The channels of records that follow one another, with what one simulation leaves of each.
 
-    Parameters
-    ----------
-    pairs : sequence of (record of a fit, (c n,) array)
-        Records, and their residuals; the channels one after the other.
+    Pairs are of a record and its residuals (c n,), the channels one after the other.
     """
     first = pairs[0][0]
     decays = [record.decay for record, _ in pairs]

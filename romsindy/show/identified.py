@@ -39,41 +39,20 @@ _MOST = 6  # levels whose curves are told apart
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was identified, as its page and the command line need it.
-
-    Attributes
-    ----------
-    title : str
-    measured : sequence of Decay or ForcedVibration
-        Whole, as it was analysed; nothing where that was a table.
-    found : Estimate or None
-        None where regressions alone were asked for, or nothing else was possible.
-    beside : Beside or None
-        Models held against the cycles of the decays.
-    channels : sequence of str
-        Names of what was measured, where there are several.
-    held_out : HeldOut or None
-        The rest of the record, where some of it was held out.
-    force_unit : str or None
-        Of the excitation of steady states.
-    picked : str
-        What was used of the record, and what was left out.
-    trouble : str
-        Why nothing else was possible.
-    interrupted : bool
-        Whether the user wished to stop before the end.
-    """
+    """What was identified, as its page and the command line need it."""
 
     title: str
+    # Whole, as it was analysed; nothing where that was a table
     measured: Sequence[Decay | ForcedVibration] = ()
+    # None where regressions alone were asked for, or nothing else was possible
     found: Estimate | None = None
-    beside: Beside | None = None
-    channels: Sequence[str] = ()
-    held_out: HeldOut | None = None
-    force_unit: str | None = None
-    picked: str = ""
-    trouble: str = ""
-    interrupted: bool = False
+    beside: Beside | None = None  # models held against the cycles of the decays
+    channels: Sequence[str] = ()  # names of what was measured, where there are several
+    held_out: HeldOut | None = None  # the rest of the record, where some of it was held out
+    force_unit: str | None = None  # of the excitation of steady states
+    picked: str = ""  # what was used of the record, and what was left out
+    trouble: str = ""  # why nothing else was possible
+    interrupted: bool = False  # whether the user wished to stop before the end
 
     @property
     def model(self) -> AnyModel:

@@ -18,7 +18,7 @@ from romsindy.record.releases import Discarded, Release
 from romsindy.record.ridges import Ridge
 from romsindy.record.signals import downsample
 from romsindy.record.vibrations import Vibration
-from romsindy.show.facts import Fact, tell
+from romsindy.show.axes import Fact, tell
 from romsindy.typing import Array
 
 _POINTS = 20_000  # across a figure: one can zoom in
@@ -61,20 +61,10 @@ def draw_record(
     spectrum_of: Release | None,
     figure: Figure,
 ) -> None:
-    """One channel: its samples, spectrogram and spectrum, one above the other.
+    """One channel: its samples, spectrogram and spectrum, one above the other, in an empty figure.
 
-    Parameters
-    ----------
-    recording, cleaned : Recording
-        As it was read, and with its defects mended.
-    releases : sequence of Release
-    discarded : sequence of Discarded
-    tones : sequence of Tone
-        Of all releases.
-    spectrum_of : Release or None
-        Whose spectrum; that of the whole recording where there is none.
-    figure : Figure
-        Empty.
+    The recording is drawn as it was read and ``cleaned``, with its defects mended, with the tones
+    of all releases. The spectrum is that of one release, or of all where there is none.
     """
     time, ridges, spectrum = figure.subplots(3, height_ratios=(2, 3, 2))
     ridges.sharex(time)
@@ -143,14 +133,9 @@ def plot_ridges(recording: Recording, tones: Sequence[Tone], *, ax: Axes) -> Axe
 def plot_spectrum(
     recording: Recording, cleaned: Recording, tones: Sequence[Tone], *, ax: Axes
 ) -> Axes:
-    """Spectrum of one channel over one release, modes marked with their numbers.
+    """Spectrum of one channel over one release, its vibrations marked with their numbers.
 
-    Parameters
-    ----------
-    recording, cleaned : Recording
-        The release as it was read, which is drawn pale, and with its defects mended.
-    tones : sequence of Tone
-        The vibrations of the release.
+    As it was read it is drawn pale beneath the ``cleaned`` one.
     """
     low, high = _range(cleaned, tones)
     for of, color in ((recording, _PALE), (cleaned, "0.25")):

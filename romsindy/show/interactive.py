@@ -44,10 +44,7 @@ _CONFIG = {"responsive": True, "displaylogo": False, "modeBarButtons": [_BUTTONS
 def check_plotly() -> None:
     """Make sure that plotly is there, before any work.
 
-    Raises
-    ------
-    ValueError
-        If it is not installed; the message says how.
+    Raises a ValueError if it is not installed; the message says how.
     """
     try:
         import_module("plotly")

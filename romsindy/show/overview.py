@@ -12,9 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from romsindy.record.backbone import Backbone
-from romsindy.show.axes import with_unit
-from romsindy.show.cycles import of_cycles
-from romsindy.show.facts import tell
+from romsindy.show.axes import of_cycles, tell, with_unit
 from romsindy.show.page import Picture, write_page
 from romsindy.text import TextTable
 
@@ -33,21 +31,9 @@ def write_overview(
 ) -> None:
     """Write the page.
 
-    Parameters
-    ----------
-    path : str or Path
-    sentence : str
-        What came of all files.
-    rows : sequence of rows
-        Of the table; the last cell of a row is the report, to which it links.
-    backbones : mapping of str to Backbone
-        By name of the file.
-    notes : sequence of str
-        Why files have no report.
-    interactive : bool
-        Whether the figure zooms and shows the cycle under the pointer.
-    command : str
-        The one that makes it.
+    The last cell of a row is the report, to which it links; ``backbones`` go by names of files, and
+    ``notes`` say why files have no report. With ``interactive``, the figure zooms and shows the
+    cycle under the pointer.
     """
     header, *body = rows
     linked = [[*row[:-1], _link(row[-1])] for row in body]

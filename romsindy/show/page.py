@@ -37,24 +37,13 @@ _TONES = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that is drawn when it is written.
+    """A figure that is drawn when it is written."""
 
-    Attributes
-    ----------
-    name : str
-        Of its files, where it is written to files.
-    title, caption : str
-    draw : callable
-        Draws into an empty Figure.
-    size : (float, float)
-        Inches.
-    """
-
-    name: str
+    name: str  # of its files, where it is written to files
     title: str
     caption: str
-    draw: Callable[[Figure], object]
-    size: tuple[float, float] = (6.4, 4.4)
+    draw: Callable[[Figure], object]  # draws into an empty Figure
+    size: tuple[float, float] = (6.4, 4.4)  # inches
 
     def figure(self) -> Figure:
         """The figure, drawn."""
@@ -122,24 +111,13 @@ def write_page(
 ) -> None:
     """Fill one of the package's templates and write it.
 
-    Parameters
-    ----------
-    path : str or Path
-    template : str
-        "report" for an inspection, an identification or a diagnosis; "study".
-    command : str
-        The one that makes such pages: the head names it as the generator.
-    pictures : iterable of Picture
-        Drawn one after the other, the template's ``figures``.
-    interactive : bool
-        Whether figures zoom and show what is under the pointer.
-    **content
-        What else the template names; ``formula`` is LaTeX in parts, between which lines may end.
+    The ``template`` is "report" for an inspection, an identification or a diagnosis, or "study";
+    the head names the ``command`` that makes such pages as the generator. Pictures are drawn one
+    after the other, the template's ``figures``, and with ``interactive`` zoom and show what is
+    under the pointer. ``content`` is what else the template names; ``formula`` is LaTeX in parts,
+    between which lines may end.
 
-    Raises
-    ------
-    ValueError
-        If the page is to be interactive and plotly is not installed.
+    Raises a ValueError if the page is to be interactive and plotly is not installed.
     """
     plotly = script() if interactive else ""
     environment = Environment(

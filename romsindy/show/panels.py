@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from romsindy.fit.curve import Curve
 from romsindy.fit.estimate import Estimate
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.show import orbit_plots, plots
@@ -235,6 +236,19 @@ def harmonics(result: Identified) -> Iterator[Picture]:
         )
 
 
+def levels(result: Identified) -> Iterator[Picture]:
+    """What is left of driven records where they are quiet and where they are loud."""
+    verdict = None if result.fit is None else result.fit.verdict
+    if isinstance(verdict, ForcedAdequacy) and np.isfinite(verdict.growth[0]):
+        yield _picture(
+            "levels",
+            "What is left, against the response",
+            "In stretches of eight cycles, those alike together. Noise of a sensor is the same at"
+            " all levels; what grows with the response goes with the motion, or with its input.",
+            partial(plots.plot_levels, verdict),
+        )
+
+
 def force_left(result: Identified) -> Iterator[Picture]:
     """What is left of the force at steady states."""
     if result.steady is not None:
@@ -325,6 +339,7 @@ PANELS: tuple[Panel, ...] = (
     functions,
     parts,
     harmonics,
+    levels,
     force_left,
     over_time,
     spectrum,

@@ -11,25 +11,17 @@ from numpy.typing import ArrayLike
 
 from romsindy.fit.estimate import Band, Estimate, curves_near
 from romsindy.fit.fitted import Fit
+from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand
-from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits
+from romsindy.fit.record import Prepared, one_a_decay
+from romsindy.orbits.curves import BackboneCurve, ForcedResponse, PeriodicOrbits, linear_mode
+from romsindy.physics.coupled import AnyModel
 from romsindy.physics.model import ReducedModel
-from romsindy.record.backbone import Backbone
+from romsindy.record.backbone import Backbone, extract_backbone
 from romsindy.record.decay import Decay
 from romsindy.regression.estimator import HarmonicSINDy
 from romsindy.regression.projection import HarmonicRows
-from romsindy.show.axes import given_or_new, log_ratio, look, with_unit
-from romsindy.show.cycles import (
-    Curve,
-    Models,
-    backbones_of,
-    misses,
-    numbered,
-    of_cycles,
-    points_of,
-    span_of,
-)
-from romsindy.show.facts import tell
+from romsindy.show.axes import Fact, given_or_new, log_ratio, look, of_cycles, tell, with_unit
 from romsindy.text import listed
 from romsindy.typing import Array
 
@@ -192,6 +184,24 @@ def plot_misfit(fit: Estimate, *, ax: Axes | None = None) -> Axes:
     ax.set(xlabel=with_unit("amplitude", verdict.unit), ylabel="residual over noise")
     log_ratio(ax)
     ax.legend(loc="best", frameon=False, ncols=2)
+    return ax
+
+
+def plot_levels(verdict: ForcedAdequacy, *, ax: Axes | None = None) -> Axes:
+    """What a fit leaves of driven records against their response, both rms, and the sensor's noise.
+
+    Noise of the sensor is the same at all levels; what grows with the response is no such noise.
+    """
+    ax = given_or_new(ax)
+    response, left = verdict.levels.T
+    ax.plot(response, left, **look(0) | {"marker": "o", "ms": 4, "lw": 0.8}, label="what is left")
+    if verdict.sensor:
+        noise = verdict.sensor * verdict.left / verdict.part
+        ax.axhline(noise, color="0.4", lw=0.8, ls=":", label="noise of the sensor")
+    unit = verdict.measured_unit
+    ax.set(xlabel=with_unit("response, rms", unit), ylabel=with_unit("left of it, rms", unit))
+    log_ratio(ax, "x")
+    ax.legend(loc="best", frameon=False)
     return ax
 
 
@@ -378,3 +388,88 @@ def _symbol(key: str) -> str:
         return f"${greek[name]}$ ({index})"
     subscript = index if index.isdigit() else rf"\mathrm{{{index.replace(' ', '~')}}}"
     return f"${greek[name]}_{{{subscript}}}$" if index else f"${greek[name]}$"
+
+
+# -- cycles of measured decays, and curves of models beside them -----------------------------------
+
+
+Models = Mapping[str, AnyModel | Estimate | Band]
+# Amplitudes, curve, its band if any, and its look.
+Curve = tuple[Array, Array, tuple[Array, Array] | None, dict[str, Any]]
+
+
+def backbones_of(
+    measured: Backbone | Sequence[Backbone] | Fit, models: Models | None, mode: int = 1
+) -> tuple[Sequence[Backbone], Models | None]:
+    """What was measured, a backbone for each decay, and the models beside it.
+
+    Of a fit of several coordinates, the backbones are those of the tone of a mode.
+
+    Raises a ValueError if there are no cycles in it, or no such mode.
+    """
+    if isinstance(measured, Backbone):
+        return [measured], models
+    if measured and isinstance(measured, (list, tuple)):
+        return measured, models
+    if not isinstance(measured, Fit):
+        raise ValueError(
+            f"measured = {measured!r} holds no cycles: give a Backbone, and it among the models"
+        )
+    name = "fitted model"
+    if measured.model.numbered:
+        name += f", mode {mode} alone"
+        coordinate = int(np.argmax(np.abs(linear_mode(measured.model.undamped(), mode)[1])))
+        found = [_of_tone(r, coordinate) for r in one_a_decay(measured.records)]
+    else:
+        found = [extract_backbone(d) for d in measured.decays]
+    return found, models or {name: measured}
+
+
+def points_of(measured: Backbone | Sequence[Backbone] | Fit, mode: int) -> dict[str, Any]:
+    """How the cycles of a measured decay look in every figure, and what they are called."""
+    look: dict[str, Any] = {"fmt": "o", "ms": 3, "lw": 0.7, "color": "0.25", "mfc": "white"}
+    several = isinstance(measured, Fit) and measured.model.n_coordinates > 1
+    label = f"mode {mode} while others ring" if several else "cycles of the decay"
+    return look | {"label": label, "zorder": 1}
+
+
+def _of_tone(record: Prepared, coordinate: int) -> Backbone:
+    """The tone of a coordinate at the windows where it was followed; its errors are not known."""
+    tone = record.tones[coordinate]
+    omega = 2 * np.pi * tone.frequency
+    amplitude, unknown = tone.amplitude / omega**record.derivative, np.full(len(omega), np.nan)
+    fall = -np.gradient(np.log(amplitude), tone.t)
+    return Backbone(
+        t=tone.t,
+        amplitude=amplitude,
+        frequency=omega,
+        damping_ratio=fall / np.hypot(fall, omega),
+        positive_peak=amplitude,
+        negative_peak=-amplitude,
+        amplitude_std=unknown,
+        frequency_std=unknown,
+        damping_ratio_std=unknown,
+        unit=record.decay.unit,
+    )
+
+
+def numbered(backbones: Sequence[Backbone]) -> Iterator[tuple[int | None, Backbone]]:
+    """Backbones with the numbers of their decays, where there are several."""
+    for i, backbone in enumerate(backbones, 1):
+        yield (i if len(backbones) > 1 else None), backbone
+
+
+def misses(amplitude: Array, measured: Array, curves: Sequence[Curve]) -> Iterator[Fact]:
+    """How far curves are off what was measured of cycles at their amplitudes."""
+    for amplitudes, middle, _, style in curves:
+        order = np.argsort(amplitudes)
+        said = np.interp(amplitude, amplitudes[order], middle[order], np.nan, np.nan)
+        with np.errstate(divide="ignore", invalid="ignore"):  # of no damping, nothing is a part
+            off = 100 * (said / measured - 1)
+        yield Fact(f"{style['label']} off by (%)", off, digits=3)
+
+
+def span_of(backbones: Sequence[Backbone]) -> Array:
+    """Amplitudes from the least to the largest of cycles, (200,)."""
+    amplitudes = np.concatenate([b.amplitude for b in backbones])
+    return np.linspace(amplitudes.min(), amplitudes.max(), 200)

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
 
-from romsindy.show.facts import Fact, told
+from romsindy.show.axes import Fact, told
 from romsindy.typing import Array
 
 _PX = 4 / 3  # of a point
@@ -44,14 +44,7 @@ def known(ax: Axes) -> bool:
 
 
 def traces(ax: Axes, labels: tuple[str, str]) -> Iterator[Trace]:
-    """Curves, bands, bars and maps of axes, from the lowest to the uppermost.
-
-    Parameters
-    ----------
-    ax : Axes
-    labels : (str, str)
-        Of both axes.
-    """
+    """Curves, bands, bars and maps of axes with two labels, from the lowest to the uppermost."""
     names = _names(ax)
     bars = [c for c in ax.containers if isinstance(c, BarContainer)]
     for container in bars:

@@ -4,12 +4,15 @@ A reduced model follows its beam to a few parts in a thousand. The defect, beam 
 with the same effects and from the same release, hardly depends on what is still missing: with it
 taken off, a fit of the reduced model is one of the beam (defect correction, [1]).
 
+A beam that is pulled at a point or hit moves in all its modes, one that is held by a modal force
+almost in one. What the higher modes do in the first cycle tells which forces held and pushed it.
+
 [1] H. Stetter, The defect correction principle and discretization methods, Numer. Math. 29 (1978).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import Any, NamedTuple
@@ -19,7 +22,6 @@ import numpy as np
 from romsindy.beam import Beam, NoEquilibriumError
 from romsindy.diagnosis.on_beam.instrumented import SIGNALS, InstrumentedBeam, signals_of
 from romsindy.diagnosis.on_beam.mounted import BeamEffect
-from romsindy.diagnosis.on_beam.release import ReleaseLoad, read_release
 from romsindy.diagnosis.on_beam.within_tolerances import ParameterDirection, changes_of
 from romsindy.fit.collocation import integrate
 from romsindy.fit.equation import ExtendedEquation
@@ -27,13 +29,96 @@ from romsindy.fit.gauss_newton import fit
 from romsindy.fit.linear_response import sampled
 from romsindy.fit.part import Part
 from romsindy.fit.record import Record
+from romsindy.fit.verdict import MOVING
 from romsindy.physics.model import ReducedModel
 from romsindy.record.decay import Decay
 from romsindy.record.signals import downsample
+from romsindy.record.spectrum import noise_std
 from romsindy.typing import Array
 
 # A cycle is left out that differs by so many times the median of so many later ones.
 _RESTLESS, _NEXT = 1.3, 8
+
+_HIGHER = 4  # modes beside the first whose part in the release is looked for
+_AXIAL = 0.5  # share of the kinetic energy above which a mode is no bending mode
+_RESOLVED = 0.8  # of the largest frequency that the sampling shows
+_STEP = 0.02  # amplitude of a higher mode, relative to the first, for differences
+_ROUNDS = 2  # of reading the release: the motion is nearly linear in the higher modes
+
+
+class ReleaseLoad(NamedTuple):
+    """Nodal loads, (n_nodes, 3) and of any size, that held a beam and that pushed it.
+
+    None stands for the modal force of its first mode.
+    """
+
+    load: Array | None = None
+    push: Array | None = None
+
+
+def read_release(
+    seen: InstrumentedBeam,
+    beam: Beam,
+    start: tuple[float, float],
+    measured: Array,
+    dt: float,
+    derivative: int = 0,
+) -> ReleaseLoad:
+    """Find the loads that held a beam until it was let go, and that pushed it.
+
+    Each is a sum of modal forces. Beside their ratios an error of the amplitude, one of the
+    frequency and, for a beam that moves, one of the time are fitted, so that what the beam lacks is
+    not taken for a part of the release.
+
+    The beam has all effects that are known by now; ``start`` is its coordinate and its rate at
+    the first sample, kg^0.5 m and s, and ``measured`` what the sensors read from there on, (n,
+    n_sensors), m and s: displacement, velocity or acceleration by ``derivative``.
+    """
+    (q, q_dot), (forces, omega) = start, _modal_forces(beam, dt)
+    n = min(int(2 * np.pi / omega / dt) + 1, len(measured))
+    # Without noise there is nothing to weigh, and nothing to divide by.
+    least = 1e-9 * float(np.abs(measured).max())
+    noise = np.maximum([noise_std(y) for y in measured.T], least)
+    t = dt * np.arange(n)[:, None]
+    parts = np.array([q * omega, q_dot]) / np.hypot(q * omega, q_dot)
+    unknown = np.repeat(np.abs(parts) > MOVING, len(forces) - 1)
+
+    def simulated(ratios: Array) -> Array:
+        held, pushed = _loads(forces, ratios)
+        motion = seen.motion(beam, q, (n - 0.5) * dt, dt, held, q_dot=q_dot, push=pushed)
+        return motion[derivative]
+
+    ratios = np.zeros(len(unknown))
+    for _ in range(_ROUNDS if len(ratios) else 0):
+        here = simulated(ratios)
+        steps = _STEP * np.eye(len(ratios))[unknown]
+        changes = [(simulated(ratios + step) - here) / _STEP for step in steps]
+        rate = np.gradient(here, dt, axis=0)
+        columns = [*changes, here, t * rate, *([rate] if unknown[-1] else [])]
+        matrix = np.stack([(c / noise).ravel() for c in columns], axis=1)
+        matrix /= (scale := np.linalg.norm(matrix, axis=0))
+        found, *_ = np.linalg.lstsq(matrix, ((measured[:n] - here) / noise).ravel(), rcond=None)
+        ratios[unknown] += (found / scale)[: len(steps)]
+    return ReleaseLoad(*_loads(forces, ratios))
+
+
+def _loads(forces: Array, ratios: Array) -> Iterator[Array]:
+    """Sums of modal forces: what holds, what pushes."""
+    for own in np.split(ratios, 2):
+        yield np.asarray(forces[0] + np.tensordot(own, forces[1:], axes=1))
+
+
+def _modal_forces(beam: Beam, dt: float) -> tuple[Array, float]:
+    """Forces of the first bending modes that the sampling shows, and the frequency of the first.
+
+    Each bends the beam by the same modal displacement.
+    """
+    free = int(np.count_nonzero(~beam.assembly.fixed))
+    basis = beam.modes(count=min(2 * _HIGHER + 2, free - 2))
+    bending = np.flatnonzero(basis.axial < _AXIAL)[: 1 + _HIGHER]
+    seen = [m for m in bending if basis.omega[m] * dt < _RESOLVED * np.pi]
+    forces = basis.momenta[seen] * basis.omega[seen, None, None] ** 2
+    return forces, float(basis.omega[bending[0]])
 
 
 class Corrected(NamedTuple):
@@ -60,10 +145,7 @@ def effects_of(parts: Sequence[Part]) -> list[Any]:
 def beam_with(beam: Beam, parts: Sequence[Part]) -> Beam:
     """The beam with the effects of some parts.
 
-    Raises
-    ------
-    NoEquilibriumError
-        If there can be no such beam.
+    Raises a NoEquilibriumError if there can be no such beam.
     """
     try:
         return reduce(Beam.with_effect, effects_of(parts), beam)

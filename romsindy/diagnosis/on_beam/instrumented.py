@@ -174,10 +174,7 @@ class InstrumentedBeam:
 def checked_readings(decay: Decay, i: int, sensors: SensorArray, length: float) -> Decay:
     """Return a decay, number ``i`` in messages, with one column per sensor, in m and s.
 
-    Raises
-    ------
-    ValueError
-        For another number of channels, or another unit than m.
+    Raises a ValueError for another number of channels, or another unit than m.
     """
     channels, n = decay.n_channels, len(sensors.sensors)
     if channels != n:

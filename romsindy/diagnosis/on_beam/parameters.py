@@ -31,7 +31,7 @@ _WITH_FREE_END, _BETWEEN, _POINTS = (0.4, 1.0), (0.2, 0.8), 7
 _FAR = 20.0  # steps of a parameter up to which a shift of the frequency is put down to it
 
 
-class _Parameter(NamedTuple):
+class _Varied(NamedTuple):
     """A parameter of a beam: names, unit, and what changes the beam by one number.
 
     ``step`` is that of the difference; ``sign`` = 1 says that it can but grow.
@@ -47,22 +47,20 @@ class _Parameter(NamedTuple):
 
 _OF_ASSUMED = "of the assumed one"
 _SECTION = (
-    _Parameter(
-        "bending_stiffness", "another bending stiffness", _OF_ASSUMED, changes.StifferBending
-    ),
-    _Parameter("length", "another length", _OF_ASSUMED, changes.Longer, 2e-3),
-    _Parameter("thickness", "another thickness", _OF_ASSUMED, changes.Thicker),
-    _Parameter("density", "another density", _OF_ASSUMED, changes.Denser),
+    _Varied("bending_stiffness", "another bending stiffness", _OF_ASSUMED, changes.StifferBending),
+    _Varied("length", "another length", _OF_ASSUMED, changes.Longer, 2e-3),
+    _Varied("thickness", "another thickness", _OF_ASSUMED, changes.Thicker),
+    _Varied("density", "another density", _OF_ASSUMED, changes.Denser),
 )
 # Told from the others by nothing, or only by what stretches or hangs on the beam.
 _ALIKE = (
-    _Parameter("modulus", "another modulus", _OF_ASSUMED, changes.StifferMaterial),
-    _Parameter("width", "another width", _OF_ASSUMED, changes.Wider),
-    _Parameter("axial_stiffness", "another axial stiffness", _OF_ASSUMED, changes.StifferAxially),
+    _Varied("modulus", "another modulus", _OF_ASSUMED, changes.StifferMaterial),
+    _Varied("width", "another width", _OF_ASSUMED, changes.Wider),
+    _Varied("axial_stiffness", "another axial stiffness", _OF_ASSUMED, changes.StifferAxially),
 )
-_MASS = (_Parameter("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),)
+_MASS = (_Varied("added_mass", "more mass {place}", "kg", PointMass, 1e-4, 1),)
 _CLAMP = (
-    _Parameter(
+    _Varied(
         "clamp_compliance",
         "a clamp that gives way",
         "rad/(N m)",
@@ -72,19 +70,19 @@ _CLAMP = (
     ),
 )
 _SPRING = (
-    _Parameter("spring_stiffness", "another spring stiffness", _OF_ASSUMED, changes.StifferSpring),
-    _Parameter("pre_tension", "another tension in the spring", "N", changes.ExtraTension),
+    _Varied("spring_stiffness", "another spring stiffness", _OF_ASSUMED, changes.StifferSpring),
+    _Varied("pre_tension", "another tension in the spring", "N", changes.ExtraTension),
 )
 _ANCHOR = (
-    _Parameter("anchor_x", "an anchor farther along the beam", "m", changes.FartherAnchor, 1e-3),
-    _Parameter("anchor_y", "a higher anchor", "m", changes.HigherAnchor, 1e-3),
+    _Varied("anchor_x", "an anchor farther along the beam", "m", changes.FartherAnchor, 1e-3),
+    _Varied("anchor_y", "a higher anchor", "m", changes.HigherAnchor, 1e-3),
 )
 # Of masses that are there; what is looked for is mass that is not ("added_mass").
 _MASSES = (
-    _Parameter("point_masses", "other point masses", "of the assumed ones", changes.HeavierMasses),
+    _Varied("point_masses", "other point masses", "of the assumed ones", changes.HeavierMasses),
 )
 _ROTARY = (
-    _Parameter(
+    _Varied(
         "rotary_inertia",
         "another rotary inertia of the point masses",
         "of the assumed one",
@@ -160,7 +158,7 @@ def parameter_effects(
     """
     start = seen_coefficients(seen, seen.beam, amplitude)
 
-    def effect(p: _Parameter, step: float, at: float | None) -> ParameterEffect:
+    def effect(p: _Varied, step: float, at: float | None) -> ParameterEffect:
         changed = seen.beam.with_effect(_changed(p.change, step, at))
         there = seen_coefficients(seen, changed, amplitude)
         slopes = tuple((there[key] - start[key]) / step for key in start)
@@ -190,7 +188,7 @@ def points(beam: Beam) -> list[float]:
     return (beam.length * np.linspace(*between, _POINTS)).tolist()
 
 
-def _looked_for(beam: Beam) -> tuple[_Parameter, ...]:
+def _looked_for(beam: Beam) -> tuple[_Varied, ...]:
     """Parameters that are looked for as if they were missing effects."""
     clamped = beam.left.fixed[2] or beam.left.rotational_stiffness > 0.0
     return (
@@ -201,7 +199,7 @@ def _looked_for(beam: Beam) -> tuple[_Parameter, ...]:
     )
 
 
-def _parameters_of(beam: Beam) -> tuple[_Parameter, ...]:
+def _parameters_of(beam: Beam) -> tuple[_Varied, ...]:
     """All parameters of a beam."""
     return (
         *_looked_for(beam),
@@ -222,11 +220,8 @@ def standard_deviations(beam: Beam, tolerances: Mapping[str, float]) -> dict[str
     Those of sizes are relative, those of positions (`POSITIONS`) in m, that of a clamp that was
     taken as rigid in rad/(N m).
 
-    Raises
-    ------
-    ValueError
-        For a name that is no parameter of the beam, a tolerance that is not positive, or one of a
-        parameter that is zero.
+    Raises a ValueError for a name that is no parameter of the beam, a tolerance that is not
+    positive, or one of a parameter that is zero.
     """
     sizes = _sizes(beam)
     for name, tolerance in tolerances.items():

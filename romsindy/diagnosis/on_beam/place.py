@@ -37,21 +37,11 @@ _DAMPING = 0.2  # the same of its damping
 
 @dataclass(frozen=True, eq=False)
 class Latitude:
-    """What the sensors and the higher modes may do beside what is simulated: standard deviations.
+    """What sensors and higher modes may do beside what is simulated: standard deviations."""
 
-    Attributes
-    ----------
-    gains : (n_sensors,) array
-        Relative, of the sensors.
-    frequencies : (n_modes,) array
-        Relative, of the modes above the first that are told apart.
-    rates : (n_modes,) array
-        Of their damping, 1/s.
-    """
-
-    gains: Array
-    frequencies: Array
-    rates: Array
+    gains: Array  # (n_sensors,), relative, of the sensors
+    frequencies: Array  # (n_modes,), relative, of the modes above the first that are told apart
+    rates: Array  # (n_modes,), of their damping, 1/s
 
     @property
     def spreads(self) -> Array:
@@ -154,16 +144,8 @@ def find_place(
 ) -> PlaceOnBeam:
     """Where an effect acts.
 
-    Parameters
-    ----------
-    seen : InstrumentedBeam
-    records : sequence of Record
-        Of the coordinate: their noise is that of the sensors.
-    measured : sequence of (n, n_sensors) arrays
-        What the sensors read in each.
-    simulated : sequence of sequences of (n, n_sensors) arrays
-        The same for the effect at each of the `points`.
-    slack : Latitude
+    The noise of the records, of the coordinate, is that of the sensors. What these read in each is
+    ``measured``, (n, n_sensors), and ``simulated`` the same for the effect at each of the `points`.
     """
     at = np.array(points(seen.beam))
     m, spreads = 1 + len(at), slack.spreads

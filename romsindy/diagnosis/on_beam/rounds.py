@@ -10,9 +10,10 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from romsindy.beam import NoEquilibriumError, StepTooLongError
-from romsindy.diagnosis.evidence import Hypothesis
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError, Hypothesis
 from romsindy.diagnosis.on_beam.defect import (
     Corrected,
+    ReleaseLoad,
     beam_with,
     calm_from,
     corrected,
@@ -30,10 +31,8 @@ from romsindy.diagnosis.on_beam.place import (
     moved_to,
     place_now,
 )
-from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.report import DiagnosisReport
 from romsindy.diagnosis.search import Options
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.diagnosis.workflow import diagnose_model
 from romsindy.effects.base import Effect
 from romsindy.fit.collocation import TrajectoryError
@@ -63,37 +62,20 @@ class Outcome(NamedTuple):
 
 @dataclass(eq=False)
 class BeamRounds:
-    """A beam and its reduced model beside records.
-
-    Attributes
-    ----------
-    seen : InstrumentedBeam
-    model : ReducedModel
-    records : list of Record
-        Of the coordinate.
-    raw : list of Decay
-        What the sensors measured in each, as fast as they did.
-    held_out : bool
-        Whether the last takes no part.
-    unsure, general : sequences of Effect
-        What follows the data; what is looked for beside effects that a beam can have.
-    options : Options
-    releases : list of ReleaseLoad or None
-        How each record started; None is read from the sensors, once.
-    form : FormError
-        Of the beam, as its reference records show it.
-    """
+    """A beam and its reduced model beside records."""
 
     seen: InstrumentedBeam
     model: ReducedModel
-    records: list[Record]
-    raw: list[Decay]
-    held_out: bool
+    records: list[Record]  # of the coordinate
+    raw: list[Decay]  # what the sensors measured in each, as fast as they did
+    held_out: bool  # whether the last takes no part
+    # What follows the data; what is looked for beside effects that a beam can have
     unsure: Sequence[Effect]
     general: Sequence[Effect]
     options: Options
+    # How each record started; None is read from the sensors, once
     releases: list[ReleaseLoad | None]
-    form: FormError = NO_FORM_ERROR
+    form: FormError = NO_FORM_ERROR  # of the beam, as its reference records show it
     smooth: list[Record] = field(init=False)  # without what the higher modes add
     calm: list[float] = field(init=False)  # when fast modes have died, s
 

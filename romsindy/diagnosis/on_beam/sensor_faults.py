@@ -50,18 +50,10 @@ def find_fault(
 ) -> SensorFault | None:
     """Find the channel that is faulty, if there is one.
 
-    Two sensors more than modes are needed to say which is wrong.
-
-    Parameters
-    ----------
-    measured, simulated : (n, n_sensors) arrays
-        Displacements from equilibrium over the same amplitudes, m.
-    shapes : (n_sensors, n_modes) array
-        Of the modes.
-    labels : list of str
-        Of the sensors.
-    gains : (n_sensors,) array, optional
-        Standard deviations of their gains, where their places are known to a tolerance.
+    Two sensors more than modes are needed to say which is wrong. Displacements from equilibrium
+    over the same amplitudes, ``measured`` and ``simulated``, are (n, n_sensors), m, the ``shapes``
+    of the modes (n_sensors, n_modes). Where places of sensors are known to a tolerance, ``gains``
+    are the standard deviations of their gains, (n_sensors,).
     """
     for channel, y in enumerate(measured.T):
         if _clips(y):

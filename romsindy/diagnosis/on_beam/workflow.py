@@ -14,7 +14,8 @@ from romsindy.beam import (
     Shape,
     StaticCurve,
 )
-from romsindy.diagnosis.on_beam.defect import Corrected, corrected
+from romsindy.diagnosis.evidence import NO_FORM_ERROR, FormError
+from romsindy.diagnosis.on_beam.defect import Corrected, ReleaseLoad, corrected
 from romsindy.diagnosis.on_beam.instrumented import (
     UNIT,
     InstrumentedBeam,
@@ -29,14 +30,12 @@ from romsindy.diagnosis.on_beam.parameters import (
     standard_deviations,
 )
 from romsindy.diagnosis.on_beam.place import Latitude
-from romsindy.diagnosis.on_beam.release import ReleaseLoad
 from romsindy.diagnosis.on_beam.report import BeamReport, SensorError
 from romsindy.diagnosis.on_beam.rounds import FAILURES, BeamRounds
 from romsindy.diagnosis.on_beam.sensor_faults import SensorFault, find_fault
 from romsindy.diagnosis.on_beam.within_tolerances import directions, position_error, position_gains
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.tolerance_sources import of_references
-from romsindy.diagnosis.weighing import NO_FORM_ERROR, FormError
 from romsindy.effects import BEAM_CATALOGUE
 from romsindy.effects.base import Effect, TermEffect
 from romsindy.effects.choices import looked_for

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.special import stdtrit
+from scipy.stats import linregress
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.record import Prepared
@@ -21,6 +23,12 @@ from romsindy.text import percent, quantity
 from romsindy.typing import Array
 
 _NUMBERS = ("left", "part", "piece", "whole", "missing", "sensor", "force", "colour")
+# Cycles in a stretch of the record; levels of the response that are told apart, at most and at
+# least, with two stretches each; how much louder the loudest must be than the quietest.
+_CYCLES, _MOST, _LEAST, _LOUDER = 8, 8, 4, 2.0
+# Exponents of what is left against the response: up to the first it is the same at all levels, and
+# from the second on it changes.
+_SAME, _CHANGES = 0.25, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +63,9 @@ class ForcedAdequacy(Adequacy):
         Noise of the sensor, and what forces that are noise move, as parts of the response.
     colour : float
         Correlation of the noise of the sensor from sample to sample.
+    levels : (k, 2) array
+        Rms of the response in stretches of eight cycles, from quiet to loud and those alike
+        together, and of what is left of them, measured unit; empty where there are few.
     """
 
     left: float = 0.0
@@ -68,20 +79,13 @@ class ForcedAdequacy(Adequacy):
     sensor: float = 0.0
     force: float = 0.0
     colour: float = 0.0
+    levels: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in (
-            "left",
-            "part",
-            "piece",
-            "whole",
-            "missing",
-            "sensor",
-            "force",
-            "colour",
-        ):  # a file may say "NaN"
+        for name in _NUMBERS:  # a file may say "NaN"
             object.__setattr__(self, name, float(getattr(self, name)))
+        object.__setattr__(self, "levels", np.array(self.levels, float).reshape(-1, 2))
 
     @property
     def structured(self) -> bool:
@@ -103,7 +107,43 @@ class ForcedAdequacy(Adequacy):
         whole = self.whole if self.piece else self.part
         return whole <= SAME_SIGNAL and not self.undetermined
 
+    @property
+    def growth(self) -> tuple[float, float]:
+        """Exponent of what is left against the response, and its standard error; nan for one level.
+
+        0 where it is the same at all levels, as noise of a sensor is; 1 where it is a part of the
+        response.
+        """
+        if len(self.levels) < _LEAST or self.levels[-1, 0] < _LOUDER * self.levels[0, 0]:
+            return np.nan, np.nan
+        line = linregress(*np.log(self.levels.T))
+        return float(line.slope), float(line.stderr)
+
     def __str__(self) -> str:
+        return f"{self._whole()}{self._over_levels()}"
+
+    def _over_levels(self) -> str:
+        """Whether what is left grows with the response, in a sentence."""
+        slope, error = self.growth
+        if np.isnan(slope):
+            return ""
+        sure = stdtrit(len(self.levels) - 2, 0.975) * error
+        (quiet, least), (loud, most) = self.levels[[0, -1]]
+        unit = self.measured_unit
+        ends = f"{quantity(quiet, unit)} and {quantity(loud, unit)} rms"
+        if abs(slope) + sure < _SAME:
+            same = "What is left is as large where the response is quiet as where it is loud"
+            return f" {same} ({ends})."
+        if abs(slope) - sure < _CHANGES:
+            return ""
+        how = "grows" if slope > 0 else "falls"
+        return (
+            f" What is left {how} with the response: {quantity(least, unit)} where that is"
+            f" {quantity(quiet, unit)} rms, {quantity(most, unit)} where it is"
+            f" {quantity(loud, unit)}."
+        )
+
+    def _whole(self) -> str:
         if not np.isfinite(self.ratio):
             return "The model does not explain the record: it has no motion that follows it."
         size = f"{quantity(self.left, self.measured_unit)} rms, {percent(self.part)}"
@@ -178,4 +218,22 @@ def examine_forced(
         left=float(np.sqrt(power / n)),
         part=float(np.sqrt(power / heard)),
         measured_unit=records[0].decay.signal_unit,
+        levels=_levels(records, residuals),
     )
+
+
+def _levels(records: Sequence[Prepared], residuals: Sequence[Array]) -> Array:
+    """Rms of the response and of what is left, (k, 2), from quiet to loud."""
+    windows = []
+    for record, left in zip(records, residuals, strict=True):
+        size = round(_CYCLES / (float(record.frequencies.min()) * record.decay.dt))
+        both = np.stack([record.signal - record.signal.mean(), left]).reshape(2, -1, len(record.t))
+        whole = len(record.t) // size
+        parts = both[..., : whole * size].reshape(2, -1, whole, size)
+        windows.append(np.mean(parts**2, axis=(1, 3)).T)
+    power = np.concatenate(windows)
+    count = min(_MOST, len(power) // 2)
+    if count < _LEAST:
+        return np.zeros((0, 2))
+    ordered = power[np.argsort(power[:, 0])]
+    return np.sqrt([part.mean(axis=0) for part in np.array_split(ordered, count)])

@@ -100,7 +100,7 @@ def identify_forced(
     require_known(known, [t.key for t in (*linear, *kinds[-1])])
     look = Look.of(several, modes)
     for laws in kinds:
-        search = _Search(laws, linear, known, look, say)
+        search = _TermSearch(laws, linear, known, look, say)
         best = _best(search, driven)
         if best.verdict.explained:
             break
@@ -125,7 +125,7 @@ def _hidden(fit: Fit, look: Look) -> tuple[str, ...]:
     )
 
 
-def _best(search: _Search, driven: Sequence[ForcedVibration]) -> Fit:
+def _best(search: _TermSearch, driven: Sequence[ForcedVibration]) -> Fit:
     """With the terms that are needed, whatever the inputs do between their samples."""
     hypotheses = [inputs_in(driven, way) for way in ways(driven)]
     best = search.decided(search.needed(hypotheses[0]), hypotheses)
@@ -138,7 +138,7 @@ def _best(search: _Search, driven: Sequence[ForcedVibration]) -> Fit:
 
 
 @dataclass(frozen=True)
-class _Search:
+class _TermSearch:
     """For the terms that records need, among some laws; ``fixed`` coefficients are known."""
 
     laws: tuple[Term, ...]

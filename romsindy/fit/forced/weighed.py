@@ -31,7 +31,7 @@ from romsindy.fit.forced.independence import examine_independence, judged
 from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
 from romsindy.fit.gauss_newton import fit as follow
 from romsindy.fit.linear_response import Response, sampled
-from romsindy.fit.noises import Noises, Table, TwoNoises
+from romsindy.fit.noises import Noises, NoiseTable, TwoNoises
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
 from romsindy.fit.record import Prepared
@@ -179,7 +179,7 @@ def _free(response: Response, where: Indices, step: Array) -> Trajectory:
 
 
 def _driven(
-    response: Response, where: Indices, table: Table, noises: Noises, step: Array
+    response: Response, where: Indices, table: NoiseTable, noises: Noises, step: Array
 ) -> Trajectory:
     """With what forces that were not measured move."""
     states = table.states(noises) @ np.append(-step[where], 1.0)

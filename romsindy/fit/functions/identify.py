@@ -16,8 +16,8 @@ from romsindy.fit.functions.determined import sentences
 from romsindy.fit.functions.evidence import Fitted, dispersion, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
-from romsindy.fit.functions.sensor import Sensor
-from romsindy.fit.functions.series import Scales, Series
+from romsindy.fit.functions.sensor import SensorCurvature
+from romsindy.fit.functions.series import Magnitudes, Series
 from romsindy.fit.functions.structures import (
     RICHEST,
     Structure,
@@ -98,7 +98,9 @@ def identify_decays(
             " computed: say what the samples are in with unit=, or scale them"
         )
     say = progress or (lambda line: None)
-    series = Series.linear(_scales(records), RICHEST, sensor=Sensor(curvature, len(records)))
+    series = Series.linear(
+        _scales(records), RICHEST, sensor=SensorCurvature(curvature, len(records))
+    )
     known = _known(series, fixed or {})
     # Tall and narrow matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -158,11 +160,11 @@ def _settled(
     return _again(found, found.series, level, say)
 
 
-def _scales(records: Sequence[Record]) -> Scales:
+def _scales(records: Sequence[Record]) -> Magnitudes:
     reach = max(r.amplitude for r in records)
     rate = float(np.mean([r.rate for r in records]))
     ratio = np.concatenate([extract_backbone(r.decay).damping_ratio for r in records])
-    return Scales(reach, rate, 2 * rate * max(float(np.nanmedian(ratio)), 1e-5))
+    return Magnitudes(reach, rate, 2 * rate * max(float(np.nanmedian(ratio)), 1e-5))
 
 
 def _known(series: Series, fixed: Mapping[str, float]) -> Array:

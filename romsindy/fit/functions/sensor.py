@@ -17,7 +17,7 @@ from romsindy.typing import Array
 _OFFSET = 0.1  # of the largest reading: no record is so far off its zero
 
 
-class Sensor(NamedTuple):
+class SensorCurvature(NamedTuple):
     """What is not known of the sensor.
 
     Attributes
@@ -54,7 +54,7 @@ class Sensor(NamedTuple):
         return slopes
 
 
-STRAIGHT = Sensor(0.0, 1)
+STRAIGHT = SensorCurvature(0.0, 1)
 
 
 def curvature_for(q: Array, h: Array) -> float:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from romsindy.fit.functions.sensor import STRAIGHT, Sensor
+from romsindy.fit.functions.sensor import STRAIGHT, SensorCurvature
 from romsindy.fit.linear_steps import Linearisation
 from romsindy.physics.damping import PositionDamping, PowerDamping
 from romsindy.physics.inertia import Inertia
@@ -41,7 +41,7 @@ class Sizes(NamedTuple):
     damping: int
 
 
-class Scales(NamedTuple):
+class Magnitudes(NamedTuple):
     """What makes values of order one: largest |q|, angular frequency and decay rate, 1/s."""
 
     reach: float
@@ -55,30 +55,30 @@ class Series:
 
     Attributes
     ----------
-    scales : Scales
+    scales : Magnitudes
     sizes : Sizes
     forces : tuple of Term
         Further damping, such as dry friction, which `near` makes smooth.
     values : (n,) array
         k, then r, then c, then d, then strengths of the forces, all of order one; at last those of
         the sensor, which are no part of the equation.
-    sensor : Sensor
+    sensor : SensorCurvature
         Through which its motions are seen.
     """
 
-    scales: Scales
+    scales: Magnitudes
     sizes: Sizes
     forces: tuple[Term, ...]
     values: Array
-    sensor: Sensor
+    sensor: SensorCurvature
 
     @classmethod
     def linear(
         cls,
-        scales: Scales,
+        scales: Magnitudes,
         sizes: Sizes,
         forces: Sequence[Term] = (),
-        sensor: Sensor = STRAIGHT,
+        sensor: SensorCurvature = STRAIGHT,
     ) -> Series:
         """A linear oscillator, from which fits start."""
         values = np.zeros(sum(sizes) + 1 + len(forces) + sensor.size)

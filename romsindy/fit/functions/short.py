@@ -105,7 +105,7 @@ class _Chosen(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _Shortening:
     """Terms whose sum should follow a curve: near ``base + table @ values``, and exactly `read`."""
 
     terms: list[Term]
@@ -243,7 +243,7 @@ def _undamped(
     q: Array,
     reach: tuple[float, float],
     fixed: Mapping[str, float],
-) -> _Problem:
+) -> _Shortening:
     """Stiffness and inertia: linear in K(q)/q and h(q), and nearly so in the frequency."""
     terms = [t for t in [*_STIFFNESS, *_INERTIA] if t.key in model.coefficients]
     target = _Target(*(np.concatenate(x, axis=-1) for x in zip(*targets, strict=True)))
@@ -279,7 +279,7 @@ def _undamped(
     base = np.zeros(len(target.value))
     base[: len(a)] = here - table[: len(a)] @ at
     always = {i for i, t in enumerate(terms) if i == 0 or t.key in fixed}
-    return _Problem(terms, always, fixed, target, base, table, read)
+    return _Shortening(terms, always, fixed, target, base, table, read)
 
 
 def _damped(
@@ -288,7 +288,7 @@ def _damped(
     undamped: _Chosen,
     a: Array,
     fixed: Mapping[str, float],
-) -> _Problem:
+) -> _Shortening:
     """Damping of an equation whose stiffness and inertia are known: linear in its ratio."""
     own = [t for t in model.terms if t.has("damping") and (_always(t) or t.key in fixed)]
     terms = own + [t for t in _DAMPING if t not in own]
@@ -299,4 +299,4 @@ def _damped(
 
     table = np.stack([read([t], np.ones(1)) for t in terms], axis=1)
     known = {t.key: fixed[t.key] for t in terms if t.key in fixed}
-    return _Problem(terms, set(range(len(own))), known, target, np.zeros(len(a)), table, read)
+    return _Shortening(terms, set(range(len(own))), known, target, np.zeros(len(a)), table, read)

@@ -8,7 +8,7 @@ from romsindy.effects.choices import sought
 from romsindy.fit.selection import Gram, Linearised, Trials
 from romsindy.fit.steady.balance import CHAIN, linearised
 from romsindy.fit.steady.points import SteadyPoints
-from romsindy.fit.steady.solve import Solution, solve
+from romsindy.fit.steady.solve import SteadySolution, solve
 from romsindy.physics.damping import PowerDamping
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.stiffness import Stiffness
@@ -49,7 +49,7 @@ def choose(
 
 
 def every_choice(
-    points: SteadyPoints, found: Solution, with_slope: bool, covariance: Array | None = None
+    points: SteadyPoints, found: SteadySolution, with_slope: bool, covariance: Array | None = None
 ) -> Linearised:
     """All candidates, with the slope of the chain or without, about the orbits of a solution.
 

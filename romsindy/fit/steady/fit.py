@@ -31,7 +31,7 @@ from romsindy.fit.forced_band import ForcedBand, forced_band
 from romsindy.fit.steady.balance import CHAIN, Chain
 from romsindy.fit.steady.choice import choose, every_choice
 from romsindy.fit.steady.points import SteadyPoints
-from romsindy.fit.steady.solve import Solution, correlation, solve
+from romsindy.fit.steady.solve import SteadySolution, correlation, solve
 from romsindy.fit.steady.told import notes_on, verdict_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
@@ -52,13 +52,13 @@ class SteadyFit(Estimate):
     ----------
     points : SteadyPoints
         What was measured, as harmonics of q.
-    solution : Solution
+    solution : SteadySolution
     joint : (p, p) array
         Covariance of the free coefficients and of what was fitted of the chain: `solution.free`.
     """
 
     points: SteadyPoints
-    solution: Solution
+    solution: SteadySolution
     joint: Array
 
     @property
@@ -306,7 +306,7 @@ def _require_lags(points: SteadyPoints) -> None:
         )
 
 
-def _require_sense(points: SteadyPoints, solution: Solution) -> None:
+def _require_sense(points: SteadyPoints, solution: SteadySolution) -> None:
     """The damping takes energy at some points, or the sense of the phase is wrong."""
     if solution.chain.gain < 0:
         raise ValueError(
@@ -327,7 +327,7 @@ def _require_sense(points: SteadyPoints, solution: Solution) -> None:
         )
 
 
-def _require_gain(solution: Solution, joint: Array) -> None:
+def _require_gain(solution: SteadySolution, joint: Array) -> None:
     if "gain" not in solution.free:
         return
     error = float(np.sqrt(joint[solution.free.index("gain")][solution.free.index("gain")]))
@@ -339,7 +339,7 @@ def _require_gain(solution: Solution, joint: Array) -> None:
         )
 
 
-def _covariance(points: SteadyPoints, solution: Solution, together: float) -> Array:
+def _covariance(points: SteadyPoints, solution: SteadySolution, together: float) -> Array:
     """Covariance of least squares whose misfits go together, as those of neighbours in a level do.
 
     The correlation falls with every further point.

@@ -27,7 +27,7 @@ _CONDITION = 1e8  # of the columns, each of unit length: beyond, two of them are
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SteadySolution:
     """Parameters found, and the rows at their orbits.
 
     Attributes
@@ -89,7 +89,7 @@ def solve(
     gain: float | None = None,
     slope: float | None = 0.0,
     phase: float | None = None,
-) -> Solution:
+) -> SteadySolution:
     """Fit the free coefficients, and what is not given of the `CHAIN`.
 
     Raises
@@ -128,7 +128,7 @@ def solve(
     return found
 
 
-def correlation(points: SteadyPoints, solution: Solution) -> float:
+def correlation(points: SteadyPoints, solution: SteadySolution) -> float:
     """Of the misfits of neighbours in a level; 0 where it is chance, or the noise explains them."""
     white, level = solution.white, points.level
     same = level[1:] == level[:-1]
@@ -146,7 +146,7 @@ def _settle(
     names: tuple[str, ...],
     chain: Chain,
     c: Array,
-) -> Solution:
+) -> SteadySolution:
     """Gauss-Newton's method with one number of harmonics."""
     every = (*free, *CHAIN)
     columns = [every.index(name) for name in names]
@@ -163,7 +163,7 @@ def _settle(
         at = np.array([_values(model, chain)[name] for name in names])
         small = np.abs(step) <= _SETTLED * (np.abs(at) + errors)
         converged = bool(np.all(small))
-    return Solution(model, chain, names, unexplained, rows, c, converged)
+    return SteadySolution(model, chain, names, unexplained, rows, c, converged)
 
 
 def _orbits(points: SteadyPoints, rows: Rows, c: Array, unexplained: float, step: Array) -> Array:

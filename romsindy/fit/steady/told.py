@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.steady.points import SteadyPoints
-from romsindy.fit.steady.solve import Solution
+from romsindy.fit.steady.solve import SteadySolution
 from romsindy.fit.verdict import EXPLAINED
 
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
@@ -18,7 +18,7 @@ _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its 
 _HARMONICS = 6  # of the windows in `Adequacy`
 
 
-def verdict_of(points: SteadyPoints, solution: Solution) -> Adequacy:
+def verdict_of(points: SteadyPoints, solution: SteadySolution) -> Adequacy:
     """Whether the noise explains the misfits."""
     freedom = solution.rows.misfit.size - len(solution.free)
     known = bool(np.all(points.std > 0))
@@ -40,7 +40,7 @@ def verdict_of(points: SteadyPoints, solution: Solution) -> Adequacy:
 
 
 def notes_on(
-    points: SteadyPoints, solution: Solution, verdict: Adequacy, together: float
+    points: SteadyPoints, solution: SteadySolution, verdict: Adequacy, together: float
 ) -> list[str]:
     notes, known = [], bool(np.all(points.std > 0))
     if not solution.converged:
@@ -66,7 +66,7 @@ def notes_on(
     return [*notes, *_unsteady(points, solution)]
 
 
-def _unsteady(points: SteadyPoints, solution: Solution) -> list[str]:
+def _unsteady(points: SteadyPoints, solution: SteadySolution) -> list[str]:
     """Points that lie off their neighbours, or scatter far more than others."""
     notes, rough = [], np.zeros(len(points), bool)
     misfit, level = solution.misfit, points.level

@@ -197,10 +197,7 @@ _UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "unit_string")
 def read_hdf(path: Path) -> Table:
     """The columns of an HDF5 file, named by their path; attributes may say units and rates.
 
-    Raises
-    ------
-    ValueError
-        If it is broken, or h5py is not installed.
+    Raises a ValueError if it is broken, or h5py is not installed.
     """
     h5py = library("h5py", path)
     with refused(path, "HDF5"), h5py.File(path, "r") as file:

@@ -25,10 +25,7 @@ from romsindy.typing import Array
 def read_wav(path: Path) -> Table:
     """Channels of a WAV file, within -1 and 1; what they measure is not in the file.
 
-    Raises
-    ------
-    ValueError
-        If it is broken or cut off.
+    Raises a ValueError if it is broken or cut off.
     """
     with path.open("rb") as file:
         start = file.read(8)
@@ -55,10 +52,7 @@ _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "unit", "Unit")
 def read_tdms(path: Path) -> Table:
     """Channels of a TDMS file; their waveform properties give the times.
 
-    Raises
-    ------
-    ValueError
-        If it is broken, or nptdms is not installed.
+    Raises a ValueError if it is broken, or nptdms is not installed.
     """
     nptdms = library("nptdms", path)
     with refused(path, "TDMS"):
@@ -112,10 +106,8 @@ _TIME = 17  # of an abscissa; 0 and 1 are "unknown" and "general"
 def read_universal(path: Path) -> Table:
     """Channels of a universal file, by node and direction.
 
-    Raises
-    ------
-    ValueError
-        If it is broken, cut off or without functions of time, or pyuff is not installed.
+    Raises a ValueError if it is broken, cut off or without functions of time, or pyuff is not
+    installed.
     """
     pyuff = library("pyuff", path)
     content = path.read_bytes()
@@ -206,10 +198,7 @@ _OTHERS = {"f": "N", "e": "strain", "s": "Pa"}  # no motion
 def read_sep005(series: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> Table:
     """Channels of one SEP005 dictionary or of several.
 
-    Raises
-    ------
-    ValueError
-        If an entry is missing or does not fit; the message names channel and key.
+    Raises a ValueError if an entry is missing or does not fit; the message names channel and key.
     """
     many = [series] if isinstance(series, Mapping) else list(series)
     if not many:

@@ -39,10 +39,7 @@ def unique(columns: Sequence[Column]) -> list[Column]:
 def find(columns: Sequence[Column], name: str, argument: str) -> Column:
     """The column of a name, which may come with its unit as in the header.
 
-    Raises
-    ------
-    ValueError
-        If there is none.
+    Raises a ValueError if there is none.
     """
     for column in columns:
         if name in (column.name, f"{column.name} [{column.unit}]"):
@@ -67,10 +64,7 @@ def times_of(
     From the column ``time``; or ``rate``; or the times that channels have themselves; or the one
     column of times; or a rate that the file names: the first of these that there is.
 
-    Raises
-    ------
-    ValueError
-        If there are no times, or several.
+    Raises a ValueError if there are no times, or several.
     """
     others = [c for c in signals if c.name != time]
     if time is not None:
@@ -221,10 +215,7 @@ def _kind(column: Column) -> tuple[Quantity, str]:
 def conversion(column: Column, unit: str | None, quantity: Quantity) -> tuple[str | None, float]:
     """SI unit of q and factor; (None, 1) where the unit is not one of motion.
 
-    Raises
-    ------
-    ValueError
-        If the unit is not known, or belongs to another quantity.
+    Raises a ValueError if the unit is not known, or belongs to another quantity.
     """
     text = unit or (column.unit if column.unit in UNITS else None)
     if text is None:
@@ -252,10 +243,7 @@ def input_columns(
 ) -> list[Column]:
     """The column of each input: of these names, or else those that names or units say.
 
-    Raises
-    ------
-    ValueError
-        If there are no such columns, or it is not clear which are meant.
+    Raises a ValueError if there are no such columns, or it is not clear which are meant.
     """
     for name in names:
         require_input(name)
@@ -333,10 +321,8 @@ def samples_of(
 ) -> tuple[Array, list[str | None]]:
     """Inputs (n, n_inputs) in SI units, and these units.
 
-    Raises
-    ------
-    ValueError
-        For other times than those of the response, or a unit that is none of such an input.
+    Raises a ValueError for other times than those of the response, or a unit that is none of such
+    an input.
     """
     given: list[str | None] = [*(units or (None,))]
     given = given * len(names) if len(given) == 1 else given

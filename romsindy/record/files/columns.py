@@ -38,30 +38,17 @@ _UNSAFE_SUFFIXES = {"in"}  # of "sensor_in": an input rather than inches
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column of a file.
+    """One column of a file."""
 
-    Parameters
-    ----------
-    name : str
-        Without its unit.
-    values : (n,) array
-        Numbers of any real type, as they are in the file.
-    unit : str, optional
-        What the file says, in the spelling of `UNITS` where it is one of them.
-    said : "displacement", "velocity" or "acceleration", optional
-        The quantity, where the kind of file has a code for it.
-    t : (n,) array, optional
-        Times in s, where the kind of file gives every channel its own.
-    damage : str
-        Where a value is missing in the file, and the remedy.
-    """
-
-    name: str
-    values: NDArray
+    name: str  # without its unit
+    values: NDArray  # (n,), numbers of any real type, as they are in the file
+    # What the file says, in the spelling of `UNITS` where it is one of them
     unit: str | None = None
+    # "displacement", "velocity" or "acceleration", optional: the quantity, where the kind of file
+    # has a code for it
     said: Quantity | None = None
-    t: Array | None = None
-    damage: str = ""
+    t: Array | None = None  # (n,), times in s, where the kind of file gives every channel its own
+    damage: str = ""  # where a value is missing in the file, and the remedy
 
     @property
     def is_time(self) -> bool:
@@ -96,24 +83,13 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What a file holds.
+    """What a file holds."""
 
-    Parameters
-    ----------
-    columns : list of Column
-        Not always of one length.
-    rate : float, optional
-        Samples per second, where the file names them outside of its columns.
-    notes : tuple of str
-        What was done to read it.
-    doubt : str
-        Why its numbers may be wrong, which is said unless the times already show it.
-    """
-
-    columns: list[Column]
+    columns: list[Column]  # not always of one length
+    # Samples per second, where the file names them outside of its columns
     rate: float | None = None
-    notes: tuple[str, ...] = ()
-    doubt: str = ""
+    notes: tuple[str, ...] = ()  # what was done to read it
+    doubt: str = ""  # why its numbers may be wrong, which is said unless the times already show it
 
 
 def _last(name: str) -> str:
@@ -170,10 +146,7 @@ def refused(path: Path, kind: str) -> Iterator[None]:
 def library(module: str, path: Path) -> Any:
     """A library of the extra ``formats``.
 
-    Raises
-    ------
-    ValueError
-        If it is not installed; the message says how.
+    Raises a ValueError if it is not installed; the message says how.
     """
     try:
         return import_module(module)

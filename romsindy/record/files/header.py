@@ -173,11 +173,8 @@ def columns_of(
     for every column; below it may be a row of units. Columns that are ``empty``, without numbers,
     need no names at the end; those of ``stamps``, dates and times of day, may share one.
 
-    Raises
-    ------
-    ValueError
-        If the line above the numbers has names or units, but of another number of columns; or if
-        something that looks like numbers is between names and numbers.
+    Raises a ValueError if the line above the numbers has names or units, but of another number of
+    columns; or if something that looks like numbers is between names and numbers.
     """
     used = 1 + max(set(range(width)) - set(empty), default=width - 1)
 

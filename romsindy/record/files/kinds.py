@@ -59,10 +59,7 @@ _FOREIGN = {
 def reader_of(path: Path) -> Reader:
     """The function that reads a file.
 
-    Raises
-    ------
-    ValueError
-        For an empty file, and for kinds that are not read.
+    Raises a ValueError for an empty file, and for kinds that are not read.
     """
     with path.open("rb") as file:
         start = file.read(64)

@@ -26,10 +26,8 @@ from romsindy.typing import Array
 def read_xlsx(path: Path) -> Table:
     """Columns of the longest sheet of a workbook.
 
-    Raises
-    ------
-    ValueError
-        If it is broken, or openpyxl is not installed; or as for text, the line being the row.
+    Raises a ValueError if it is broken, or openpyxl is not installed; or as for text, the line
+    being the row.
     """
     openpyxl = library("openpyxl", path)
     with refused(path, "XLSX"):
@@ -127,10 +125,8 @@ class _Segment(NamedTuple):
 def read_lvm(path: Path) -> Table:
     """Channels of an LVM file; segments follow each other in time.
 
-    Raises
-    ------
-    ValueError
-        If it is broken or cut off, or its segments have different channels or no order in time.
+    Raises a ValueError if it is broken or cut off, or its segments have different channels or no
+    order in time.
     """
     with refused(path, "LVM"), path.open(encoding="utf-8-sig", errors="replace") as lines:
         start = list(takewhile(_is_header, lines))

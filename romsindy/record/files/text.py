@@ -35,36 +35,17 @@ _DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None
 
 @dataclass(frozen=True)
 class Layout:
-    """How the numbers of a text file are laid out.
+    """How the numbers of a text file are laid out."""
 
-    Parameters
-    ----------
-    delimiter : str or None
-        Between the cells; None for spaces.
-    decimal : str
-        "." or ",".
-    first : int
-        Lines before the first row of numbers.
-    example : tuple of str
-        Cells of that row.
-    empty : tuple of int
-        Columns without anything: an unused channel, a separator at the end of every row.
-    rows : int
-        Rows that fit, among the first lines of the file.
-    halves : bool
-        Whether the separator parts numbers too: commas are decimal signs as well.
-    pattern : re.Pattern, optional
-        What every row looks like, where all have the same digits.
-    """
-
-    delimiter: str | None
-    decimal: str
-    first: int
-    example: tuple[str, ...]
+    delimiter: str | None  # between the cells; None for spaces
+    decimal: str  # "." or ","
+    first: int  # lines before the first row of numbers
+    example: tuple[str, ...]  # cells of that row
+    # Columns without anything: an unused channel, a separator at the end of every row
     empty: tuple[int, ...]
-    rows: int
-    halves: bool
-    pattern: re.Pattern[str] | None
+    rows: int  # rows that fit, among the first lines of the file
+    halves: bool  # whether the separator parts numbers too: commas are decimal signs as well
+    pattern: re.Pattern[str] | None  # what every row looks like, where all have the same digits
 
     @property
     def stamps(self) -> list[int]:
@@ -90,10 +71,7 @@ class Layout:
 def read(path: Path) -> Table:
     """Columns of a text file.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be understood; the message names line, column and remedy.
+    Raises a ValueError if it cannot be understood; the message names line, column and remedy.
     """
     with path.open(encoding=_encoding(path), errors="replace") as stream:
         return parse(path, stream)

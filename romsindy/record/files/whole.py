@@ -27,19 +27,8 @@ def whole(path: str | Path) -> Iterator[Path]:
     Where writing fails or is interrupted, what was there stays as it was. Permissions stay too; of
     a link, what it points to is replaced. What is no file (`is_stream`) is written to as it is.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Yields
-    ------
-    Path
-        With the same ending.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written, or not be moved: then the message names the new file, which stays.
+    Raises an OSError if it cannot be written, or not be moved: then the message names the new file,
+    which stays.
     """
     if is_stream(path):
         yield Path(path)
