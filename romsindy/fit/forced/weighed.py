@@ -53,6 +53,8 @@ def examined(fit: Fit) -> Fit:
         return fit  # there is no motion, or nothing is left
     found = examine_independence(fit.start, fit.solution, pairs)
     first = judged(_size(fit, pairs), found, pairs)
+    if not driven and found.p_value < first.false_alarm:  # records without noise tell the least terms
+        return fit
     if first.structured:
         return replace(fit, verdict=first) if driven else fit
     fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
