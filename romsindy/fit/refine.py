@@ -90,8 +90,10 @@ def refine(
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
     fit = refined(model, free, records, more, loss=loss, progress=progress)
+    if fit.verdict.explained or model.numbered or loss != "linear":
+        return fit
     # What goes with the harmonics may be a force that nobody measured.
-    return fit if fit.verdict.explained or model.numbered else examined(fit)
+    return examined(fit) if all(r.whole for r in records) else fit
 
 
 def refine_terms(

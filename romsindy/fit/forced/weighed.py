@@ -53,7 +53,8 @@ def examined(fit: Fit) -> Fit:
         return fit  # there is no motion, or nothing is left
     found = examine_independence(fit.start, fit.solution, pairs)
     first = judged(_size(fit, pairs), found, pairs)
-    if not driven and found.p_value < first.false_alarm:  # records without noise tell the least terms
+    # Decays without noise tell the least of terms: there is no misfit that does not matter.
+    if not driven and found.p_value < first.false_alarm:
         return fit
     if first.structured:
         return replace(fit, verdict=first) if driven else fit

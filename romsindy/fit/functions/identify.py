@@ -111,7 +111,8 @@ def identify_decays(
         if richest is not plain:  # what was process noise may have been this force
             windows, known = richest.windows, richest.known
             richest, others = _settled(richest.series, windows, records, known, say), []
-        starts = [] if _explained(richest) else dict.fromkeys([plain, richest])
+        told = _explained(richest) or not all(r.whole for r in records)
+        starts = [] if told else dict.fromkeys([plain, richest])
         found = _under_a_force(starts, say) or _simpler(richest, say)
         others = [] if found[0].noises else others
         return _assembled(found, others, richest.records, dict(fixed or {}), rng)
