@@ -138,7 +138,7 @@ def _step(now: Fitted) -> tuple[Fitted, float]:
             raise TrajectoryError("the motion goes astray")
         tables.append((own, two.table(columns), noises))
     linear = tuple(
-        Linear(r, (), root(t.weighed(noises).products))
+        Linear(r, (), root(t.weighed(noises).products, np.eye(len(now.series.values) + 1)))
         for r, (_, t, noises) in zip(now.records, tables, strict=True)
     )
     now = better_scales(replace(now, linear=linear))

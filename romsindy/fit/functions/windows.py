@@ -171,15 +171,15 @@ def _together(record: Record, tables: Sequence[Array]) -> Array:
     outer, inner = np.linalg.qr(_side_by_side(triangles))
     pairs = zip(own, _like(triangles, outer), strict=True)
     white = record.cosines(np.concatenate([q @ x for (q, _), x in pairs]))
-    return root(white.T @ white) @ inner
+    return root(white.T @ white, inner)
 
 
-def root(products: Array) -> Array:
-    """R with R' R = products, (n, n)."""
+def root(products: Array, inner: Array) -> Array:
+    """R (n, m) with R' R = inner' products inner, (n, m)."""
     if not np.all(np.isfinite(products)):  # the motion goes astray, and so will what follows
-        return np.full_like(products, np.nan)
+        return np.full_like(inner, np.nan)
     power, axes = np.linalg.eigh(products)
-    return np.asarray(np.sqrt(np.maximum(power, 0.0))[:, None] * axes.T)
+    return np.asarray(np.sqrt(np.maximum(power, 0.0))[:, None] * (axes.T @ inner))
 
 
 def _like(tables: Sequence[Array], joined: Array) -> list[Array]:
