@@ -150,11 +150,11 @@ HOUSE = [
         Measure(f"floors inside {n}", partial(floors_inside, n), most, 7)
         for n, most in FLOORS.items()
     ),
-    Measure("files in the longest chain of imports", longest_chain_of_files, 23, 16),
+    Measure("files in the longest chain of imports", longest_chain_of_files, 22, 16),
     Measure("isinstance on a kind of model or record", lambda: len([*kind_switches()]), 22, 0),
     Measure("classes defined twice", lambda: len(classes_defined_twice()), 0, 0),
-    Measure("lines", lines, 53_800, 40_000),
-    Measure("files", lambda: len(files()), 245, 220),
+    Measure("lines", lines, 54_430, 40_000),
+    Measure("files", lambda: len(files()), 244, 220),
     Measure("public names", lambda: len(romsindy.__all__), 46, 46),
 ]
 

@@ -461,6 +461,14 @@ def test_small_run_of_systems_of_two_coordinates(benchmark, capsys):
     assert row["error"] < 0.01 and not row["wrong"]
 
 
+@benchmark_of("modes_apart")
+def test_small_run_of_modes_that_are_told_apart(benchmark, capsys):
+    """Modes 3.7 % apart that beat, and one under a force beside which another one rings."""
+    for row in ("close", "driven"):
+        benchmark.main(["--count", "1", "--seed", "1003", "--row", row])
+        assert "two in 1 (1 at their frequencies)" in capsys.readouterr().out
+
+
 WAY_BACK = "from 25 per cent of the decays on"
 
 
@@ -610,3 +618,26 @@ def test_small_benchmark_of_a_stepped_sine(benchmark):
     linear[0] = cubic[2] = 1.0
     assert benchmark.first_harmonic(circle, linear) == pytest.approx(2.0)
     assert benchmark.first_harmonic(circle, cubic) == pytest.approx(0.75 * 8)
+
+
+@pytest.mark.slow
+@benchmark_of("forecasts")
+def test_small_benchmark_of_forecasts(benchmark):
+    """A decay, and a stepped sine: their bands hold most, and the table has a line for each."""
+    rows = [benchmark.trial(0, 3), benchmark.trial(1, 3)]
+    assert all(0.85 < row.held <= 1 for row in rows)
+    names = [line[0] for line in benchmark.table(rows)[1:]]
+    assert names == ["decay, terms", "stepped sine", "all"]
+
+
+@benchmark_of("forecasts")
+def test_the_benchmark_of_forecasts_steps_to_a_closed_form(benchmark):
+    """Linear oscillators under a force, and the best constant width of two errors."""
+    laws, w = {"omega^2": 4.0, "c_linear": 0.2}, np.array([1.8, 2.0])
+    found = benchmark.steady(laws, w, np.ones(2))
+    # What is left of the start after 160 cycles, and the tolerance of the integration.
+    np.testing.assert_allclose(found, 1 / (4 - w**2 + 0.2j * w), rtol=1e-5)
+    truth, ends = np.array([0.1, -0.1]), np.full(2, 0.2)
+    row = benchmark.Row(0, "stepped sine", "", truth, np.zeros(2), -ends, ends, ())
+    assert row.held == 1 and row.score == pytest.approx(0.4)
+    assert row.best == pytest.approx(0.2, rel=0.06)  # widths are 6 % apart

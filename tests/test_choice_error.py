@@ -45,6 +45,25 @@ def test_all_models_of_two_terms_by_enumeration():
     np.testing.assert_allclose(covariance, expected, rtol=1e-6)
 
 
+def test_the_mixture_takes_the_errors_of_the_fit_for_every_choice():
+    """Noise less than the trials take it for: no variance comes out below zero."""
+    rng = np.random.default_rng(3)
+    x = alike(rng)
+    trials = trials_of(x, x @ [1.0, 0.3, 0.3] + 0.9 * rng.standard_normal(N))
+    kept, where = [0, 1], [0, 1, 2]
+    own, values, scale = trials.covariance(kept), trials.values(kept), np.array([0.2, 0.3, 0.1])
+    wide = np.outer(scale, scale)
+    found = alternatives(trials, kept, scale)
+    expected = (1 - sum(a.weight for a in found)) * wide * own
+    for gone, _, weight, _ in found:
+        others = [k for k in kept if k != gone]
+        shift = trials.values(others) - values
+        expected += weight * (wide * trials.covariance(others) + np.outer(shift, shift))
+    covariance = mixed(wide * own, found, where)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-9)
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
+
+
 def test_a_choice_that_the_data_tell_adds_nothing():
     rng = np.random.default_rng(0)
     x, _ = np.linalg.qr(rng.standard_normal((N, 4)))

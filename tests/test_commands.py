@@ -26,7 +26,7 @@ from romsindy import (
 )
 from romsindy.commands import analysis as analysis_module
 from romsindy.commands import main as main_module
-from romsindy.commands import one_mode
+from romsindy.commands import measurement
 from romsindy.commands.identify import EXCLUDED
 from romsindy.commands.main import main
 from romsindy.fit.collocation import TrajectoryError
@@ -438,7 +438,7 @@ def test_an_internal_error_is_no_refusal(run, monkeypatch):
     def broken(*_):
         raise KeyError("a bug")
 
-    monkeypatch.setattr(one_mode, "example_decay", broken)
+    monkeypatch.setattr(measurement, "example_decay", broken)
     result = run("identify", "--example")
     assert result.exit_code == 1 and isinstance(result.exception, KeyError)
 
@@ -573,7 +573,7 @@ def test_a_regression_that_cannot_be_made_leaves_the_identification(run, monkeyp
 @pytest.mark.parametrize(
     ("module", "name", "words"),
     [
-        (one_mode, "inspect", "Interrupted while inspecting"),
+        (measurement, "inspect", "Interrupted while inspecting"),
         (analysis_module, "extract_backbone", "Interrupted while reading the cycles, after the"),
         (analysis_module, "compare_models", "Interrupted while making the regressions, after the"),
     ],

@@ -133,7 +133,7 @@ def test_what_is_printed_and_written(identified, folder):
     assert re.search(r"^  input +gain .* between samples$", printed, re.M)
     page = (folder / result["report"]).read_text(encoding="utf-8")
     drawn = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(drawn) == 4 and all(base64.b64decode(p).startswith(b"\x89PNG") for p in drawn)
+    assert len(drawn) == 5 and all(base64.b64decode(p).startswith(b"\x89PNG") for p in drawn)
     for words in (
         "Backbone and damping",
         "Over time",

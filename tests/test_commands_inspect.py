@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from romsindy.commands import analysis, one_mode
+from romsindy.commands import analysis, measurement
 from romsindy.commands.main import main
 from romsindy.physics.model import ReducedModel
 from romsindy.text import aligned, as_options, quantity, with_band, with_error
@@ -164,14 +164,14 @@ def test_an_interrupt_keeps_what_is_done(run, tmp_path, monkeypatch):
 def test_an_interrupt_between_files_keeps_them(run, tmp_path, monkeypatch):
     for i in (1, 2):
         write(tmp_path / f"run{i}.csv", *duffing(1.0, i)[:1], "t [s],q [m]", duffing(1.0, i)[1])
-    read = one_mode.read
+    read = measurement.read
 
     def interrupted(file, options):
         if file.stem == "run2":
             raise KeyboardInterrupt
         return read(file, options)
 
-    monkeypatch.setattr(one_mode, "read", interrupted)
+    monkeypatch.setattr(measurement, "read", interrupted)
     result = run("regress", "run1.csv", "run2.csv")
     assert result.exit_code == 130 and "Identified: 1 files" in result.output
     assert (tmp_path / "regress_overview.html").is_file()

@@ -165,6 +165,19 @@ def test_a_decay_beside_a_driven_record():
     assert fit.decays[0].n_channels == 2 and len(fit.states) == 2
 
 
+@pytest.mark.parametrize("second", [-0.25, 0.0])
+def test_a_second_mode_in_the_band_of_one_coordinate_is_told(second):
+    """Asked for one: what is left answers the force as the other mode does, or there is none."""
+    one = driven(5, shapes=[[1.0, second]], gains=[(3.0, -2.0 if second else 0.0)], size=0.2)
+    fit = rs.identify(one)
+    said = [note for note in fit.notes if note.startswith("another mode rings near")]
+    assert len(said) == bool(second) and fit.verdict.explained == (not second)
+    if second:
+        assert "coordinates=2" in said[0] and said[0] in str(fit)
+        # A part of its bandwidth, 1.4 / 2 pi Hz.
+        assert float(said[0].split()[4]) == pytest.approx(np.sqrt(K2) / (2 * np.pi), abs=0.05)
+
+
 @pytest.mark.slow
 def test_coordinates_and_terms_are_chosen():
     fit = rs.identify(driven(6, n=3000), "auto")

@@ -13,7 +13,6 @@ import romsindy as rs
 from romsindy.commands.main import main
 from romsindy.fit.functions import evidence, prior
 from romsindy.fit.functions.cone import lifted, nearest
-from romsindy.fit.functions.evidence import dispersion
 from romsindy.fit.functions.posterior import _inside, _positive, draw
 from romsindy.fit.functions.series import Magnitudes, Series, Sizes
 from romsindy.fit.functions.windows import Window, linearised, reduced, windows_of
@@ -289,7 +288,7 @@ def test_dispersion_is_one_for_noise_and_counts_repeated_samples():
         equation = Series.linear(Magnitudes(1.0, 38.5, 0.6), Sizes(5, 0, 3))
         equation = evidence.regressed(equation, records)
         none = np.zeros((0, len(equation.values) + 1))
-        found.append(dispersion(evidence.fit(equation, windows_of(records), records, none)))
+        found.append(evidence.fit(equation, windows_of(records), records, none).dispersion)
     # A chi-square of about ten degrees of freedom scatters by 45 %.
     assert 0.3 < found[0] < 2.0
     assert found[1] > 2 * found[0]

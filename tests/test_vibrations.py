@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 
+import romsindy as rs
 from romsindy.record.isolation import isolated, together
 from romsindy.record.ridges import find_ridges
+from romsindy.record.ringing import ringing_in
 from romsindy.record.signals import downsample
 from romsindy.record.vibrations import dominant, find_vibrations, resonances
 
@@ -271,3 +274,33 @@ def test_mode_that_comes_and_goes_is_not_steady():
     low, high = find_vibrations(x, 1 / RATE)
     assert not (low.steady or high.steady)
     assert high.mean_frequency == pytest.approx(83.0, rel=1e-3)
+
+
+def seen(*signals, shapes, level=0.0, colour=0.0):
+    """Signals in channels of some shapes, with noise that keeps a part from sample to sample."""
+    x = np.stack(signals, axis=1) @ np.transpose(shapes)
+    e = np.random.default_rng(3).standard_normal(x.shape)
+    e = lfilter([np.sqrt(1 - colour**2)], [1.0, -colour], e, axis=0)
+    return rs.Decay(T, x + level * e, unit="m", stage="free")
+
+
+@pytest.mark.parametrize("shapes", [[[1.0, 0.8], [0.7, -0.5]], [[1.0, 0.8], [0.5, 0.45]], [[1, 1]]])
+def test_two_vibrations_that_beat_are_told_apart(shapes):
+    """3 % apart: five beats; windows of less than a beat cannot."""
+    decay = seen(tone(30, 3e-3)[0], tone(30.9, 5e-3, 0.7)[0], shapes=shapes, level=0.01)
+    found = sorted(ringing_in([decay]), key=lambda v: v.small_frequency)
+    # Noise of 1 % in 12,000 samples moves a frequency by less than 1e-3 Hz, the damping of a
+    # wave that beats with another one by some per cent.
+    assert [v.small_frequency for v in found] == pytest.approx([30, 30.9], abs=5e-3)
+    assert [v.small_damping_ratio for v in found] == pytest.approx([3e-3, 5e-3], rel=0.1)
+
+
+def test_one_whose_frequency_moves_in_coloured_noise_is_no_two():
+    decay = seen(softening()[0], shapes=[[1.0], [-0.6]], level=0.02, colour=0.95)
+    assert len(ringing_in([decay])) == 1
+
+
+def test_hum_beside_a_vibration_is_no_second_one():
+    hum = 0.4 * np.cos(2 * np.pi * 41 * T)
+    decay = seen(tone(40, 3e-3)[0], hum, shapes=[[1.0, 0.3], [0.5, 1.0]], level=0.01)
+    assert [round(v.small_frequency) for v in ringing_in([decay])] == [40]

@@ -137,10 +137,7 @@ def _march(solve_at: Callable[[float, _Held], _Held | None], start: _Held) -> _H
 def find_equilibrium(assembly: Assembly, load: np.ndarray | None = None) -> Shape:
     """Return the equilibrium under weight, effects and a dead nodal load (n_nodes, 3), N and N m.
 
-    Raises
-    ------
-    NoEquilibriumError
-        If no equilibrium is found, however small the load step.
+    Raises a NoEquilibriumError if no equilibrium is found, however small the load step.
     """
     load = np.zeros_like(assembly.weight) if load is None else load
     pattern = _free(assembly, load)
@@ -171,10 +168,7 @@ def find_displaced(
     Patterns are n nodal loads and readings the weights of n displacements, (n, n_nodes, 3); targets
     and factors are (n,). The path starts from the equilibrium `start` under the `factors`.
 
-    Raises
-    ------
-    NoEquilibriumError
-        If there is no such equilibrium on the path.
+    Raises a NoEquilibriumError if there is no such equilibrium on the path.
     """
     patterns = _free(assembly, patterns)
     first = np.tensordot(readings, start, axes=2)
@@ -201,10 +195,7 @@ def hold(
     The path starts from the equilibrium ``rest``. ``pattern`` is a nodal load, ``reading`` holds
     the weights of the displacement that is prescribed, (n_nodes, 3) each.
 
-    Raises
-    ------
-    NoEquilibriumError
-        If there is no such equilibrium on the path.
+    Raises a NoEquilibriumError if there is no such equilibrium on the path.
     """
     goal = np.array([np.vdot(reading, rest.displacement) + distance])
     x, factors = find_displaced(
@@ -330,12 +321,8 @@ def assembled(assembly: Assembly, matrices: np.ndarray) -> tuple[csc_array, np.n
 def solve_modes(assembly: Assembly, equilibrium: Shape, count: int) -> ModalBasis:
     """Return the lowest `count` modes about an equilibrium: K phi = omega^2 M phi.
 
-    Raises
-    ------
-    ValueError
-        If `count` is not between 1 and what the mesh can carry.
-    NoEquilibriumError
-        If the equilibrium is unstable.
+    Raises a ValueError if `count` is not between 1 and what the mesh can carry, and a
+    NoEquilibriumError if the equilibrium is unstable.
     """
     stiffness, _ = assembly.tangents(equilibrium.displacement)
     K, free = assembled(assembly, stiffness)

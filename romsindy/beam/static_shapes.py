@@ -207,33 +207,16 @@ def _tangents(assembly: Assembly, x: np.ndarray, momenta: np.ndarray) -> np.ndar
 
 @dataclass(frozen=True, eq=False)
 class StaticSurface:
-    """Static cases of a beam over the coordinates of several modes.
+    """Static cases of a beam over the coordinates of several modes."""
 
-    Attributes
-    ----------
-    basis : ModalBasis
-        The modes about the equilibrium.
-    modes : tuple of int
-        Numbers of the R modes that are forced.
-    reach : (R,) array
-        Half axes of the ellipsoid that holds the cases, kg^0.5 m.
-    r : (n, R) array
-        Coordinates, from the equilibrium outwards, kg^0.5 m.
-    force : (n, R) array
-        dV/dr, kg^0.5 m/s^2.
-    shapes : (n, n_nodes, 3) array
-        Displacements (u, w, theta) from the straight rest, m, m, rad.
-    tangents : (n, R, n_nodes, 3) array
-        Their derivatives with respect to r.
-    """
-
-    basis: ModalBasis
-    modes: tuple[int, ...]
-    reach: np.ndarray
-    r: np.ndarray
-    force: np.ndarray
+    basis: ModalBasis  # the modes about the equilibrium
+    modes: tuple[int, ...]  # numbers of the R modes that are forced
+    reach: np.ndarray  # (R,), half axes of the ellipsoid that holds the cases, kg^0.5 m
+    r: np.ndarray  # (n, R), coordinates, from the equilibrium outwards, kg^0.5 m
+    force: np.ndarray  # (n, R), dV/dr, kg^0.5 m/s^2
+    # (n, n_nodes, 3), displacements (u, w, theta) from the straight rest, m, m, rad
     shapes: np.ndarray
-    tangents: np.ndarray
+    tangents: np.ndarray  # (n, R, n_nodes, 3), their derivatives with respect to r
 
     @property
     def rows(self) -> list[int]:

@@ -38,9 +38,9 @@ from romsindy.commands.outputs import (
     write_json,
     writing,
 )
-from romsindy.diagnosis import BeamReport
-from romsindy.diagnosis import diagnose as run_diagnosis
+from romsindy.diagnosis.diagnose import diagnose as run_diagnosis
 from romsindy.diagnosis.difference import KINDS
+from romsindy.diagnosis.on_beam.report import BeamReport
 from romsindy.fit.estimate import Estimate
 from romsindy.fit.verdict import SAME_DAMPING, SAME_FREQUENCY, SAME_SIGNAL
 from romsindy.physics.coupled import AnyModel

@@ -13,8 +13,7 @@ import click
 from romsindy.commands.analysis import USUAL, Asked, identified
 from romsindy.commands.answers import FIGURE, SAVE, Telling, answer_options
 from romsindy.commands.inputs import PARTS, Inputs, input_options
-from romsindy.commands.measurement import Selection
-from romsindy.commands.one_mode import inspected, mode_options, of_file, of_one_mode
+from romsindy.commands.measurement import Selection, inspected, mode_options, of_file, of_one_mode
 from romsindy.commands.options import (
     FILE,
     INPUTS,

@@ -1,17 +1,25 @@
-"""Measured decays of a file for a diagnosis: with all that is in them, unless a mode is chosen."""
+"""What of a file is meant: decays with all that is in them, or one mode by itself."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from romsindy.commands.options import read
+import click
+
+from romsindy.commands.options import grouped, read
+from romsindy.commands.results import Result
 from romsindy.inspection.inspection import Inspection, inspect
+from romsindy.inspection.page import picture
 from romsindy.inspection.tables import picked
+from romsindy.physics.example import example_decay
 from romsindy.record.decay import Decay
 from romsindy.record.files import load_decay
 from romsindy.record.files.load import named
+from romsindy.record.recording import Recording
+from romsindy.show.identified import Identified
 from romsindy.text import bar, listed
 
 
@@ -42,14 +50,8 @@ def decays_in(
     """
     if choice.whole:
         return [load_decay(file, **{**reading, "column": list(reading["column"]) or None})]
-    recording = read(file, reading)
+    recording = _clear(file, reading, choice.isolates or choice.coordinates > 1)
     with named(f"{file}"):
-        together = choice.isolates or choice.coordinates > 1
-        if len(recording.names) > 1 and not (reading["column"] and together):
-            raise ValueError(
-                f"{len(recording.names)} columns could be the measured one,"
-                f" {list(recording.names)}: choose with column="
-            )
         with bar(None, "inspecting") as steps:
             found = inspect(recording, progress=steps.set_postfix_str)
         if choice.coordinates > 1:
@@ -81,3 +83,102 @@ def _chosen(found: Inspection, choice: Selection, say: Callable[[str], object]) 
     for notes in filter(None, (d.notes for d in decays)):
         say("; ".join(notes))
     return decays
+
+
+# -- one mode by itself: found, isolated, analysed, and told on a page -----------------------------
+
+
+Analysis = Callable[[str, Sequence[Decay], str], Identified]
+
+# The options that choose a mode, and releases.
+mode_options = grouped(
+    click.option(
+        "--mode", type=int, help="Number of the mode, see inspect.  [default: moves most]"
+    ),
+    click.option(
+        "--band", nargs=2, type=float, help="Lowest and highest frequency of the mode, Hz."
+    ),
+    click.option("--release", type=int, help="Number of the release, see inspect.  [default: all]"),
+)
+
+
+def inspected(file: Path | None, reading: Mapping[str, Any], seed: int) -> tuple[str, Inspection]:
+    """Title of a file, or of the example, and what is in it."""
+    title = f"Free decay {file.name}" if file else "Example: synthetic decay, 35 dB"
+    with bar(None, "inspecting") as steps:
+        record = _clear(file, reading) if file else example_decay(35.0, seed)
+        return title, inspect(record, progress=steps.set_postfix_str)
+
+
+def _clear(file: Path, reading: Mapping[str, Any], several: bool = True) -> Recording:
+    """What is in a file, where it is clear which column is meant, or which ``several``."""
+    recording = read(file, reading)
+    names = list(recording.names)
+    if len(names) > 1 and not (reading["column"] and several):
+        raise ValueError(
+            f"{file}: {len(names)} columns could be the measured one, {names}: choose with column="
+        )
+    return recording
+
+
+@contextmanager
+def of_file(file: Path | None, warnings: Sequence[str] = ()) -> Iterator[None]:
+    """What is refused is told with the name of the file, and what is wrong with its samples."""
+    try:
+        yield
+    except ValueError as error:
+        sentence = str(error).removeprefix(f"{file}: ")
+        words = "; ".join([f"{file or 'example'}: {sentence}", *warnings])
+        raise ValueError(words) from error
+
+
+def of_one_mode(
+    file: Path | None,
+    page: Path,
+    reading: Mapping[str, Any],
+    choice: Selection,
+    analyse: Analysis,
+    seed: int,
+    interactive: bool,
+) -> Result:
+    """Analyse one mode of a file, or of the example, and write its page.
+
+    Raises a ValueError if the file cannot be understood, or does not hold what was chosen; as
+    ``analyse``.
+    """
+    title, found = inspected(file, reading, seed)
+    # What is wrong with samples is no news for a choice that does not exist.
+    with of_file(file, found.warnings if choice == Selection() else ()):
+        mode = found.mode(choice.mode, choice.band)
+        releases = found.rings_in(mode, choice.release)
+    used = picked(found, mode, releases)
+    with of_file(file, found.warnings):
+        try:
+            report = analyse(title, found.decays(mode.number, release=choice.release), used)
+        except KeyboardInterrupt as error:
+            reached = f"{error}, after the inspection. {used.rstrip('.')}"
+            raise KeyboardInterrupt(reached) from None
+    more = [picture(found)] if len(found.modes) > 1 or len(found.releases) > 1 else []
+    facts = {
+        "channel": found.channel,
+        "mode": mode.number,
+        "modes": [m.mean_frequency for m in found.modes],
+        "releases": tuple(i + 1 for i in releases),
+        "warnings": found.warnings,
+    }
+    step = _next(str(file or "example"), report, found)
+    return Result.written(file, page, report, interactive, more, facts=facts, step=step)
+
+
+def _next(file: str, report: Identified, inspection: Inspection) -> str:
+    ringing = [m for m in inspection.modes if not m.steady]
+    if report.found is None:
+        return "the coefficients of all regressions with --full."
+    if report.found.verdict.explained:
+        return "--full prints the functions; romsindy diagnose asks what a simulation lacks."
+    if len(ringing) > 1:
+        return (
+            f"{len(ringing)} modes ring: --coordinates auto models them together; --full prints"
+            " all tables."
+        )
+    return f"romsindy inspect {file} shows what else is in it; --full prints all tables."

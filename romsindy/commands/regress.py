@@ -11,8 +11,7 @@ import click
 
 from romsindy.commands.analysis import USUAL, Recipe, regressed
 from romsindy.commands.answers import FIGURE, Telling, answer_options
-from romsindy.commands.measurement import Selection
-from romsindy.commands.one_mode import mode_options, of_one_mode
+from romsindy.commands.measurement import Selection, mode_options, of_one_mode
 from romsindy.commands.options import FILE, READING, damping_option, fix_option, reading_options
 from romsindy.commands.outputs import WritingCommand
 

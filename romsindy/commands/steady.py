@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romsindy.commands.answers import SAVE, Telling, answer_options
-from romsindy.commands.one_mode import of_file
+from romsindy.commands.measurement import of_file
 from romsindy.commands.options import FILE, fix_option
 from romsindy.commands.outputs import WritingCommand
 from romsindy.commands.results import Result

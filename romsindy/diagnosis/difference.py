@@ -3,7 +3,8 @@
 Both are demodulated cycle by cycle and compared at equal amplitude, so that neither the start nor a
 phase that runs away hides what differs. The slopes of what the phase and the logarithm of the
 amplitude differ by are the differences of frequency and damping. Their standard errors come from
-the scatter of the cycles themselves, whatever the colour of the noise.
+the scatter of the cycles themselves, whatever the colour of the noise. A `Tolerance` says what of
+them does not matter.
 """
 
 from __future__ import annotations

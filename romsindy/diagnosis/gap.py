@@ -124,10 +124,7 @@ class Gap:
             return sum(p.record.count * p.error(x) ** 2 for p, x in pairs) / n
 
         before = squared([p.before for p in self.predictions])
-        after = squared([p.after for p in self.predictions])
-        # The noise is no larger than what is left.
-        beyond = before - min(after, 1.0)
-        return float(np.clip((before - after) / beyond, 0.0, 1.0)) if beyond > 0 else 0.0
+        return _closed(before, squared([p.after for p in self.predictions]), 1.0)
 
     @cached_property
     def differences_before(self) -> tuple[Difference, ...]:
@@ -208,6 +205,8 @@ def _percent(difference: Difference, kind: str) -> str:
     what = " (all that differs)" if difference.apart else ""
     return f"{value:.3g} +- {error:.1g}{what}"
 
+
+# -- what a simulation says of a record; only its start follows it ---------------------------------
 
 _ITERATIONS = 25
 _POLISH = 12  # simulations to find the initial state of a record whose fit does not settle
@@ -323,6 +322,9 @@ def _run(model: ReducedModel, parts: Sequence[Part], record: Record, near: Traje
     return read(parts, 0, record.t, x)[0]
 
 
+# -- the gap by what is left -----------------------------------------------------------------------
+
+
 def noise_std(record: Prepared) -> float:
     """Rms of the noise of a record, over all its channels, unit of the measured quantity."""
     return float(np.sqrt(np.mean([noise.std**2 for noise in record.noises])))
@@ -359,11 +361,6 @@ class ResidualGap:
         heard = sum(float(np.sum((r.signal - r.signal.mean()) ** 2)) for r in records) / n
         noise = sum(len(r.signal) * noise_std(r) ** 2 for r in records) / n
         old, new = (sum(float(e @ e) for e in several) / n for several in (before, after))
-        # The noise is no larger than what is left.
-        beyond = old - min(new, noise)
-        closed = float(np.clip((old - new) / beyond, 0.0, 1.0)) if 0 < beyond < np.inf else 0.0
-        if not np.isfinite(old):
-            closed = 1.0 if np.isfinite(new) else 0.0
         rms, shares = np.sqrt([old, new]), np.sqrt(np.array([old, new]) / heard)
         decay = records[0].decay
         return cls(
@@ -374,7 +371,7 @@ class ResidualGap:
             rms_after=float(rms[1]),
             before=float(shares[0]),
             after=float(shares[1]),
-            closed=closed,
+            closed=_closed(old, new, noise),
             unit=unit_of(decay.measured, decay.unit),
             where=where,
         )
@@ -388,6 +385,14 @@ class ResidualGap:
         rows = [[name, *(f"{x:.3g}" for x in pair)] for name, pair in pairs.items()]
         first = f"on {UNSEEN}" if self.where == UNSEEN else "fitted"
         return [[first, "before", "after"], *rows]
+
+
+def _closed(before: float, after: float, noise: float) -> float:
+    """Part of a mean square beyond the noise that is closed, 0 to 1."""
+    if not np.isfinite(before):
+        return 1.0 if np.isfinite(after) else 0.0
+    beyond = before - min(after, noise)  # the noise is no larger than what is left
+    return float(np.clip((before - after) / beyond, 0.0, 1.0)) if beyond > 0 else 0.0
 
 
 def beyond_noise(records: Sequence[Prepared], residuals: Sequence[Array]) -> float:

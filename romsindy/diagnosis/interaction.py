@@ -22,17 +22,21 @@ from romsindy.fit.coupled_terms import KINDS, Kind, candidates, linear_terms
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.pieces import cut
 from romsindy.fit.resonance import resonances_in
-from romsindy.fit.verdict import EXPLAINED, MODE, WORTH
+from romsindy.fit.verdict import EXPLAINED, MODE, SURE, WORTH
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.coupling import Along
 from romsindy.physics.model import ReducedModel
 from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.vibrations import Resonance, Vibration
+from romsindy.text import listed, percent, quantity, two_digits, with_error
 
 _ALONE = tuple(kind._replace(coupled=False) for kind in KINDS)
 # Coupling that stores energy: what damps may stand for a damping of one coordinate that is missing.
 _TOGETHER = tuple(kind._replace(coupled_damping=False) for kind in KINDS)
+
+
+_MOST_COUPLINGS = 3  # the surest are told
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,3 +194,90 @@ def _beside(model: ReducedModel, other: Vibration) -> CoupledModel:
     small = (omega**2, 2 * zeta * omega if zeta > 0 else 0.0)
     values.update(zip(linear_terms(2)[2:], small, strict=True))
     return CoupledModel(tuple(values), tuple(values.values()), model.unit)
+
+
+# -- in words ------------------------------------------------------------------------------------
+
+
+def takes_part(found: Interaction, fit: Fit) -> str:
+    """That another mode takes part: by which resonance, where, and by what."""
+    unit = fit.model.unit
+    near = found.resonance
+    through = ""
+    if near is not None:
+        lower = "" if found.slower else " of the lower mode"
+        size = quantity(near.amplitude, unit or "[q]")
+        through = f" through a {ratio(near)} resonance near {size}{lower}"
+    values, errors = fit.model.coefficients, fit.standard_errors
+    surest = sorted(found.couplings, key=lambda t: -abs(values[t.key]) / errors[t.key])
+    told = [
+        f"{t.key} = {' +- '.join(with_error(values[t.key], errors[t.key]))} {t.unit(unit)}".rstrip()
+        for t in surest[:_MOST_COUPLINGS]
+    ]
+    more = len(surest) - len(told)
+    text = ", ".join([*told, *([f"{more} more"] if more else [])])
+    return f"a mode at {found.frequency:.4g} Hz takes part{through} ({text})"
+
+
+def ratio(resonance: Resonance | None) -> str:
+    """Of two frequencies, such as "1:3"; empty where they are near none."""
+    return "" if resonance is None else f"{resonance.p}:{resonance.q}"
+
+
+def footing(found: Interaction) -> str:
+    """What one coordinate and two leave, over pieces of one length."""
+    return (
+        f"Of {found.pieces} one coordinate leaves {two_digits(found.before)} times the"
+        f" noise, all its values free, and two leave {two_digits(found.after)}."
+    )
+
+
+def values_that_moved(nominal: ReducedModel, fit: Fit) -> str:
+    """By how much values of the simulation surely moved beside another mode."""
+    errors, now = fit.standard_errors, fit.model.coefficients
+    moved = []
+    for term, was in zip(nominal.terms, nominal.values, strict=True):
+        key = Along.coordinate(term, 1).key
+        if was and abs(now[key] - was) > SURE * errors[key]:
+            change = now[key] / was - 1
+            moved.append(f"{term.key} by {'-' if change < 0 else ''}{percent(abs(change))}")
+    return f" Beside it values of the simulation move: {listed(moved)}." if moved else ""
+
+
+def footing_table(found: Interaction) -> list[list[str]]:
+    """The same as rows of text, with the pieces that the two follow at most."""
+    rows = [["followed", "one coordinate", "two"]]
+    rows.append([found.pieces, f"{found.before:.3g}", f"{found.after:.3g}"])
+    if found.longest.cycles != found.together.cycles:
+        rows.append([over_pieces(found.longest), "lost", f"{found.longest.left:.3g}"])
+    return rows
+
+
+def rings_along(found: Interaction) -> str:
+    """That another mode rings, but is not seen to take part."""
+    alone = f"{two_digits(found.before)} times the noise"
+    if found.alone.explained:
+        terms = f" and {listed(found.own)} added" if found.own else ""
+        rest = f"with it beside the model, all values free{terms}, noise alone is left ({alone})"
+    else:
+        rest = (
+            f"one coordinate with it beside leaves {alone} of {found.pieces}, and"
+            f" {two_digits(found.after)} with what could couple them"
+        )
+    return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."
+
+
+def not_followed(other: Vibration) -> str:
+    """That another mode rings, and nothing more can be said."""
+    return (
+        f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both modes were"
+        " found that follow the records, so that its part is not known."
+    )
+
+
+def leaves(found: Interaction) -> str:
+    """What one coordinate and two leave, for a picture of it."""
+    return (
+        f"Of {found.pieces}, all values fitted: one coordinate leaves {found.before:.3g} times the"
+        f" noise, two {found.after:.3g}"
+    )

@@ -11,11 +11,27 @@ import numpy as np
 
 from romsindy.diagnosis import words
 from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
-from romsindy.diagnosis.interaction import Interaction, interaction_of
-from romsindy.diagnosis.report import TABLE_HEAD, BesideDecays, DiagnosisReport, Written, notes_of
+from romsindy.diagnosis.interaction import (
+    Interaction,
+    footing,
+    footing_table,
+    interaction_of,
+    leaves,
+    not_followed,
+    ratio,
+    rings_along,
+    takes_part,
+    values_that_moved,
+)
+from romsindy.diagnosis.report import (
+    TABLE_HEAD,
+    BesideDecays,
+    DiagnosisReport,
+    Written,
+    page_of,
+)
 from romsindy.diagnosis.search import Options
 from romsindy.diagnosis.verdict import Left, Verdict
-from romsindy.diagnosis.words import not_followed, rings_along
 from romsindy.effects import CATALOGUE, look_alikes
 from romsindy.fit.adequacy import Adequacy
 from romsindy.fit.fitted import Fit
@@ -108,9 +124,9 @@ class InteractionReport(BesideDecays, Written):
     @property
     def sentence(self) -> str:
         """The finding, a line for each question: do they differ, what is missing, what is left?"""
-        found = words.takes_part(self.interaction, self.fit)
-        moved = words.values_that_moved(self.nominal, self.fit)
-        missing = f"{found}. {self._closing('It closes')} {words.footing(self.interaction)}{moved}"
+        found = takes_part(self.interaction, self.fit)
+        moved = values_that_moved(self.nominal, self.fit)
+        missing = f"{found}. {self._closing('It closes')} {footing(self.interaction)}{moved}"
         return "\n".join(
             [
                 self.one_coordinate.opening,
@@ -124,12 +140,12 @@ class InteractionReport(BesideDecays, Written):
 
     def table(self) -> list[list[str]]:
         """Rows of text: what couples the modes, with its values."""
-        ratio = words.ratio(self.interaction.resonance)
+        near = ratio(self.interaction.resonance)
         values, errors = self.fit.model.coefficients, self.fit.standard_errors
         rows = [
             [
                 "another mode",
-                ratio,
+                near,
                 t.key,
                 f"{values[t.key]:.6g}",
                 f"{errors[t.key]:.2g}",
@@ -143,9 +159,7 @@ class InteractionReport(BesideDecays, Written):
     def _content(self) -> dict[str, Any]:
         found, resonance = self.interaction, self.interaction.resonance
         return {
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "interrupted": self.interrupted,
+            **super()._content(),
             **self._sizes(self.remainder),
             "effects": [],
             "moved": [],
@@ -168,26 +182,17 @@ class InteractionReport(BesideDecays, Written):
         """Pictures by name: "gap", "amplitude" and "time" as elsewhere, and "coordinates"."""
         from romsindy.diagnosis.pictures import pictures_of_two
 
-        return {p.name: p for p in pictures_of_two(self.gap, self.interaction)}
+        found = self.interaction
+        alone, together = ((f.records, f.residuals) for f in (found.alone, found.together))
+        pictures = pictures_of_two(self.gap, alone, together, leaves(found))
+        return {p.name: p for p in pictures}
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        rows = self.table()
-        explanations = TextTable("Explanations that the data allow", rows)
-        return {
-            "title": "What the simulation lacks",
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "equation_title": "The simulation and the other mode",
-            "equation": str(self.model),
-            "tables": [
-                TextTable("The gap, before and after", self.gap.table()),
-                *([explanations] if rows[1:] else []),
-                TextTable("One coordinate and two", words.footing_table(self.interaction)),
-                TextTable("Coefficients", self.fit.table()),
-            ],
-            "notes": notes_of(self.records),
-        }
+        page = page_of(self, "The simulation and the other mode", self.records)
+        more = [TextTable("One coordinate and two", footing_table(self.interaction))]
+        more += [TextTable("Coefficients", self.fit.table())]
+        return {**page, "tables": [*page["tables"], *more]}
 
 
 # The same mode in two records: its small frequencies differ by less, as a ratio.

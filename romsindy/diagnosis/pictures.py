@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from romsindy.diagnosis.difference import Difference
 from romsindy.diagnosis.gap import Gap, Prediction, name_of, predict
-from romsindy.diagnosis.interaction import Interaction
 from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.linear_response import nodes
 from romsindy.fit.part import Part
-from romsindy.fit.record import Record
+from romsindy.fit.record import Prepared, Record
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
 from romsindy.record.smoothing import HarmonicSpline
@@ -150,33 +149,35 @@ def pictures(
     yield by("record", *record_errors(model, parts, records, gap))
 
 
-def pictures_of_two(gap: Gap, found: Interaction) -> Iterator[Picture]:
-    """What a simulation of one coordinate missed, and what it misses with another mode."""
+Fitted = tuple[Sequence[Prepared], Sequence[Array]]  # records, and what a fit leaves of each
+
+
+def pictures_of_two(gap: Gap, alone: Fitted, together: Fitted, words: str) -> Iterator[Picture]:
+    """What a simulation of one coordinate missed, and what it misses with another mode.
+
+    ``words`` say what fits of one coordinate and of two leave.
+    """
     prediction = gap.predictions[gap.worst]
     yield _in_time(prediction, gap)
     yield _by_amplitude(prediction, gap)
     yield _by_cycle(prediction)
-    yield _by_coordinates(found)
+    yield _by_coordinates(alone, together, words)
 
 
-def _by_coordinates(found: Interaction) -> Picture:
+def _by_coordinates(alone: Fitted, together: Fitted, words: str) -> Picture:
     """What one coordinate and two leave of the record of which one leaves most."""
     left = [
-        [record.whitened(e) for record, e in zip(f.records, f.residuals, strict=True)]
-        for f in (found.alone, found.together)
+        [record.whitened(e) for record, e in zip(*fit, strict=True)] for fit in (alone, together)
     ]
     worst = int(np.argmax([np.mean(white**2) for white in left[0]]))
-    record = found.together.records[worst]
+    record = together[0][worst]
     # Of several channels, the mean power.
     rms = [np.sqrt(np.mean(white[worst].reshape(-1, len(record.t)) ** 2, axis=0)) for white in left]
     every = np.ones(len(record.t), bool)
     t, (one, two) = per_cycle(record.t, record.tones[0].phase(record.t), every, rms)
     more = int(np.argmax(one / two))
-    caption = (
-        f"Of {found.pieces}, all values fitted: one coordinate leaves {found.before:.3g}"
-        f" times the noise, two {found.after:.3g}; they differ most at {t[more]:.3g} s, by a factor"
-        f" of {one[more] / two[more]:.3g}."
-    )
+    factor = one[more] / two[more]
+    caption = f"{words}; they differ most at {t[more]:.3g} s, by a factor of {factor:.3g}."
     names = ("one coordinate", "two coordinates")
     draw = partial(show.draw_cycles, t, one, two, [], names=names)
     return Picture("coordinates", "One coordinate and two", caption, draw)

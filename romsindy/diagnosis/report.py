@@ -46,6 +46,10 @@ class Written(ABC):
         def verdict(self) -> str:
             """One word: "none", "named", "ambiguous" or "unknown"."""
 
+        @property
+        def interrupted(self) -> bool:
+            """Whether the search was stopped before its end."""
+
     @property
     @abstractmethod
     def sentence(self) -> str:
@@ -73,9 +77,10 @@ class Written(ABC):
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
 
-    @abstractmethod
     def _content(self) -> dict[str, Any]:
         """What JSON holds."""
+        names = ("verdict", "sentence", "interrupted")
+        return {name: getattr(self, name) for name in names}
 
     def to_json(self) -> str:
         """All that was found as JSON text."""
@@ -125,6 +130,7 @@ class Explained(Written):
     scales: Scales
     added: tuple[Part, ...]
     gap: Any  # with the part of it that ``closed``
+    records: tuple[Any, ...]
     interrupted: bool = False
     notes: tuple[str, ...] = ()
 
@@ -243,26 +249,34 @@ class Explained(Written):
             "model": json.loads(self.model.to_json()),
         }
 
-    def _page(self, gap: list[list[str]], notes: list[str]) -> dict[str, Any]:
-        """What the page shows beside the pictures, with the table of the gap."""
-        rows = self.table()
-        explained = self.verdict in ("named", "ambiguous")
-        found = "Explanations that the data allow" if explained else "What comes nearest"
-        tables = [TextTable("The gap, before and after", gap)]
+    def page(self) -> dict[str, Any]:
+        """What the page shows beside the pictures."""
         parts = self.added
         terms = {p.effect.name for p in parts if p.effect.term() is not None}
         outside = ", ".join(e.label for e in self.effects if parts and e.name not in terms)
         note = "Not a term of the equation of motion, so not in it: "
-        return {
-            "title": "What the simulation lacks",
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "equation_title": f"The simulation{' with it added' if parts else ', unchanged'}",
-            "equation": str(self.model),
-            "equation_note": f"{note}{outside}." if outside else "",
-            "tables": [*tables, *([TextTable(found, rows)] if rows[1:] else [])],
-            "notes": notes,
-        }
+        title = f"The simulation{' with it added' if parts else ', unchanged'}"
+        page = page_of(self, title, self.records)
+        return {**page, "equation_note": f"{note}{outside}." if outside else ""}
+
+
+def page_of(report: Any, equation_title: str, records: Sequence[Prepared]) -> dict[str, Any]:
+    """What the pages of all reports but those of beams show: verdict, equation, gap, notes."""
+    rows = report.table()
+    explained = report.verdict in ("named", "ambiguous")
+    found = "Explanations that the data allow" if explained else "What comes nearest"
+    return {
+        "title": "What the simulation lacks",
+        "verdict": report.verdict,
+        "sentence": report.sentence,
+        "equation_title": equation_title,
+        "equation": str(report.model),
+        "tables": [
+            TextTable("The gap, before and after", report.gap.table()),
+            *([TextTable(found, rows)] if rows[1:] else []),
+        ],
+        "notes": notes_of(records),
+    }
 
 
 def notes_of(records: Sequence[Prepared]) -> list[str]:
@@ -448,9 +462,7 @@ class DiagnosisReport(BesideDecays, Explained):
     def _content(self) -> dict[str, Any]:
         advice = self.next_test
         return {
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "interrupted": self.interrupted,
+            **super()._content(),
             **self._sizes(self.remainder),
             **self._explanations(),
             "left": self.left,
@@ -468,8 +480,7 @@ class DiagnosisReport(BesideDecays, Explained):
 
     def page(self) -> dict[str, Any]:
         """What the page shows beside the pictures."""
-        page = self._page(self.gap.table(), notes_of(self.records))
-        return {**page, "formula": self.model.latex_terms()}
+        return {**super().page(), "formula": self.model.latex_terms()}
 
 
 def _without_parts(difference: Difference) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from romsindy.diagnosis.difference import DEFAULT, Tolerance
 from romsindy.diagnosis.evidence import Hypothesis
 from romsindy.diagnosis.gap import UNSEEN, ResidualGap, beyond_noise, noise_std
 from romsindy.diagnosis.held_out import followed, left_of
-from romsindy.diagnosis.report import Explained, notes_of
+from romsindy.diagnosis.report import Explained
 from romsindy.diagnosis.residual_search import ResidualSearch
 from romsindy.diagnosis.search import Finding
 from romsindy.diagnosis.verdict import Left, Verdict
@@ -220,9 +220,7 @@ class ResidualReport(Explained):
     def _content(self) -> dict[str, Any]:
         gap = self.gap
         return {
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "interrupted": self.interrupted,
+            **super()._content(),
             **self._explanations(),
             "structure": self.remainder.structure,
             "gap": {
@@ -273,10 +271,6 @@ class ResidualReport(Explained):
                 ),
             )
         }
-
-    def page(self) -> dict[str, Any]:
-        """What the page shows beside the pictures."""
-        return self._page(self.gap.table(), notes_of(self.records))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

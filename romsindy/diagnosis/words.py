@@ -9,13 +9,8 @@ import numpy as np
 from romsindy.diagnosis.difference import DEFAULT, KINDS, WIDEST, Difference, Tolerance
 from romsindy.diagnosis.found import FoundEffect
 from romsindy.diagnosis.gap import Gap
-from romsindy.diagnosis.interaction import Interaction, over_pieces
-from romsindy.fit.fitted import Fit
 from romsindy.fit.verdict import PREDICTED, SURE
-from romsindy.physics.coupling import Along
-from romsindy.physics.model import ReducedModel
-from romsindy.record.vibrations import Resonance, Vibration
-from romsindy.text import listed, percent, quantity, two_digits, with_error
+from romsindy.text import listed, percent, two_digits
 
 _SOURCES = {
     DEFAULT: "{} would not matter",
@@ -26,7 +21,6 @@ _SOURCES = {
 }
 _WHERE = {"frequency": "in frequency", "damping": "in damping", "signal": "in waveform"}
 _MOST_ODDS = np.log(1e6)  # more depends on what no model of the noise knows
-_MOST_COUPLINGS = 3  # the surest are told
 _KINDS = {
     "tolerance": ", which does not matter",
     "form": ", of the size by which the model misses its own reference record: its form, not a"
@@ -147,79 +141,3 @@ def over_sensors(rest: str, gap: Gap, kind: str, sensor: str, times: float) -> s
         first = f"{two_digits(gap.after)} times the noise in the coordinate of the first mode"
         return f"{of_worst} at the worst sensor, {sensor}; {first}."
     return f"{rest.removesuffix('.')}; the worst sensor is {sensor} at {of_worst}."
-
-
-def takes_part(found: Interaction, fit: Fit) -> str:
-    """That another mode takes part: by which resonance, where, and by what."""
-    unit = fit.model.unit
-    near = found.resonance
-    through = ""
-    if near is not None:
-        lower = "" if found.slower else " of the lower mode"
-        size = quantity(near.amplitude, unit or "[q]")
-        through = f" through a {ratio(near)} resonance near {size}{lower}"
-    values, errors = fit.model.coefficients, fit.standard_errors
-    surest = sorted(found.couplings, key=lambda t: -abs(values[t.key]) / errors[t.key])
-    told = [
-        f"{t.key} = {' +- '.join(with_error(values[t.key], errors[t.key]))} {t.unit(unit)}".rstrip()
-        for t in surest[:_MOST_COUPLINGS]
-    ]
-    more = len(surest) - len(told)
-    text = ", ".join([*told, *([f"{more} more"] if more else [])])
-    return f"a mode at {found.frequency:.4g} Hz takes part{through} ({text})"
-
-
-def ratio(resonance: Resonance | None) -> str:
-    """Of two frequencies, such as "1:3"; empty where they are near none."""
-    return "" if resonance is None else f"{resonance.p}:{resonance.q}"
-
-
-def footing(found: Interaction) -> str:
-    """What one coordinate and two leave, over pieces of one length."""
-    return (
-        f"Of {found.pieces} one coordinate leaves {two_digits(found.before)} times the"
-        f" noise, all its values free, and two leave {two_digits(found.after)}."
-    )
-
-
-def values_that_moved(nominal: ReducedModel, fit: Fit) -> str:
-    """By how much values of the simulation surely moved beside another mode."""
-    errors, now = fit.standard_errors, fit.model.coefficients
-    moved = []
-    for term, was in zip(nominal.terms, nominal.values, strict=True):
-        key = Along.coordinate(term, 1).key
-        if was and abs(now[key] - was) > SURE * errors[key]:
-            change = now[key] / was - 1
-            moved.append(f"{term.key} by {'-' if change < 0 else ''}{percent(abs(change))}")
-    return f" Beside it values of the simulation move: {listed(moved)}." if moved else ""
-
-
-def footing_table(found: Interaction) -> list[list[str]]:
-    """The same as rows of text, with the pieces that the two follow at most."""
-    rows = [["followed", "one coordinate", "two"]]
-    rows.append([found.pieces, f"{found.before:.3g}", f"{found.after:.3g}"])
-    if found.longest.cycles != found.together.cycles:
-        rows.append([over_pieces(found.longest), "lost", f"{found.longest.left:.3g}"])
-    return rows
-
-
-def rings_along(found: Interaction) -> str:
-    """That another mode rings, but is not seen to take part."""
-    alone = f"{two_digits(found.before)} times the noise"
-    if found.alone.explained:
-        terms = f" and {listed(found.own)} added" if found.own else ""
-        rest = f"with it beside the model, all values free{terms}, noise alone is left ({alone})"
-    else:
-        rest = (
-            f"one coordinate with it beside leaves {alone} of {found.pieces}, and"
-            f" {two_digits(found.after)} with what could couple them"
-        )
-    return f"a mode at {found.frequency:.4g} Hz rings along, and is not seen to take part: {rest}."
-
-
-def not_followed(other: Vibration) -> str:
-    """That another mode rings, and nothing more can be said."""
-    return (
-        f"a mode at {other.small_frequency:.4g} Hz rings along; no equations of both modes were"
-        " found that follow the records, so that its part is not known."
-    )

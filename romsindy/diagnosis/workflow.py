@@ -318,6 +318,11 @@ def _as_well(
     return after <= AS_WELL * before
 
 
+# -- what needs no effect --------------------------------------------------------------------------
+
+# Offset, gain and curvature of the sensor within what is known of them are fitted, and nobody is
+# told that anything is missing. With them linear stiffness and damping are asked before any effect
+# is, then each other coefficient.
 _LINEAR = ("omega^2", "c_linear")
 _TRIED = 3  # of the coefficients, those that the screening puts first
 

@@ -153,10 +153,7 @@ class TowardsAnchor(Mounting):
     def settled(self, beam: Any) -> TowardsAnchor:
         """With place and anchor of the beam's one spring, where none is given.
 
-        Raises
-        ------
-        ValueError
-            If the beam has not exactly one spring.
+        Raises a ValueError if the beam has not exactly one spring.
         """
         if self.anchor is not None:
             return self

@@ -51,6 +51,10 @@ class Adequacy:
         Of the amplitudes.
     false_alarm : float
         How often a right model is said to leave something at the harmonics.
+    part : float
+        Rms of the residual, as a part of that of the response.
+    departure, frequency, damping : float
+        Errors of the equation that bands of forecasts count, as `romsindy.fit.form.Form` has them.
     """
 
     ratio: float
@@ -62,9 +66,14 @@ class Adequacy:
     limit: float
     unit: str | None
     false_alarm: float = FALSE_ALARM
+    part: float = 0.0
+    departure: float = 0.0
+    frequency: float = 0.0
+    damping: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("ratio", "p_value", "structure", "limit", "false_alarm"):
+        own = ("ratio", "p_value", "structure", "limit", "false_alarm")
+        for name in (*own, "part", "departure", "frequency", "damping"):
             object.__setattr__(self, name, float(getattr(self, name)))
         amplitude, misfit = np.array(self.amplitude, float), np.array(self.misfit, float)
         shape = (amplitude.size, _HARMONICS + 1)
@@ -87,6 +96,19 @@ class Adequacy:
     def explained(self) -> bool:
         """Whether the residual is down to the noise and without structure that matters."""
         return self.ratio <= EXPLAINED and not self.structured
+
+    @property
+    def beyond_noise(self) -> float:
+        """Rms of what is left beyond the noise, as a part of that of the response."""
+        return self.part * float(np.sqrt(max(1 - self.ratio**-2, 0.0))) if self.ratio else 0.0
+
+    @property
+    def everywhere(self) -> float:
+        """Rms that any motion has in the measured quantity, as far as it is known beside a record.
+
+        None of a decay: its own noise is read off it.
+        """
+        return 0.0
 
     @property
     def n_functions(self) -> int:
@@ -156,7 +178,9 @@ def examine(
     pairs = [p for r, x in zip(records, residuals, strict=True) for p in r.alone(x)]
     alone, white = zip(*pairs, strict=True)
     repeated = sum(map(len, white)) / sum(map(len, residuals))  # for each coordinate once
-    return examine_white(alone, white, round(n_values * repeated), false_alarm)
+    found = examine_white(alone, white, round(n_values * repeated), false_alarm)
+    left = sum(float(np.sum(e**2)) for e in residuals)
+    return replace(found, part=float(np.sqrt(left / sum(r.power for r in records))))
 
 
 def examine_white(

@@ -51,9 +51,13 @@ def counting_choice(
     free: Sequence[str], covariance: Array, every: Linearised
 ) -> tuple[Array, list[str]]:
     """The same for the covariance of some values by name, and what is to be said of it."""
-    found = alternatives(every.trials, every.present)
     at = {i: p for i, name in enumerate(free) if (p := every.place(name)) is not None}
     here, places = np.ix_([*at], [*at]), [*at.values()]
+    own = np.diag(every.trials.covariance(every.present))
+    ratio = np.diag(covariance)[[*at]] / np.where(own > 0, own, np.inf)[places]
+    scale = np.ones(len(own))
+    scale[places] = np.sqrt(ratio)
+    found = alternatives(every.trials, every.present, scale)
     errors = {free[i]: float(np.sqrt(covariance[i, i])) for i in at}
     notes = [s for a in found if (s := _sentence(a, every, places, errors))]
     mixture = covariance.copy()
@@ -61,10 +65,13 @@ def counting_choice(
     return mixture, notes
 
 
-def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
+def alternatives(
+    trials: Trials, kept: Sequence[int], scale: Array | float = 1.0
+) -> list[Alternative]:
     """Those that the data hardly tell from the groups that were chosen.
 
-    ``trials`` has one part: all data.
+    ``trials`` has one part: all data. ``scale`` (m,) is the error of each value over that which
+    the trials give it: that of noise with a colour may be less.
     """
     left, values, own = trials.left_out(kept), trials.values(kept), trials.covariance(kept)
     found: list[Alternative] = []
@@ -76,7 +83,8 @@ def alternatives(trials: Trials, kept: Sequence[int]) -> list[Alternative]:
             cost = trials.cost(others, left) - trials.cost(kept, left)
             rise = trials.left_out(others) - left + cost
             shift = trials.values(others) - values
-            squares = trials.covariance(others) - own + np.outer(shift, shift)
+            wider = (trials.covariance(others) - own) * np.multiply.outer(scale, scale)
+            squares = wider + np.outer(shift, shift)
             found.append(Alternative(gone, added, rise, squares))
     least = min([0.0, *(a.weight for a in found)])
     odds = [a._replace(weight=float(np.exp((least - a.weight) / 2))) for a in found]

@@ -11,6 +11,8 @@ import numpy as np
 from romsindy.effects.base import Effect, Parameter, Scales, State, TermEffect
 from romsindy.fit.part import Part
 from romsindy.physics.coupling import Along
+from romsindy.physics.damping import PowerDamping
+from romsindy.physics.stiffness import Stiffness
 from romsindy.physics.term import Term
 from romsindy.physics.term_sum import TermSum
 from romsindy.typing import Array
@@ -20,6 +22,7 @@ Model = TypeVar("Model", bound=TermSum)
 # Dry friction is smoothed over this part of the largest velocity, see `Term.regularised`: more, and
 # quiet motions see less friction than there is; less, and the steps in time miss where it jumps.
 SMOOTHING = 0.001
+LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ class CoupledRecord(Prepared):
             If no vibration stands out of the noise.
         """
         t, signals = decay.t - decay.t[0], decay.signal.reshape(len(decay.t), -1)
-        found = [tones_of(x, decay.dt, decay.derivative) for x in signals.T]
+        found = tones_of(decay)
         if not any(found):
             raise ValueError("nothing rings in a decay: leave it out, or give a longer part of it")
         everywhere = list(range(len(found)))
@@ -297,12 +297,7 @@ def coupled_records(
 
 def _not_told_apart(decays: Sequence[Decay], frequencies: Array) -> str:
     """Why no decay shows a vibration of its own near every frequency."""
-    heard = [
-        v
-        for d in decays
-        for x in d.signal.reshape(len(d.t), -1).T
-        for v in tones_of(x, d.dt, d.derivative)
-    ]
+    heard = [v for d in decays for channel in tones_of(d) for v in channel]
     for frequency in frequencies:
         if not _near(heard, frequency):
             holds = ", ".join(sorted({f"{v.mean_frequency:.4g} Hz" for v in heard}))

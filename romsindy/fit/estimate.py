@@ -9,7 +9,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,8 @@ from romsindy.fit.curve import (
 )
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand, forced_band
-from romsindy.fit.predict import Sensors, predicted
+from romsindy.fit.form import Form, as_coefficients, normal_draws
+from romsindy.fit.predict import Forecast, Sensors, foretold, predicted
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
@@ -39,6 +40,8 @@ from romsindy.record.files.whole import write_whole
 from romsindy.record.forced import ForcedVibration
 from romsindy.text import with_error
 from romsindy.typing import Array
+
+E = TypeVar("E", bound="Estimate")
 
 # Part of a standard error by which a coefficient moves for the slope of a curve.
 _STEP = 0.1
@@ -127,6 +130,34 @@ class Estimate:
             If the model has no motion that long from there.
         """
         return predicted(self.model, self.sensors, record, samples)
+
+    def forecast(self, record: Decay | ForcedVibration, samples: int) -> Forecast:
+        """`predict` with the 95 % band of what will be measured.
+
+        It holds the errors of the coefficients and of the state, the noise of the record, and what
+        the verdict admits: departures from the equation, which grow beyond the amplitudes of the
+        data, and what moves from record to record. It is that of each sample for itself.
+
+        Parameters, Raises
+        ------------------
+        As those of `predict`.
+
+        Returns
+        -------
+        Forecast
+            value, low and high like the measured signal, and notes.
+        """
+        return foretold(*self.draws(), self.sensors, self.verdict, record, samples)
+
+    def draws(self) -> tuple[AnyModel, tuple[str, ...], Array]:
+        """A model, names of coefficients, and what they may be off by, (n_draws, m)."""
+        return self.model, self.free, normal_draws(self.covariance, np.random.default_rng(0))
+
+    def with_form(self: E, form: Form) -> E:
+        """The same with errors of its form, which the verdict keeps."""
+        sizes = {"departure": form.departure, "frequency": form.frequency, "damping": form.damping}
+        verdict = replace(self.verdict, **sizes)  # type: ignore[arg-type]
+        return replace(self, verdict=verdict, notes=(*self.notes, *filter(None, [form.note])))
 
     @property
     def sensors(self) -> Sensors:
@@ -282,6 +313,8 @@ class Estimate:
         covariance[: len(order), : len(order)] = (
             self.covariance[np.ix_(order, order)] * scale * scale[:, None]
         )
+        v, rate = self.verdict, model.linear_modes[0][0]
+        moves = [float(np.hypot(v.departure, moved)) for moved in (v.frequency, v.damping)]
         return forced_band(
             without_inputs(model),
             abs(gain) * float(checked_force(force, 1)[0]),
@@ -292,6 +325,7 @@ class Estimate:
             n_harmonics=n_harmonics,
             velocity_scale=velocity_scale,
             notes=() if self.verdict.explained else (_LACKS,),
+            form=[[*as_coefficients(moves[0], moves[1], rate), 0.0]] * 2,
         )
 
     def errors_of(self, read: Callable[[AnyModel], Array]) -> Array:

@@ -17,15 +17,18 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
 
+from romsindy.fit.coefficient import LINEAR
+from romsindy.fit.form import DRAWS, GROWS, grown, normal_draws
 from romsindy.orbits.curves import ForcedResponse, forced_response, frequency_range
 from romsindy.orbits.harmonic_balance import HarmonicBalance
 from romsindy.physics.model import ReducedModel
+from romsindy.physics.term import Term
 from romsindy.record.signals import vertex
 from romsindy.typing import Array
 
 BRANCHES = ("upper", "lower")
-_DRAWS = 400
 _ORBITS = 60  # about, and more where the damping is light
 _BETWEEN = 4  # points for each, by cubic splines
 _TAILS = (0.025, 0.975)
@@ -199,6 +202,7 @@ def forced_band(
     velocity_scale: float | None = None,
     notes: Sequence[str] = (),
     goes_on: bool = False,
+    form: ArrayLike = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
 ) -> ForcedBand:
     """Response with its band from the errors of coefficients and of the force.
 
@@ -227,6 +231,9 @@ def forced_band(
         What else the band does not know.
     goes_on : bool
         See `ForcedBand`.
+    form : (2, 3) array
+        Errors of form, as standard deviations of linear stiffness, linear damping and force,
+        relative to it: within the data, and of what grows beyond (`romsindy.fit.process_noise`).
     """
     low, high = sorted(frequency_range(frequency))
     reach = _MARGIN * (high - low)
@@ -240,30 +247,35 @@ def forced_band(
     )
     smooth = model if velocity_scale is None else model.regularised(velocity_scale)
     first = np.abs(response.coefficients[:, 1])
-    by_w, by_a = _slopes(smooth, force, response, names)
     size_of_q = response.amplitude
+    more = grown(size_of_q, (model.amplitude_range or (0.0, np.inf))[1])[:, None]
+    within, beyond = np.square(form)
+    errors = np.sqrt(within + beyond * (more**2 - 1))
+    terms = [term for name in names for term in smooth.terms if term.key == name]
+    by_w, by_a = (
+        np.column_stack([x[:, :-3], x[:, -1], errors * x[:, -3:]])
+        for x in _slopes(smooth, force, response, (*terms, *LINEAR))
+    )
+    covariance = block_diag(covariance, np.eye(3))
     table = _refined(np.column_stack([response.frequency, first, size_of_q, by_w, by_a]))
     on, first, size_of_q, *_ = table.T
     by_w, by_a = np.hsplit(table[:, 3:], 2)
     rng = np.random.default_rng(0)
-    # Coefficients differ by many powers of ten: only their correlations are near one another.
-    size = np.sqrt(np.diag(covariance))
-    unit = np.where(size > 0, size, 1.0)
-    correlation = covariance / unit / unit[:, None]
-    drawn = size * rng.multivariate_normal(np.zeros(len(size)), correlation, _DRAWS, method="svd")
+    drawn = normal_draws(covariance, rng)
     w = np.maximum(on + drawn @ by_w.T, 0.0)
     # The logarithm of an amplitude, so that none is negative.
     a = first * np.exp(drawn @ (by_a / first[:, None]).T)
     leaves = response.leaves_within(low, high)
+    grows = GROWS if leaves and goes_on else ""
     found = ForcedBand(
         np.linspace(low, high, n_points),
         response,
-        (*filter(None, (leaves, response.untraced)), *notes),
+        (*filter(None, (leaves, grows, response.untraced)), *notes),
         goes_on,
         rate,
         np.array([on, first * on**rate, size_of_q]),
         np.array([w, a * w**rate]),
-        noise * rng.standard_normal(_DRAWS),
+        noise * rng.standard_normal(DRAWS),
     )
     if np.any(found.beyond) and not goes_on:
         warnings.warn(
@@ -274,7 +286,7 @@ def forced_band(
 
 
 def _slopes(
-    model: ReducedModel, force: float, response: ForcedResponse, names: tuple[str, ...]
+    model: ReducedModel, force: float, response: ForcedResponse, terms: Sequence[Term]
 ) -> tuple[Array, Array]:
     """Derivatives of frequency and first amplitude of each orbit, (n, m + 1), across the curve."""
     coefficients: NDArray[np.complex128] = response.coefficients
@@ -286,13 +298,12 @@ def _slopes(
         -coefficients[:, 1:].imag,
     )
     balance = HarmonicBalance(model, columns - 1)
-    terms = [term for name in names for term in model.terms if term.key == name]
     # The curve is about as wide as it is high in these units.
     units = np.append(np.full(c.shape[1], np.abs(coefficients[:, 1]).max()), _width(response))
-    by_w, by_a = np.empty((n, len(names) + 1)), np.empty((n, len(names) + 1))
+    by_w, by_a = np.empty((n, len(terms) + 1)), np.empty((n, len(terms) + 1))
     for i, (orbit, omega) in enumerate(zip(c[..., None], response.frequency, strict=True)):
         _, by_c, by_omega = balance.linearise(orbit, float(omega))
-        by_p = np.zeros((c.shape[1], len(names) + 1))
+        by_p = np.zeros((c.shape[1], len(terms) + 1))
         by_p[:, :-1] = balance.by_coefficient(terms, orbit, float(omega))
         by_p[1, -1] = -force
         matrix = np.column_stack([by_c, by_omega]) * units

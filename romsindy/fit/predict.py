@@ -5,23 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.ndimage import uniform_filter1d
 
 from romsindy.effects.outside import Bias
-from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.coefficient import LINEAR, Coefficient
+from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.coupled_record import CoupledRecord
-from romsindy.fit.equation import equation_of
+from romsindy.fit.equation import ExtendedEquation, equation_of
 from romsindy.fit.forced.modes import modes_in
 from romsindy.fit.forced.record import ForcedRecord
-from romsindy.fit.friction import smoothed
+from romsindy.fit.form import GROWS, SIGMAS, as_coefficients, grown
+from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import Solution, fit
+from romsindy.fit.linear_response import nodes, respond
 from romsindy.fit.measured import NUMERICS, ready_along, require_unit
-from romsindy.fit.part import Part, in_orders
+from romsindy.fit.part import Part, Reading, in_orders
+from romsindy.fit.process_noise import Windows
 from romsindy.fit.record import Prepared, Record
-from romsindy.fit.remembering import memory_parts
+from romsindy.fit.remembering import laws_in
 from romsindy.fit.shooting import shoot
 from romsindy.physics.coupled import AnyModel, CoupledModel
 from romsindy.physics.equations import inputs_of, without_inputs
@@ -32,6 +38,8 @@ from romsindy.typing import Array
 
 # Samples for each coordinate and cycles of the slowest that give a first state; how they grow.
 _SAMPLES, _CYCLES, _GROWTH = 4, (0.5, 1.0, 2.0, 4.0), 2.0
+_TAILS = (0.025, 0.975)
+_AT_ONCE = 4096  # samples of which all draws are held at a time
 
 
 class Sensors(NamedTuple):
@@ -52,10 +60,92 @@ class Sensors(NamedTuple):
     curved: tuple[Part, ...] = ()
 
 
+class Forecast(NamedTuple):
+    """What will be measured, with its 95 % band.
+
+    Attributes
+    ----------
+    value, low, high : arrays like the measured signal
+        In the measured quantity.
+    notes : tuple of str
+        What the reader must know of the band.
+    """
+
+    value: Array
+    low: Array
+    high: Array
+    notes: tuple[str, ...]
+
+
+class Simulated(NamedTuple):
+    """A record that the model follows from the state that its first samples show."""
+
+    model: AnyModel
+    parts: tuple[Part, ...]  # beside it, with coefficients that may err
+    record: Prepared
+    start: Array  # (2 R,)
+    offset: Array | float = 0.0  # of the sensors, (c n,), where no part has it
+
+    @property
+    def equation(self) -> ExtendedEquation:
+        return equation_of(self.model, self.parts, 0, self.record)
+
+    def motion(self) -> Trajectory:
+        grid = self.record.motion.grid
+        return integrate(self.equation, self.start, grid, self.record.motion)
+
+    def reading(self, motion: Trajectory) -> Reading:
+        """What the channels show of it."""
+        x = in_orders(self.record.orders(self.parts), partial(motion.samples, self.equation))
+        return self.record.read(self.parts, 0, x)
+
+
 def predicted(
     model: AnyModel, sensors: Sensors, record: Decay | ForcedVibration, samples: int
 ) -> Array:
     """Simulate a record from the state that its first samples show: see `Estimate.predict`."""
+    found = _followed(model, (), sensors, record, samples)
+    return _like(record, found, found.reading(found.motion()).shown + found.offset)
+
+
+def _like(measured: Decay | ForcedVibration, found: Simulated, shown: Array) -> Array:
+    """Channels that stand one after the other, as they were measured."""
+    like = measured.y if isinstance(measured, ForcedVibration) else measured.signal
+    return found.record.by_channel(shown).T.reshape(like.shape)
+
+
+def foretold(
+    model: AnyModel,
+    names: tuple[str, ...],
+    changes: Array,
+    sensors: Sensors,
+    verdict: Adequacy,
+    record: Decay | ForcedVibration,
+    samples: int,
+) -> Forecast:
+    """The same with its band: see `Estimate.forecast`."""
+    found = _followed(model, names, sensors, record, samples)
+    motion, reach = found.motion(), (model.amplitude_range or (0.0, np.inf))[1]
+    value = found.reading(motion).shown
+    of = _spread if found.record.driven or model.numbered else _turned
+    ends = of(found, motion, _named(found, names, changes), verdict, reach, samples)
+    low, high = (_like(record, found, x + found.offset) for x in ends)
+    largest, notes = float(np.abs(motion.q).max()), []
+    if largest > reach:
+        unit = model.unit or "[q]"
+        notes.append(
+            f"the motion reaches {largest:.3g} {unit}, and the data only {reach:.3g}: {GROWS}"
+        )
+    return Forecast(_like(record, found, value + found.offset), low, high, tuple(notes))
+
+
+def _followed(
+    model: AnyModel,
+    names: tuple[str, ...],
+    sensors: Sensors,
+    record: Decay | ForcedVibration,
+    samples: int,
+) -> Simulated:
     if not isinstance(record, (Decay, ForcedVibration)):
         raise ValueError(
             f"record is {type(record).__name__}: give one Decay, or one ForcedVibration with inputs"
@@ -68,7 +158,8 @@ def predicted(
             f"samples = {samples!r} must be a whole number from {least} to the {n} of the record"
         )
     of = _of_several if model.numbered else _of_one
-    return of(_acting(model, record), sensors, record, samples)
+    acting = _acting(model, record)
+    return of(acting, [n for n in names if n in acting.coefficients], sensors, record, samples)
 
 
 def _acting(model: AnyModel, record: Decay | ForcedVibration) -> Any:
@@ -86,8 +177,12 @@ def _acting(model: AnyModel, record: Decay | ForcedVibration) -> Any:
 
 
 def _of_one(
-    model: ReducedModel, sensors: Sensors, record: Decay | ForcedVibration, samples: int
-) -> Array:
+    model: ReducedModel,
+    names: Sequence[str],
+    sensors: Sensors,
+    record: Decay | ForcedVibration,
+    samples: int,
+) -> Simulated:
     offset = float(sensors.offset)
     seen: Prepared
     if isinstance(record, ForcedVibration):
@@ -95,17 +190,9 @@ def _of_one(
     else:
         seen = Record.of(record.single(), NUMERICS)
     bias = (Part(Bias(), (), np.full((1, 1), offset)),) if offset else ()
-    smooth, parts = smoothed(model, [seen]), (*bias, *memory_parts(model, [seen]))
-    known = fit(smooth, parts, [seen.beginning(samples)], fixed=True)
-    return _shown(smooth, known.parts, seen, known.motions[0].start)
-
-
-def _shown(model: AnyModel, parts: Sequence[Part], record: Prepared, start: Array) -> Array:
-    """What the channels show of the motion from a state, (c n,)."""
-    equation = equation_of(model, parts, 0, record)
-    motion = integrate(equation, start, record.motion.grid, record.motion)
-    x = in_orders(record.orders(parts), partial(motion.samples, equation))
-    return record.read(parts, 0, x).shown
+    smooth, own = free_parts(model, names, [seen])
+    known = fit(smooth, (*own, *bias), [seen.beginning(samples)], fixed=True)
+    return Simulated(smooth, known.parts, seen, known.motions[0].start)
 
 
 def _from_zero(record: ForcedRecord, offset: float) -> ForcedRecord:
@@ -117,8 +204,12 @@ def _from_zero(record: ForcedRecord, offset: float) -> ForcedRecord:
 
 
 def _of_several(
-    model: CoupledModel, sensors: Sensors, measured: Decay | ForcedVibration, samples: int
-) -> Array:
+    model: CoupledModel,
+    names: Sequence[str],
+    sensors: Sensors,
+    measured: Decay | ForcedVibration,
+    samples: int,
+) -> Simulated:
     shapes, curved = sensors.shapes, sensors.curved
     if shapes is None:
         raise ValueError(
@@ -133,15 +224,13 @@ def _of_several(
     offset = np.repeat(np.broadcast_to(sensors.offset, len(shapes)), len(measured.t))
     record = ready_along([measured], modes_in(model, shapes))[0]
     record = record.with_signal(record.signal - offset)
-    model = smoothed(model, [record])
+    smooth, own = free_parts(model, names, [record])
     if record.driven:  # inputs keep the phase
         first = record.beginning(samples)
-        start = fit(model, curved, [first], fixed=True).motions[0].start
+        start = fit(smooth, (*own, *curved), [first], fixed=True).motions[0].start
     else:
-        start = _start(model, curved, record, samples)
-    shown = _shown(model, curved, record, start) + offset
-    like = measured.y if isinstance(measured, ForcedVibration) else measured.signal
-    return record.by_channel(shown).T.reshape(like.shape)
+        start = _start(smooth, curved, record, samples)
+    return Simulated(smooth, (*own, *curved), record, start, offset)
 
 
 def _start(
@@ -187,3 +276,105 @@ def _linear_state(model: CoupledModel, record: CoupledRecord) -> Array:
     later = expm(a * (record.decay.t - record.decay.t[0])[:, None, None])
     table = np.einsum("cs,nsk->cnk", shown, later).reshape(-1, 2 * r)
     return np.linalg.lstsq(table, record.signal, rcond=None)[0]
+
+
+def _named(found: Simulated, names: Sequence[str], changes: Array) -> Array:
+    """Changes of coefficients, (n_draws, m), as those of all values of the parts: (k, n_draws)."""
+    first = np.cumsum([0, *(p.size for p in found.parts)])
+    every = np.zeros((first[-1], len(changes)))
+    for start, part in zip(first, found.parts, strict=False):
+        for k, law in enumerate(laws_in(part.effect)):
+            if law.key in names:
+                every[start + k] = changes[:, names.index(law.key)]
+    return every
+
+
+def _with_state(by_start: Array, errors: Array, first: Prepared, rng: np.random.Generator) -> Array:
+    """How far the state is off that first samples show, (2 R, n_draws).
+
+    ``by_start`` (n, 2 R) are derivatives of these samples by it, ``errors`` (n, n_draws) what they
+    are off by for other reasons than their noise.
+    """
+    noise = np.stack([first.drawn(rng) for _ in range(errors.shape[1])], axis=1)
+    white = first.whitened(np.column_stack([by_start, errors + noise]))
+    n = by_start.shape[1]
+    return -np.linalg.lstsq(white[:, :n], white[:, n:], rcond=None)[0]
+
+
+def _spread(
+    found: Simulated,
+    motion: Trajectory,
+    changes: Array,
+    verdict: Adequacy,
+    reach: float,
+    samples: int,
+) -> tuple[Array, Array]:
+    """Ends of the band where inputs keep the phase, or several coordinates move.
+
+    What the fit left beyond the noise is expected again, as a part of the response at the time.
+    """
+    record, rng = found.record, np.random.default_rng(0)
+    shown, slopes = _slopes(found, motion)
+    n, first = len(changes), record.beginning(samples)
+    rows = np.tile(np.arange(len(record.t)) < len(first.t), record.n_channels)
+    start = _with_state(slopes[rows, n:], slopes[rows, :n] @ changes, first, rng)
+    variance = np.var(slopes @ np.concatenate([changes, start]), axis=1)
+    cycle = max(round(len(record.t) / record.turns), 1)
+    size = uniform_filter1d(record.by_channel(shown) ** 2, 2 * cycle, axis=1).ravel()
+    left = verdict.beyond_noise * float(grown(record.peak, reach))
+    noise = np.maximum(record.white, verdict.everywhere)
+    half = SIGMAS * np.sqrt(variance + left**2 * size + noise**2)
+    return shown - half, shown + half
+
+
+def _slopes(found: Simulated, motion: Trajectory) -> tuple[Array, Array]:
+    """What the channels show, (c n,), and its derivatives by all values and by the state."""
+    response = respond(found.equation, motion, found.equation.by_parameter(*nodes(motion)))
+    reading = found.reading(motion)
+    change = in_orders(found.record.orders(found.parts), response.samples)[..., 1:]
+    slopes = reading.by_motion(change)
+    slopes[:, : len(reading.by_value)] += reading.by_value.T
+    return reading.shown, slopes
+
+
+def _turned(
+    found: Simulated,
+    motion: Trajectory,
+    changes: Array,
+    verdict: Adequacy,
+    reach: float,
+    samples: int,
+) -> tuple[Array, Array]:
+    """Ends of the band of a decay: its phase may be lost, so errors turn and stretch the motion."""
+    record, rng = cast(Record, found.record), np.random.default_rng(0)
+    own = tuple(Part(Coefficient(law), (), np.zeros((1, 1))) for law in LINEAR)
+    found = found._replace(parts=(*found.parts, *own))
+    windows = Windows.of(cast(Any, found.model), found.parts, 0, record, motion, reach)
+    shown, slopes = _slopes(found, motion)
+    n, first = len(changes) + len(own), record.beginning(samples)
+    by_form = windows.departed(record.derivative)
+    moves = as_coefficients(verdict.frequency, verdict.damping, record.rate)
+    size = np.concatenate([moves, np.full(by_form.shape[1], verdict.departure)])
+    form = size[:, None] * rng.standard_normal((len(size), changes.shape[1]))
+    errors = np.concatenate([changes, form])
+    early = slice(len(first.t))
+    missed = np.column_stack([slopes[early, :n], by_form[early]]) @ errors
+    start = _with_state(slopes[early, n:], missed, first, rng)
+    errors = np.concatenate([errors[:n], start, errors[n:]])
+    # A sine and its slope turn as one complex number.
+    turn = -1j / record.rate
+    q = [motion.samples(found.equation, d)[:, 0] for d in (0, 1)]
+    by = [
+        np.column_stack([windows.response.samples(d)[:, 0, 1:], windows.departed(d)])
+        for d in (0, 1)
+    ]
+    table = (by[0] + turn * by[1]) / (q[0] + turn * q[1])[:, None]
+    noise, ends = float(np.std(record.drawn(rng))), []
+    for rows in np.array_split(np.arange(len(shown)), len(shown) // _AT_ONCE + 1):
+        change = table[rows] @ errors
+        later = record.t[rows, None] + change.imag / record.rate
+        drawn = np.exp(np.clip(change.real, -1.0, 1.0)) * np.interp(later, record.t, shown)
+        drawn += noise * rng.standard_normal(drawn.shape)
+        ends.append(np.quantile(drawn, _TAILS, axis=1))
+    low, high = np.concatenate(ends, axis=1)
+    return np.minimum(low, shown), np.maximum(high, shown)

@@ -9,12 +9,13 @@ motions (`romsindy.fit.shooting`).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, cast
 
+from romsindy.fit.coefficient import LINEAR
 from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
-from romsindy.fit.forced.terms import LINEAR
 from romsindy.fit.forced.weighed import examined
 from romsindy.fit.measured import (
     NUMERICS,
@@ -29,7 +30,8 @@ from romsindy.fit.measured import (
     small_frequencies,
 )
 from romsindy.fit.part import Part
-from romsindy.fit.record import Prepared
+from romsindy.fit.process_noise import form_of
+from romsindy.fit.record import Prepared, Record
 from romsindy.fit.shooting import LOSSES
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.coupling import CoupledTerm
@@ -89,11 +91,14 @@ def refine(
         return refined_forced(model, several, fixed, loss=loss, progress=progress)
     free = free_names(model, fixed)
     records, more = _seen(model, several_decays(several), offset)
-    fit = refined(model, free, records, more, loss=loss, progress=progress)
-    if fit.verdict.explained or model.numbered or loss != "linear":
-        return fit
-    # What goes with the harmonics may be a force that nobody measured.
-    return examined(fit) if all(r.whole for r in records) else fit
+    found = refined(model, free, records, more, loss=loss, progress=progress)
+    if model.numbered:
+        return found
+    told = found.verdict.explained or loss != "linear" or not all(r.whole for r in records)
+    found = found if told else examined(found)  # the rest may be a force that nobody measured
+    own = found.solution
+    alone = cast(tuple[Record, ...], found.records)
+    return found.with_form(form_of(cast(Any, found.start), own.parts, alone, own.motions))
 
 
 def refine_terms(

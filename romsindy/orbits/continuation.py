@@ -240,10 +240,7 @@ def correct(system: _System, guess: Array, normal: Array) -> _OnBranch:
 
     The tangent comes with the last update: the same matrix, and 1 in place of the residual.
 
-    Raises
-    ------
-    ContinuationError
-        If the updates do not become small.
+    Raises a ContinuationError if the updates do not become small.
     """
     z = guess
     right = np.zeros((len(z), 2))

@@ -30,28 +30,17 @@ _N_GAUSS = 200
 
 @dataclass(frozen=True, eq=False)
 class ModeOrbits:
-    """Periodic orbits of an undamped model in one of its modes.
+    """Periodic orbits of an undamped model in one of its modes."""
 
-    Attributes
-    ----------
-    family : FreeFamily
-        Whose orbits these are, scaled with the largest amplitude.
-    model : CoupledModel
-        Without damping.
-    amplitudes : (n,) array
-        Half peak to peak of the coordinate that moves most, unit of q.
-    unknowns, slopes : (n, m + 3) arrays
-        Unknowns of the family, then its parameter, and their derivatives by the scaled amplitude;
-        nan where there is no such orbit.
-    inverses : (n, m + 3, m + 3) array
-        Of the derivatives of the equations by the unknowns; the last equation is the amplitude.
-    """
-
-    family: FreeFamily
-    model: Equations
-    amplitudes: Array
+    family: FreeFamily  # whose orbits these are, scaled with the largest amplitude
+    model: Equations  # without damping
+    amplitudes: Array  # (n,), half peak to peak of the coordinate that moves most, unit of q
+    # (n, m + 3), unknowns of the family, then its parameter, and their derivatives by the scaled
+    # amplitude; nan where there is no such orbit
     unknowns: Array
     slopes: Array
+    # (n, m + 3, m + 3), of the derivatives of the equations by the unknowns; the last equation is
+    # the amplitude
     inverses: Array
 
     def curves(self, model: Equations) -> Array:

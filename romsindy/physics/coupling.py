@@ -77,13 +77,7 @@ class CoupledTerm(Term):
         """Value of the term in every equation, (..., R), from (..., R) each."""
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
-        """Windows of coupled motion are not integrated by parts.
-
-        Raises
-        ------
-        TypeError
-            Always: see `romsindy.physics.coupled.CoupledModel` for what there is instead.
-        """
+        """Refused with a TypeError: windows of coupled motion are not integrated by parts."""
         raise TypeError(f"{self.key} is a law of several coordinates: it has no weak form")
 
 

@@ -331,10 +331,7 @@ DAMPING: dict[str, ForceLaw] = {
 def damping_law(kind: str) -> ForceLaw:
     """Return the law of a kind of damping: one of `DAMPING`.
 
-    Raises
-    ------
-    ValueError
-        If the kind is none of them.
+    Raises a ValueError if the kind is none of them.
     """
     if kind not in DAMPING:
         raise ValueError(f"damping kind {kind!r} is not known: use one of {list(DAMPING)}")

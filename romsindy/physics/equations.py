@@ -42,7 +42,7 @@ class SingularInertiaError(ValueError):
 
 @dataclass(frozen=True)
 class Equations(TermSum, ABC):
-    """Equations of R coordinates with known coefficients; parameters as those of `TermSum`."""
+    """Equations of R coordinates with known coefficients; fields as of a `ReducedModel`."""
 
     # -- what each kind of model states -----------------------------------------------------------
 
@@ -428,10 +428,7 @@ def with_inputs(model: Any, inputs: Sequence[Input], gains: Sequence[Any]) -> An
 def gain_of(model: Equations) -> Any:
     """Force per unit mass for an input of 1, a number or (R,) of several coordinates; or else 1.
 
-    Raises
-    ------
-    ValueError
-        If the model has several inputs, or one that lags or acts with a power.
+    Raises a ValueError if the model has several inputs, or one that lags or acts with a power.
     """
     inputs = list(dict.fromkeys(inputs_of(model)))
     if len(inputs) > 1:

@@ -73,13 +73,7 @@ class MemoryLaw(Term):
         return f"{words[0]}({q}; {', '.join(words[1:])})"
 
     def weak(self, q: Scalars, q_dot: Scalars) -> WeakForm:
-        """None.
-
-        Raises
-        ------
-        ValueError
-            Always: the force is no function of the state.
-        """
+        """Refused with a ValueError: the force is no function of the state."""
         raise ValueError(
             f"{self.key} remembers the motion, and is no column of a regression: give it to"
             " refine() or identify() among the terms"
@@ -110,13 +104,8 @@ class MemoryLaw(Term):
     ) -> tuple[Array, Memory]:
         """Force along a motion (n,), and what is remembered at its end.
 
-        Parameters
-        ----------
-        t, q, q_dot : (n,) array
-        rate : float
-            Angular frequency of the vibration, rad/s, for a motion that begins.
-        memory : Memory, optional
-            Of the motion before.
+        The motion goes on from the ``memory`` of what was before; one that begins is a vibration of
+        angular frequency ``rate``, rad/s.
         """
         if memory is None:
             inner = self.carried(t, q, q_dot, self.begun(float(q[0]), float(q_dot[0]), rate))

@@ -191,10 +191,7 @@ class Term(ABC):
 def law_called(key: str) -> Term | None:
     """The law whose coefficient has this name, or None if there is none.
 
-    Raises
-    ------
-    ValueError
-        If it is of more coordinates than a model may have.
+    Raises a ValueError if it is of more coordinates than a model may have.
     """
     numbers = re.findall(r"q(\d+)", key)
     if any(len(n) > 4 or int(n) > MOST_COORDINATES for n in numbers):

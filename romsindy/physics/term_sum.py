@@ -49,10 +49,8 @@ _NAMES = (*(law.key for law in DAMPING.values()), "omega^2", "beta_1", "beta_2")
 def term_from_key(key: str) -> Term:
     """Return the law whose coefficient is called ``key``.
 
-    Raises
-    ------
-    ValueError
-        If no law has this key; the message names the keys there are and the nearest one.
+    Raises a ValueError if no law has this key; the message names the keys there are and the nearest
+    one.
     """
     term = law_called(key)
     if term is not None:
@@ -74,10 +72,7 @@ def json_text(content: Mapping[str, Any] | Sequence[Any]) -> str:
 def read_json(text: str) -> Any:
     """Content of a JSON text.
 
-    Raises
-    ------
-    ValueError
-        If it is none, or gives a name twice in one place.
+    Raises a ValueError if it is none, or gives a name twice in one place.
     """
     try:
         return json.loads(text, object_pairs_hook=_once)
@@ -138,16 +133,8 @@ def _plain(value: Any) -> Any:
 def term_of(name: str, value: Any) -> Term:
     """The law that `content_of` describes; a name and a value beside it do not matter.
 
-    Parameters
-    ----------
-    name : str
-        Where it stands, as messages tell it.
-    value : mapping
-
-    Raises
-    ------
-    ValueError
-        If its type is not known or has other fields; a law of your own must be imported first.
+    ``name`` is where it stands, as messages tell it. Raises a ValueError if its type is not known
+    or has other fields; a law of your own must be imported first.
     """
     content = table(name, value, ("type",))
     kind = Term.kinds.get(text(f"{name}.type", content["type"]))
@@ -187,18 +174,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TermSum:
-    """Terms of an equation of motion, each with its coefficient.
-
-    Parameters
-    ----------
-    terms : tuple of Term
-    values : tuple of float
-        Coefficient of each term, in the unit of q and seconds.
-    unit : str, optional
-        Unit of q, such as "m"; None where it is not known.
-    amplitude_range : (float, float), optional
-        Least and largest amplitude of the data behind the model, in the unit of q.
-    """
+    """Terms of an equation of motion, each with its coefficient: fields as of a `ReducedModel`."""
 
     terms: tuple[Term, ...]
     values: tuple[float, ...]

@@ -117,36 +117,18 @@ _QUIETEST = 1e-3
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a record: its size, and what makes it white.
+    """Noise of a record: its size, and what makes it white."""
 
-    Attributes
-    ----------
-    std : float
-        Standard deviation of the noise without its lines and without drift, unit of the record.
-    spectrum : Spectrum
-        Of the same, at all frequencies.
-    dt : float
-        Sampling interval, s.
-    floor : float
-        Misfit that does not matter, unit of the record; part of std.
-    lines : tuple of Line
-        Strongest first.
-    level : float
-        Rms of all that lies between the harmonics, lines included.
-    drift : Spectrum or None
-        Power that a drifting offset adds.
-    alike : bool
-        Whether all samples weigh alike, by the level, and lines are noise. Whitening lets the
-        quietest part of the spectrum decide, which a wrong model does not survive.
-    """
-
+    # Standard deviation of the noise without its lines and without drift, unit of the record
     std: float
-    spectrum: Spectrum
-    dt: float
-    floor: float
-    lines: tuple[Line, ...] = ()
-    level: float = 0.0
-    drift: Spectrum | None = None
+    spectrum: Spectrum  # of the same, at all frequencies
+    dt: float  # sampling interval, s
+    floor: float  # misfit that does not matter, unit of the record; part of std
+    lines: tuple[Line, ...] = ()  # strongest first
+    level: float = 0.0  # rms of all that lies between the harmonics, lines included
+    drift: Spectrum | None = None  # power that a drifting offset adds
+    # Whether all samples weigh alike, by the level, and lines are noise. Whitening lets the
+    # quietest part of the spectrum decide, which a wrong model does not survive.
     alike: bool = False
 
     @classmethod

@@ -29,24 +29,12 @@ _BAND = 0.01  # of the power: what lies beyond belongs to no band
 
 @dataclass(frozen=True)
 class RecordedInput:
-    """One measured input of a record.
+    """One measured input of a record."""
 
-    Attributes
-    ----------
-    name : str
-        Of its column.
-    kind : "force" or "base"
-        What `romsindy identify --input` calls it.
-    how : str
-        What it does: "swept sine from 4 to 12 Hz".
-    lasting : bool
-        Whether it drives the record; what follows a blow is free.
-    """
-
-    name: str
-    kind: str
-    how: str
-    lasting: bool
+    name: str  # of its column
+    kind: str  # "force" or "base": what `romsindy identify --input` calls it
+    how: str  # what it does: "swept sine from 4 to 12 Hz"
+    lasting: bool  # whether it drives the record; what follows a blow is free
 
     def __str__(self) -> str:
         return f"{self.kind} in column {self.name!r}: {self.how}"

@@ -258,6 +258,15 @@ def find_vibrations(
     return tuple(sorted(found, key=lambda v: v.mean_frequency))
 
 
+def vibrations_of(ridges: Sequence[Ridge], x: Array, dt: float, derivative: int) -> list[Vibration]:
+    """Tones of a signal (n,), each as a vibration without harmonics: see `find_vibrations`."""
+    share, whole = _shares(ridges, x, dt), dt * float(np.sum(_vibrating(x, ridges, dt) ** 2))
+    return [
+        Vibration(r, (), _energy(r, derivative), share[id(r)], derivative, signal=whole)
+        for r in ridges
+    ]
+
+
 def decimation(x: Array, dt: float) -> int:
     """Factor by which a signal can be decimated and keep all that stands out of its noise.
 

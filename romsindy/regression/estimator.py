@@ -270,10 +270,7 @@ def row_weights(rows: HarmonicRows) -> Array:
 def as_forced(x: Any, t: Any = None, u: Any = None) -> list[ForcedVibration]:
     """Forced vibrations from what `HarmonicSINDy.fit` takes; none where nothing is forced.
 
-    Raises
-    ------
-    ValueError
-        If inputs are given beside decays, or shapes do not fit.
+    Raises a ValueError if inputs are given beside decays, or shapes do not fit.
     """
     several = list(x) if isinstance(x, (list, tuple)) else [x]
     forced = [v for v in several if getattr(v, "inputs", ())]
@@ -317,10 +314,7 @@ def _is_decay(x: Any) -> bool:
 def as_decays(x: Any, t: Any = None, *, split: bool = True) -> list[Decay]:
     """Decays from what `HarmonicSINDy.fit` takes: decays, arrays with times, or lists of either.
 
-    Raises
-    ------
-    ValueError
-        If times are missing, or shapes do not fit.
+    Raises a ValueError if times are missing, or shapes do not fit.
     """
     if _is_decay(x):
         return [x]

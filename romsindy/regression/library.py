@@ -324,10 +324,7 @@ class ROMLibrary(TermLibrary):
 def library_terms(library: BaseFeatureLibrary) -> tuple[Term, ...]:
     """The terms of a library of this package, or of a sum of them.
 
-    Raises
-    ------
-    TypeError
-        If the library has columns that are no terms of an equation of motion.
+    Raises a TypeError if the library has columns that are no terms of an equation of motion.
     """
     if isinstance(library, ConcatLibrary):
         return tuple(term for part in library.libraries for term in library_terms(part))

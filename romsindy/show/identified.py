@@ -29,8 +29,7 @@ from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.show.beside import Beside
 from romsindy.show.compared import Compared, channels_of
-from romsindy.show.orbit_plots import levels_of
-from romsindy.typing import Array
+from romsindy.typing import Array, Indices
 
 _LOW, _CURVE = 0.02, 40  # of the largest amplitude, where a backbone begins; points of it
 _LEVEL = 0.02  # part of the force by which those of one level differ at most
@@ -244,3 +243,11 @@ class Identified:
         for force, why in self.levels.items():
             if isinstance(why, str):
                 yield f"no curve at {force:.4g} {unit}: {why}"
+
+
+def levels_of(fit: SteadyFit) -> Iterator[tuple[float, Indices]]:
+    """Mean amplitude of the excitation of each level, and which of the points are of it."""
+    level, size = fit.points.level, np.abs(fit.points.force)
+    for number in range(int(level.max()) + 1):
+        mine = np.flatnonzero(level == number)
+        yield float(size[mine].mean()), mine

@@ -16,11 +16,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romsindy.fit.curve import Curve
-from romsindy.fit.estimate import Estimate
+from romsindy.fit.estimate import Band, Estimate
 from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced_band import ForcedBand
+from romsindy.fit.small_vibrations import SmallVibration
+from romsindy.fit.steady.fit import SteadyFit
+from romsindy.orbits.curves import BackboneCurve
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import unit_of
-from romsindy.show import orbit_plots, plots
+from romsindy.show import plots
 from romsindy.show.axes import with_unit
 from romsindy.show.beside import Beside
 from romsindy.show.compared import (
@@ -32,8 +36,9 @@ from romsindy.show.compared import (
     spectrum_of,
 )
 from romsindy.show.function_plots import plot_inertia, plot_parts, plot_stiffness
-from romsindy.show.identified import Identified
+from romsindy.show.identified import Identified, levels_of
 from romsindy.show.page import Picture, write_page
+from romsindy.show.plots import plot_branch, plot_forced_response
 from romsindy.show.tables import tables
 
 _INCHES = 3.4  # height of one coordinate of several
@@ -107,7 +112,7 @@ def modes(result: Identified) -> Iterator[Picture]:
     if result.fit is not None and result.fit.decays:
         caption += " Dots: the vibration in the decays, which the other coordinates move, too."
     size = (6.4, _INCHES * len(result.modes))
-    draw = partial(orbit_plots.draw_modes, result.modes, result.backbones, result.model.unit)
+    draw = partial(draw_modes, result.modes, result.backbones, result.model.unit)
     yield Picture("backbone", "Backbones", " ".join([caption, *told]), draw, size)
 
 
@@ -118,7 +123,7 @@ def band(result: Identified) -> Iterator[Picture]:
     caption = "Undamped motion and damping ratio of the equation without inputs, with 95 % bands."
     if not np.isfinite(result.band.frequency).all():
         caption += " They end where the equation has no periodic motion."
-    draw = partial(orbit_plots.draw_band, result.band)
+    draw = partial(draw_band, result.band)
     yield Picture("backbone", "Backbone and damping", caption, draw, (6.4, 6.0))
 
 
@@ -130,7 +135,7 @@ def response(result: Identified) -> Iterator[Picture]:
             "Response",
             "Dots are the steady states that were measured, lines the equation at each level of"
             " force, with the 95 % band of a further point; dashed where unstable.",
-            partial(orbit_plots.draw_levels, result.steady, result.levels, result.force_unit),
+            partial(draw_levels, result.steady, result.levels, result.force_unit),
         )
 
 
@@ -257,7 +262,7 @@ def force_left(result: Identified) -> Iterator[Picture]:
             "Force left over",
             "What the equation leaves of the force at every point, as a part of it: points that"
             " stand off their neighbours had not settled.",
-            partial(orbit_plots.draw_force_left, result.steady),
+            partial(draw_force_left, result.steady),
         )
 
 
@@ -391,3 +396,75 @@ def _equation(result: Identified) -> dict[str, Any]:
         words["equation"] = "\n".join(s.opening()[:2])  # the short one is the formula
         words["equation_note"] = " ".join([f"Of the short equation: {s.off()}.", *result.remarks()])
     return words | {"verdict": "explained" if found.verdict.explained else "not explained"}
+
+
+# -- what an equation does: backbones of modes, bands, levels of force -----------------------------
+
+
+def draw_modes(
+    modes: Sequence[SmallVibration],
+    backbones: Mapping[int, BackboneCurve | str],
+    unit: str | None,
+    figure: Figure,
+) -> None:
+    """Axes for each mode: its backbone, if there is one, over what was measured."""
+    rows = figure.subplots(len(modes), 1, squeeze=False)[:, 0]
+    for ax, mode in zip(rows, modes, strict=True):
+        ax.set_title(f"mode {mode.number}", loc="left", fontsize="medium")
+        rings = np.isfinite(mode.measured_frequency)
+        if np.any(rings):
+            seen = mode.measured_frequency[rings], mode.measured_amplitude[rings]
+            ax.plot(*seen, ".", ms=3, color="0.7", label=f"q{mode.coordinate} in the decays")
+            ax.legend(frameon=False)
+        ax.set(xlabel="frequency (Hz)", ylabel=with_unit("amplitude", unit))
+        backbone = backbones[mode.number]
+        if isinstance(backbone, BackboneCurve):
+            plot_branch(backbone, label="backbone", ax=ax)
+
+
+def draw_band(band: Band, figure: Figure) -> None:
+    """Frequency, and damping ratio, against amplitude."""
+    above, below = figure.subplots(2, 1, sharex=True)
+    hertz, percent = 2 * np.pi, 0.01
+    for ax, values, std in (
+        (above, band.frequency / hertz, band.frequency_std / hertz),
+        (below, band.damping_ratio / percent, band.damping_ratio_std / percent),
+    ):
+        reach = plots.SIGMAS_95 * std
+        ends = values - reach, values + reach
+        ax.fill_between(band.amplitude, *ends, color="C0", alpha=0.25, lw=0)
+        ax.plot(band.amplitude, values, color="C0")
+        ax.margins(x=0.01)
+    above.set(ylabel="frequency (Hz)")
+    below.set(ylabel="damping ratio (%)", xlabel=with_unit("amplitude", band.unit))
+
+
+def draw_levels(
+    fit: SteadyFit, curves: Mapping[float, ForcedBand | str], unit: str | None, figure: Figure
+) -> None:
+    """Steady states, and the response to each level of force, whose unit is given."""
+    ax: Axes = figure.subplots()
+    points = fit.points
+    for i, (force, band) in enumerate(curves.items()):
+        if isinstance(band, ForcedBand):
+            plot_forced_response(band, label=f"{force:.4g} {unit or ''},", color=f"C{i}", ax=ax)
+    size = points.amplitude * points.frequency**points.rate
+    hz = points.frequency / (2 * np.pi)
+    ax.plot(hz, size, ".", color="0.2", ms=4, zorder=3, label="measured")
+    ax.set(xlabel="frequency (Hz)")
+    ax.set_ylabel(with_unit(points.measured, unit_of(points.measured, fit.model.unit)))
+    handles, labels = ax.get_legend_handles_labels()
+    once = dict(zip(labels, handles, strict=True))  # the band and a fold are named once
+    ax.legend(once.values(), once.keys(), loc="best", frameon=False, fontsize="small")
+
+
+def draw_force_left(fit: SteadyFit, figure: Figure) -> None:
+    """Force that is left over at every steady state, in per cent, by level."""
+    ax: Axes = figure.subplots()
+    hz = fit.points.frequency / (2 * np.pi)
+    for force, mine in levels_of(fit):
+        left = 100 * np.abs(fit.misfit[mine])
+        ax.plot(hz[mine], left, ".-", lw=0.7, ms=4, label=f"{force:.4g}")
+    ax.set(xlabel="frequency (Hz)", ylabel="force left over (%)")
+    ax.set_ylim(0, None)
+    ax.legend(loc="best", frameon=False, title="force")

@@ -25,7 +25,7 @@ from romsindy.show.axes import Fact, given_or_new, log_ratio, look, of_cycles, t
 from romsindy.text import listed
 from romsindy.typing import Array
 
-_SIGMAS_95 = 1.96
+SIGMAS_95 = 1.96
 _FEWER = 4  # amplitudes, where orbits are followed for each
 _DOTS = "os^Dv<>"
 
@@ -42,7 +42,7 @@ def _curves(
         if isinstance(model, Band):
             band = model
             middle = getattr(band, quantity) / unit
-            reach = _SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
+            reach = SIGMAS_95 * getattr(band, f"{quantity}_std") / unit
             yield band.amplitude, middle, (middle - reach, middle + reach), style
         else:
             frequency, damping = curves_near(model, amplitudes, mode)(model)

@@ -22,7 +22,7 @@ from romsindy.fit.verdict import (
 from romsindy.text import percent, quantity
 from romsindy.typing import Array
 
-_NUMBERS = ("left", "part", "piece", "whole", "missing", "sensor", "force", "colour")
+_NUMBERS = ("left", "piece", "whole", "missing", "sensor", "force", "colour")
 # Cycles in a stretch of the record; levels of the response that are told apart, at most and at
 # least, with two stretches each; how much louder the loudest must be than the quietest.
 _CYCLES, _MOST, _LEAST, _LOUDER = 8, 8, 4, 2.0
@@ -69,7 +69,6 @@ class ForcedAdequacy(Adequacy):
     """
 
     left: float = 0.0
-    part: float = 0.0
     measured_unit: str = ""
     undetermined: str = ""
     piece: float = 0.0
@@ -100,6 +99,17 @@ class ForcedAdequacy(Adequacy):
         """
         noise = bool(np.isfinite(self.ratio)) and not self.structured
         return noise and self.force <= WIDEST_SIGNAL and not self.undetermined
+
+    @property
+    def beyond_noise(self) -> float:
+        """What one simulation of the whole record leaves beyond noise and unmeasured forces."""
+        whole = self.whole if self.piece else self.part
+        return float(np.sqrt(max(whole**2 - self.sensor**2 - self.force**2, 0.0)))
+
+    @property
+    def everywhere(self) -> float:
+        """Noise of the sensor, and of forces that were not measured."""
+        return self.left / self.part * float(np.hypot(self.sensor, self.force))
 
     @property
     def good(self) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 
 from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit
+from romsindy.fit.predict import Forecast
 from romsindy.record.forced import ForcedVibration
 from romsindy.text import quantity
 from romsindy.typing import Array
@@ -23,26 +24,32 @@ class HeldOut:
     Attributes
     ----------
     vibration : ForcedVibration
-    predicted : (n,) or (n, n_channels) array
-        In the measured quantity; nan where the model has no motion that long.
+    forecast : Forecast
+        With its 95 % band; nan where the model has no motion that long.
     """
 
     vibration: ForcedVibration
-    predicted: Array
+    forecast: Forecast
 
     @classmethod
     def of(cls, fit: Fit, vibration: ForcedVibration) -> HeldOut:
         """Predict it, from the state that its first samples show."""
         try:
-            predicted = fit.predict(vibration, _STATE)
+            return cls(vibration, fit.forecast(vibration, _STATE))
         except TrajectoryError:
-            predicted = np.full(len(vibration.t), np.nan)
-        return cls(vibration, predicted)
+            nothing = np.full_like(vibration.y, np.nan)
+            return cls(vibration, Forecast(nothing, nothing, nothing, ()))
 
     @property
     def missed(self) -> Array:
         """Measured minus predicted."""
-        return self.vibration.y - self.predicted
+        return self.vibration.y - self.forecast.value
+
+    @property
+    def held(self) -> float:
+        """Part of the samples after these that lie in the band."""
+        y, (_, low, high, _) = self.vibration.y, self.forecast
+        return float(np.mean(((low <= y) & (y <= high))[_STATE:]))
 
     @property
     def error(self) -> float:
@@ -61,7 +68,8 @@ class HeldOut:
             return f"{what}the model has no motion that long from their first {_STATE} samples."
         return (
             f"{what}predicted from their first {_STATE} samples with an error of"
-            f" {quantity(self.error, v.signal_unit)} rms, {100 * self.part:.2g} % of the response."
+            f" {quantity(self.error, v.signal_unit)} rms, {100 * self.part:.2g} % of the response;"
+            f" {100 * self.held:.0f} % of them lie in the 95 % band."
         )
 
 

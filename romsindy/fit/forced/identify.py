@@ -15,7 +15,7 @@ from romsindy.fit.fitted import Fit
 from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced.between_samples import ways
 from romsindy.fit.forced.drives import inputs_in
-from romsindy.fit.forced.modes import modes_of
+from romsindy.fit.forced.modes import mode_beside, modes_of
 from romsindy.fit.forced.refine import Look, decided
 from romsindy.fit.forced.terms import LINEAR, candidates, linearised, needed_terms
 from romsindy.fit.measured import (
@@ -24,6 +24,7 @@ from romsindy.fit.measured import (
     listed_records,
     require_known,
     require_unit,
+    small_frequencies,
 )
 from romsindy.fit.selection import Linearised
 from romsindy.fit.signs import stand_ins
@@ -34,6 +35,7 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.ringing import require_channels
+from romsindy.text import percent
 
 _ROUNDS = 5  # of choosing terms about the motions of those chosen before
 
@@ -105,7 +107,29 @@ def identify_forced(
         if best.verdict.explained:
             break
     best = with_choice_error(best, search.every_choice(best))
-    return replace(best, notes=(*best.notes, *stand_ins(best), *_hidden(best, look)))
+    notes = (*_beside(best), *best.notes, *stand_ins(best), *_hidden(best, look))
+    return replace(best, notes=notes)
+
+
+def _beside(fit: Fit) -> tuple[str, ...]:
+    """That a further mode moves in what one coordinate leaves, and what to ask for."""
+    verdict = fit.verdict
+    assert isinstance(verdict, ForcedAdequacy)
+    if verdict.explained or fit.model.n_coordinates > 1:
+        return ()
+    pairs = [(r.decay, e) for r, e in zip(fit.records, fit.residuals, strict=True) if r.driven]
+    rest = [replace(v, y=e.reshape(v.y.shape)) for v, e in pairs]
+    found = mode_beside(rest, 2 * np.pi * float(small_frequencies(fit.model)[0]))
+    if found is None and verdict.part > WIDEST_SIGNAL:
+        # The other mode may have led the fit astray, which then leaves both.
+        found = mode_beside([v for v, _ in pairs])
+    if found is None:
+        return ()
+    return (
+        f"another mode rings near {found[0] / (2 * np.pi):.4g} Hz: as a linear one under the inputs"
+        f" it explains {percent(found[1])} of the power of what is left; ask for coordinates=2"
+        " (on the command line --coordinates 2)",
+    )
 
 
 def _hidden(fit: Fit, look: Look) -> tuple[str, ...]:

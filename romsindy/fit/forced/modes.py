@@ -22,7 +22,7 @@ from scipy.signal import cont2discrete, lfilter, ss2tf
 from romsindy.fit.collocation import Grid, Trajectory
 from romsindy.fit.forced.between_samples import deviance
 from romsindy.fit.forced.smooth import finer, on_grid, reflected
-from romsindy.fit.verdict import MODE
+from romsindy.fit.verdict import MODE, WORTH
 from romsindy.physics.coupled import CoupledModel
 from romsindy.physics.input import Input
 from romsindy.record.forced import ForcedVibration
@@ -34,6 +34,7 @@ _RATIO, _LEAST, _MOST, _MOVES = 0.01, 1e-4, 0.5, 1.5
 # Frequencies at which a mode is looked for: so far apart, with so many cycles in a record at least,
 # and samples in a cycle.
 _APART, _CYCLES, _SAMPLES = 0.005, 4.0, 3.0
+_BESIDE = 0.05  # from a mode, whose frequency laws that a model lacks may move, to a further one
 _HEARD = 1e-3  # of the largest answer of the modes to forces of one power
 
 
@@ -97,15 +98,42 @@ def modes_of(vibrations: Sequence[ForcedVibration], count: int | str) -> Modes:
     return Modes(omega, ratios, shapes, gains, modes.left)
 
 
+def mode_beside(
+    rest: Sequence[ForcedVibration], own: float | None = None
+) -> tuple[float, float] | None:
+    """A further mode that the inputs move in records, or in what a model of one mode leaves.
+
+    ``own`` is the angular frequency of the model, whose linear motion may be off; without a model
+    that of the loudest mode. Returns that of the other, rad/s, and the part that it explains of the
+    power that one leaves; None where it does not bring the rms down by half: less is the form of a
+    law.
+    """
+    own = own or _loudest(rest, None)
+    first = modes_near(rest, np.array([own]))
+    both = modes_near(rest, np.append(first.omega, _loudest(rest, first)))
+    near, other = np.argsort(np.abs(np.log(both.omega / own)))
+    alone = _split(rest, both.omega[[near]], both.ratios[[near]])[1] / _scale(rest)
+    found, part = float(both.omega[other]), 1 - float(np.sum(both.left**2) / np.sum(alone**2))
+    apart = (
+        _apart(both._replace(omega=np.array([own, found]))) and abs(np.log(found / own)) > _BESIDE
+    )
+    return (found, part) if part > 1 - WORTH**-2 and apart else None
+
+
+def _apart(modes: Modes) -> bool:
+    """Whether no two are closer than their bandwidth: then they are one, of nonlinear stiffness."""
+    order = np.argsort(modes.omega)
+    omega, width = modes.omega[order], (modes.omega * modes.ratios)[order]
+    return bool(np.all(np.diff(omega) > width[1:] + width[:-1]))
+
+
 def _needed(before: Modes, more: Modes, sure: bool) -> bool:
     """Whether a mode more explains more than chance, or, to be ``sure``, a tenth of what is left.
 
-    For that, what other than linear modes leave is noise of a colour. Modes closer than their
-    bandwidth are one, whose stiffness is not linear.
+    For that, what other than linear modes leave is noise of a colour.
     """
-    order, n = np.argsort(more.omega), before.left.size
-    omega, width = more.omega[order], (more.omega * more.ratios)[order]
-    if not np.all(np.diff(omega) > width[1:] + width[:-1]):
+    n = before.left.size
+    if not _apart(more):
         return False
     if sure:
         gain = deviance(list(before.left.T)) - deviance(list(more.left.T))

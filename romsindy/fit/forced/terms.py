@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from romsindy.effects.choices import sought
-from romsindy.fit.coefficient import Coefficient
+from romsindy.fit.coefficient import LINEAR, Coefficient
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import linear_terms
 from romsindy.fit.dragged import dragged
@@ -20,7 +20,6 @@ from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.selection import Gram, Linearised, Trials
 from romsindy.physics.coupled import AnyModel
-from romsindy.physics.damping import PowerDamping
 from romsindy.physics.equations import without_inputs
 from romsindy.physics.inertia import Inertia
 from romsindy.physics.stiffness import Stiffness
@@ -28,7 +27,6 @@ from romsindy.physics.term import Term
 from romsindy.record.prediction import innovation
 from romsindy.typing import Array
 
-LINEAR: tuple[Term, ...] = (Stiffness(1), PowerDamping(1))
 _STRETCHES = 8  # in all, each left out in turn
 
 

@@ -6,7 +6,6 @@ process noise (`windows`) says how much of a function the data ask for [1]; its 
 how far other scales would do.
 
 [1] D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415.
-[2] H. White, "Maximum likelihood estimation of misspecified models", Econometrica 50 (1982) 1.
 """
 
 from __future__ import annotations
@@ -123,6 +122,31 @@ class Fitted:
         factor = prior.factor(self.series, self.scales if scales is None else scales)
         return _normal(_triangle(self.reduced, factor), factor)
 
+    @property
+    def dispersion(self) -> float:
+        """Variance of the values by the scatter of the windows over that by the noise; 1 for noise.
+
+        What a wrong model leaves does not average out like noise: within a window it pulls all
+        values the same way. The pulls of the windows, summed, are nothing at the best fit; their
+        squares say how large the error of the values really is. This is the sandwich estimator
+        with windows as clusters, brought down to one number: H. White, "Maximum likelihood
+        estimation of misspecified models", Econometrica 50 (1982) 1.
+        """
+        p = len(self.series.values)
+        # Directions in which the posterior is a standard normal.
+        root, values = self.posterior().root, self.series.values
+        pulls, expected = 0.0, 0.0
+        for linear, starts in zip(self.linear, self.reduced.starts, strict=True):
+            # The best starts follow the values.
+            changes = np.vstack([-starts, np.eye(p + 1)])
+            wide = np.column_stack([changes[:, :p] @ root, changes @ np.append(values, -1.0)])
+            for white in linear.whitened(wide / self.noise):
+                jacobian, rest = white[:, :p], white[:, p]
+                pull, own = jacobian.T @ rest, jacobian.T @ jacobian
+                pulls += float(pull @ pull)
+                expected += float(np.trace(own) - np.sum(own * own))
+        return pulls / expected
+
     def scale_covariance(self) -> Array:
         """Covariance of the scales by the curvature of the evidence, (9, 9)."""
         rows = self.reduced
@@ -213,30 +237,6 @@ def fit(
     return replace(final, converged=settled)
 
 
-def dispersion(found: Fitted) -> float:
-    """How much more than the noise says do windows disagree on the values? 1 for noise.
-
-    What a wrong model leaves does not average out like noise: within a window it pulls all values
-    the same way. The pulls of the windows on the values, summed, are nothing at the best fit; their
-    squares say how large the error of the values really is. This is the sandwich estimator with
-    windows as clusters [2], brought down to one number as in quasi-likelihood.
-    """
-    p, rows = len(found.series.values), found.reduced
-    # Directions in which the posterior is a standard normal.
-    root, values = found.posterior().root, found.series.values
-    pulls, expected = 0.0, 0.0
-    for linear, starts in zip(found.linear, rows.starts, strict=True):
-        # The best starts follow the values.
-        changes = np.vstack([-starts, np.eye(p + 1)])
-        wide = np.column_stack([changes[:, :p] @ root, changes @ np.append(values, -1.0)])
-        for white in linear.whitened(wide / found.noise):
-            jacobian, rest = white[:, :p], white[:, p]
-            pull, own = jacobian.T @ rest, jacobian.T @ jacobian
-            pulls += float(pull @ pull)
-            expected += float(np.trace(own) - np.sum(own * own))
-    return pulls / expected
-
-
 def regressed(series: Series, records: Sequence[Record]) -> Series:
     """Values to start from: regression of the smoothed acceleration on the terms."""
     scales = prior.factor(series, prior.MIDDLE)
@@ -269,6 +269,8 @@ def _best_jump(now: Fitted, jumps: Array) -> Fitted:
 def better_scales(now: Fitted) -> Fitted:
     """The same with the scales of the largest evidence."""
     rows = now.reduced
+    if not np.all(np.isfinite(rows.rows)):
+        raise TrajectoryError(_ASTRAY)
     found = minimize(
         lambda x: _cost(now.series, rows, x),
         now.scales,

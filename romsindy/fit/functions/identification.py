@@ -121,6 +121,13 @@ class Identification(Estimate):
         values = np.array([function(m, q) for m in models])
         return Curve(q, function(self.model, q), *_shortest(values))
 
+    def draws(self) -> tuple[ReducedModel, tuple[str, ...], Array]:
+        """As those of an `Estimate`, of all terms: the samples, which no covariance says."""
+        one, known = self.single_model, self.model.coefficients
+        names = tuple(t.key for t in self.terms)
+        values = tuple(known.get(name, 0.0) for name in names)
+        return replace(one, terms=self.terms, values=values), names, self.samples - np.array(values)
+
     def band(self, amplitudes: ArrayLike, mode: int = 1) -> Band:
         """Backbone and damping ratio with their standard errors, over all that the data allow.
 

@@ -11,9 +11,10 @@ from threadpoolctl import threadpool_limits
 from romsindy.effects.choices import sought
 from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import TrajectoryError
+from romsindy.fit.friction import free_parts
 from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
-from romsindy.fit.functions.evidence import Fitted, dispersion, fit, regressed
+from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
 from romsindy.fit.functions.sensor import SensorCurvature
@@ -26,7 +27,9 @@ from romsindy.fit.functions.structures import (
     simpler,
 )
 from romsindy.fit.functions.windows import Window, windows_of
+from romsindy.fit.gauss_newton import fit as fit_states
 from romsindy.fit.measured import prepared, require_known, several_decays
+from romsindy.fit.process_noise import form_of
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import CURVATURE, EQUIVALENT
 from romsindy.physics.model import ReducedModel
@@ -152,7 +155,7 @@ def _settled(
 ) -> Fitted:
     """A fit whose noise is as large as its windows disagree."""
     found = fit(series, windows, records, known, progress=say)
-    level = found.noise * np.sqrt(max(dispersion(found), 1.0))
+    level = found.noise * np.sqrt(max(found.dispersion, 1.0))
     if not np.isfinite(level):
         raise TrajectoryError(
             "windows of the record disagree without limit: no equation of one coordinate holds for"
@@ -317,7 +320,11 @@ def _assembled(
         tuple(records),
         tuple(residuals),
     )
-    return replace(result, notes=tuple(sentences(result, richest, records)))
+    told = replace(result, notes=tuple(sentences(result, richest, records)))
+    alike = [r.weighing_alike() for r in records]
+    smooth, parts = free_parts(model, free, alike)
+    known = fit_states(smooth, parts, alike, fixed=True)
+    return told.with_form(form_of(smooth, known.parts, alike, known.motions))
 
 
 def _exactly(terms: Sequence[Term], samples: Array, fixed: Mapping[str, float]) -> Array:

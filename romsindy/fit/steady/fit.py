@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +33,7 @@ from romsindy.fit.steady.balance import CHAIN, Chain
 from romsindy.fit.steady.choice import choose, every_choice
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution, correlation, solve
-from romsindy.fit.steady.told import notes_on, verdict_of
+from romsindy.fit.steady.told import between_levels, notes_on, verdict_of
 from romsindy.physics.model import ReducedModel
 from romsindy.record.recording import Quantity
 from romsindy.text import with_error
@@ -124,7 +125,8 @@ class SteadyFit(Estimate):
         for name, slope in (("gain", excitation / size), ("slope", excitation**2 / size)):
             if name in self.solution.free:
                 slopes[-1, self.solution.free.index(name)] = slope
-        covariance = slopes @ self.joint @ slopes.T
+        form, of_values = self.between
+        covariance = slopes @ (self.joint + of_values) @ slopes.T
         covariance[-1, -1] += self.unexplained**2
         noise = self.points.std[:, 0] * self.points.frequency**self.points.rate
         return forced_band(
@@ -139,7 +141,14 @@ class SteadyFit(Estimate):
             n_harmonics=n_harmonics or self.solution.c.shape[1] // 2,
             velocity_scale=velocity_scale,
             goes_on=True,
+            form=form,
         )
+
+    @cached_property
+    def between(self) -> tuple[Array, Array]:
+        """What a further level may differ by, see `romsindy.fit.steady.told.between_levels`."""
+        together = correlation(self.points, self.solution)
+        return between_levels(self.points, self.solution, together)
 
     def __str__(self) -> str:
         errors = self.chain_errors

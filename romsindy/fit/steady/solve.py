@@ -69,6 +69,22 @@ class SteadySolution:
         return self.rows.whitened(_ROUNDING)[1].reshape(self.misfit.shape)
 
     @property
+    def hidden(self) -> float:
+        """The largest `unexplained` that is likely: where chi-square is a standard deviation low.
+
+        W. Viechtbauer, "Confidence intervals for the amount of heterogeneity in meta-analysis",
+        Stat. Med. 26 (2007) 37: the Q-profile method.
+        """
+        freedom = self.misfit.size - len(self.free)
+        low = freedom - np.sqrt(2 * freedom)
+
+        def excess(log_part: float) -> float:
+            return float(np.sum(self.rows.whitened(np.exp(log_part))[1] ** 2)) - low
+
+        start, end = np.log(self.floor), np.log(1e3)
+        return float(np.exp(brentq(excess, start, end, xtol=1e-6))) if excess(start) > 0 else 0.0
+
+    @property
     def floor(self) -> float:
         """The part of the force left over, by rounding at least."""
         return max(self.unexplained, _ROUNDING)

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.coefficient import LINEAR
+from romsindy.fit.form import KNOWN, wider
+from romsindy.fit.steady.balance import linearised
 from romsindy.fit.steady.points import SteadyPoints
 from romsindy.fit.steady.solve import SteadySolution
 from romsindy.fit.verdict import EXPLAINED
+from romsindy.typing import Array, Indices
 
 # Off the mean of its neighbours by so many times what is usual, a point is no steady state.
 _ROUGH = 8.0
 _NOISY = 10.0  # times the usual standard deviation
 _TURNED = 0.5  # rad: a chain that turns further says what was measured, or its sign
+_EM, _SAME, _ALIKE = 60, 1e-9, 0.99  # iterations; columns, and neighbours, that are one
 _HARMONICS = 6  # of the windows in `Adequacy`
 
 
@@ -99,3 +106,67 @@ def _where(points: SteadyPoints, some: NDArray[np.bool_]) -> str:
     ]
     more = f" and {len(shown) - 4} more" if len(shown) > 4 else ""
     return ", ".join(shown[:4]) + more
+
+
+def between_levels(
+    points: SteadyPoints, solution: SteadySolution, together: float
+) -> tuple[Array, Array]:
+    """By how much a further level may differ, and what that of the levels makes the values err by.
+
+    Points of a level go together: what the model lacks there, and how large the force really was.
+    Each level gets a linear stiffness, a damping and a force of its own, whose scatter follows from
+    the misfits, with the correlation of neighbours, by the EM algorithm of restricted likelihood
+    [1]. Few levels tell it badly: that it is as large as what a point may leave unexplained counts
+    for two, unless neighbours go together and share that anyway. Beyond the data it is as large.
+    These are standard deviations, within the data and of what grows beyond, (2, 3), the last
+    relative to the force; and the covariance of all that was fitted, (p, p), by levels alone.
+
+    [1] N. Laird, J. Ware, "Random-effects models for longitudinal data", Biometrics 38 (1982) 963.
+    """
+    numbers, shape = np.unique(points.level), (len(points), -1, len(solution.free))
+    if len(numbers) < 2:
+        return np.zeros((2, 3)), np.zeros_like(solution.covariance)
+    own, units = _by_level(points, solution)
+    each = [own * (points.level == i)[:, None, None] for i in numbers]
+    by_value = solution.rows.whitened(solution.floor)[0].reshape(shape)
+    common = np.concatenate([by_value / np.linalg.norm(by_value, axis=(0, 1)), own], axis=2)
+    table = np.concatenate([common, *each, solution.white[..., None]], axis=2)
+    table = _without_neighbours(table, points.level, min(together, _ALIKE))
+    u, strong, _ = np.linalg.svd(table[:, : common.shape[2]], full_matrices=False)
+    u, left = u[:, strong > _SAME * strong[0]], table[:, common.shape[2] :]
+    left = left - u @ (u.T @ left)
+    products, n, hidden = left.T @ left, len(each), solution.hidden
+    expected = hidden * (1 - together)
+    sizes = np.full(3, max(float(np.sqrt(np.mean(solution.misfit**2))), solution.floor))
+    for _ in range(_EM):
+        inner = np.linalg.inv(products[:-1, :-1] + np.diag(np.tile(sizes**-2.0, n)))
+        squares = (inner @ products[:-1, -1]) ** 2 + np.diag(inner)
+        seen = squares.reshape(n, 3).sum(axis=0)
+        sizes = np.sqrt((KNOWN * expected**2 + seen) / (KNOWN + n))
+    both = np.stack([sizes, np.maximum(sizes, hidden)]) * wider(KNOWN + n - 1)
+    moved = [np.einsum("nkp,nkj->pj", by_value, z) * both[0] for z in each]
+    passed = solution.covariance @ np.concatenate(moved, axis=1)
+    return both * [*units, 1.0], passed @ passed.T
+
+
+def _by_level(points: SteadyPoints, solution: SteadySolution) -> tuple[Array, Array]:
+    """Rows (n, k, 3) by linear stiffness, damping and force, whitened, as parts of all the force.
+
+    Of the first two that is what would take it up at the largest amplitude: their units, (2,).
+    """
+    model, largest = solution.model, int(np.argmax(points.amplitude))
+    known = {t.key: t for t in (*model.terms, *LINEAR)}
+    values = tuple(model.coefficients.get(key, 0.0) for key in known)
+    rich = replace(model, terms=tuple(known.values()), values=values)
+    rows = linearised(points, rich, tuple(t.key for t in LINEAR), solution.chain, solution.c)
+    own, _ = replace(rows, by_parameter=rows.by_parameter[..., :3]).whitened(solution.floor)
+    ratio = rows.size[largest] / points.amplitude[largest]
+    units = ratio / np.array([1.0, points.frequency[largest]])
+    return (own * [*units, solution.chain.gain]).reshape(len(points), -1, 3), units
+
+
+def _without_neighbours(table: Array, level: Indices, together: float) -> Array:
+    """Rows (n, k, m) less what those before them in a level let expect, (n k, m)."""
+    first = np.append(True, level[1:] != level[:-1])[:, None, None]
+    fresh = (table - together * np.roll(table, 1, axis=0)) / np.sqrt(1 - together**2)
+    return np.where(first, table, fresh).reshape(-1, table.shape[2])

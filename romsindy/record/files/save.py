@@ -47,10 +47,7 @@ def save_decay(decay: Decay, path: str | Path) -> None:
 def saved(path: Path) -> Decay | None:
     """What `save_decay` wrote; None for any other file.
 
-    Raises
-    ------
-    ValueError
-        If it was damaged since.
+    Raises a ValueError if it was damaged since.
     """
     if path.suffix == ".npz":
         with refused(path, "NPZ"), np.load(path, allow_pickle=False) as content:
