@@ -104,10 +104,7 @@ class Adequacy:
 
     @property
     def everywhere(self) -> float:
-        """Rms that any motion has in the measured quantity, as far as it is known beside a record.
-
-        None of a decay: its own noise is read off it.
-        """
+        """Rms of what does not go with the motion; none of a decay, whose noise is read off it."""
         return 0.0
 
     @property

@@ -134,13 +134,9 @@ class Estimate:
     def forecast(self, record: Decay | ForcedVibration, samples: int) -> Forecast:
         """`predict` with the 95 % band of what will be measured.
 
-        It holds the errors of the coefficients and of the state, the noise of the record, and what
-        the verdict admits: departures from the equation, which grow beyond the amplitudes of the
-        data, and what moves from record to record. It is that of each sample for itself.
-
-        Parameters, Raises
-        ------------------
-        As those of `predict`.
+        That of each sample for itself, with the errors of coefficients and state, the noise of the
+        record, and what the verdict admits: departures from the equation, which grow beyond the
+        amplitudes of the data, and what moves from record to record.
 
         Returns
         -------

@@ -91,8 +91,7 @@ class Simulated(NamedTuple):
         return equation_of(self.model, self.parts, 0, self.record)
 
     def motion(self) -> Trajectory:
-        grid = self.record.motion.grid
-        return integrate(self.equation, self.start, grid, self.record.motion)
+        return integrate(self.equation, self.start, self.record.motion.grid, self.record.motion)
 
     def reading(self, motion: Trajectory) -> Reading:
         """What the channels show of it."""

@@ -103,19 +103,22 @@ class ForcedAdequacy(Adequacy):
     @property
     def beyond_noise(self) -> float:
         """What one simulation of the whole record leaves beyond noise and unmeasured forces."""
-        whole = self.whole if self.piece else self.part
-        return float(np.sqrt(max(whole**2 - self.sensor**2 - self.force**2, 0.0)))
+        return float(np.sqrt(max(self._all**2 - self.sensor**2 - self.force**2, 0.0)))
 
     @property
     def everywhere(self) -> float:
         """Noise of the sensor, and of forces that were not measured."""
-        return self.left / self.part * float(np.hypot(self.sensor, self.force))
+        response = self.left / self.part if self.part else 0.0
+        return response * float(np.hypot(self.sensor, self.force))
 
     @property
     def good(self) -> bool:
         """Whether one simulation leaves as little as tests of good repeatability differ by."""
-        whole = self.whole if self.piece else self.part
-        return whole <= SAME_SIGNAL and not self.undetermined
+        return self._all <= SAME_SIGNAL and not self.undetermined
+
+    @property
+    def _all(self) -> float:
+        return self.whole if self.piece else self.part
 
     @property
     def growth(self) -> tuple[float, float]:

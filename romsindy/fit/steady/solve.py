@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
+from scipy.stats import norm
 
 from romsindy.fit.steady.balance import CHAIN, Chain, Rows, known, linearised, measured, others_of
 from romsindy.fit.steady.points import SteadyPoints
@@ -70,19 +71,23 @@ class SteadySolution:
 
     @property
     def hidden(self) -> float:
-        """The largest `unexplained` that is likely: where chi-square is a standard deviation low.
+        """The largest `unexplained` that is likely: its square is a standard deviation higher.
 
-        W. Viechtbauer, "Confidence intervals for the amount of heterogeneity in meta-analysis",
-        Stat. Med. 26 (2007) 37: the Q-profile method.
+        How well that is told follows from how fast chi-square falls with it (the Q-profile of W.
+        Viechtbauer, Stat. Med. 26 (2007) 37): a normal distribution, cut off at 0.
         """
         freedom = self.misfit.size - len(self.free)
-        low = freedom - np.sqrt(2 * freedom)
 
-        def excess(log_part: float) -> float:
-            return float(np.sum(self.rows.whitened(np.exp(log_part))[1] ** 2)) - low
+        def left(log_square: float) -> float:
+            return float(np.sum(self.rows.whitened(np.exp(log_square / 2))[1] ** 2))
 
-        start, end = np.log(self.floor), np.log(1e3)
-        return float(np.exp(brentq(excess, start, end, xtol=1e-6))) if excess(start) > 0 else 0.0
+        at, deviation = 2 * np.log(self.floor), np.sqrt(2 * freedom)
+        now = left(at)
+        if now < deviation:  # hardly anything is left
+            return 0.0
+        std = np.exp(brentq(lambda x: left(x) - now + deviation, at, 14.0)) - np.exp(at)
+        middle = self.unexplained**2 or (now - freedom) / deviation * std
+        return float(np.sqrt(middle + std * norm.isf(norm.sf(1) * norm.cdf(middle / std))))
 
     @property
     def floor(self) -> float:

@@ -117,7 +117,7 @@ def between_levels(
     Each level gets a linear stiffness, a damping and a force of its own, whose scatter follows from
     the misfits, with the correlation of neighbours, by the EM algorithm of restricted likelihood
     [1]. Few levels tell it badly: that it is as large as what a point may leave unexplained counts
-    for two, unless neighbours go together and share that anyway. Beyond the data it is as large.
+    for two, less what neighbours share anyway. What is beyond the data comes to as much in all.
     These are standard deviations, within the data and of what grows beyond, (2, 3), the last
     relative to the force; and the covariance of all that was fitted, (p, p), by levels alone.
 
@@ -143,7 +143,7 @@ def between_levels(
         squares = (inner @ products[:-1, -1]) ** 2 + np.diag(inner)
         seen = squares.reshape(n, 3).sum(axis=0)
         sizes = np.sqrt((KNOWN * expected**2 + seen) / (KNOWN + n))
-    both = np.stack([sizes, np.maximum(sizes, hidden)]) * wider(KNOWN + n - 1)
+    both = np.stack([sizes, np.maximum(sizes, hidden / np.sqrt(len(sizes)))]) * wider(KNOWN + n - 1)
     moved = [np.einsum("nkp,nkj->pj", by_value, z) * both[0] for z in each]
     passed = solution.covariance @ np.concatenate(moved, axis=1)
     return both * [*units, 1.0], passed @ passed.T
