@@ -566,6 +566,30 @@ def test_small_benchmark_of_driven_verdicts(benchmark):
 
 
 @pytest.mark.slow
+@benchmark_of("decay_verdicts")
+def test_small_benchmark_of_decay_verdicts(benchmark):
+    """A linear decay in closed form, and energy that viscous damping takes; an unknown force."""
+    s = benchmark.Oscillator(30.0, 0.01, 0.0, 0.0)
+    t = np.arange(600) / benchmark.RATE
+    turned = 30.0 * np.sqrt(1 - 0.01**2)
+    gone = np.exp(-0.3 * t) * (np.cos(turned * t) + 0.3 / turned * np.sin(turned * t))
+    # Runge and Kutta's phase error (omega h)^4 / 120 a radian, over 60 of them.
+    nothing = np.zeros(599 * benchmark.INSIDE)
+    np.testing.assert_allclose(s.motion(nothing, t), gone, atol=1e-6)
+    np.testing.assert_allclose(s.damping_ratio([0.1, 1.0]), 0.01, rtol=1e-6)
+    row = benchmark.trial("oscillators", "force", 10, None)
+    assert row.explained and "forces that were not measured" in row.said
+    assert np.mean(row.held["K"]) > 0.9
+
+
+@pytest.mark.slow
+@benchmark_of("decay_verdicts")
+def test_a_term_less_is_noticed_beside_a_force_that_was_not_measured(benchmark):
+    row = benchmark.without("force", 20)
+    assert row.explained and row.noticed
+
+
+@pytest.mark.slow
 @benchmark_of("silverbox")
 def test_small_benchmark_of_a_measured_oscillator(benchmark, measured):
     """A tenth of what is learned: 0.26 mV is asked of all of it."""

@@ -13,7 +13,7 @@ from romsindy.fit.coupled_terms import linear_model
 from romsindy.fit.equation import ExtendedEquation
 from romsindy.fit.forced.modes import Modes
 from romsindy.fit.forced.record import ForcedRecord, driven_record
-from romsindy.fit.noises import Noises, TwoNoises, found_noises
+from romsindy.fit.noises import Noises, TwoNoises, found_noises, steady
 
 OMEGA, ZETA, PER_CYCLE = 2 * np.pi * 3.0, 0.02, 16
 DT = 2 * np.pi / OMEGA / PER_CYCLE
@@ -73,6 +73,17 @@ def test_both_noises_are_those_that_were_made():
     assert found.force == pytest.approx(intensity, rel=0.15)
     assert found.shown == pytest.approx(sensor, rel=0.1)
     assert abs(found.colour) < 0.1
+
+
+def test_a_force_that_fades_is_not_the_same_all_along():
+    """Kicks of a tenth of the force in the later half are told, those of one force are not."""
+    rng, n = np.random.default_rng(3), 6000
+    noise = 0.3 * rng.standard_normal(n)
+    found = Noises(np.array([4 * ZETA * OMEGA**3]), np.array([0.3]), np.zeros(1))
+    same = wandering(n, float(found.force[0]), rng)
+    fading = np.concatenate([same[: n // 2], wandering(n // 2, 0.01 * float(found.force[0]), rng)])
+    assert steady(resting(n), same + noise, found) > 0.01
+    assert steady(resting(n), fading + noise, found) < 1e-9
 
 
 def test_a_coloured_sensor_is_no_force():

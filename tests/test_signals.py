@@ -10,6 +10,7 @@ from romsindy.record.signals import (
     fundamental_frequency,
     lowpass,
     rest_level,
+    steady_wave,
     upsample,
     vertex,
 )
@@ -147,6 +148,32 @@ def test_asymmetric_vibration_rests_at_zero():
     """Its mean lies beside 0, by an amount that goes with amplitude^2: that is no offset."""
     q = viscous_decay(T, 2 * np.pi, 0.005)
     assert rest_level(q - 0.15 * np.exp(-0.01 * 2 * np.pi * T), DT) == 0.0
+
+
+def test_a_hum_that_goes_on_is_told_and_removed():
+    """Of the decay some per cent of the hum are left where its last half begins: so near is it."""
+    rng = np.random.default_rng(4)
+    decay, hum = viscous_decay(T, 2 * np.pi * 5, 0.01), 0.02 * np.cos(2 * np.pi * 5.1 * T + 0.4)
+    noise = rng.normal(0, 0.003, len(T))
+    wave = steady_wave(decay + hum + noise, DT)
+    assert wave.frequency == pytest.approx(5.1, abs=1e-3)
+    assert wave.size == pytest.approx(0.02 * np.exp(0.4j), rel=0.1)
+    free = Decay(T, decay + hum + noise, unit="m").free()
+    expected = (decay + noise)[: len(free.q)]
+    np.testing.assert_allclose(free.q, expected, atol=3e-3)  # of 20e-3
+    assert any("removed" in note for note in free.notes)
+
+
+def test_what_decays_or_is_moved_by_noise_is_no_hum():
+    rng = np.random.default_rng(5)
+    decay = viscous_decay(T, 2 * np.pi * 5, 0.01)
+    assert steady_wave(viscous_decay(T, 2 * np.pi * 5, 0.002), DT) is None
+    assert steady_wave(decay + rng.normal(0, 0.01, 4000), DT) is None
+    for _ in range(20):  # an oscillator that white noise moves, in its damping time of 6 s
+        pole = np.exp((-0.16 + 10j * np.pi) * DT)
+        moved = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], rng.standard_normal(4000))
+        moved *= 0.03 / np.std(moved)
+        assert steady_wave(decay + moved, DT) is None
 
 
 def test_records_that_cannot_be_used_are_refused():

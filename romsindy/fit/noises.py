@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 from scipy.sparse import bsr_matrix, csr_matrix, spmatrix
+from scipy.stats import chi2
 
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.linear_response import sampled, states_shown
@@ -39,6 +40,8 @@ _WIDEST, _WHITEST = 22.0, 3.0  # powers of e, and of the inverse hyperbolic tang
 # Samples that tell the noises of one coordinate, fewer of several, and windows of a longer record.
 _ENOUGH, _WINDOWS = 8000, 4
 _NEVER = 1e100  # of less than any likelihood
+# Quarters of a record that have each a force of their own, as parts of the one of all.
+_QUARTERS, _OTHER = 4, np.exp(np.arange(-6.0, 6.1, 0.5))
 # Slopes of the likelihood by several sizes are taken over so much; steps down them, at most.
 _SLOPES = {"eps": 1e-3, "maxiter": 12}
 # The covariance of q and h q_dot at the end of a step of length 1 by a white force in it, inverted
@@ -236,6 +239,22 @@ class NoiseTable:
         """The factor of their information before them."""
         factor = cholesky_banded(self.noises.information(noises), lower=True)
         return factor, cho_solve_banded((factor, True), _over(self._crossed, noises))
+
+
+def steady(noises: TwoNoises, left: Array, found: Noises) -> float:
+    """Probability that a force which is noise differs as much between quarters of a record.
+
+    A likelihood ratio; ``left`` (c n,) as in `found_noises`, which has ``found`` these.
+    """
+    channels = left.reshape(len(noises.shown), -1)
+    costs = []
+    for quarter in np.array_split(np.arange(channels.shape[1]), _QUARTERS):
+        first, last = int(quarter[0]), int(quarter[-1]) + 1
+        own = noises.between(first, last).table(channels[:, first:last].reshape(-1, 1))
+        each = [own.weighed(found._replace(force=found.force * f)) for f in _OTHER]
+        costs.append([float(w.products[0, 0]) + w.log_determinant for w in each])
+    each, together = np.min(costs, axis=1), np.sum(costs, axis=0)
+    return float(chi2.sf(np.min(together) - np.sum(each), _QUARTERS - 1))
 
 
 def found_noises(noises: TwoNoises, left: Array) -> Noises:

@@ -103,6 +103,11 @@ class Prepared(ABC):
         return bool(self.inputs)
 
     @property
+    def whole(self) -> bool:
+        """Whether all samples take part."""
+        return True
+
+    @property
     def n_channels(self) -> int:
         """c."""
         return len(self.signal) // len(self.decay.t)
@@ -306,6 +311,11 @@ class Record(Prepared):
     def rate(self) -> float:
         """Mean angular frequency, rad/s."""
         return float(self.phase(self.t[-1:])[0] - self.phase(self.t[:1])[0]) / float(self.t[-1])
+
+    @property
+    def whole(self) -> bool:
+        """Whether all samples take part."""
+        return bool(np.all(self.valid))
 
     @property
     def count(self) -> float:

@@ -16,6 +16,7 @@ from romsindy.fit.coupled_record import coupled_records, free_shapes
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.forced.drives import inputs_in, regressed
 from romsindy.fit.forced.refine import refined_forced
+from romsindy.fit.forced.weighed import examined
 from romsindy.fit.measured import (
     NUMERICS,
     free_names,
@@ -93,6 +94,8 @@ def refine(
     found = refined(model, free, records, more, loss=loss, progress=progress)
     if model.numbered:
         return found
+    told = found.verdict.explained or loss != "linear" or not all(r.whole for r in records)
+    found = found if told else examined(found)  # the rest may be a force that nobody measured
     own = found.solution
     alone = cast(tuple[Record, ...], found.records)
     return found.with_form(form_of(cast(Any, found.start), own.parts, alone, own.motions))

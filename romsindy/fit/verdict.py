@@ -23,6 +23,10 @@ BARELY = 1e-3
 # told beside that of the sensor, as a part of it in the response.
 COLOURED, SMALLER = 0.3, 0.3
 
+# A force under a decay is no noise where its quarters differ with this probability: winds are not
+# the same all along either, but what fades with the motion does so by powers of ten.
+FADES = 1e-4
+
 # -- what do the data determine? (`romsindy.fit.functions`) -----------------------------------
 
 # A function is determined where its 95 % band is within this part of its value to either side.

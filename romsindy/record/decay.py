@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from romsindy.record.recording import QUANTITIES, Quantity, Recording
+from romsindy.record.recording import QUANTITIES, Quantity, Recording, unit_of
 from romsindy.record.releases import Release, split_releases
 from romsindy.record.sampling import checked_signal, checked_time, part_between, uniform_times
 from romsindy.record.signals import (
@@ -20,6 +20,7 @@ from romsindy.record.signals import (
     downsample,
     fundamental_frequency,
     rest_level,
+    steady_wave,
     upsample,
 )
 from romsindy.record.smoothing import Butterworth, Filter, displacement
@@ -179,6 +180,11 @@ class Decay:
         return self.q_dot is not None and self.q_ddot is not None
 
     @property
+    def signal_unit(self) -> str:
+        """Unit of the measured quantity."""
+        return unit_of(self.measured, self.unit)
+
+    @property
     def derivative(self) -> int:
         """0, 1, 2 where displacement, velocity or acceleration was measured."""
         return QUANTITIES.index(self.measured)
@@ -271,6 +277,14 @@ class Decay:
         free = replace(part, notes=(*part.notes, *notes), stage="free")
         if self.measured != "displacement" or self.n_channels > 1:
             return free
+        wave = steady_wave(record.channel(0).q, record.dt)
+        if wave is not None:
+            note = (
+                f"a wave of {wave.frequency:.4g} Hz and {abs(wave.size):.3g} {self.unit or '[q]'}"
+                " removed: it goes on as the decay has faded"
+            )
+            without = record.q - wave(record.t - record.t[0])
+            return replace(record, q=without, notes=(*record.notes, note)).free(start, end)
         rest = rest_level(free.channel(0).q, free.dt)
         if not rest:
             return free

@@ -7,6 +7,7 @@ Arrays have time on axis 0; unless another shape is named, ``x`` is one channel 
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline, make_lsq_spline
@@ -19,6 +20,9 @@ from romsindy.typing import Array, Indices
 _CYCLES_AT_LEAST = 3
 # Of the power of the first half of a record: less in the second is the quiet after a decay.
 _QUIET = 0.1
+# A wave that stays: parts of a record at its end, how much louder the record is at most, cycles in
+# the end, and the departure of each quarter of it; the frequency is refined so often.
+_ENDS, _FADED, _MANY, _SAME, _REFINED = (2, 4, 8), 10.0, 20, 0.04, 4
 
 
 def fundamental_frequency(x: Array, dt: float) -> float:
@@ -174,6 +178,54 @@ def rest_level(x: Array, dt: float) -> float:
     misfit = midline[quiet] - basis @ [level, slope]
     error = np.sqrt(misfit @ misfit / max(len(quiet) - 2, 1) * inverse[0, 0])
     return float(level) if abs(level) > max(0.01 * swing.max(), 4 * error) else 0.0
+
+
+class Wave(NamedTuple):
+    """A sine of constant size: ``size`` (complex) at time 0, unit of the signal."""
+
+    frequency: float
+    size: complex
+
+    def __call__(self, t: Array) -> Array:
+        """At times t, s."""
+        return np.real(self.size * np.exp(2j * np.pi * self.frequency * t))
+
+
+def steady_wave(x: Array, dt: float) -> Wave | None:
+    """What goes on as a decay has faded, such as a hum; None where there is no such vibration.
+
+    It is most of the end of the signal, and the same in all quarters of that: what decays to a
+    tenth over the record, or is moved by a force that is noise, changes there.
+    """
+    t = dt * np.arange(len(x))
+    for part in _ENDS:
+        end = slice(len(x) - len(x) // part, len(x))
+        wave = _fitted_wave(t[end], x[end])
+        left = x[end] - np.mean(x[end]) - wave(t[end])
+        cycles = wave.frequency * len(left) * dt
+        faded = _FADED * abs(wave.size) < np.abs(x).max() and cycles > _MANY
+        if not faded or np.var(left) > abs(wave.size) ** 2 / 4:  # half of its power
+            continue
+        turned = (x[end] - np.mean(x[end])) * np.exp(-2j * np.pi * wave.frequency * t[end])
+        each = [2 * np.mean(quarter) for quarter in np.array_split(turned, 4)]
+        if np.all(np.abs(np.array(each) - wave.size) < _SAME * abs(wave.size)):
+            return wave
+    return None
+
+
+def _fitted_wave(t: Array, x: Array) -> Wave:
+    """The strongest line of a signal, by least squares from the peak of its spectrum."""
+    n, dt = len(x), float(t[1] - t[0])
+    spectrum = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(n), 8 * n))
+    frequency = float(np.argmax(spectrum)) / (8 * n * dt)
+    for _ in range(_REFINED):
+        turn = np.exp(-2j * np.pi * frequency * t)
+        basis = np.stack([turn.real, -turn.imag, np.ones(n)], axis=1)
+        a, b, rest = np.linalg.lstsq(basis, x, rcond=None)[0]
+        wave = Wave(frequency, complex(a, -b))
+        first, last = (np.mean(half) for half in np.array_split((x - rest) * turn, 2))
+        frequency += float(np.angle(last / first)) / (np.pi * n * dt)  # by how its phase turns
+    return wave
 
 
 def _midline(x: Array, dt: float, cycle: float) -> tuple[Array, Array, Array]:

@@ -11,7 +11,7 @@ noises found in it (`romsindy.fit.noises`): an F test of generalised least squar
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -25,10 +25,11 @@ from romsindy.fit.equation import equation_of
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.gauss_newton import Solution, linear_table
 from romsindy.fit.linear_response import nodes, respond, sampled
-from romsindy.fit.noises import Noises, TwoNoises, found_noises
+from romsindy.fit.linear_steps import Equation
+from romsindy.fit.noises import Noises, TwoNoises, found_noises, steady
 from romsindy.fit.part import Part, columns_of, in_orders
 from romsindy.fit.record import Prepared
-from romsindy.fit.verdict import FALSE_ALARM
+from romsindy.fit.verdict import FADES, FALSE_ALARM
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import input_in
 from romsindy.typing import Array, Indices
@@ -56,6 +57,8 @@ class Independence:
         The force that alone tells most of it.
     noises : tuple of Noises
         Of each record.
+    steady : float
+        Probability that a force which is noise differs as much between quarters of a decay.
     excess : float
         Chi-square of what is left over its freedom, where it would be 1 without what goes with
         motion or input.
@@ -65,6 +68,7 @@ class Independence:
     missing: float
     like: str
     noises: tuple[Noises, ...]
+    steady: float
     excess: float
 
 
@@ -90,15 +94,18 @@ def judged(
     counts = [len(r.signal) for _, r in pairs]
     shown = [np.mean(n.shown**2) for n in found.noises]
     sensor = float(np.sqrt(np.average(shown, weights=counts)))
+    force = np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard
+    # A force that fades with the decay is no noise: it goes with the motion.
+    fades = found.steady < FADES
     return replace(
         verdict,
         ratio=np.sqrt(found.excess),
         structure=found.excess,
-        p_value=found.p_value,
-        missing=found.missing / heard,
+        p_value=found.steady if fades else found.p_value,
+        missing=max(found.missing / heard, force * fades),
         like=found.like,
         sensor=sensor / heard,
-        force=np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard,
+        force=force,
         colour=np.average([np.mean(n.colour) for n in found.noises], weights=counts),
     )
 
@@ -106,10 +113,14 @@ def judged(
 def examine_independence(
     model: AnyModel, solution: Solution, records: Sequence[tuple[int, Prepared]]
 ) -> Independence:
-    """Of a fit to driven records, given with their numbers among all of it."""
-    tables = [_Tried.of(model, solution, i, record) for i, record in records]
+    """Of a fit to records, given with their numbers among all of it."""
+    tables = [Tried.of(model, solution, i, record) for i, record in records]
+    return independence(tables, sum(part.size for part in solution.parts))
+
+
+def independence(tables: Sequence[Tried], n_values: int) -> Independence:
+    """Of records to which so many values were fitted."""
     system = np.sum([table.products for table in tables], axis=0)
-    n_values = sum(part.size for part in solution.parts)
     n = sum(table.freedom for table in tables)
     fitted, tried = np.arange(n_values), np.arange(n_values, len(system) - 1)
     alone, rank = _explained(system, fitted)
@@ -128,69 +139,91 @@ def examine_independence(
         missing=float(np.sqrt(power / samples)),
         like=tables[0].names[int(np.argmax(singles))],
         noises=tuple(table.noises for table in tables),
+        steady=min(1.0, len(tables) * min(table.steady for table in tables)),
         excess=float((system[-1, -1] - alone) / (n - rank) / (left / freedom)) if left > 0 else 1.0,
     )
 
 
 @dataclass(frozen=True)
-class _Tried:
+class Tried:
     """Of one record: weighed products of what was fitted, of forces, and of what is left."""
 
     names: tuple[str, ...]
     columns: Array  # (n, m), derivatives of the samples by all fitted values and forces
     products: Array  # (m + 1, m + 1)
     noises: Noises
+    steady: float  # of a decay, as in `Independence`
     freedom: int
 
     @classmethod
-    def of(cls, model: AnyModel, solution: Solution, i: int, record: Prepared) -> _Tried:
-        parts, motion, left = solution.parts, solution.motions[i], solution.residuals[i]
-        equation = equation_of(model, parts, i, record)
-        states = 2 * motion.q.shape[1]
-        fitted = linear_table(model, parts, i, record, motion)[1][:, : -states - 1]
-        fitted = fitted * record.white[:, None]  # they come over white noise
-        two = TwoNoises.along(equation, parts, i, record, motion)
-        noises = found_noises(two, left)
-        forces = list(_forces(model, parts, record, motion))
+    def of(cls, model: AnyModel, solution: Solution, i: int, record: Prepared) -> Tried:
+        """Of a fit."""
+        parts, motion = solution.parts, solution.motions[i]
+        fitted = linear_table(model, parts, i, record, motion)[1][:, : -len(motion.start) - 1]
+        wide = np.zeros((len(fitted), sum(p.size for p in parts)))
+        wide[:, columns_of(parts, i)] = fitted * record.white[:, None]  # they come over white noise
+        equation, forces = (
+            equation_of(model, parts, i, record),
+            _forces(model, parts, record, motion),
+        )
+        return cls.along(equation, parts, i, record, motion, wide, solution.residuals[i], forces)
+
+    @classmethod
+    def along(
+        cls,
+        equation: Equation,
+        parts: Sequence[Part],
+        number: int,
+        record: Prepared,
+        motion: Trajectory,
+        fitted: Array,
+        left: Array,
+        forces: Iterable[Force],
+    ) -> Tried:
+        """Of what is left, (c n,), along a motion; ``fitted`` (c n, m): derivatives by values."""
+        two = TwoNoises.along(equation, parts, number, record, motion)
+        noises, forces = found_noises(two, left), list(forces)
         response = respond(equation, motion, np.array([f.values for f in forces]))
-        orders = record.orders(parts)
+        orders, states = record.orders(parts), len(motion.start)
         x = in_orders(orders, response.samples)[..., 1:-states]
-        reading = record.read(parts, i, in_orders(orders, partial(sampled, motion)))
-        tried = reading.by_motion(x)
-        wide = np.zeros((len(left), sum(p.size for p in parts)))
-        wide[:, columns_of(parts, i)] = fitted
-        columns = np.column_stack([wide, tried])
+        reading = record.read(parts, number, in_orders(orders, partial(sampled, motion)))
+        columns = np.column_stack([fitted, reading.by_motion(x)])
         products = two.table(np.column_stack([columns, left])).weighed(noises).products
         names = tuple(f.name for f in forces)
-        return cls(names, columns, products, noises, len(left) - states)
+        alike = 1.0 if record.driven else steady(two, left, noises)
+        return cls(names, columns, products, noises, alike, len(left) - states)
 
 
-class _Force(NamedTuple):
+class Force(NamedTuple):
+    """A force that is tried."""
+
     name: str
     values: Array  # at the Gauss points, in every equation: (3 n_steps, R)
 
 
 def _forces(
     model: AnyModel, parts: Sequence[Part], record: Prepared, motion: Trajectory
-) -> Iterator[_Force]:
+) -> Iterator[Force]:
     """Functions of the motion and of the inputs, of about unit size."""
     t, *states = nodes(motion)
     unit = np.eye(model.n_coordinates)
     for i, name in enumerate(model.coordinates):
-        q, v = states[0][:, i], states[1][:, i]
-        alone = _alone(name, q / np.abs(motion.q[:, i]).max(), v / np.abs(motion.q_dot[:, i]).max())
+        alone = forces_alone(motion, name, i)
         on = f" on {name}" if model.numbered else ""
         late = _late(model, parts, record, t, 1 / float(record.frequencies[i]))
         for what, values in (*alone, *((what + on, values) for what, values in late)):
-            yield _Force(what, values[:, None] * unit[i])
+            yield Force(what, values[:, None] * unit[i])
     if model.numbered:
         for law in couplings(model.n_coordinates):
             values = law.strong(*states)
-            yield _Force(law.key, values / max(float(np.abs(values).max()), 1e-300))
+            yield Force(law.key, values / max(float(np.abs(values).max()), 1e-300))
 
 
-def _alone(name: str, q: Array, v: Array) -> Iterator[tuple[str, Array]]:
-    """Functions of one coordinate."""
+def forces_alone(motion: Trajectory, name: str, at: int = 0) -> Iterator[tuple[str, Array]]:
+    """Functions of one coordinate at the Gauss points, (3 n_steps,)."""
+    _, *states, _ = nodes(motion)
+    ends = zip(states, (motion.q, motion.q_dot), strict=True)
+    q, v = (x[:, at] / np.abs(end[:, at]).max() for x, end in ends)
     for i, j in _POWERS:
         powers = [(name, i), (f"{name}_dot", j)]
         yield " ".join(f"{x}^{k}" if k > 1 else x for x, k in powers if k), q**i * v**j

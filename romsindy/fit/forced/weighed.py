@@ -26,7 +26,7 @@ from romsindy.effects.drive import Drive
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, concluded
-from romsindy.fit.forced.adequacy import ForcedAdequacy
+from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.independence import examine_independence, judged
 from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
 from romsindy.fit.gauss_newton import fit as follow
@@ -42,21 +42,32 @@ _SETTLED = 0.05  # of chi-square, by a step
 
 
 def examined(fit: Fit) -> Fit:
-    """The same with its verdict by what is left of its driven records.
+    """The same with its verdict by what is left of its driven records, or of its decays.
 
-    Where that is noise, the values and their errors are those that it weighs.
+    Where that is noise, the values and their errors are those that it weighs. Decays of which more
+    is left keep their verdict: it says from which amplitude on.
     """
-    pairs = [(i, r) for i, r in enumerate(fit.records) if r.driven]
-    verdict = fit.verdict
-    if not (isinstance(verdict, ForcedAdequacy) and 0 < verdict.part < np.inf):
+    driven = [(i, r) for i, r in enumerate(fit.records) if r.driven]
+    pairs = driven or [*enumerate(fit.records)]
+    if not 0 < _size(fit, pairs).part < np.inf:
         return fit  # there is no motion, or nothing is left
     found = examine_independence(fit.start, fit.solution, pairs)
-    first = judged(verdict, found, pairs)
+    first = judged(_size(fit, pairs), found, pairs)
+    # Decays without noise tell the least of terms: there is no misfit that does not matter.
+    if not driven and found.p_value < first.false_alarm:
+        return fit
     if first.structured:
-        return replace(fit, verdict=first)
+        return replace(fit, verdict=first) if driven else fit
     fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
-    assert isinstance(fit.verdict, ForcedAdequacy)  # as before
-    return replace(fit, verdict=judged(fit.verdict, found, pairs))
+    return replace(fit, verdict=judged(_size(fit, pairs), found, pairs))
+
+
+def _size(fit: Fit, pairs: Sequence[tuple[int, Prepared]]) -> ForcedAdequacy:
+    """How much is left."""
+    if isinstance(fit.verdict, ForcedAdequacy):
+        return fit.verdict
+    records, left = zip(*((r, fit.residuals[i]) for i, r in pairs), strict=True)
+    return examine_forced(records, left, fit.solution.n_values)
 
 
 def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:

@@ -24,6 +24,7 @@ from romsindy.fit.functions.cone import nearest
 from romsindy.fit.functions.series import Series
 from romsindy.fit.functions.windows import Block, Linear, Reduced, Window, linearised, reduced
 from romsindy.fit.linear_response import nodes
+from romsindy.fit.noises import Noises
 from romsindy.fit.record import Record
 from romsindy.fit.verdict import EQUIVALENT, EXPLAINED
 from romsindy.typing import Array
@@ -77,6 +78,9 @@ class Fitted:
     cost : float
         Minus the logarithm of the evidence at these scales.
     converged : bool
+    noises : tuple of Noises
+        Of every record, where a force that nobody measured takes the place of process noise: see
+        `unmeasured`.
     """
 
     series: Series
@@ -88,6 +92,7 @@ class Fitted:
     scales: Array
     cost: float
     converged: bool
+    noises: tuple[Noises, ...] = ()
 
     @property
     def records(self) -> tuple[Record, ...]:
@@ -213,7 +218,7 @@ def fit(
         if largest < _NEAR and len(jumps) > 1:
             now = _best_jump(now, jumps)
         if largest < _NEAR or start is not None:
-            now = _best_scales(now)
+            now = better_scales(now)
         values, step, largest, misfit = _step(now)
         far = noise is not None and iteration >= _PATIENCE and misfit > _HOPELESS * noise
         if far or not largest < _LOST:
@@ -261,8 +266,11 @@ def _best_jump(now: Fitted, jumps: Array) -> Fitted:
     return each[int(np.argmax(2 * (costs - costs.min()) <= EQUIVALENT))]
 
 
-def _best_scales(now: Fitted) -> Fitted:
+def better_scales(now: Fitted) -> Fitted:
+    """The same with the scales of the largest evidence."""
     rows = now.reduced
+    if not np.all(np.isfinite(rows.rows)):
+        raise TrajectoryError(_ASTRAY)
     found = minimize(
         lambda x: _cost(now.series, rows, x),
         now.scales,

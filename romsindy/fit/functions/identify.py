@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from romsindy.effects.choices import sought
-from romsindy.fit.adequacy import examine
-from romsindy.fit.collocation import TrajectoryError, integrate
+from romsindy.fit.adequacy import Adequacy, examine
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.friction import free_parts
+from romsindy.fit.functions import unmeasured
 from romsindy.fit.functions.determined import sentences
-from romsindy.fit.functions.evidence import JUMPS, Fitted, fit, regressed
+from romsindy.fit.functions.evidence import Fitted, fit, regressed
 from romsindy.fit.functions.identification import Identification
 from romsindy.fit.functions.posterior import draw
 from romsindy.fit.functions.sensor import SensorCurvature
@@ -108,16 +109,41 @@ def identify_decays(
     with threadpool_limits(limits=1, user_api="blas"):
         series = regressed(series, records)
         plain = _settled(series, windows_of(records), records, known, say)
+        rng = np.random.default_rng(seed)
         richest, others = _with_forces(plain, say)
         if richest is not plain:  # what was process noise may have been this force
-            richest, others = (
-                _settled(richest.series, richest.windows, records, richest.known, say),
-                [],
-            )
-        records = richest.records
-        found = _simpler(richest, say)
-        rng = np.random.default_rng(seed)
-        return _assembled(found, others, records, dict(fixed or {}), rng)
+            windows, known = richest.windows, richest.known
+            richest, others = _settled(richest.series, windows, records, known, say), []
+        told = _explained(richest) or not all(r.whole for r in records)
+        starts = [] if told else dict.fromkeys([plain, richest])
+        found = _under_a_force(starts, say) or _simpler(richest, say)
+        others = [] if found[0].noises else others
+        return _assembled(found, others, richest.records, dict(fixed or {}), rng)
+
+
+def _under_a_force(starts: Iterable[Fitted], say: Callable) -> list[Fitted]:
+    """Fits by the noise of a force that nobody measured; none where more than noise is left."""
+    for start in starts:
+        try:
+            richest = unmeasured.weighed(start)
+        except TrajectoryError:
+            continue
+        if richest is not None and _explained(richest):
+            return _simpler(richest, say)
+    return []
+
+
+def _explained(found: Fitted) -> bool:
+    return _judged(found, found.series.values)[1].explained
+
+
+def _judged(found: Fitted, values: Array) -> tuple[list[Array], Adequacy]:
+    """What one simulation of each record leaves, and whether that is noise."""
+    ways = unmeasured.simulated(found, values)
+    left = [x for _, x in ways]
+    if found.noises:
+        return left, unmeasured.verdict(found, values, ways)
+    return left, examine(found.records, left, found.n_effective)
 
 
 def _settled(
@@ -165,6 +191,8 @@ def _again(start: Fitted, series: Series, noise: float, say: Callable) -> Fitted
     known = start.known
     if len(series.values) != len(start.series.values):
         known = _narrowed(start, series)
+    if start.noises:
+        return unmeasured.again(replace(start, known=known), series)
     return fit(
         series,
         start.windows,
@@ -240,7 +268,11 @@ def _assembled(
             for f in (*found, *others)
         ]
     )
-    at = next(i for i, s in enumerate(structures) if s.equivalent)
+    equivalent = [i for i, s in enumerate(structures) if s.equivalent]
+    at = equivalent[0]
+    if found[at].noises:  # evidence knows these noises; the simplest must leave no more
+        good = (i for i in equivalent if _explained(found[i]))
+        at = next(good, at)
     head, richest = found[at], found[-1]
     by_key = {t.key: t for f in (richest, *others) for t in f.series.terms()}
     terms = list(by_key.values())
@@ -271,12 +303,13 @@ def _assembled(
     free = tuple(k for k in model.coefficients if k not in fixed)
     columns = [[t.key for t in terms].index(key) for key in free]
     motions = [r.motion.q for r in records]
-    residuals = _residuals(head, own.mean(axis=0), records)
+    values = own.mean(axis=0)
+    residuals, verdict = _judged(head, values)
     result = Identification(
         model,
         free,
         np.atleast_2d(np.cov(pooled[:, columns], rowvar=False)),
-        examine(records, residuals, head.n_effective),
+        verdict,
         (),
         structures,
         structures[at],
@@ -307,19 +340,3 @@ def _among(terms: Sequence[Term], found: Fitted, draws: Array) -> Array:
     samples = np.zeros((len(draws), len(keys)))
     samples[:, [keys.index(t.key) for t in found.series.terms()]] = found.series.taylor(draws)
     return samples
-
-
-def _residuals(found: Fitted, values: Array, records: Sequence[Record]) -> list[Array]:
-    """Measured minus one simulation of each record, from the start that suits all of it."""
-    quietest = min(w.amplitude for w in found.windows)
-    series = found.series.moved(values).near(quietest)
-    states = replace(found, jump=float(JUMPS[0])).reduced.states(values)
-    left: list[Array] = []
-    for i, record in enumerate(records):
-        try:
-            motion = integrate(series, states[i][0], record.motion.grid, record.motion)
-            x = motion.samples(series, record.derivative)[:, 0]
-            left.append(record.signal - series.shown(x, record.derivative, i)[0])
-        except TrajectoryError:
-            left.append(np.full(len(record.signal), np.inf))
-    return left

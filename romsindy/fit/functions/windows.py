@@ -103,7 +103,8 @@ class Block:
         return float(np.abs(change).max()) / self.window.amplitude
 
 
-def _block(series: Series, window: Window, record: Record) -> Block:
+def block(series: Series, window: Window, record: Record) -> Block:
+    """A window of a record, linearised about its motion."""
     m, series = window.motion, series.near(window.amplitude)
     response = respond(series, m, series.by_parameter(*nodes(m)))
     x = sampled(m, record.derivative)[:, 0]
@@ -139,7 +140,7 @@ class Linear:
     @classmethod
     def of(cls, series: Series, windows: Sequence[Window], record: Record) -> Linear:
         """Linearise about the present motions."""
-        blocks = tuple(_block(series, w, record) for w in windows)
+        blocks = tuple(block(series, w, record) for w in windows)
         tables = [np.column_stack([b.change, b.signal]) for b in blocks]
         rows = _alone if record.noise.alike or record.noise.one_by_one else _together
         return cls(record, blocks, rows(record, tables))
@@ -170,7 +171,11 @@ def _together(record: Record, tables: Sequence[Array]) -> Array:
     outer, inner = np.linalg.qr(_side_by_side(triangles))
     pairs = zip(own, _like(triangles, outer), strict=True)
     white = record.cosines(np.concatenate([q @ x for (q, _), x in pairs]))
-    products = white.T @ white
+    return root(white.T @ white, inner)
+
+
+def root(products: Array, inner: Array) -> Array:
+    """R (n, m) with R' R = inner' products inner, (n, m)."""
     if not np.all(np.isfinite(products)):  # the motion goes astray, and so will what follows
         return np.full_like(inner, np.nan)
     power, axes = np.linalg.eigh(products)
@@ -246,7 +251,8 @@ def reduced(
     """
     cost, starts, rows = 0.0, [], [known]
     for linear in several:
-        ties, error = _ties(linear.blocks, rate, jump)
+        # A force that moves the states at every step leaves no starts to be tied.
+        ties, error = _ties(linear.blocks, rate, jump) if linear.blocks else (known[:0], np.ones(0))
         r = np.asarray(np.linalg.qr(np.concatenate([linear.rows / noise, ties]), mode="r"))
         k = 2 * len(linear.blocks)
         cost += float(np.sum(np.log(error)) + np.sum(np.log(np.abs(np.diag(r)[:k]))))
