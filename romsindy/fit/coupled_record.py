@@ -55,35 +55,20 @@ class CoupledReading(Reading):
 
 @dataclass(frozen=True)
 class CoupledRecord(Prepared):
-    """A record of several coordinates: what was measured, its noise, and the motion behind it.
+    """A record of several coordinates: what was measured, its noise, and the motion behind it."""
 
-    Attributes
-    ----------
-    decay : Decay or ForcedVibration
-        Of one channel or several.
-    signal : (c n,) array
-        The measured channels, one after the other.
-    noise : tuple of Noise
-        Of each channel.
-    shapes : (c, R) array
-        What each channel shows of each coordinate; 1 in the main channel of the coordinate.
-    motion : Trajectory
-        Smooth displacement of the R coordinates; times from the start of the record.
-    tones : tuple of Ridge
-        The fundamentals of the coordinates, as followed in their main channels; of those that ring.
-    since : float
-        Where it starts in the record that it is a piece of, s: tones have the times of that.
-    sampled : mapping
-        The measured inputs by name, where any drive it.
-    """
-
-    decay: Decay | ForcedVibration
-    signal: Array
-    noise: tuple[Noise, ...]
+    decay: Decay | ForcedVibration  # of one channel or several
+    signal: Array  # (c n,), the measured channels, one after the other
+    noise: tuple[Noise, ...]  # of each channel
+    # (c, R), what each channel shows of each coordinate; 1 in the main channel of the coordinate
     shapes: Array
+    # Smooth displacement of the R coordinates; times from the start of the record
     motion: Trajectory
+    # The fundamentals of the coordinates, as followed in their main channels; of those that ring
     tones: tuple[Ridge, ...] = ()
+    # Where it starts in the record that it is a piece of, s: tones have the times of that
     since: float = 0.0
+    # The measured inputs by name, where any drive it
     sampled: Mapping[str, SampledInput] = field(default_factory=dict)
 
     @classmethod

@@ -33,26 +33,14 @@ _LOST, _MISSED = 3.0, 1.5
 
 @dataclass(frozen=True)
 class FittedPieces:
-    """A stage fitted to pieces of the records.
-
-    Attributes
-    ----------
-    stage : Stage
-    records : tuple of CoupledRecord
-        Whole, with their noise, and the motions of the fit.
-    cycles : float
-        Length of the pieces, in cycles of the slowest coordinate; infinite for whole records.
-    residuals : tuple of (c n,) arrays
-        What it leaves of every record.
-    n_values : int
-        Fitted values, initial states of all pieces included.
-    """
+    """A stage fitted to pieces of the records."""
 
     stage: Stage
-    records: tuple[CoupledRecord, ...]
+    records: tuple[CoupledRecord, ...]  # whole, with their noise, and the motions of the fit
+    # Length of the pieces, in cycles of the slowest coordinate; infinite for whole records
     cycles: float
-    residuals: tuple[Array, ...]
-    n_values: int
+    residuals: tuple[Array, ...]  # tuple of (c n,) arrays: what it leaves of every record
+    n_values: int  # fitted values, initial states of all pieces included
 
     @property
     def left(self) -> float:

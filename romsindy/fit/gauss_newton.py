@@ -34,30 +34,17 @@ _LOST = 1e4  # a linearised motion that goes further than this leads nowhere
 
 @dataclass(frozen=True)
 class Solution:
-    """A hypothesis fitted.
-
-    Attributes
-    ----------
-    parts : tuple of Part
-    motions : tuple of Trajectory
-        One for each record.
-    residuals : tuple of (n,) arrays
-        Measured minus simulated, of each record, not whitened.
-    chi_squared : float
-        Sum of squares of the whitened residuals, plus what the priors of the shapes cost.
-    covariance : (n_values, n_values) array
-        Of the values of all parts, in their order.
-    converged : bool
-    interrupted : bool
-        Whether the user stopped it (Ctrl-C): then it is what had been reached.
-    """
+    """A hypothesis fitted."""
 
     parts: tuple[Part, ...]
-    motions: tuple[Trajectory, ...]
+    motions: tuple[Trajectory, ...]  # one for each record
+    # Tuple of (n,) arrays: measured minus simulated, of each record, not whitened
     residuals: tuple[Array, ...]
+    # Sum of squares of the whitened residuals, plus what the priors of the shapes cost
     chi_squared: float
-    covariance: Array
+    covariance: Array  # (n_values, n_values), of the values of all parts, in their order
     converged: bool
+    # Whether the user stopped it (Ctrl-C): then it is what had been reached
     interrupted: bool = False
 
     @property

@@ -15,27 +15,13 @@ from romsindy.typing import Array, Indices
 
 @dataclass(frozen=True)
 class Part:
-    """One effect in a hypothesis: the effect with its shape values, and its strengths.
+    """One effect in a hypothesis: the effect with its shape values, and its strengths."""
 
-    Attributes
-    ----------
-    effect : Effect
-        With its present shape values.
-    parameters : tuple of Parameter
-        Which of them a fit may change.
-    strengths : (n_sets, k) array
-        One set for all records, or one for each.
-    tolerance : float or None
-        Standard deviation of a strength known beforehand to be near 0.
-    most : float
-        Largest strength to either side.
-    """
-
-    effect: Effect
-    parameters: tuple[Parameter, ...]
-    strengths: Array
-    tolerance: float | None = None
-    most: float = np.inf
+    effect: Effect  # with its present shape values
+    parameters: tuple[Parameter, ...]  # which of them a fit may change
+    strengths: Array  # (n_sets, k), one set for all records, or one for each
+    tolerance: float | None = None  # standard deviation of a strength known beforehand to be near 0
+    most: float = np.inf  # largest strength to either side
 
     @classmethod
     def of(

@@ -43,21 +43,12 @@ _AT_ONCE = 4096  # samples of which all draws are held at a time
 
 
 class Sensors(NamedTuple):
-    """What is known of the sensors of a fit.
+    """What is known of the sensors of a fit."""
 
-    Attributes
-    ----------
-    offset : float or (n_channels,) array
-        Of the sensors, unit of the measured quantity.
-    shapes : (n_channels, R) array, optional
-        What each channel shows of each of several coordinates.
-    curved : tuple of Part
-        What channels show of products of coordinates.
-    """
-
-    offset: Array | float = 0.0
+    offset: Array | float = 0.0  # of the sensors, unit of the measured quantity
+    # (n_channels, R), what each channel shows of each of several coordinates
     shapes: Array | None = None
-    curved: tuple[Part, ...] = ()
+    curved: tuple[Part, ...] = ()  # what channels show of products of coordinates
 
 
 class Forecast(NamedTuple):

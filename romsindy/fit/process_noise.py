@@ -49,32 +49,18 @@ _JUMPS = np.concatenate([[0.0], 10.0 ** np.arange(-7, -2.4, 0.25)])
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """The linearised fit of one record, cut in windows.
-
-    Attributes
-    ----------
-    response : Response
-    rows : (n, m + 3) array
-        Whitened derivatives by m values and by both initial states, and the misfit.
-    steps : (K + 1,) array of int
-        At which windows begin, and where the last one ends.
-    window : (n,) array of int
-        Window of each sample.
-    jumps : (K, 2, 2) array
-        Changes of the initial state that stand for a departure of unit size in each window.
-    roots : (2 K, 2 K) array
-        Independent standard normal values times this are departures of unit size.
-    where : array of int
-        Places of the columns among all values and states.
-    """
+    """The linearised fit of one record, cut in windows."""
 
     response: Response
+    # (n, m + 3), whitened derivatives by m values and by both initial states, and the misfit
     rows: Array
-    steps: Indices
-    window: Indices
+    steps: Indices  # (K + 1,), at which windows begin, and where the last one ends
+    window: Indices  # (n,), window of each sample
+    # (K, 2, 2), changes of the initial state that stand for a departure of unit size in each window
     jumps: Array
+    # (2 K, 2 K), independent standard normal values times this are departures of unit size
     roots: Array
-    where: Indices
+    where: Indices  # places of the columns among all values and states
 
     @classmethod
     def of(
@@ -187,25 +173,15 @@ class Windows:
 
 @dataclass(frozen=True, eq=False)
 class Marginal:
-    """Likelihood of the values of a fit, with departures from its equation integrated out.
-
-    Attributes
-    ----------
-    parts : tuple of Part
-    n_records : int
-    gram : (m + 1, m + 1) array
-        Products of all columns: derivatives by values and states, and the misfit.
-    shared : (m + 1, k) array
-        Products of these with departures of unit size, in their principal directions.
-    powers : (k,) array
-        Products of the departures with themselves.
-    """
+    """Likelihood of the values of a fit, with departures from its equation integrated out."""
 
     parts: tuple[Part, ...]
     n_records: int
+    # (m + 1, m + 1), products of all columns: derivatives by values and states, and the misfit
     gram: Array
+    # (m + 1, k), products of these with departures of unit size, in their principal directions
     shared: Array
-    powers: Array
+    powers: Array  # (k,), products of the departures with themselves
 
     @classmethod
     def of(cls, parts: tuple[Part, ...], several: Sequence[Windows]) -> Marginal:
@@ -271,19 +247,11 @@ class Marginal:
 
 @dataclass(frozen=True, eq=False)
 class Departures:
-    """A fit whose motions may depart from their equation.
-
-    Attributes
-    ----------
-    marginal : Marginal
-    jump : float
-        Least size that the data ask for.
-    left : tuple of (n,) arrays
-        Whitened misfit of every record that these departures do not explain.
-    """
+    """A fit whose motions may depart from their equation."""
 
     marginal: Marginal
-    jump: float
+    jump: float  # least size that the data ask for
+    # Tuple of (n,) arrays: whitened misfit of every record that these departures do not explain
     left: tuple[Array, ...]
 
     @classmethod

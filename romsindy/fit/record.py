@@ -38,29 +38,14 @@ R = TypeVar("R", bound="Prepared")
 
 
 class Prepared(ABC):
-    """A record ready to be compared with a simulation, whatever the number of its coordinates.
+    """A record ready to be compared with a simulation, whatever the number of its coordinates."""
 
-    Attributes
-    ----------
-    decay : Decay or ForcedVibration
-        What was measured.
-    signal : (c n,) array
-        Its channels, one after the other.
-    noise : Noise, or one for each channel
-    motion : Trajectory
-        Smooth displacement of the coordinates, from which a fit starts.
-    tones : tuple of Ridge
-        The fundamentals of several coordinates that ring.
-    since : float
-        Where it starts in the record that it is a piece of, s.
-    """
-
-    decay: Any
-    signal: Array
+    decay: Any  # what was measured
+    signal: Array  # (c n,), its channels, one after the other
     noise: Any
-    motion: Trajectory
-    tones: tuple[Ridge, ...] = ()
-    since: float = 0.0
+    motion: Trajectory  # smooth displacement of the coordinates, from which a fit starts
+    tones: tuple[Ridge, ...] = ()  # the fundamentals of several coordinates that ring
+    since: float = 0.0  # where it starts in the record that it is a piece of, s
 
     @property
     def t(self) -> Array:
@@ -199,39 +184,23 @@ class Prepared(ABC):
 
 @dataclass(frozen=True)
 class Record(Prepared):
-    """One decay: what was measured, its noise, and the smooth motion behind it.
-
-    Attributes
-    ----------
-    decay : Decay
-    signal : (n,) array
-        The measured quantity.
-    valid : (n,) array of bool
-        False where the sensor was at the end of its range: such samples may be left out.
-    noise : Noise
-    spline : HarmonicSpline
-        Of the signal.
-    motion : Trajectory
-        Smooth displacement on the steps of the simulation; times from the start of the record.
-    part : (n,) array of bool, optional
-        Which of the whitened samples take part in a fit or a comparison; all by default. The
-        motion goes through the others all the same.
-    doubts : (n, m) array, optional
-        What the measuring chain may have added, each by its standard deviation, unit of the signal:
-        see `romsindy.record.spectrum`.
-    first : int
-        First sample that takes part: before it the filter of a measuring chain rings.
-    """
+    """One decay: what was measured, its noise, and the smooth motion behind it."""
 
     decay: Decay
-    signal: Array
+    signal: Array  # (n,), the measured quantity
+    # (n,), false where the sensor was at the end of its range: such samples may be left out
     valid: NDArray[np.bool_]
     noise: Noise
-    spline: HarmonicSpline
+    spline: HarmonicSpline  # of the signal
+    # Smooth displacement on the steps of the simulation; times from the start of the record
     motion: Trajectory
+    # (n,), which of the whitened samples take part in a fit or a comparison; all by default. The
+    # motion goes through the others all the same.
     part: NDArray[np.bool_] | None = None
+    # (n, m), what the measuring chain may have added, each by its standard deviation, unit of the
+    # signal: see `romsindy.record.spectrum`
     doubts: Array | None = None
-    first: int = 0
+    first: int = 0  # first sample that takes part: before it the filter of a measuring chain rings
 
     @classmethod
     def of(cls, decay: Decay, floor: float, after: Array | None = None) -> Record:

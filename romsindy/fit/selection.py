@@ -69,30 +69,16 @@ class Gram(NamedTuple):
 
 @dataclass(frozen=True)
 class Trials:
-    """Misfits of parts that are left out, by which groups of values take part.
+    """Misfits of parts that are left out, by which groups of values take part."""
 
-    Attributes
-    ----------
-    parts : sequence of Gram
-        Each is left out in turn; one alone is judged by its own misfit.
-    always : sequence of int
-        Places of the values that always take part.
-    groups : sequence of sequence of int
-        Places of values that take part together, or not at all.
-    least : mapping of int to float
-        What the value of a group of one must exceed.
-    refusable : collection of int
-        Groups of which the data may refuse that, by `REFUSED` standard errors.
-    kinetic : mapping of int to (n,) array
-        Kinetic energy at some states that a value of 1 of a group of one adds: see
-        `romsindy.fit.dragged`. Their sum is not negative, by `NEGATIVE` standard errors.
-    """
-
-    parts: Sequence[Gram]
-    always: Sequence[int]
-    groups: Sequence[Sequence[int]]
-    least: Mapping[int, float]
+    parts: Sequence[Gram]  # each is left out in turn; one alone is judged by its own misfit
+    always: Sequence[int]  # places of the values that always take part
+    groups: Sequence[Sequence[int]]  # places of values that take part together, or not at all
+    least: Mapping[int, float]  # what the value of a group of one must exceed
+    # Groups of which the data may refuse that, by `REFUSED` standard errors
     refusable: Collection[int] = ()
+    # Kinetic energy at some states that a value of 1 of a group of one adds: see
+    # `romsindy.fit.dragged`. Their sum is not negative, by `NEGATIVE` standard errors.
     kinetic: Mapping[int, Array] = field(default_factory=dict)
 
     @property

@@ -44,31 +44,18 @@ _RANK = 1e-7  # of scaled products: forces below it are told by others
 
 @dataclass(frozen=True)
 class Independence:
-    """What goes with motion or input in that which a fit leaves, and what is noise.
+    """What goes with motion or input in that which a fit leaves, and what is noise."""
 
-    Attributes
-    ----------
-    p_value : float
-        Probability that noise alone goes with them as much: F tests of all forces together, and of
-        the one that tells most, by Bonferroni's inequality.
-    missing : float
-        Rms of what goes with them, measured unit.
-    like : str
-        The force that alone tells most of it.
-    noises : tuple of Noises
-        Of each record.
-    steady : float
-        Probability that a force which is noise differs as much between quarters of a decay.
-    excess : float
-        Chi-square of what is left over its freedom, where it would be 1 without what goes with
-        motion or input.
-    """
-
+    # Probability that noise alone goes with them as much: F tests of all forces together, and of
+    # the one that tells most, by Bonferroni's inequality
     p_value: float
-    missing: float
-    like: str
-    noises: tuple[Noises, ...]
+    missing: float  # rms of what goes with them, measured unit
+    like: str  # the force that alone tells most of it
+    noises: tuple[Noises, ...]  # of each record
+    # Probability that a force which is noise differs as much between quarters of a decay
     steady: float
+    # Chi-square of what is left over its freedom, where it would be 1 without what goes with motion
+    # or input
     excess: float
 
 

@@ -30,26 +30,14 @@ _MOST_STEPS, _AFFORDABLE = 40, 40_000
 
 @dataclass(frozen=True, eq=False)
 class ForcedRecord(Prepared):
-    """One forced vibration: what was measured, its inputs, and the smooth motion behind it.
-
-    Attributes
-    ----------
-    decay : ForcedVibration
-    signal : (n,) array
-        The measured quantity.
-    noise : Noise
-        White, as strong as the quietest part of the spectrum, or the floor.
-    motion : Trajectory
-        Smooth displacement on the steps of the simulation; times from the start of the record.
-    sampled : dict
-        The measured inputs by name.
-    """
+    """One forced vibration: what was measured, its inputs, and the smooth motion behind it."""
 
     decay: ForcedVibration
-    signal: Array
-    noise: Noise
+    signal: Array  # (n,), the measured quantity
+    noise: Noise  # white, as strong as the quietest part of the spectrum, or the floor
+    # Smooth displacement on the steps of the simulation; times from the start of the record
     motion: Trajectory
-    sampled: dict[str, Sampled]
+    sampled: dict[str, Sampled]  # the measured inputs by name
 
     @classmethod
     def of(

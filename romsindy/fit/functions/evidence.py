@@ -57,41 +57,19 @@ class Normal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Series fitted to records.
+    """Series fitted to records."""
 
-    Attributes
-    ----------
-    series : Series
-        With the most probable values.
-    windows : tuple of Window
-        With their motions.
-    linear : tuple of Linear
-        Every record, linearised about them.
-    known : (m, p + 1) array
-        Rows for what was known beforehand.
-    noise : float
-        Of the whitened signals: 1, or more where the misfit is larger than the noise.
-    jump : float
-        Process noise, in amplitudes.
-    scales : (9,) array
-        Of the prior, see `prior`.
-    cost : float
-        Minus the logarithm of the evidence at these scales.
-    converged : bool
-    noises : tuple of Noises
-        Of every record, where a force that nobody measured takes the place of process noise: see
-        `unmeasured`.
-    """
-
-    series: Series
-    windows: tuple[Window, ...]
-    linear: tuple[Linear, ...]
-    known: Array
-    noise: float
-    jump: float
-    scales: Array
-    cost: float
+    series: Series  # with the most probable values
+    windows: tuple[Window, ...]  # with their motions
+    linear: tuple[Linear, ...]  # every record, linearised about them
+    known: Array  # (m, p + 1), rows for what was known beforehand
+    noise: float  # of the whitened signals: 1, or more where the misfit is larger than the noise
+    jump: float  # process noise, in amplitudes
+    scales: Array  # (9,), of the prior, see `prior`
+    cost: float  # minus the logarithm of the evidence at these scales
     converged: bool
+    # Of every record, where a force that nobody measured takes the place of process noise: see
+    # `unmeasured`
     noises: tuple[Noises, ...] = ()
 
     @property

@@ -51,26 +51,15 @@ class Magnitudes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Equation of one coordinate with series for its functions; see above.
-
-    Attributes
-    ----------
-    scales : Magnitudes
-    sizes : Sizes
-    forces : tuple of Term
-        Further damping, such as dry friction, which `near` makes smooth.
-    values : (n,) array
-        k, then r, then c, then d, then strengths of the forces, all of order one; at last those of
-        the sensor, which are no part of the equation.
-    sensor : SensorCurvature
-        Through which its motions are seen.
-    """
+    """Equation of one coordinate with series for its functions; see above."""
 
     scales: Magnitudes
     sizes: Sizes
-    forces: tuple[Term, ...]
+    forces: tuple[Term, ...]  # further damping, such as dry friction, which `near` makes smooth
+    # (n,), k, then r, then c, then d, then strengths of the forces, all of order one; at last those
+    # of the sensor, which are no part of the equation
     values: Array
-    sensor: SensorCurvature
+    sensor: SensorCurvature  # through which its motions are seen
 
     @classmethod
     def linear(

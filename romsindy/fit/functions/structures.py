@@ -18,20 +18,11 @@ _STIFFNESS = {True: "stiffness polynomial", False: "linear"}
 
 @dataclass(frozen=True)
 class Structure:
-    """Which functions an equation has, and what the data say of it.
-
-    Attributes
-    ----------
-    sizes : Sizes
-    forces : tuple of str
-        Names of further damping forces.
-    log_evidence : float
-        Over that of the best structure, 0 or less.
-    """
+    """Which functions an equation has, and what the data say of it."""
 
     sizes: Sizes
-    forces: tuple[str, ...] = ()
-    log_evidence: float = 0.0
+    forces: tuple[str, ...] = ()  # names of further damping forces
+    log_evidence: float = 0.0  # over that of the best structure, 0 or less
 
     @classmethod
     def from_content(cls, name: str, value: Any) -> Structure:

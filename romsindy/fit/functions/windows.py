@@ -30,20 +30,11 @@ from romsindy.typing import Array, Indices
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A few cycles of a record.
-
-    Attributes
-    ----------
-    record : int
-    rows : array of int
-        Its samples.
-    motion : Trajectory
-        The present motion there, R = 1.
-    """
+    """A few cycles of a record."""
 
     record: int
-    rows: Indices
-    motion: Trajectory
+    rows: Indices  # its samples
+    motion: Trajectory  # the present motion there, R = 1
 
     @property
     def amplitude(self) -> float:
@@ -70,28 +61,17 @@ def _of_record(number: int, record: Record) -> list[Window]:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One window, linearised about its motion.
-
-    Attributes
-    ----------
-    window : Window
-    response : Response
-    change : (n, p + 2) array
-        Derivatives of what the sensor shows by the values and by q and q_dot at the start; none
-        where it shows nothing.
-    signal : (n,) array
-        What these times values and start have to be.
-    end : (2, p + 2) array
-        The same derivatives of the state at the end; with ``rest`` (2,) it is that state.
-    rest : (2,) array
-    """
+    """One window, linearised about its motion."""
 
     window: Window
     response: Response
+    # (n, p + 2), derivatives of what the sensor shows by the values and by q and q_dot at the
+    # start; none where it shows nothing
     change: Array
-    signal: Array
+    signal: Array  # (n,), what these times values and start have to be
+    # (2, p + 2), the same derivatives of the state at the end; with ``rest`` (2,) it is that state
     end: Array
-    rest: Array
+    rest: Array  # (2,)
 
     def moved(self, step: Array) -> Window:
         """The window with its motion moved by changes of values and start, (p + 2,)."""
@@ -122,19 +102,12 @@ def block(series: Series, window: Window, record: Record) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """All windows of one record, linearised, and what they say over the noise.
-
-    Attributes
-    ----------
-    record : Record
-    blocks : tuple of Block
-    rows : (2 K + p + 1, 2 K + p + 1) array
-        Of the starts of all windows, of the values and of the signal: products with it are those
-        of the whitened samples.
-    """
+    """All windows of one record, linearised, and what they say over the noise."""
 
     record: Record
     blocks: tuple[Block, ...]
+    # (2 K + p + 1, 2 K + p + 1), of the starts of all windows, of the values and of the signal:
+    # products with it are those of the whitened samples
     rows: Array
 
     @classmethod

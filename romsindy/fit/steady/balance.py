@@ -39,30 +39,16 @@ CHAIN = ("gain", "slope", "phase")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """First-order balance of n points, k equations each, in p parameters.
+    """First-order balance of n points, k equations each, in p parameters."""
 
-    Attributes
-    ----------
-    misfit : (n, k) array
-        Force left over were the orbit as measured, unit of q per s^2.
-    by_parameter : (n, k, p) array
-        Its derivatives by the free coefficients and by those of the `CHAIN`.
-    by_q : (n, k, k) array
-        Its derivatives by the measured quantities.
-    noise : (n, k, k) array
-        Covariance of the misfit from the noise of the response.
-    size : (n,) array
-        Amplitude of the force per unit mass.
-    others : (n, j, 1 + k + p) array
-        What to take from the other Fourier coefficients: at once, and for changes of the measured
-        quantities and of the parameters.
-    """
-
-    misfit: Array
+    misfit: Array  # (n, k), force left over were the orbit as measured, unit of q per s^2
+    # (n, k, p), its derivatives by the free coefficients and by those of the `CHAIN`
     by_parameter: Array
-    by_q: Array
-    noise: Array
-    size: Array
+    by_q: Array  # (n, k, k), its derivatives by the measured quantities
+    noise: Array  # (n, k, k), covariance of the misfit from the noise of the response
+    size: Array  # (n,), amplitude of the force per unit mass
+    # (n, j, 1 + k + p), what to take from the other Fourier coefficients: at once, and for changes
+    # of the measured quantities and of the parameters
     others: Array
 
     def whitened(self, unexplained: float) -> tuple[Array, Array]:

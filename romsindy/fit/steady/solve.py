@@ -29,29 +29,16 @@ _CONDITION = 1e8  # of the columns, each of unit length: beyond, two of them are
 
 @dataclass(frozen=True, eq=False)
 class SteadySolution:
-    """Parameters found, and the rows at their orbits.
-
-    Attributes
-    ----------
-    model, chain : ReducedModel, Chain
-    free : tuple of str
-        Parameters that were fitted: coefficients, then "gain" and "phase".
-    unexplained : float
-        Part of the force that the model leaves over, as a standard deviation; 0 where the noise
-        explains it.
-    rows : Rows
-        By all parameters that `free` names.
-    c : (n, 2 H + 1) array
-        Fourier coefficients of the orbits.
-    converged : bool
-    """
+    """Parameters found, and the rows at their orbits."""
 
     model: ReducedModel
     chain: Chain
-    free: tuple[str, ...]
+    free: tuple[str, ...]  # parameters that were fitted: coefficients, then "gain" and "phase"
+    # Part of the force that the model leaves over, as a standard deviation; 0 where the noise
+    # explains it
     unexplained: float
-    rows: Rows
-    c: Array
+    rows: Rows  # by all parameters that `free` names
+    c: Array  # (n, 2 H + 1), Fourier coefficients of the orbits
     converged: bool
 
     @property
