@@ -56,6 +56,24 @@ def test_false_alarms_come_as_often_as_stated(kind):
     assert sum(t.structured for t in tests) <= alarms
 
 
+@pytest.mark.parametrize(
+    ("size", "answer", "said"),
+    [
+        (1e-4, "good for practice", "leaves 0.5 % of the response, 50 times the noise"),
+        (1e-3, "not explained", "leaves 5 % of the response, 50 times the noise"),
+    ],
+)
+def test_what_is_left_is_weighed_by_the_response_as_well(size, answer, said):
+    """Half a per cent of the motion, or five, of a record whose noise is 50 times less."""
+    rms = float(np.sqrt(np.mean(CLEAN.q**2)))
+    noise = size * rms * np.random.default_rng(3).standard_normal(len(T))
+    found = examine([recorded(noise)], [50 * size * CLEAN.q], 4)
+    assert found.answer == answer and found.part == pytest.approx(50 * size, rel=1e-3)
+    # The noise of a record is known to 4 %.
+    said, times = said.split(", ")
+    assert said in str(found) and found.ratio == pytest.approx(float(times.split()[0]), rel=0.05)
+
+
 @pytest.mark.parametrize(("kind", "share"), [(white, 1.0), (hum, 1.0), (red, 0.7), (pink, 0.7)])
 def test_level_of_noise_is_known_within_what_explained_allows(kind, share):
     """Rms of the true noise, whitened by the estimate: the model that explains all but noise.

@@ -16,7 +16,8 @@ from numpy.polynomial.legendre import legvander
 from scipy.special import fdtrc
 
 from romsindy.fit.record import Prepared, Record
-from romsindy.fit.verdict import EXPLAINED, FALSE_ALARM, STRUCTURE
+from romsindy.fit.verdict import EXPLAINED, FALSE_ALARM, SAME_SIGNAL, STRUCTURE
+from romsindy.text import percent
 from romsindy.typing import Array
 
 _CYCLES = 8  # in a window
@@ -108,6 +109,18 @@ class Adequacy:
         return 0.0
 
     @property
+    def good(self) -> bool:
+        """Whether one simulation leaves as little as tests of good repeatability differ by."""
+        return 0 < self.part <= SAME_SIGNAL
+
+    @property
+    def answer(self) -> str:
+        """The verdict: "explained", "good for practice" or "not explained"."""
+        if self.explained:
+            return "explained"
+        return "good for practice" if self.good else "not explained"
+
+    @property
     def n_functions(self) -> int:
         """Number of functions of time that repeat with the vibration, over all windows."""
         return (2 * _HARMONICS + 1) * (_DEGREE + 1) * len(self.amplitude)
@@ -116,20 +129,22 @@ class Adequacy:
         if not np.isfinite(self.ratio):
             return "The model does not explain the data: it has no motion that follows the record."
         size = f"residual {self.ratio:.3g} times the noise"
+        if self.part:
+            part = f"it leaves {percent(self.part)} of the response"
+            size = f"{part}, {self.ratio:.3g} times the noise"
         if self.explained:
             return (
                 f"The model explains the data to their noise, up to the largest amplitude of"
                 f" {self.limit:.3g} {self.unit or '[q]'} ({size}; {self._chance()})."
             )
-        where = (
-            f"up to an amplitude of {self.limit:.3g} {self.unit or '[q]'} it does"
-            if self.limit
-            else "at no amplitude"
-        )
-        return (
-            f"The model does not explain the data to their noise: {where} ({size};"
-            f" {self._loudest()}; {self._chance()})."
-        )
+        reach = f"an amplitude of {self.limit:.3g} {self.unit or '[q]'}"
+        if self.good:
+            found = "is good for practice, and something small is missing"
+            found += f" beyond {reach}" if self.limit else ""
+        else:
+            found = "does not explain the data to their noise: "
+            found += f"up to {reach} it does" if self.limit else "at no amplitude"
+        return f"The model {found} ({size}; {self._loudest()}; {self._chance()})."
 
     def _chance(self) -> str:
         """The p-value in words that agree with the verdict."""

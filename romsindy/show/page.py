@@ -30,6 +30,7 @@ _TONES = {
     "named": "good",
     "explained": "good",
     "ambiguous": "unsure",
+    "good for practice": "unsure",
     "unknown": "bad",
     "not explained": "bad",
 }

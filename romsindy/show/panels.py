@@ -395,7 +395,7 @@ def _equation(result: Identified) -> dict[str, Any]:
         words["formula"] = s.short.model.latex_terms()
         words["equation"] = "\n".join(s.opening()[:2])  # the short one is the formula
         words["equation_note"] = " ".join([f"Of the short equation: {s.off()}.", *result.remarks()])
-    return words | {"verdict": "explained" if found.verdict.explained else "not explained"}
+    return words | {"verdict": found.verdict.answer}
 
 
 # -- what an equation does: backbones of modes, bands, levels of force -----------------------------
