@@ -114,6 +114,13 @@ def test_what_is_left_is_told_where_the_response_is_quiet_and_loud(left, said):
     np.testing.assert_allclose(verdict.levels[:, 1], expected, rtol=0.08)
 
 
+def test_a_record_of_few_cycles_has_no_levels():
+    t = 0.05 * np.arange(120)
+    record = ForcedRecord.of(ForcedVibration(t, np.sin(2 * np.pi * t), np.cos(t), unit="m"), 1e-6)
+    verdict = examine_forced([record], [0.1 * np.cos(t)], 2)
+    assert verdict.levels.shape == (0, 2) and np.isnan(verdict.growth[0])
+
+
 @pytest.mark.parametrize("derivative", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_velocity_and_acceleration_do_as_well(smooth, derivative):
     u, q, v = smooth

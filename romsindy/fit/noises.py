@@ -39,6 +39,7 @@ _LEAST = _FORCES[0]
 _WIDEST, _WHITEST = 22.0, 3.0  # powers of e, and of the inverse hyperbolic tangent of the colour
 # Samples that tell the noises of one coordinate, fewer of several, and windows of a longer record.
 _ENOUGH, _WINDOWS = 8000, 4
+_ROUNDING = 1e-14  # of the information on a state
 _NEVER = 1e100  # of less than any likelihood
 # Quarters of a record that have each a force of their own, as parts of the one of all.
 _QUARTERS, _OTHER = 4, np.exp(np.arange(-6.0, 6.1, 0.5))
@@ -237,8 +238,17 @@ class NoiseTable:
 
     def _states(self, noises: Noises) -> tuple[Array, Array]:
         """The factor of their information before them."""
-        factor = cholesky_banded(self.noises.information(noises), lower=True)
+        factor = _factor(self.noises.information(noises))
         return factor, cho_solve_banded((factor, True), _over(self._crossed, noises))
+
+
+def _factor(information: Array) -> Array:
+    """That of Cholesky; rounding of its diagonal may have left it below zero by a few digits."""
+    try:
+        return np.asarray(cholesky_banded(information, lower=True))
+    except LinAlgError:
+        information[0] *= 1 + _ROUNDING
+        return np.asarray(cholesky_banded(information, lower=True))
 
 
 def steady(noises: TwoNoises, left: Array, found: Noises) -> float:

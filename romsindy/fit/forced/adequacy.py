@@ -242,7 +242,7 @@ def _levels(records: Sequence[Prepared], residuals: Sequence[Array]) -> Array:
         size = round(_CYCLES / (float(record.frequencies.min()) * record.decay.dt))
         both = np.stack([record.signal - record.signal.mean(), left]).reshape(2, -1, len(record.t))
         whole = len(record.t) // size
-        parts = both[..., : whole * size].reshape(2, -1, whole, size)
+        parts = both[..., : whole * size].reshape(2, both.shape[1], whole, size)
         windows.append(np.mean(parts**2, axis=(1, 3)).T)
     power = np.concatenate(windows)
     count = min(_MOST, len(power) // 2)
