@@ -89,7 +89,8 @@ def judged(
         ratio=np.sqrt(found.excess),
         structure=found.excess,
         p_value=found.steady if fades else found.p_value,
-        missing=max(found.missing / heard, force * fades),
+        # No more than is left: of what no weight is on, anything may go with them.
+        missing=max(min(found.missing, verdict.left) / heard, force * fades),
         like=found.like,
         sensor=sensor / heard,
         force=force,
