@@ -150,10 +150,8 @@ class Tried:
         fitted = linear_table(model, parts, i, record, motion)[1][:, : -len(motion.start) - 1]
         wide = np.zeros((len(fitted), sum(p.size for p in parts)))
         wide[:, columns_of(parts, i)] = fitted * record.white[:, None]  # they come over white noise
-        equation, forces = (
-            equation_of(model, parts, i, record),
-            _forces(model, parts, record, motion),
-        )
+        equation = equation_of(model, parts, i, record)
+        forces = _forces(model, parts, record, motion)
         return cls.along(equation, parts, i, record, motion, wide, solution.residuals[i], forces)
 
     @classmethod
