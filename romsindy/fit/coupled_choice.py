@@ -12,9 +12,11 @@ import numpy as np
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
 from romsindy.fit.dragged import dragged
+from romsindy.fit.equation import equation_of
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
+from romsindy.fit.noises import Noises, TwoNoises
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import cut
 from romsindy.fit.selection import Gram, Linearised, Trials
@@ -89,14 +91,18 @@ class Choice(NamedTuple):
 
 
 def choose(
-    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: Choice
+    now: Stage,
+    records: Sequence[CoupledRecord],
+    cycles: float,
+    choice: Choice,
+    noises: Sequence[Noises] = (),
 ) -> Stage | None:
     """What always takes part, and terms that gain on data that took no part, about the motions.
 
     Values are those of the linearised equations: where a fit is to start. None where the equations
-    have no motions near these.
+    have no motions near these. Whole records may be weighed by ``noises`` that are found in them.
     """
-    found = linearised(now, records, cycles, choice)
+    found = linearised(now, records, cycles, choice, noises)
     return found and _stage(found, found.trials.chosen(found.present), now)
 
 
@@ -126,7 +132,11 @@ def every_choice(stage: Stage, records: Sequence[CoupledRecord]) -> Linearised |
 
 
 def linearised(
-    now: Stage, records: Sequence[CoupledRecord], cycles: float, choice: Choice
+    now: Stage,
+    records: Sequence[CoupledRecord],
+    cycles: float,
+    choice: Choice,
+    noises: Sequence[Noises] = (),
 ) -> Linearised | None:
     """All of a choice about the motions of pieces; None where there are none near these."""
     everything, values = choice.terms, now.model.coefficients
@@ -147,6 +157,12 @@ def linearised(
                 table = linear_table(model, parts, i, piece, piece.motion)[1]
             if not np.all(np.isfinite(table)):
                 return None
+            if noises:
+                two = TwoNoises.along(equation_of(model, parts, i, piece), parts, i, piece, piece.motion)
+                columns = table[:, [*range(len(parts)), -1]] * piece.white[:, None]
+                products = two.table(columns).weighed(noises[i]).products
+                grams.setdefault(0, []).append(Gram.of_products(products, start, len(table)))
+                continue
             numbers = _parts(piece, record, i, len(records)) * choice.left_out
             for part in np.unique(numbers):
                 grams.setdefault(int(part), []).append(Gram.of(table[numbers == part], start))

@@ -23,6 +23,7 @@ from romsindy.fit.coupled_terms import KINDS, candidates, linear_model, linear_t
 from romsindy.fit.fitted import Fit, refined
 from romsindy.fit.followed_back import followed_back
 from romsindy.fit.forced.modes import modes_of
+from romsindy.fit.forced.weighed import examined
 from romsindy.fit.measured import (
     NUMERICS,
     driven_among,
@@ -124,6 +125,7 @@ def identify_coupled(
     records = _with_tones_of(stage.model, best.records, free)
     pieces = tuple(piece for record in records for piece in cut(record, best.cycles))
     fit = refined(stage.model, names, pieces, stage.shapes, settled=True, progress=progress)
+    fit = examined(fit) if np.isinf(best.cycles) else fit
     model = replace(stage.model, values=fit.model.values)
     reached = replace(stage, model=model, shapes=fit.solution.parts[len(names) :])
     every = every_choice(reached, moved(pieces, fit.solution.motions))

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtrc
 
+from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import couplings
 from romsindy.fit.equation import equation_of
@@ -71,6 +72,23 @@ def examine_driven(
         return verdict
     pairs = [*enumerate(records)]
     return judged(verdict, examine_independence(model, solution, pairs), pairs)
+
+
+def examine_decays(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    false_alarm: float = FALSE_ALARM,
+) -> Adequacy:
+    """What a hypothesis leaves of decays, by the noise that was heard, or that is found in it.
+
+    Where more than noise is left the verdict says from which amplitude on.
+    """
+    heard = examine(records, solution.residuals, solution.n_values, false_alarm)
+    if heard.explained:
+        return heard
+    found = examine_driven(model, solution, records, false_alarm)
+    return found if found.p_value >= false_alarm else heard
 
 
 def judged(

@@ -44,20 +44,22 @@ _SETTLED = 0.05  # of chi-square, by a step
 def examined(fit: Fit) -> Fit:
     """The same with its verdict by what is left of its driven records, or of its decays.
 
-    Where that is noise, the values and their errors are those that it weighs. Decays of which more
-    is left keep their verdict: it says from which amplitude on.
+    Where that is noise, the values and their errors are those that it weighs. Decays that are
+    explained, or of which more is left, keep their verdict: it says from which amplitude on.
     """
     driven = [(i, r) for i, r in enumerate(fit.records) if r.driven]
     pairs = driven or [*enumerate(fit.records)]
+    if fit.verdict.explained and not driven:
+        return fit
     if not 0 < _size(fit, pairs).part < np.inf:
         return fit  # there is no motion, or nothing is left
     found = examine_independence(fit.start, fit.solution, pairs)
     first = judged(_size(fit, pairs), found, pairs)
     # Decays without noise tell the least of terms: there is no misfit that does not matter.
-    if not driven and found.p_value < first.false_alarm:
+    if not driven and first.p_value < first.false_alarm:
         return fit
     if first.structured:
-        return replace(fit, verdict=first) if driven else fit
+        return replace(fit, verdict=first)
     fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
     return replace(fit, verdict=judged(_size(fit, pairs), found, pairs))
 
