@@ -158,7 +158,9 @@ def linearised(
             if not np.all(np.isfinite(table)):
                 return None
             if noises:
-                two = TwoNoises.along(equation_of(model, parts, i, piece), parts, i, piece, piece.motion)
+                two = TwoNoises.along(
+                    equation_of(model, parts, i, piece), parts, i, piece, piece.motion
+                )
                 columns = table[:, [*range(len(parts)), -1]] * piece.white[:, None]
                 products = two.table(columns).weighed(noises[i]).products
                 grams.setdefault(0, []).append(Gram.of_products(products, start, len(table)))

@@ -12,14 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.coefficient import extended
 from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
-from romsindy.fit.forced.independence import examine_decays, examine_independence
+from romsindy.fit.forced.independence import Independence
+from romsindy.fit.forced.weighed import by_noises, of_decays, told
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import Solution
-from romsindy.fit.noises import Noises
 from romsindy.fit.pieces import fit_pieces, lengths, moved
 from romsindy.fit.selection import needed
 from romsindy.fit.verdict import EXPLAINED, TERM
@@ -57,14 +58,19 @@ class FittedPieces:
     @cached_property
     def explained(self) -> bool:
         """Whether it leaves noise alone, of whole records."""
-        whole = np.isinf(self.cycles)
-        return whole and examine_decays(self.start, self.solution, self.records).explained
+        if np.isfinite(self.cycles) or told(self.heard):
+            return bool(np.isinf(self.cycles))
+        return by_noises(self.heard, self.solution, self.records, self.independence).explained
 
-    @property
-    def noises(self) -> tuple[Noises, ...]:
-        """Those that are found in what it leaves of every record."""
-        pairs = [*enumerate(self.records)]
-        return examine_independence(self.start, self.solution, pairs).noises
+    @cached_property
+    def heard(self) -> Adequacy:
+        """What it leaves, by the level of the noise."""
+        return examine(self.records, self.residuals, self.solution.n_values)
+
+    @cached_property
+    def independence(self) -> Independence:
+        """Whether what it leaves goes with the motion, and the noises that are found in it."""
+        return of_decays(self.start, self.solution, self.records)[0]
 
     def left_over(self, records: Sequence[CoupledRecord]) -> float:
         """The same over the noise of other records."""
@@ -170,11 +176,13 @@ def _by_noises(best: FittedPieces, choice: Choice, progress: Progress) -> Fitted
     By its level where it is loudest, noise with a colour hides terms. The last choice that explains
     the records is taken, if there is one.
     """
-    kept = now = best
-    for _ in range(_ROUNDS):
-        start = choose(now.stage, now.records, np.inf, choice, now.noises)
-        if start is None or start.is_like(now.stage):
+    kept, now, tried = best, best, [best.stage]
+    while len(tried) <= _ROUNDS:
+        noises = () if told(now.heard) else now.independence.noises
+        start = choose(now.stage, now.records, np.inf, choice, noises)
+        if start is None or any(start.is_like(stage) for stage in tried):
             break
+        tried.append(start)
         progress.say(start.summary(len(choice.always)))
         after = fitted(start, now.records, np.inf)
         if after is None:

@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import fdtrc
 
-from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import Trajectory
 from romsindy.fit.coupled_terms import couplings
 from romsindy.fit.equation import equation_of
@@ -59,6 +58,16 @@ class Independence:
     # or input
     excess: float
 
+    @property
+    def fades(self) -> bool:
+        """Whether a force fades with a decay: that is no noise, it goes with the motion."""
+        return self.steady < FADES
+
+    @property
+    def chance(self) -> float:
+        """Probability that noise alone does what tells most against it."""
+        return self.steady if self.fades else self.p_value
+
 
 def examine_driven(
     model: AnyModel,
@@ -74,23 +83,6 @@ def examine_driven(
     return judged(verdict, examine_independence(model, solution, pairs), pairs)
 
 
-def examine_decays(
-    model: AnyModel,
-    solution: Solution,
-    records: Sequence[Prepared],
-    false_alarm: float = FALSE_ALARM,
-) -> Adequacy:
-    """What a hypothesis leaves of decays, by the noise that was heard, or that is found in it.
-
-    Where more than noise is left the verdict says from which amplitude on.
-    """
-    heard = examine(records, solution.residuals, solution.n_values, false_alarm)
-    if heard.explained:
-        return heard
-    found = examine_driven(model, solution, records, false_alarm)
-    return found if found.p_value >= false_alarm else heard
-
-
 def judged(
     verdict: ForcedAdequacy, found: Independence, pairs: Sequence[tuple[int, Prepared]]
 ) -> ForcedAdequacy:
@@ -100,15 +92,13 @@ def judged(
     shown = [np.mean(n.shown**2) for n in found.noises]
     sensor = float(np.sqrt(np.average(shown, weights=counts)))
     force = np.sqrt(max(verdict.left**2 - sensor**2, 0.0)) / heard
-    # A force that fades with the decay is no noise: it goes with the motion.
-    fades = found.steady < FADES
     return replace(
         verdict,
         ratio=np.sqrt(found.excess),
         structure=found.excess,
-        p_value=found.steady if fades else found.p_value,
+        p_value=found.chance,
         # No more than is left: of what no weight is on, anything may go with them.
-        missing=max(min(found.missing, verdict.left) / heard, force * fades),
+        missing=max(min(found.missing, verdict.left) / heard, force * found.fades),
         like=found.like,
         sensor=sensor / heard,
         force=force,

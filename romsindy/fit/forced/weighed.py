@@ -23,45 +23,111 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from romsindy.effects.drive import Drive
+from romsindy.effects.memory import MemoryEffect
+from romsindy.fit.adequacy import Adequacy, examine
 from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, concluded
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
-from romsindy.fit.forced.independence import examine_independence, judged
+from romsindy.fit.forced.independence import Independence, examine_independence, judged
 from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
 from romsindy.fit.gauss_newton import fit as follow
 from romsindy.fit.linear_response import Response, sampled
-from romsindy.fit.noises import Noises, NoiseTable, TwoNoises
+from romsindy.fit.noises import Noises, NoiseTable, TwoNoises, found_noises
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
 from romsindy.fit.record import Prepared
+from romsindy.fit.verdict import EXPLAINED, FALSE_ALARM
+from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array, Indices
 
 _STEPS = 8
-_SETTLED = 0.05  # of chi-square, by a step
+# Of chi-square, by a step: what is settled, and the factor of a motion that goes astray.
+_SETTLED, _FAR = 0.05, 10.0
 
 
 def examined(fit: Fit) -> Fit:
     """The same with its verdict by what is left of its driven records, or of its decays.
 
-    Where that is noise, the values and their errors are those that it weighs. Decays that are
-    explained, or of which more is left, keep their verdict: it says from which amplitude on.
+    Where that is noise, the values and their errors are those that it weighs. Decays of which more
+    is left keep their verdict: it says from which amplitude on.
     """
     driven = [(i, r) for i, r in enumerate(fit.records) if r.driven]
     pairs = driven or [*enumerate(fit.records)]
-    if fit.verdict.explained and not driven:
+    if not driven and told(fit.verdict):
         return fit
     if not 0 < _size(fit, pairs).part < np.inf:
         return fit  # there is no motion, or nothing is left
-    found = examine_independence(fit.start, fit.solution, pairs)
-    first = judged(_size(fit, pairs), found, pairs)
-    # Decays without noise tell the least of terms: there is no misfit that does not matter.
-    if not driven and first.p_value < first.false_alarm:
-        return fit
-    if first.structured:
-        return replace(fit, verdict=first)
-    fit = weighed(fit, {i: own for (i, _), own in zip(pairs, found.noises, strict=True)})
+    if driven:
+        found = examine_independence(fit.start, fit.solution, pairs)
+        first = judged(_size(fit, pairs), found, pairs)
+        if first.structured:
+            return replace(fit, verdict=first)
+        moved = _settled(fit.start, fit.solution, fit.records, _by_record(pairs, found))
+    else:
+        found, moved = of_decays(fit.start, fit.solution, fit.records)
+        if found.chance < fit.verdict.false_alarm and not fit.verdict.explained:
+            return fit
+    if moved is not None:
+        fit = _weighed(fit, moved, _by_record(pairs, found))
     return replace(fit, verdict=judged(_size(fit, pairs), found, pairs))
+
+
+def of_decays(
+    model: AnyModel, solution: Solution, records: Sequence[Prepared]
+) -> tuple[Independence, Solution | None]:
+    """What goes with the motion of decays in that which a fit leaves, and the noises in it.
+
+    It is looked for about the motions that forces move which nobody measured, those of the second
+    if there is one: about a simulation that they led far off, what they do would go with it.
+    """
+    pairs, noises = [*enumerate(records)], {}
+    for i, record in pairs:
+        parts, motion = solution.parts, solution.motions[i]
+        equation = equation_of(model, parts, i, record)
+        two = TwoNoises.along(equation, parts, i, record, motion)
+        noises[i] = found_noises(two, solution.residuals[i])
+    moved = _settled(model, solution, records, noises)
+    return examine_independence(model, moved or solution, pairs), moved
+
+
+def examine_decays(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    false_alarm: float = FALSE_ALARM,
+) -> Adequacy:
+    """What a hypothesis leaves of decays, by the noise that was heard, or that is found in it."""
+    heard = examine(records, solution.residuals, solution.n_values, false_alarm)
+    if told(heard) or not 0 < heard.part < np.inf:
+        return heard
+    return by_noises(heard, solution, records, of_decays(model, solution, records)[0])
+
+
+def by_noises(
+    heard: Adequacy, solution: Solution, records: Sequence[Prepared], found: Independence
+) -> Adequacy:
+    """The verdict by the noises that are found.
+
+    Where more than noise is left that which was heard says from which amplitude on. Decays without
+    noise tell the least of terms: there is no misfit that does not matter.
+    """
+    if found.chance < heard.false_alarm and not heard.explained:
+        return heard
+    size = examine_forced(records, solution.residuals, solution.n_values, heard.false_alarm)
+    return judged(size, found, [*enumerate(records)])
+
+
+def told(heard: Adequacy) -> bool:
+    """Whether the level of the noise of decays explains them: it is that where they ring.
+
+    Where much less is left, noise has a colour, and its level may hide what is missing.
+    """
+    return heard.explained and heard.ratio * EXPLAINED > 1
+
+
+def _by_record(pairs: Sequence[tuple[int, Prepared]], found: Independence) -> dict[int, Noises]:
+    return {i: own for (i, _), own in zip(pairs, found.noises, strict=True)}
 
 
 def _size(fit: Fit, pairs: Sequence[tuple[int, Prepared]]) -> ForcedAdequacy:
@@ -72,36 +138,49 @@ def _size(fit: Fit, pairs: Sequence[tuple[int, Prepared]]) -> ForcedAdequacy:
     return examine_forced(records, left, fit.solution.n_values)
 
 
-def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
+def _settled(
+    model: AnyModel,
+    solution: Solution,
+    records: Sequence[Prepared],
+    noises: Mapping[int, Noises],
+) -> Solution | None:
     """The same by generalised least squares; ``noises`` are those of records, by their number.
 
-    Steps of Gauss and Newton about the most likely motions, which the forces move. Where they do
-    not settle or have no motion, and where forces remember, the fit stays as it is.
+    Steps of Gauss and Newton about the most likely motions, which the forces move; residuals are
+    those of the motions without them. None where the steps do not settle or have no motion, and
+    where forces remember.
     """
-    if fit.model.memories:  # what a force moves would be remembered
-        return fit
-    parts, motions, last = fit.solution.parts, fit.solution.motions, np.inf
+    parts, motions, last = solution.parts, solution.motions, np.inf
+    if any(isinstance(p.effect, MemoryEffect) for p in parts):  # it would remember what they move
+        return None
     for _ in range(_STEPS):
         try:
-            step = _Step.about(fit, parts, motions, noises)
-        except LinAlgError:  # forces that grow beyond what numbers hold
-            return fit
+            with np.errstate(all="ignore"):
+                step = _Step.about(model, records, parts, motions, noises)
+        except LinAlgError:  # beyond what numbers hold
+            return None
+        if not step.left < _FAR * last:
+            return None
         parts, motions = step.parts, step.motions
         if abs(last - step.left) < _SETTLED:
-            break
+            return Solution(parts, motions, step.residuals, step.left, step.covariance, True)
         last = step.left
-    else:
-        return fit
-    found = follow(fit.start, parts, fit.records, motions, fixed=True)
+    return None
+
+
+def _weighed(fit: Fit, moved: Solution, noises: Mapping[int, Noises]) -> Fit:
+    """A fit with the values of one that forces move; as it is where that cannot be simulated."""
+    parts = moved.parts
+    found = follow(fit.start, parts, fit.records, moved.motions, fixed=True)
     if not found.converged:  # where motion is sensitive, it swings between two starts
         try:
-            found = _simulated(fit, parts, motions)
+            found = _simulated(fit, parts, moved.motions)
         except TrajectoryError:
             return fit
     own = fit.model.terms[: len(fit.start.terms)]
     model = replace(fit.model, terms=own, values=fit.start.values)
     both = [_of_inputs(part, fit.records, noises) for part in parts]
-    found = replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
+    found = replace(found, covariance=moved.covariance + np.diag(np.concatenate(both) ** 2 / 2))
     return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
 
 
@@ -137,32 +216,36 @@ def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noi
 
 
 class _Step(NamedTuple):
-    """Where a step leads, the covariance of the values, and the chi-square that it leaves."""
+    """Where a step leads, the covariance of the values, the chi-square that it leaves, and what the
+    motion leaves without forces."""
 
     parts: tuple[Part, ...]
     motions: tuple[Trajectory, ...]
     covariance: Array
     left: float
+    residuals: tuple[Array, ...]
 
     @classmethod
     def about(
         cls,
-        fit: Fit,
+        model: AnyModel,
+        records: Sequence[Prepared],
         parts: tuple[Part, ...],
         motions: Sequence[Trajectory],
         noises: Mapping[int, Noises],
     ) -> _Step:
         n_values = sum(p.size for p in parts)
-        system = NormalEquations(n_values, len(motions), n_coordinates=fit.start.n_coordinates)
-        ways = []
-        for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
-            response, rows = linear_table(fit.start, parts, i, record, motion)
+        system = NormalEquations(n_values, len(motions), n_coordinates=model.n_coordinates)
+        ways, left = [], []
+        for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
+            response, rows = linear_table(model, parts, i, record, motion)
+            left.append(rows[:, -1] * record.white)  # they come over white noise
             where = columns_of(parts, i)
             if i in noises:
-                equation = equation_of(fit.start, parts, i, record)
+                equation = equation_of(model, parts, i, record)
                 two = TwoNoises.along(equation, parts, i, record, motion)
-                own = rows[:, [*range(len(where)), -1]]
-                table = two.table(own * record.white[:, None])  # they come over white noise
+                own = rows[:, : len(where)] * record.white[:, None]
+                table = two.table(np.column_stack([own, left[-1]]))
                 system.add_products(where, table.weighed(noises[i]).products)
                 ways.append(partial(_driven, response, where, table, noises[i]))
             else:
@@ -170,12 +253,15 @@ class _Step(NamedTuple):
                 system.add(where, rows)
                 ways.append(partial(_free, response, where))
         system.add_priors(parts)
+        if not system.finite:
+            raise LinAlgError("the motion goes astray")
         step = system.bounded_step(np.zeros(n_values, bool), *limits(parts))
         return cls(
             moved_parts(parts, step[:n_values]),
             tuple(way(step) for way in ways),
             system.covariance()[:n_values, :n_values],
             system.chi_squared(step),
+            tuple(left),
         )
 
 
