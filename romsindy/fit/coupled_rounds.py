@@ -17,8 +17,7 @@ from romsindy.fit.coefficient import extended
 from romsindy.fit.coupled_choice import Choice, Stage, choose
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import Kind, candidates
-from romsindy.fit.forced.independence import Independence
-from romsindy.fit.forced.weighed import by_noises, of_decays, told
+from romsindy.fit.forced.independence import Independence, by_noises, of_decays, told
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.pieces import fit_pieces, lengths, moved
