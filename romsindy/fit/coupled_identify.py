@@ -41,11 +41,8 @@ from romsindy.physics.term import Term
 from romsindy.record.decay import Decay
 from romsindy.record.forced import ForcedVibration
 from romsindy.record.ridges import Ridge
-from romsindy.record.ringing import NEAR, names_of, ringing_in
+from romsindy.record.ringing import LOUD, NEAR, names_of, ringing_in
 from romsindy.record.vibrations import Vibration
-
-# Of decays in which vibrations beat, so much is left out at their start.
-_LOUD = (0.25, 0.4)
 
 
 def identify_coupled(
@@ -174,7 +171,7 @@ def _from_quieter(
     decays: Sequence[Decay], count: int, fixed: Mapping[str, float], progress: Progress
 ) -> FittedPieces | None:
     """Where vibrations beat: the model of the quieter parts, followed back to the start."""
-    for part in _LOUD:
+    for part in LOUD:
         quieter = [d.between(d.t[0] + part * (d.t[-1] - d.t[0])) for d in decays]
         strongest = ringing_in(quieter)[:count]
         if len(strongest) < count or not _beat(strongest):
