@@ -8,7 +8,6 @@ that were not measured.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,10 +18,9 @@ from threadpoolctl import threadpool_limits
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
-from romsindy.fit.equation import equation_of
-from romsindy.fit.forced.independence import examine_driven
-from romsindy.fit.gauss_newton import Solution, fit, limits, linear_table, moved_parts
-from romsindy.fit.noises import Noises, NoiseTable, TwoNoises, found_noises
+from romsindy.fit.forced.independence import by_values, examine_driven
+from romsindy.fit.gauss_newton import Solution, fit, limits, moved_parts
+from romsindy.fit.noises import Noises, NoiseTable, found_noises
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of
 from romsindy.fit.record import Prepared
@@ -45,7 +43,6 @@ class ByNoises:
     """
 
     n_values: int
-    system: NormalEquations
     places: tuple[Indices, ...]
     tables: tuple[NoiseTable, ...]
 
@@ -55,14 +52,9 @@ class ByNoises:
         parts, places, tables = solution.parts, [], []
         n_values = sum(p.size for p in parts)
         for i, (record, motion) in enumerate(zip(records, solution.motions, strict=True)):
-            where = columns_of(parts, i)
-            rows = linear_table(model, parts, i, record, motion)[1][:, : len(where)]
-            rows = rows * record.white[:, None]  # they come over white noise
-            equation = equation_of(model, parts, i, record)
-            two = TwoNoises.along(equation, parts, i, record, motion)
-            tables.append(two.table(np.column_stack([rows, solution.residuals[i]])))
-            places.append(where)
-        return cls(n_values, NormalEquations(n_values, 0), tuple(places), tuple(tables))
+            tables.append(by_values(model, parts, i, record, motion, solution.residuals[i])[1])
+            places.append(columns_of(parts, i))
+        return cls(n_values, tuple(places), tuple(tables))
 
     @cached_property
     def needed(self) -> tuple[Noises, ...]:
@@ -75,7 +67,7 @@ class ByNoises:
 
     def solved(self, solution: Solution, noise: tuple[Noises, ...]) -> Solved:
         """The fit by these noises, its own where none are given."""
-        parts, system = solution.parts, deepcopy(self.system)
+        parts, system = solution.parts, NormalEquations(self.n_values, 0)
         for where, table, own in zip(self.places, self.tables, noise or self.needed, strict=True):
             system.add_products(where, table.weighed(own).products)
         system.add_priors(parts)

@@ -12,11 +12,11 @@ import numpy as np
 from romsindy.fit.coupled_record import CoupledRecord, curved_shapes
 from romsindy.fit.coupled_terms import KINDS, candidates, linear_terms
 from romsindy.fit.dragged import dragged
-from romsindy.fit.equation import equation_of
+from romsindy.fit.forced.independence import by_values
 from romsindy.fit.friction import free_parts
 from romsindy.fit.gauss_newton import linear_table
 from romsindy.fit.mode_shape import CurvedShape, ModeShape
-from romsindy.fit.noises import Noises, TwoNoises
+from romsindy.fit.noises import Noises
 from romsindy.fit.part import Part
 from romsindy.fit.pieces import cut
 from romsindy.fit.selection import Gram, Linearised, Trials
@@ -153,17 +153,15 @@ def linearised(
     grams: dict[int, list[Gram]] = {}
     for i, record in enumerate(records):
         for piece in cut(record, cycles):
+            about = model, parts, i, piece, piece.motion
             with np.errstate(all="ignore"):
-                table = linear_table(model, parts, i, piece, piece.motion)[1]
+                products = by_values(*about)[1].weighed(noises[i]).products if noises else None
+                table = linear_table(*about)[1] if products is None else products
             if not np.all(np.isfinite(table)):
                 return None
-            if noises:
-                two = TwoNoises.along(
-                    equation_of(model, parts, i, piece), parts, i, piece, piece.motion
-                )
-                columns = table[:, [*range(len(parts)), -1]] * piece.white[:, None]
-                products = two.table(columns).weighed(noises[i]).products
-                grams.setdefault(0, []).append(Gram.of_products(products, start, len(table)))
+            if products is not None:
+                gram = Gram.of_products(products, start, len(piece.signal))
+                grams.setdefault(0, []).append(gram)
                 continue
             numbers = _parts(piece, record, i, len(records)) * choice.left_out
             for part in np.unique(numbers):

@@ -126,10 +126,9 @@ def of_decays(
     """
     pairs, noises = [*enumerate(records)], {}
     for i, record in pairs:
-        parts, motion = solution.parts, solution.motions[i]
-        equation = equation_of(model, parts, i, record)
-        two = TwoNoises.along(equation, parts, i, record, motion)
-        noises[i] = found_noises(two, solution.residuals[i])
+        fitted = model, solution.parts, i, record, solution.motions[i]
+        table = by_values(*fitted, solution.residuals[i])[1]
+        noises[i] = found_noises(table.noises, table.left)
     moved = settled(model, solution, records, noises)
     return examine_independence(model, moved or solution, pairs), moved
 
@@ -292,6 +291,27 @@ def _late(
 # -- what forces that nobody measured move ---------------------------------------------------------
 
 
+def by_values(
+    model: AnyModel,
+    parts: tuple[Part, ...],
+    i: int,
+    record: Prepared,
+    motion: Trajectory,
+    left: Array | None = None,
+) -> tuple[Response, NoiseTable]:
+    """Response of a motion in record i to all values, and its samples, to be weighed by noises.
+
+    Columns are the derivatives by the values that act there, and ``left`` (c n,): by default what
+    the motion leaves where it leads.
+    """
+    response, rows = linear_table(model, parts, i, record, motion)
+    rows *= record.white[:, None]  # they come over white noise
+    last = rows[:, -1] if left is None else left
+    two = TwoNoises.along(equation_of(model, parts, i, record), parts, i, record, motion)
+    columns = rows[:, : len(columns_of(parts, i))]
+    return response, two.table(np.column_stack([columns, last]))
+
+
 def settled(
     model: AnyModel,
     solution: Solution,
@@ -345,20 +365,18 @@ class _Step(NamedTuple):
         system = NormalEquations(n_values, len(motions), n_coordinates=model.n_coordinates)
         ways, left = [], []
         for i, (record, motion) in enumerate(zip(records, motions, strict=True)):
-            response, rows = linear_table(model, parts, i, record, motion)
-            left.append(rows[:, -1] * record.white)  # they come over white noise
             where = columns_of(parts, i)
             if i in noises:
-                equation = equation_of(model, parts, i, record)
-                two = TwoNoises.along(equation, parts, i, record, motion)
-                own = rows[:, : len(where)] * record.white[:, None]
-                table = two.table(np.column_stack([own, left[-1]]))
+                response, table = by_values(model, parts, i, record, motion)
                 system.add_products(where, table.weighed(noises[i]).products)
                 ways.append(partial(_driven, response, where, table, noises[i]))
+                left.append(table.left)
             else:
+                response, rows = linear_table(model, parts, i, record, motion)
                 where = np.append(where, system.states_of(i))
                 system.add(where, rows)
                 ways.append(partial(_free, response, where))
+                left.append(rows[:, -1] * record.white)
         system.add_priors(parts)
         if not system.finite:
             raise LinAlgError("the motion goes astray")
