@@ -237,15 +237,16 @@ class FrictionLaw(ForceLaw):
     ) -> Averaged:
         """The force where q and q_dot run from minus to plus their changes.
 
-        With a ``creep`` velocity its slopes do not jump either: weights fall off to both ends, and
-        where q_dot hardly changes, as in a stop, the force turns round over this velocity.
+        With a ``creep`` velocity the slopes do not jump either: what is near the middle counts
+        more, on a line down to both ends, and where q_dot hardly changes, as in a stop, the force
+        turns round over this velocity.
         """
         normal, by_q = self.normal(q, q_change), self.normal_dq(q, q_change)
         if creep:
             width = np.hypot(q_dot_change, creep)
-            sign = np.tanh(q_dot / width)
-            by_q_dot = (1 - sign**2) / width
-            by_change = -by_q_dot * (q_dot / width) * (q_dot_change / width)
+            place = np.clip(q_dot / width, -1.0, 1.0)
+            sign, by_q_dot = place * (2 - np.abs(place)), 2 * (1 - np.abs(place)) / width
+            by_change = -by_q_dot * place * q_dot_change / width
         else:
             sign, by_q_dot = mean_sign(q_dot, q_dot_change), mean_sign_slope(q_dot, q_dot_change)
             turning = (by_q_dot > 0) & (q_dot_change != 0)
