@@ -22,7 +22,7 @@ from romsindy.typing import Array
 _SMALL = 1e-6  # of the motion: a change by which derivatives are taken
 # Of the largest velocity, below which friction turns round smoothly under an input: where it holds
 # what an input pulls at, the velocity hardly changes over a step, and the force would jump.
-_CREEP = 5e-3
+_CREEP = 7e-3
 
 
 def equation_of(
