@@ -28,8 +28,8 @@ from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, concluded
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.independence import examine_independence, judged
-from romsindy.fit.gauss_newton import limits, linear_table, moved_parts
 from romsindy.fit.gauss_newton import fit as follow
+from romsindy.fit.gauss_newton import limits, linear_table, moved_parts
 from romsindy.fit.linear_response import Response
 from romsindy.fit.noises import Noises, NoiseTable, TwoNoises
 from romsindy.fit.normal_equations import NormalEquations
