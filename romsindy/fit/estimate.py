@@ -27,6 +27,7 @@ from romsindy.fit.forced.adequacy import ForcedAdequacy
 from romsindy.fit.forced_band import ForcedBand, forced_band
 from romsindy.fit.form import Form, as_coefficients, normal_draws
 from romsindy.fit.predict import Forecast, Sensors, foretold, predicted
+from romsindy.fit.steady.adequacy import SteadyAdequacy
 from romsindy.orbits.curves import checked_force, require_mode
 from romsindy.orbits.mode_orbits import mode_orbits
 from romsindy.physics.coupled import AnyModel, CoupledModel, model_from_json
@@ -423,8 +424,9 @@ class Estimate:
 
 
 def _verdict(content: Any) -> Adequacy:
-    forced = "measured_unit" in table("verdict", content)
-    return made(ForcedAdequacy if forced else Adequacy, "verdict", content)
+    own = {"measured_unit": ForcedAdequacy, "unknown": SteadyAdequacy}
+    kinds = [kind for name, kind in own.items() if name in table("verdict", content)]
+    return made(kinds[0] if kinds else Adequacy, "verdict", content)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,190 @@
+"""Does the force that a model leaves of steady states go with the motion, or with the excitation?
+
+Noise knows neither. Terms that the model lacks, and what the excitation may do beside what was
+fitted, are tried together on what is left: an F test of generalised least squares. Noise is that of
+the response, and a part of the force, whose neighbours may go together. Where the noise of the
+response was not given, it is found in what is left, by the restricted likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from romsindy.effects.choices import sought
+from romsindy.fit.steady.adequacy import SteadyAdequacy
+from romsindy.fit.steady.balance import CHAIN, Rows, linearised
+from romsindy.fit.steady.points import SteadyPoints
+from romsindy.fit.steady.solve import SteadySolution, without_neighbours
+from romsindy.fit.together import tell_together
+from romsindy.physics.damping import Friction, PowerDamping
+from romsindy.physics.inertia import Inertia
+from romsindy.physics.model import ReducedModel
+from romsindy.physics.stiffness import Stiffness
+from romsindy.typing import Array
+
+_SLIDES = 0.02  # of the largest velocity, above which a friction force is nearly all there
+_ROUNDS = 3  # in which noises and the correlation of neighbours settle
+_ALIKE = 0.99  # correlation at most
+_CHANCE = 4.0  # fall of minus twice the log-likelihood that is chance: two standard errors
+_FREEDOM = 5  # rows beyond the columns, at least
+# Of columns of unit size: directions below it are told by others, and by the noise of the response
+# in the columns themselves, which is about as large.
+_RANK = 1e-2
+_CALLED = {
+    "gain": "another gain of the force",
+    "slope": "a gain that grows with the force",
+    "phase": "another phase of the force",
+}
+
+
+@dataclass(frozen=True)
+class _PointColumns:
+    """Columns of what is left of the force, (n, k, m): those that were fitted come first."""
+
+    names: list[str]
+    columns: Array
+    rows: Rows
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are more rows than columns."""
+        return self.rows.misfit.size >= self.columns.shape[2] + _FREEDOM
+
+    @cached_property
+    def directions(self) -> Array:
+        """Of the columns over the size of the force, those that differ; as columns."""
+        size = self.rows.size[:, None, None]
+        flat = (self.columns / size).reshape(-1, self.columns.shape[2])
+        u, sizes, _ = np.linalg.svd(flat / np.linalg.norm(flat, axis=0), full_matrices=False)
+        return size * u[:, sizes > _RANK].reshape(*self.columns.shape[:2], -1)
+
+
+def with_spread(points: SteadyPoints, solution: SteadySolution) -> SteadyPoints:
+    """Points with the likeliest noise of the response in what a fit without it leaves.
+
+    It is the same in all points as measured; they stay as they are where they are too few.
+    """
+    tried = _tried(points, solution)
+    if not tried.enough:
+        return points
+    rows, std = tried.rows, points.frequency ** -float(points.rate)
+    sensor = (rows.by_q * std[:, None, None] ** 2) @ rows.by_q.swapaxes(1, 2)
+    force = rows.size[:, None, None] ** 2 * np.eye(rows.misfit.shape[1])
+    scale = np.trace(force.sum(axis=0)) / np.trace(sensor.sum(axis=0))
+
+    def mixed(share: float) -> _PointNoise:
+        return replace(noise, covariance=share * force + (1 - share) * scale * sensor)
+
+    noise, share = _PointNoise(points, tried, force), 1.0
+    for _ in range(_ROUNDS):
+        share = _least(lambda x: mixed(x).size[1], 0.0, 1.0)
+        noise = mixed(share).going_together()
+    size = np.sqrt((1 - share) * scale * noise.size[0])
+    return replace(points, std=np.outer(size * std, np.ones(points.q.shape[1])))
+
+
+def verdict_of(points: SteadyPoints, solution: SteadySolution, given: bool) -> SteadyAdequacy:
+    """Whether what is left goes with motion or force, and how much it is.
+
+    The noise of the response was ``given``, or else found in what is left.
+    """
+    (n, k), n_fitted = solution.misfit.shape, len(solution.free)
+    power = float(np.sum(solution.over_noise**2)) if given else np.nan
+    verdict = SteadyAdequacy(
+        ratio=np.sqrt(power / (n * k - n_fitted)),
+        p_value=np.nan,
+        structure=1.0,
+        below_floor=False,
+        amplitude=np.zeros(0),
+        misfit=np.zeros(0),
+        limit=float(points.amplitude.max()),
+        unit=solution.model.unit,
+        part=_of_force(solution.misfit),
+        unknown=np.sqrt(k) * solution.unexplained,
+    )
+    tried = _tried(points, solution)
+    if not tried.enough:
+        return verdict
+    covariance = tried.rows.covariance(solution.floor)
+    table = _PointNoise(points, tried, covariance).going_together().over(tried.columns)
+    found = tell_together(table.T @ table, n_fitted, n * k)
+    moved = tried.columns @ found.values / tried.rows.size[:, None]
+    return replace(
+        verdict,
+        p_value=found.p_value,
+        structure=found.excess,
+        missing=min(_of_force(moved), verdict.part),
+        like=tried.names[n_fitted + found.most],
+    )
+
+
+def _of_force(parts: Array) -> float:
+    """Rms of forces, given as parts of the force in every equation, (n, k)."""
+    return float(np.sqrt(np.mean(np.sum(parts**2, axis=1))))
+
+
+def _tried(points: SteadyPoints, solution: SteadySolution) -> _PointColumns:
+    model, chain = solution.model, solution.chain
+    fast = float(np.max(points.frequency * points.amplitude))
+    laws = (Stiffness(1), PowerDamping(1), *sought("steady"), Inertia(3))
+    known = {law.key: law for law in (*laws, Friction().regularised(_SLIDES * fast), *model.terms)}
+    values = dict.fromkeys(known, 0.0) | model.coefficients
+    rich = ReducedModel(tuple(known.values()), tuple(values.values()))
+    rows = linearised(points, rich, tuple(values), chain, solution.c)
+    names = [*values, *CHAIN]
+    by = dict(zip(names, np.moveaxis(rows.by_parameter, 2, 0), strict=True))
+    if not points.phased:
+        del by["phase"]
+    # An excitation, or a sensor, of other dynamics.
+    slow = (points.frequency / points.frequency.mean() - 1)[:, None]
+    late = {f"{_CALLED[n]} at other frequencies": by[n] * slow for n in CHAIN if n in by}
+    del late[f"{_CALLED['slope']} at other frequencies"]
+    ordered = {n: by.pop(n) for n in solution.free}
+    ordered |= {_CALLED.get(n, n): column for n, column in by.items()} | late
+    return _PointColumns([*ordered], np.stack([*ordered.values()], axis=2), rows)
+
+
+@dataclass(frozen=True)
+class _PointNoise:
+    """Noise in what is left of the force."""
+
+    points: SteadyPoints
+    tried: _PointColumns
+    covariance: Array  # (n, k, k), of every point
+    together: float = 0.0  # correlation of neighbours
+
+    def over(self, columns: Array) -> Array:
+        """Columns (n, k, m) and what is left, (n k, m + 1), over it."""
+        joined = np.concatenate([columns, -self.tried.rows.misfit[..., None]], axis=2)
+        table = np.linalg.solve(np.linalg.cholesky(self.covariance), joined)
+        return without_neighbours(table, self.points.level, self.together)
+
+    @cached_property
+    def size(self) -> tuple[float, float]:
+        """Variance of what the columns leave over it, and minus twice its log-likelihood."""
+        table, level = self.over(self.tried.directions), self.points.level
+        u, r = np.linalg.qr(table[:, :-1])
+        left = table[:, -1] - u @ (u.T @ table[:, -1])
+        freedom = len(table) - len(r)
+        variance = float(left @ left) / freedom
+        followers = self.covariance.shape[1] * np.count_nonzero(level[1:] == level[:-1])
+        unlikely = np.linalg.slogdet(self.covariance)[1].sum() + freedom * np.log(variance)
+        unlikely += followers * np.log(1 - self.together**2)
+        return variance, float(unlikely + 2 * np.log(np.abs(np.diag(r))).sum())
+
+    def going_together(self) -> _PointNoise:
+        """With the likeliest correlation of neighbours, where none is much less likely."""
+        found = replace(
+            self, together=_least(lambda x: replace(self, together=x).size[1], 0.0, _ALIKE)
+        )
+        none = replace(self, together=0.0)
+        return found if none.size[1] - found.size[1] > _CHANCE else none
+
+
+def _least(of: Callable[[float], float], low: float, high: float) -> float:
+    return float(minimize_scalar(of, bounds=(low, high), method="bounded").x)
