@@ -23,18 +23,19 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from romsindy.effects.drive import Drive
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
+from romsindy.fit.collocation import Trajectory, TrajectoryError
 from romsindy.fit.equation import equation_of
 from romsindy.fit.fitted import Fit, concluded
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.independence import examine_independence, judged
-from romsindy.fit.gauss_newton import Solution, limits, linear_table, moved_parts
 from romsindy.fit.gauss_newton import fit as follow
-from romsindy.fit.linear_response import Response, sampled
+from romsindy.fit.gauss_newton import limits, linear_table, moved_parts
+from romsindy.fit.linear_response import Response
 from romsindy.fit.noises import Noises, NoiseTable, TwoNoises
 from romsindy.fit.normal_equations import NormalEquations
-from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
+from romsindy.fit.part import Part, columns_of
 from romsindy.fit.record import Prepared
+from romsindy.fit.shooting import resimulated
 from romsindy.typing import Array, Indices
 
 _STEPS = 8
@@ -93,7 +94,8 @@ def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
     found = follow(fit.start, parts, fit.records, motions, fixed=True)
     if not found.converged:  # where motion is sensitive, it swings between two starts
         try:
-            found = _simulated(fit, parts, motions)
+            ended = replace(fit.solution, parts=parts, motions=motions)
+            found = resimulated(fit.start, ended, fit.records)
         except TrajectoryError:
             return fit
     own = fit.model.terms[: len(fit.start.terms)]
@@ -101,19 +103,6 @@ def weighed(fit: Fit, noises: Mapping[int, Noises]) -> Fit:
     both = [_of_inputs(part, fit.records, noises) for part in parts]
     found = replace(found, covariance=step.covariance + np.diag(np.concatenate(both) ** 2 / 2))
     return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
-
-
-def _simulated(fit: Fit, parts: tuple[Part, ...], motions: Sequence[Trajectory]) -> Solution:
-    """What simulations leave that start as these motions do, without forces that move them."""
-    own, left = [], []
-    for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
-        equation = equation_of(fit.start, parts, i, record)
-        own.append(integrate(equation, motion.start, motion.grid, motion))
-        x = in_orders(record.orders(parts), partial(sampled, own[-1]))
-        left.append(record.signal - record.read(parts, i, x).shown)
-    pairs = zip(fit.records, left, strict=True)
-    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs) + prior_cost(parts)
-    return Solution(parts, tuple(own), tuple(left), total, fit.solution.covariance, True)
 
 
 def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noises]) -> Array:
