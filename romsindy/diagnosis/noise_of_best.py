@@ -8,6 +8,7 @@ that were not measured.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,15 +19,17 @@ from threadpoolctl import threadpool_limits
 from romsindy.diagnosis.evidence import Hypothesis, Solved
 from romsindy.effects.drive import InputBetweenSamples, InputDelay, InputLag
 from romsindy.fit.adequacy import Adequacy
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.forced.independence import by_values, examine_driven
 from romsindy.fit.gauss_newton import Solution, fit, limits, moved_parts
 from romsindy.fit.noises import Noises, NoiseTable, found_noises
 from romsindy.fit.normal_equations import NormalEquations
 from romsindy.fit.part import Part, columns_of
 from romsindy.fit.record import Prepared
+from romsindy.fit.shooting import resimulated
 from romsindy.physics.coupled import AnyModel
 from romsindy.physics.input import Input
-from romsindy.typing import Indices
+from romsindy.typing import Array, Indices
 
 _CHECKS = 8  # iterations, to see what values that did not settle leave
 _FURTHER = 40  # of a fit that others are held against
@@ -72,8 +75,19 @@ class ByNoises:
             system.add_products(where, table.weighed(own).products)
         system.add_priors(parts)
         step = system.bounded_step(np.zeros(self.n_values, bool), *limits(parts))
+        step = self._short(step)
         moved = moved_parts(parts, step)
         return Solved(system, system.chi_squared(step), moved, system.covariance())
+
+    def _short(self, step: Array) -> Array:
+        """A step as far as it moves the simulation by no more than what is left of the records.
+
+        Noise alone never moves a fit further, and a linear problem does not know what lies there.
+        """
+        left = sum(float(t.left @ t.left) for t in self.tables)
+        pairs = zip(self.tables, self.places, strict=True)
+        moved = sum(float(np.sum((t.fitted @ step[where]) ** 2)) for t, where in pairs)
+        return step * min(1.0, np.sqrt(left / max(moved, 1e-300)))
 
 
 @dataclass(frozen=True)
@@ -118,7 +132,7 @@ class NoiseOfBest:
         self, hypotheses: Sequence[Hypothesis], among: Sequence[Hypothesis]
     ) -> list[Hypothesis]:
         noise, plain = _noise_of(among), among[0].solution
-        most = plain.chi_squared if plain.converged else np.inf
+        most = plain.chi_squared if among[0].weighed is not None else np.inf
         weighed = (h.at(noise) for h in hypotheses)
         # What leaves more than the first, without any effect, went astray and says nothing.
         return sorted(weighed, key=lambda h: (h.solution.chi_squared > most, h.score))
@@ -144,6 +158,9 @@ class NoiseOfBest:
         if s.finite and not ended:
             # A motion that does not yet satisfy its equation leaves too little.
             s = fit(model, s.parts, records, s.motions, fixed=True, iterations=_CHECKS)
+            if s.finite and not (s.converged or self.unsettled):
+                with suppress(TrajectoryError):  # then nothing is said of it
+                    s = resimulated(model, s, records)
         there = s.converged or (self.unsettled and s.finite)
         weighed = ByNoises.of(model, s, records) if there else None
         return replace(hypothesis, solution=replace(s, converged=ended), weighed=weighed)

@@ -8,7 +8,7 @@ motions that always do. It forgives outliers, and it settles where a structure i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,7 @@ from romsindy.fit.gauss_newton import Solution, held_values, limits, moved_parts
 from romsindy.fit.linear_response import sensitivity
 from romsindy.fit.linear_steps import Equation
 from romsindy.fit.normal_equations import NormalEquations, priors
-from romsindy.fit.part import Part, columns_of, in_orders
+from romsindy.fit.part import Part, columns_of, in_orders, prior_cost
 from romsindy.fit.record import Prepared
 from romsindy.physics.coupled import AnyModel
 from romsindy.typing import Array
@@ -133,6 +133,22 @@ def simulated(
     """
     problem = _Problem(model, tuple(parts), records, list(motions), lambda _: None)
     return problem.simulate(problem.start), problem.residuals(problem.start)
+
+
+def resimulated(model: AnyModel, solution: Solution, records: Sequence[Prepared]) -> Solution:
+    """A solution with motions that satisfy its equation, from the initial states of its own.
+
+    Raises
+    ------
+    TrajectoryError
+        If there are none.
+    """
+    motions, left = simulated(model, solution.parts, records, solution.motions)
+    pairs = zip(records, left, strict=True)
+    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs) + prior_cost(solution.parts)
+    return replace(
+        solution, motions=tuple(motions), residuals=tuple(left), chi_squared=total, converged=True
+    )
 
 
 def simulated_misfit(

@@ -16,13 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from romsindy.effects.drive import Drive
-from romsindy.fit.collocation import Trajectory, TrajectoryError, integrate
-from romsindy.fit.equation import equation_of
+from romsindy.fit.collocation import TrajectoryError
 from romsindy.fit.fitted import Fit, concluded
 from romsindy.fit.forced.adequacy import ForcedAdequacy, examine_forced
 from romsindy.fit.forced.independence import (
@@ -35,10 +33,10 @@ from romsindy.fit.forced.independence import (
 )
 from romsindy.fit.gauss_newton import Solution
 from romsindy.fit.gauss_newton import fit as follow
-from romsindy.fit.linear_response import sampled
 from romsindy.fit.noises import Noises
-from romsindy.fit.part import Part, in_orders, prior_cost
+from romsindy.fit.part import Part
 from romsindy.fit.record import Prepared
+from romsindy.fit.shooting import resimulated
 from romsindy.typing import Array
 
 
@@ -87,7 +85,7 @@ def _weighed(fit: Fit, moved: Solution, noises: Mapping[int, Noises]) -> Fit:
     found = follow(fit.start, parts, fit.records, moved.motions, fixed=True)
     if not found.converged:  # where motion is sensitive, it swings between two starts
         try:
-            found = _simulated(fit, parts, moved.motions)
+            found = resimulated(fit.start, moved, fit.records)
         except TrajectoryError:
             return fit
     own = fit.model.terms[: len(fit.start.terms)]
@@ -95,19 +93,6 @@ def _weighed(fit: Fit, moved: Solution, noises: Mapping[int, Noises]) -> Fit:
     both = [_of_inputs(part, fit.records, noises) for part in parts]
     found = replace(found, covariance=moved.covariance + np.diag(np.concatenate(both) ** 2 / 2))
     return replace(concluded(model, fit.start, fit.records, found), notes=fit.notes)
-
-
-def _simulated(fit: Fit, parts: tuple[Part, ...], motions: Sequence[Trajectory]) -> Solution:
-    """What simulations leave that start as these motions do, without forces that move them."""
-    own, left = [], []
-    for i, (record, motion) in enumerate(zip(fit.records, motions, strict=True)):
-        equation = equation_of(fit.start, parts, i, record)
-        own.append(integrate(equation, motion.start, motion.grid, motion))
-        x = in_orders(record.orders(parts), partial(sampled, own[-1]))
-        left.append(record.signal - record.read(parts, i, x).shown)
-    pairs = zip(fit.records, left, strict=True)
-    total = sum(float(np.sum(r.whitened(e) ** 2)) for r, e in pairs) + prior_cost(parts)
-    return Solution(parts, tuple(own), tuple(left), total, fit.solution.covariance, True)
 
 
 def _of_inputs(part: Part, records: Sequence[Prepared], noises: Mapping[int, Noises]) -> Array:
